@@ -1,0 +1,1 @@
+"""The engine: workflow file → graph of stages → dask → artifacts in the store."""

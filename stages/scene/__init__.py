@@ -1,0 +1,1 @@
+"""Cameras, Gaussians, spherical harmonics, capture and scene files, alignment of two scenes."""

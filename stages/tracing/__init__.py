@@ -1,0 +1,1 @@
+"""Procedural scenes and the ray tracer that photographs them."""
