@@ -1,0 +1,70 @@
+"""A rig of pinhole cameras that share one picture size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from pipeline.errors import UserError
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """V pinhole cameras, in the world of their structure from motion.
+
+    `world_to_camera` maps homogeneous world points to camera space, which looks down +z with x right and y down
+    (COLMAP, OpenCV). `intrinsics` are in pixels of a `width` x `height` picture whose pixel centres lie at +0.5.
+    V = 0 is allowed. Raises `UserError` when a pose or an intrinsic matrix is not finite or shapes disagree.
+    """
+
+    names: tuple[str, ...]
+    world_to_camera: Float64[np.ndarray, "V 4 4"]
+    intrinsics: Float64[np.ndarray, "V 3 3"]
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        views = len(self.names)
+        for field, shape in (("world_to_camera", (views, 4, 4)), ("intrinsics", (views, 3, 3))):
+            found = getattr(self, field)
+            if found.shape != shape:
+                raise UserError(f"cameras have a wrong {field}", found=str(found.shape), expected=str(shape))
+            broken = [name for name, matrix in zip(self.names, found, strict=True) if not np.isfinite(matrix).all()]
+            if broken:
+                raise UserError(
+                    f"a camera's {field} is not finite",
+                    where=", ".join(broken[:5]),
+                    found="NaN or infinity",
+                    expected="finite numbers",
+                    remedy="leave those views out, or repair the poses that came with the photos",
+                )
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def centres(self) -> Float64[np.ndarray, "V 3"]:
+        """Where the cameras stand, in world coordinates: -Rᵀt."""
+        rotation, translation = self.world_to_camera[:, :3, :3], self.world_to_camera[:, :3, 3]
+        return -np.einsum("vij,vi->vj", rotation, translation)
+
+    def select(self, names: Sequence[str]) -> Cameras:
+        """The cameras of these names, in this order. Raises `KeyError` for a name that no camera has."""
+        index = {name: position for position, name in enumerate(self.names)}
+        rows = [index[name] for name in names]
+        return replace(
+            self, names=tuple(names), world_to_camera=self.world_to_camera[rows], intrinsics=self.intrinsics[rows]
+        )
+
+
+def rig_extent(cameras: Cameras) -> float:
+    """3DGS's `spatial_lr_scale`: 1.1 times the largest distance of a camera from the mean of the cameras.
+
+    Positions' learning rates and density control are relative to it. 1.0 for fewer than two cameras.
+    """
+    if len(cameras) < 2:
+        return 1.0
+    centres = cameras.centres()
+    return float(1.1 * np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
