@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
+import torch
+from jaxtyping import Float, Float64
+from torch import Tensor
 
 from pipeline.errors import UserError
 
@@ -68,3 +70,29 @@ def rig_extent(cameras: Cameras) -> float:
         return 1.0
     centres = cameras.centres()
     return float(1.1 * np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One camera as the rasterizer takes it: float32 tensors."""
+
+    world_to_camera: Float[Tensor, "4 4"]
+    intrinsics: Float[Tensor, "3 3"]
+    centre: Float[Tensor, " 3"]
+    width: int
+    height: int
+
+
+def single_cameras(cameras: Cameras) -> tuple[Camera, ...]:
+    """The cameras one by one, in the rig's order."""
+    centres = cameras.centres()
+    return tuple(
+        Camera(
+            torch.as_tensor(cameras.world_to_camera[view], dtype=torch.float32),
+            torch.as_tensor(cameras.intrinsics[view], dtype=torch.float32),
+            torch.as_tensor(centres[view], dtype=torch.float32),
+            cameras.width,
+            cameras.height,
+        )
+        for view in range(len(cameras))
+    )
