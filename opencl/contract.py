@@ -1,0 +1,84 @@
+"""What goes into the rasterizer and what comes out: settings and result."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Literal
+
+from jaxtyping import Float, Int
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class RasterSettings:
+    """Every constant of the rasterizer; the defaults are those of 3D Gaussian Splatting (Kerbl et al. 2023).
+
+    gsplat's are `RasterSettings(near=0.01, alpha_maximum=0.999, radius_sigmas=3.33, clamp_about="principal_point")`.
+    """
+
+    near: float = 0.2
+    """Depth, in world units, up to which a Gaussian is not drawn."""
+    low_pass: float = 0.3
+    """Added to both variances on the screen, in square pixels, so that no Gaussian falls between the pixels."""
+    field_of_view_margin: float = 1.3
+    """Where the projection is linearised: at most this many half fields of view (as tangents) off the middle."""
+    clamp_about: Literal["optical_axis", "principal_point"] = "optical_axis"
+    """The middle of that clamp: the optical axis as 3DGS has it, or the picture's true borders as gsplat has it."""
+    alpha_maximum: float = 0.99
+    """Opacity of one Gaussian at one pixel is clamped to this."""
+    alpha_minimum: float = 1 / 255
+    """A Gaussian is skipped at pixels where its opacity is below this, and reaches all others."""
+    transmittance_minimum: float = 1e-4
+    """A pixel is finished before its transmittance would fall under this."""
+    radius_sigmas: float = 3.0
+    """`radii` are this many standard deviations of the longest axis, rounded up."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name != "clamp_about" and not math.isfinite(value):
+                raise ValueError(f"RasterSettings.{field.name}: found {value}, expected a finite number")
+        if self.clamp_about not in ("optical_axis", "principal_point"):
+            raise ValueError(
+                f"RasterSettings.clamp_about: found {self.clamp_about!r}, expected 'optical_axis' or 'principal_point'"
+            )
+        for name in ("near", "low_pass", "alpha_minimum", "radius_sigmas", "field_of_view_margin"):
+            if getattr(self, name) <= 0:
+                raise ValueError(f"RasterSettings.{name}: found {getattr(self, name)}, expected more than 0")
+        if not self.alpha_minimum <= self.alpha_maximum < 1:
+            raise ValueError(
+                f"RasterSettings.alpha_maximum: found {self.alpha_maximum}, "
+                f"expected at least alpha_minimum ({self.alpha_minimum}) and less than 1"
+            )
+        if not 0 <= self.transmittance_minimum < 1:
+            raise ValueError(
+                f"RasterSettings.transmittance_minimum: found {self.transmittance_minimum}, expected 0 or more, under 1"
+            )
+
+
+@dataclass(frozen=True)
+class RasterOutput:
+    """A rendered picture and what density control needs to know of its Gaussians."""
+
+    features: Float[Tensor, "height width M"]
+    """Blended features over the background, contiguous; permuted to [1, M, H, W] it is channels-last."""
+    alphas: Float[Tensor, "height width"]
+    """How much of each pixel the Gaussians cover: one less the transmittance that is left."""
+    radii: Int[Tensor, " N"]
+    """Pixels, `ceil(radius_sigmas · sigma)` of the longest axis (int32); 0 where no pixel is reached. No gradient."""
+    means2d: Float[Tensor, "N 2"]
+    """Centres in pixels, x then y, pixel centres at +0.5, zero where not visible; `.grad` is there after backward."""
+
+
+def half_fields_of_view(
+    intrinsics: Float[Tensor, "3 3"], width: int, height: int, settings: RasterSettings
+) -> tuple[float, float, float, float]:
+    """The clamp of x/z and y/z where the projection is linearised: (left, right, top, bottom), lower ends negative."""
+    (fx, _, cx), (_, fy, cy), _ = intrinsics.tolist()
+    tan_x, tan_y = 0.5 * width / fx, 0.5 * height / fy
+    margin = settings.field_of_view_margin
+    if settings.clamp_about == "optical_axis":
+        return -margin * tan_x, margin * tan_x, -margin * tan_y, margin * tan_y
+    beyond_x, beyond_y = (margin - 1) * tan_x, (margin - 1) * tan_y
+    return -cx / fx - beyond_x, (width - cx) / fx + beyond_x, -cy / fy - beyond_y, (height - cy) / fy + beyond_y
