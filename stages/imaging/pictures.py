@@ -1,0 +1,97 @@
+"""Reading, resizing and encoding pictures: always uint8 sRGB ``[height, width, 3]``."""
+
+from __future__ import annotations
+
+import io
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from numpy.typing import NDArray
+from PIL import Image, ImageOps
+from torch import Tensor
+
+from pipeline.errors import UserError
+
+Picture = UInt8[np.ndarray, "height width 3"]
+
+# Pillow has no common ancestor for what a damaged file raises: its PNG reader even uses SyntaxError.
+_UNREADABLE = (OSError, SyntaxError, ValueError, EOFError, struct.error, Image.DecompressionBombError)
+
+
+def read_picture(path: Path) -> Picture:
+    """The picture in a file, upright by its EXIF orientation; the first frame of an animation.
+
+    Transparency is laid over white; grey, palette, CMYK and 16-bit pictures become 8-bit RGB. Colour profiles are
+    ignored: values count as sRGB. Raises ``UserError`` naming the file if it cannot be read to its last byte.
+    """
+    try:
+        with Image.open(path) as image:
+            image.load()
+            return _to_rgb(ImageOps.exif_transpose(image))
+    except _UNREADABLE as error:
+        raise UserError(
+            "a picture cannot be read",
+            where=str(path),
+            found=str(error) or type(error).__name__,
+            expected="a complete picture file that Pillow can decode",
+            remedy="Replace the file or take it out of the folder.",
+        ) from error
+
+
+def _to_rgb(image: Image.Image) -> Picture:
+    if image.mode.startswith("I"):  # 16-bit grey; Pillow itself reduces 16-bit RGB to 8 bits
+        image = Image.fromarray((np.asarray(image).clip(0, 65535) / 257).round().astype(np.uint8))
+    elif image.mode == "F":
+        raise ValueError("floating-point pictures have no defined range")
+    if image.has_transparency_data:
+        image = image.convert("RGBA")
+        image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image)
+    return np.array(image.convert("RGB"))
+
+
+def resize_picture(picture: Picture, width: int, height: int) -> Picture:
+    """The picture at another size: the mean over each new pixel's area when both sides shrink, otherwise bicubic.
+
+    Pixel centres are at +0.5, so intrinsics scale by ``width / old width`` and ``height / old height``.
+    Raises ``ValueError`` if a side is below one pixel.
+    """
+    if width < 1 or height < 1:
+        raise ValueError(f"a picture cannot be resized to {width} x {height} pixels")
+    if (height, width) == picture.shape[:2]:
+        return picture.copy()
+    shrinks = width <= picture.shape[1] and height <= picture.shape[0]
+    interpolation = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(picture, (width, height), interpolation=interpolation))
+
+
+def encode_png(picture: Picture) -> bytes:
+    """The picture as a PNG file, without loss; the same bytes for the same picture."""
+    return _encode(picture, "PNG", optimize=True)
+
+
+def encode_jpeg(picture: Picture, quality: int) -> bytes:
+    """The picture as a JPEG file of the given quality (1 to 95), with colours at full resolution."""
+    return _encode(picture, "JPEG", quality=quality, subsampling=0, optimize=True)
+
+
+def _encode(picture: Picture, file_format: str, **options: int | bool) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, file_format, **options)
+    return buffer.getvalue()
+
+
+def picture_to_tensor(
+    picture: NDArray[np.uint8], device: torch.device | str = "cpu", dtype: torch.dtype = torch.float32
+) -> Float[Tensor, "..."]:
+    """Bytes 0 to 255 as values in [0, 1], of the same shape (one picture or many)."""
+    return torch.from_numpy(np.array(picture)).to(device=device).to(dtype) / 255
+
+
+def tensor_to_picture(values: Float[Tensor, "..."]) -> NDArray[np.uint8]:
+    """Values, clamped to [0, 1], as the nearest bytes 0 to 255, of the same shape."""
+    scaled = (values.detach().clamp(0, 1) * 255).round()
+    return scaled.to(torch.uint8).cpu().numpy()
