@@ -86,12 +86,12 @@ def _encode(picture: Picture, file_format: str, **options: int | bool) -> bytes:
 
 def picture_to_tensor(
     picture: NDArray[np.uint8], device: torch.device | str = "cpu", dtype: torch.dtype = torch.float32
-) -> Float[Tensor, "..."]:
+) -> Float[Tensor, "*shape"]:
     """Bytes 0 to 255 as values in [0, 1], of the same shape (one picture or many)."""
     return torch.from_numpy(np.array(picture)).to(device=device).to(dtype) / 255
 
 
-def tensor_to_picture(values: Float[Tensor, "..."]) -> NDArray[np.uint8]:
+def tensor_to_picture(values: Float[Tensor, "*shape"]) -> NDArray[np.uint8]:
     """Values, clamped to [0, 1], as the nearest bytes 0 to 255, of the same shape."""
     scaled = (values.detach().clamp(0, 1) * 255).round()
     return scaled.to(torch.uint8).cpu().numpy()
