@@ -1,0 +1,250 @@
+"""Artifacts: immutable directories of zarr arrays and plain files, with a manifest of all that they hold.
+
+    <artifact>/manifest.json     kind, privacy, attributes, arrays, and every file's size and SHA-256
+    <artifact>/arrays.zarr/…     the arrays, one zarr group, Zstandard with a checksum in each chunk
+    <artifact>/report.html …     plain files, under the names that the stage gave them
+
+Nothing here is ever unpickled: loading a stranger's artifact is safe. zarr is imported where it is used, because it
+takes half a second that a run with nothing to do would otherwise spend.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.canonical import Json, digest_of_file
+from pipeline.errors import ArtifactError, CorruptArtifact
+from pipeline.manifest import (
+    ARRAYS,
+    MANIFEST,
+    ArrayRecord,
+    Manifest,
+    check_attributes,
+    check_name,
+    read_manifest,
+    sha256,
+    survey,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    import zarr
+
+ROWS_OF_A_CHUNK = 65536
+LARGE_ROW = 16 * 1024  # bytes from which one item along axis 0 (a picture, not a matrix) is a chunk of its own
+LARGEST_CHUNK = 64 * 1024 * 1024  # bytes
+
+
+class Artifact:
+    """An immutable artifact. Opening one reads the manifest only; reading checks that every file is there and whole."""
+
+    def __init__(self, path: Path, manifest: Manifest) -> None:
+        self.path = path
+        self.manifest = manifest
+
+    def __repr__(self) -> str:
+        return f"Artifact({self.kind!r}, {str(self.path)!r})"
+
+    @property
+    def kind(self) -> str:
+        return self.manifest.kind
+
+    @property
+    def private(self) -> bool:
+        return self.manifest.private
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the logical content."""
+        return self.manifest.digest
+
+    @property
+    def attributes(self) -> Mapping[str, Json]:
+        return self.manifest.attributes
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the arrays, sorted."""
+        return tuple(sorted(self.manifest.arrays))
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the plain files, sorted."""
+        return self.manifest.plain_files
+
+    def open(self, name: str) -> zarr.Array:
+        """The array `name`, read-only and not yet read, for slices.
+
+        Raises ArtifactError where there is none of that name, CorruptArtifact where a chunk is missing or shortened:
+        zarr itself would return zeros for it.
+        """
+        import zarr
+
+        if name not in self.manifest.arrays:
+            raise ArtifactError(f"{self.path}: no array {name!r}; this {self.kind} holds {', '.join(self.names)}")
+        prefix = f"{ARRAYS}/{name}/"
+        for file in self.manifest.files:
+            if file.startswith(prefix):
+                self._check_size(file)
+        return zarr.open_array(self.path / ARRAYS / name, mode="r")
+
+    def read(self, name: str) -> np.ndarray:
+        """The whole array `name`, in memory. Raises as `open` does, and CorruptArtifact for a flipped bit."""
+        import numpy as np
+
+        array = self.open(name)
+        try:
+            return np.asarray(array[...])
+        except (RuntimeError, ValueError) as error:  # the decoder's own complaint about a checksum
+            raise CorruptArtifact(f"{self.path}: array {name!r} cannot be decoded ({error})") from error
+
+    def file(self, name: str) -> Path:
+        """The path of the plain file `name`. Raises as `open` does."""
+        if name not in self.files:
+            raise ArtifactError(f"{self.path}: no file {name!r}; this {self.kind} holds {', '.join(self.files)}")
+        self._check_size(name)
+        return self.path / name
+
+    def verify(self) -> None:
+        """Reads every byte; raises CorruptArtifact naming the first file that is missing or altered."""
+        for name, record in self.manifest.files.items():
+            self._check_size(name)
+            if digest_of_file(self.path / name) != record.sha256:
+                raise CorruptArtifact(f"{self.path / name}: altered since it was written")
+
+    def _check_size(self, name: str) -> None:
+        try:
+            size = (self.path / name).stat().st_size
+        except OSError as error:
+            raise CorruptArtifact(f"{self.path / name}: missing") from error
+        if size != self.manifest.files[name].size:
+            raise CorruptArtifact(f"{self.path / name}: {size} bytes; expected {self.manifest.files[name].size}")
+
+
+class ArtifactWriter:
+    """Fills the directory of an artifact to be; set `attributes` at any time before the stage returns."""
+
+    def __init__(self, path: Path, kind: str, private: bool = False) -> None:
+        self.path = path
+        self.kind = kind
+        self.private = private
+        self.attributes: dict[str, Json] = {}
+        self._arrays: dict[str, ArrayRecord] = {}
+        path.mkdir(parents=True, mode=0o700 if private else 0o777)
+        if private:
+            path.chmod(0o700)
+
+    def write(self, name: str, array: np.ndarray, chunks: tuple[int, ...] | None = None) -> None:
+        """Writes a whole array under `name`, which may hold `/`.
+
+        `chunks` is the shape of a chunk; by default an item along axis 0 that is large (a picture) is a chunk of its
+        own, and of anything smaller up to 65,536 items are. Raises ArtifactError for types other than booleans,
+        integers and floating-point or complex numbers, and for a name that is taken.
+        """
+        import numpy as np
+        import zarr
+        from zarr.codecs import ZstdCodec
+
+        check_name(name)
+        array = np.asarray(array, order="C")
+        if array.dtype.kind not in "biufc":
+            raise ArtifactError(f"array {name!r} is of type {array.dtype}; expected numbers or booleans")
+        array = array.astype(array.dtype.newbyteorder("<"), copy=False)
+        if name in self._arrays:
+            raise ArtifactError(f"array {name!r} is written twice")
+        chunks = chunks if chunks is not None else default_chunks(array.shape, array.dtype.itemsize)
+        group = zarr.open_group(self.path / ARRAYS, mode="a")
+        stored = group.create_array(
+            name,
+            shape=array.shape,
+            dtype=array.dtype,
+            chunks=chunks,
+            compressors=[ZstdCodec(level=3, checksum=True)],
+            fill_value=0,
+            config={"write_empty_chunks": True},  # else a deleted chunk and one of zeros look the same
+        )
+        stored[...] = array
+        self._arrays[name] = ArrayRecord(
+            array.dtype.str, array.shape, chunks, sha256(array.reshape(-1).view("u1").data)
+        )
+
+    def write_file(self, name: str, data: bytes | str) -> None:
+        """Writes a plain file; text is written as UTF-8."""
+        self.path_for(name).write_bytes(data.encode() if isinstance(data, str) else data)
+
+    def path_for(self, name: str) -> Path:
+        """Where a library is to write the plain file `name` itself; its folder exists on return."""
+        check_name(name)
+        if name.split("/")[0] in (MANIFEST, ARRAYS):
+            raise ArtifactError(f"{name!r} is a name of the engine's own; choose another")
+        path = self.path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def seal(self) -> Artifact:
+        """Writes the manifest, flushes everything to the disk and returns the artifact, still where it was written."""
+        manifest = Manifest(self.kind, self.private, check_attributes(self.attributes), self._arrays, survey(self.path))
+        manifest.write(self.path)
+        for path in (self.path, *self.path.rglob("*")):
+            if self.private:
+                path.chmod(0o700 if path.is_dir() else 0o600)
+            flush(path)
+        return Artifact(self.path, manifest)
+
+
+@contextmanager
+def create(directory: Path, kind: str, private: bool = False) -> Iterator[ArtifactWriter]:
+    """Writes an artifact aside and moves it to `directory` on leaving; nothing is left behind after an exception."""
+    aside = directory.parent / f".{directory.name}.{uuid.uuid4().hex}"
+    writer = ArtifactWriter(aside, kind, private)
+    try:
+        yield writer
+        publish(writer.seal(), directory)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def load(path: Path) -> Artifact:
+    """The artifact at `path`; raises CorruptArtifact where there is none."""
+    return Artifact(path, read_manifest(path))
+
+
+def publish(artifact: Artifact, directory: Path) -> Artifact:
+    """Renames a sealed artifact to `directory`, on the same file system; if one is there already, that one stays."""
+    try:
+        artifact.path.rename(directory)
+    except OSError:
+        if not (directory / MANIFEST).is_file():
+            raise
+        shutil.rmtree(artifact.path)
+    flush(directory.parent)
+    return load(directory)
+
+
+def default_chunks(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
+    """The shape of a chunk where none is stated; never 0 along an axis.
+
+    >>> default_chunks((48, 144, 192, 3), 1), default_chunks((200_000, 16), 4), default_chunks((48, 4, 4), 8)
+    ((1, 144, 192, 3), (65536, 16), (48, 4, 4))
+    """
+    if not shape:
+        return ()
+    row = max(1, math.prod(shape[1:]) * itemsize)
+    rows = 1 if len(shape) >= 3 and row >= LARGE_ROW else min(shape[0], ROWS_OF_A_CHUNK, max(1, LARGEST_CHUNK // row))
+    return tuple(max(1, size) for size in (rows, *shape[1:]))
+
+
+def flush(path: Path) -> None:
+    """Makes a file's content, or a directory's entries, survive a power cut."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

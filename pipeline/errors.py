@@ -1,0 +1,111 @@
+"""What can go wrong, as a person is told it.
+
+PipelineError            anything that the engine or a stage reports on purpose
+├── UserError            bad input: one clear message, never a traceback
+│   ├── WorkflowError    a workflow file or a `--set` is wrong: every problem at once, each with its place
+│   └── CommandError     the command line is wrong
+├── ArtifactError        a stage misused an artifact (wrong type of array, a name that leaves the directory)
+│   └── CorruptArtifact  what lies on the disk is not what was written
+└── Interrupted          a stage saved its checkpoint because it was asked to stop
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+class PipelineError(Exception):
+    """Anything that the engine or a stage reports on purpose; the message is written for a person."""
+
+
+class UserError(PipelineError):
+    """Bad input: what is wrong, where, what was found, what was expected and what to do, in one line.
+
+    >>> print(UserError("cannot read the picture", where="fox/7.jpg", found="10 bytes", expected="a JPEG or PNG",
+    ...                 remedy="Export it again."))
+    fox/7.jpg: cannot read the picture; found 10 bytes; expected a JPEG or PNG. Export it again.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        where: object = None,
+        found: object = None,
+        expected: object = None,
+        remedy: str | None = None,
+    ) -> None:
+        message = f"{where}: {what}" if where is not None else what
+        if found is not None:
+            message += f"; found {found}"
+        if expected is not None:
+            message += f"; expected {expected}"
+        if remedy is not None:
+            message = f"{message.rstrip('.')}. {remedy}"
+        super().__init__(message)
+        self.what = what
+        self.where = where
+        self.found = found
+        self.expected = expected
+        self.remedy = remedy
+
+
+class CommandError(UserError):
+    """The command line is wrong."""
+
+
+@dataclass(frozen=True, order=True)
+class Place:
+    """Where something stands: a file with a 1-based line and column, or a `--set` option (line and column 0)."""
+
+    file: str
+    line: int = 0
+    column: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}:{self.column}" if self.line else self.file
+
+
+@dataclass(frozen=True, order=True)
+class Problem:
+    """One thing that is wrong in a workflow."""
+
+    place: Place
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.message}"
+
+
+class WorkflowError(UserError):
+    """All that is wrong with a workflow, in the order of the file."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(sorted(set(problems)))
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class ArtifactError(PipelineError):
+    """A stage misused an artifact; the message says which one and how."""
+
+
+class CorruptArtifact(ArtifactError):
+    """What lies on the disk is not what was written: a missing, shortened or altered file."""
+
+
+class Interrupted(PipelineError):
+    """Raised by a stage that saw `context.stop_requested()` and has saved its checkpoint into `context.scratch`."""
+
+
+def nearest(name: str, allowed: Iterable[str]) -> str:
+    """`; did you mean 'x'?`, or nothing where no allowed name resembles `name`.
+
+    >>> nearest("itertions", ["iterations", "width"])
+    "; did you mean 'iterations'?"
+    >>> nearest("zzz", ["iterations", "width"])
+    ''
+    """
+    close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.6)
+    return f"; did you mean {close[0]!r}?" if close else ""

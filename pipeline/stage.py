@@ -1,0 +1,279 @@
+"""What a stage is: a function with declared inputs, outputs and parameters, and the context that it works in.
+
+    class BlurParameters(Parameters):
+        radius: float = Field(2.0, gt=0, description="Radius of the blur, in pixels.")
+
+    @stage(inputs={"picture": Input("image")}, outputs={"blurred": Output("image")}, version=1)
+    def blur(context: Context, parameters: BlurParameters) -> None:
+        picture = context.input("picture").read("pixels")
+        context.output("blurred").write("pixels", gaussian(picture, parameters.radius))
+
+A file `stages/blur.py` that defines this is what `uses: blur` means in a workflow.
+"""
+
+from __future__ import annotations
+
+import inspect
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from pipeline.artifact import Artifact, ArtifactWriter, publish
+from pipeline.canonical import Json, plain
+
+Privacy = Literal["inherit", "private", "public"]
+Cores = Literal["one", "all"]
+InputValue = Artifact | tuple[Artifact, ...] | None
+
+
+class Parameters(BaseModel):
+    """Base of a stage's parameters: frozen, no unknown names, no silent conversion but int to float, finite numbers."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True, protected_namespaces=()
+    )
+
+
+class ExternalMarker:
+    """Marks a parameter's type as the path of something outside the store."""
+
+
+ExternalPath = Annotated[Path, ExternalMarker()]
+"""A file or folder outside the store. Its names and bytes are in the key of the action, its path is not."""
+
+
+@dataclass(frozen=True)
+class Input:
+    """An artifact that a stage takes; `many` takes any number of them, in order, as a tuple."""
+
+    kind: str
+    many: bool = False
+    optional: bool = False
+
+
+@dataclass(frozen=True)
+class Output:
+    """An artifact that a stage makes.
+
+    `inherit`: private where an input is, or where the workflow says `private: true`. `public`: declared safe to
+    publish by the stage's author, whatever the inputs were.
+    """
+
+    kind: str
+    privacy: Privacy = "inherit"
+
+
+@dataclass(frozen=True)
+class LineageRecord:
+    """One action that something was made from: what a report says about it.
+
+    `name` is the stage's name in the workflow, `uses` the kind of stage, `inputs` the names of the stages that it
+    took artifacts from, `seconds` how long it worked, `facts` what the stage recorded (its device, for one),
+    `versions` those of the libraries, `parameters` all but external paths, `private` whether any output is private.
+    """
+
+    name: str
+    uses: str
+    seconds: float
+    inputs: tuple[str, ...]
+    facts: Mapping[str, Json]
+    versions: Mapping[str, str]
+    parameters: Mapping[str, Json]
+    private: bool
+
+
+@dataclass(frozen=True)
+class Services:
+    """What the engine does for a running stage; the defaults do nothing."""
+
+    progress: Callable[[float, float, Mapping[str, float]], None] = lambda done, total, figures: None
+    log: Callable[[str], None] = lambda text: None
+    stop_requested: Callable[[], bool] = lambda: False
+    lineage: Callable[[], tuple[LineageRecord, ...]] = tuple
+
+
+class Context:
+    """What a stage is given besides its parameters."""
+
+    def __init__(
+        self,
+        inputs: Mapping[str, InputValue],
+        outputs: Mapping[str, ArtifactWriter],
+        scratch: Path,
+        workflow_name: str,
+        services: Services,
+    ) -> None:
+        self.inputs = inputs
+        self.scratch = scratch
+        self.workflow_name = workflow_name
+        self.facts: dict[str, Json] = {}
+        self._outputs = outputs
+        self._services = services
+
+    def input(self, name: str) -> Artifact:
+        """The one artifact of an input that is neither `many` nor `optional`, or of an optional one that is given."""
+        value = self.inputs[name]
+        if not isinstance(value, Artifact):
+            raise TypeError(f"input {name!r} is not one artifact; use input_many or input_optional")
+        return value
+
+    def input_many(self, name: str) -> tuple[Artifact, ...]:
+        """The artifacts of a `many` input, in order; empty where it is optional and not given."""
+        value = self.inputs[name]
+        if not isinstance(value, tuple):
+            raise TypeError(f"input {name!r} is not declared with many=True")
+        return value
+
+    def input_optional(self, name: str) -> Artifact | None:
+        """The artifact of an optional input, or None where the workflow gives none."""
+        value = self.inputs[name]
+        if isinstance(value, tuple):
+            raise TypeError(f"input {name!r} is declared with many=True; use input_many")
+        return value
+
+    def output(self, name: str) -> ArtifactWriter:
+        """The writer of a declared output."""
+        if name not in self._outputs:
+            raise KeyError(f"no output {name!r} is declared; declared are {', '.join(self._outputs)}")
+        return self._outputs[name]
+
+    def progress(self, done: float, total: float, **figures: float) -> None:
+        """Says how far the stage is, with current figures such as `psnr=22.1`; cheap enough for every iteration."""
+        self._services.progress(done, total, figures)
+
+    def log(self, text: str) -> None:
+        """Writes a line into the stage's log."""
+        self._services.log(text)
+
+    def stop_requested(self) -> bool:
+        """Whether a long loop should save a checkpoint into `scratch` and raise `pipeline.errors.Interrupted`."""
+        return self._services.stop_requested()
+
+    def record(self, **facts: Json) -> None:
+        """Keeps facts beside the result, not in it: the device's name, versions, timings."""
+        self.facts |= {name: plain(value, f"fact {name!r}") for name, value in facts.items()}
+
+    def lineage(self) -> tuple[LineageRecord, ...]:
+        """The actions that the inputs come from, each after those that it took from."""
+        return self._services.lineage()
+
+
+StageFunction = Callable[[Context, Any], None]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A declared stage. Calling it runs the function alone, without the engine."""
+
+    function: StageFunction
+    parameters: type[Parameters]
+    inputs: Mapping[str, Input]
+    outputs: Mapping[str, Output]
+    version: int
+    modules: Callable[[Any], list[str]] | None = None
+    cores: Cores = "all"
+    name: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", self.function.__name__)
+
+    def __call__(self, context: Context, parameters: Parameters) -> None:
+        self.function(context, parameters)
+
+
+def stage(
+    *,
+    inputs: Mapping[str, Input],
+    outputs: Mapping[str, Output],
+    version: int,
+    modules: Callable[[Any], list[str]] | None = None,
+    cores: Cores = "all",
+) -> Callable[[StageFunction], Stage]:
+    """Declares a function `(context, parameters)` to be a stage; the type of its parameters comes from its annotation.
+
+    `version` is raised when results change for a reason that no source file shows. `modules` names the first-party
+    modules that the parameters select, which the stage imports dynamically: they join its code fingerprint. `cores`
+    is a hint for scheduling. Raises TypeError where the declaration itself is wrong.
+    """
+
+    def declare(function: StageFunction) -> Stage:
+        for name in (*inputs, *outputs):
+            if not name.isidentifier():
+                raise TypeError(f"stage {function.__name__}: {name!r} cannot name an input or output")
+        return Stage(function, _parameters_of(function), dict(inputs), dict(outputs), version, modules, cores)
+
+    return declare
+
+
+def _parameters_of(function: StageFunction) -> type[Parameters]:
+    arguments = list(inspect.signature(function).parameters)
+    if len(arguments) != 2:
+        raise TypeError(f"stage {function.__name__} takes {arguments}; expected (context, parameters)")
+    model = typing.get_type_hints(function).get(arguments[1])
+    if not (isinstance(model, type) and issubclass(model, Parameters)):
+        raise TypeError(f"stage {function.__name__}: annotate {arguments[1]!r} with a subclass of Parameters")
+    for name, information in model.model_fields.items():
+        if not information.description:
+            raise TypeError(f"{model.__name__}.{name} has no description; give it Field(description=…)")
+    return model
+
+
+def output_is_private(output: Output, inherited: bool) -> bool:
+    """Whether an output is private, given that an input is or the workflow says so (`inherited`)."""
+    return output.privacy == "private" or (output.privacy == "inherit" and inherited)
+
+
+def run_stage(
+    declared: Stage,
+    parameters: Parameters,
+    inputs: Mapping[str, Artifact | tuple[Artifact, ...]],
+    directory: Path,
+    *,
+    services: Services | None = None,
+    workflow_name: str = "test",
+    private: bool = False,
+) -> dict[str, Artifact]:
+    """Runs a stage without the engine, for tests: the artifacts of its outputs, each in `directory/<output>`.
+
+    Raises what the stage raises, and TypeError where the inputs are not those that it declares.
+    """
+    values = bind_inputs(declared, inputs)
+    inherited = private or any(artifact.private for artifact in _artifacts(values))
+    writers = {
+        name: ArtifactWriter(directory / f".{name}", output.kind, output_is_private(output, inherited))
+        for name, output in declared.outputs.items()
+    }
+    scratch = directory / ".scratch"
+    scratch.mkdir(parents=True, exist_ok=True)
+    declared(Context(values, writers, scratch, workflow_name, services or Services()), parameters)
+    return {name: publish(writer.seal(), directory / name) for name, writer in writers.items()}
+
+
+def bind_inputs(declared: Stage, given: Mapping[str, InputValue]) -> dict[str, InputValue]:
+    """A value for every declared input; raises TypeError for unknown, missing or wrongly shaped ones."""
+    for name in given:
+        if name not in declared.inputs:
+            raise TypeError(f"stage {declared.name} has no input {name!r}; it has {', '.join(declared.inputs)}")
+    values: dict[str, InputValue] = {}
+    for name, port in declared.inputs.items():
+        value = given.get(name)
+        if value is None and port.many and port.optional:
+            value = ()
+        if value is None and not port.optional:
+            raise TypeError(f"stage {declared.name}: input {name!r} is missing")
+        if value is not None and isinstance(value, tuple) != port.many:
+            raise TypeError(f"stage {declared.name}: input {name!r} takes {'a tuple' if port.many else 'one artifact'}")
+        for artifact in _artifacts({name: value}):
+            if artifact.kind != port.kind:
+                raise TypeError(f"stage {declared.name}: input {name!r} takes a {port.kind}, not a {artifact.kind}")
+        values[name] = value
+    return values
+
+
+def _artifacts(values: Mapping[str, InputValue]) -> list[Artifact]:
+    listed = [value if isinstance(value, tuple) else (value,) for value in values.values()]
+    return [artifact for group in listed for artifact in group if artifact is not None]
