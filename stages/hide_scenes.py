@@ -1,0 +1,81 @@
+"""`hide_scenes`: GS-Hider (section 3.3), L messages hidden in one cover while the cover's scene is fitted."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from pydantic import Field
+
+from opencl.device import describe
+from pipeline.stage import Context, Input, Output, stage
+from stages.hiding.method import build_method, module_of
+from stages.hiding.storage import write_container, write_secret
+from stages.imaging.metric_table import write_rows
+from stages.scene.cameras import rig_extent
+from stages.scene.gaussians import gaussians_at
+from stages.scene.message_views import read_messages
+from stages.scene.scene import read_scene
+from stages.training.loop import Training
+from stages.training.objectives import hiding_terms
+from stages.training.parameters import TrainingParameters, starting_points
+from stages.training.views import observer, training_views
+
+
+class HideScenesParameters(TrainingParameters):
+    """The paper's symbols: M is `feature_dim`, λ `lambda_message`, γ and β the two SSIM weights."""
+
+    method: Literal["gs_hider"] = Field("gs_hider", description="How Gaussians become pictures.")
+    feature_dim: int = Field(16, ge=1, description="M: channels of the coupled feature of each Gaussian.")
+    layers: int = Field(5, ge=2, description="Convolutions in each decoder.")
+    decoder_width: int = Field(64, ge=1, description="Channels between the decoders' convolutions.")
+    lambda_message: float = Field(0.5, ge=0, description="λ: the messages' weight in the total loss.")
+    ssim_weight_cover: float = Field(0.2, ge=0, le=1, description="γ: SSIM's share of the cover's loss.")
+    ssim_weight_message: float = Field(0.2, ge=0, le=1, description="β: SSIM's share of a message's loss.")
+    precision: Literal["float32", "bfloat16"] = Field(
+        "float32", description="Of the decoders' convolutions; bfloat16 is faster where the CPU has it."
+    )
+
+
+@stage(
+    inputs={"cover": Input("scene"), "messages": Input("views", many=True, optional=True)},
+    outputs={
+        "container": Output("container", privacy="public"),
+        "secret": Output("secret", privacy="private"),
+        "curves": Output("metrics"),
+    },
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
+    """Fit the cover and hide the messages; without messages, the cover alone is fitted by the same method."""
+    torch.set_num_threads(parameters.threads)
+    cover = read_scene(context.input("cover"))
+    messages = read_messages(context.input_many("messages"), cover.cameras.names)
+    method = _build(parameters, list(messages))
+    points, colors = starting_points(cover, parameters)
+    generator = torch.Generator().manual_seed(parameters.seed)
+    training = Training(
+        gaussians_at(points, method.initial_attributes(colors, generator)),
+        method,
+        training_views(cover, {name: views.pictures for name, views in messages.items()}),
+        hiding_terms(
+            list(messages),
+            parameters.lambda_message,
+            parameters.ssim_weight_cover,
+            parameters.ssim_weight_message,
+        ),
+        parameters.settings(rig_extent(cover.cameras)),
+    )
+    curves = training.run(observer(context, parameters.iterations))
+    write_container(context.output("container"), training.gaussians, parameters.method, method)
+    write_secret(context.output("secret"), method, list(messages))
+    write_rows(context.output("curves"), curves)
+    context.record(device=describe(), gaussians=len(training.gaussians))
+
+
+def _build(parameters: HideScenesParameters, messages: list[str]):  # type: ignore[no-untyped-def]
+    settings = parameters.model_dump(include={"feature_dim", "layers", "decoder_width", "precision"})
+    with torch.random.fork_rng():
+        torch.manual_seed(parameters.seed)
+        return build_method(parameters.method, settings | {"messages": messages})

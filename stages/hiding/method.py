@@ -1,0 +1,48 @@
+"""What a method of hiding is, and how a stage loads the one that its parameters name."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from typing import Protocol, cast
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.hiding.rendering import Rendering
+from stages.scene.cameras import Camera
+from stages.scene.gaussians import Gaussians
+
+PACKAGE = "stages.hiding.methods"
+
+
+class Method(Protocol):
+    """How Gaussians become pictures: the attributes it adds to them, its networks, and its rendering.
+
+    `settings` are the JSON values from which `build` makes the same method again; they travel with the container.
+    `learning_rates` gives Adam's rate for every attribute. `networks` are trained beside the Gaussians.
+    """
+
+    settings: Mapping[str, object]
+    learning_rates: Mapping[str, float]
+    networks: Mapping[str, torch.nn.Module]
+
+    def initial_attributes(
+        self, colors: Float[np.ndarray, "N 3"], generator: torch.Generator
+    ) -> dict[str, Float[Tensor, "N ..."]]:
+        """Attributes of new Gaussians on points of these sRGB `colors` in [0, 1]."""
+
+    def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
+        """All pictures of one camera; `progress` in [0, 1] is the share of the training that is done."""
+
+
+def module_of(name: str) -> str:
+    """The module that holds method `name`: what a stage declares to the code fingerprint."""
+    return f"{PACKAGE}.{name}"
+
+
+def build_method(name: str, settings: Mapping[str, object]) -> Method:
+    """The method `name`, made from its settings. Its networks' weights are drawn from torch's global generator."""
+    return cast(Method, importlib.import_module(module_of(name)).build(settings))

@@ -1,0 +1,68 @@
+"""GS-Hider: a coupled feature a Gaussian, blended into one feature map, read by two decoders (section 3.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.hiding.decoders import Decoder, decode
+from stages.hiding.rendering import COVER, Rendering, splat
+from stages.scene.cameras import Camera
+from stages.scene.gaussians import Gaussians
+
+
+class GSHider:
+    """`raw_features [N,M]`, a scene decoder that is public, and a message decoder with 3·L channels that is not.
+
+    Without messages (L = 0), or where the secret is not at hand, only the cover is decoded.
+    """
+
+    def __init__(
+        self,
+        feature_dim: int,
+        layers: int,
+        decoder_width: int,
+        precision: str,
+        messages: Sequence[str] = (),
+    ):
+        self.feature_dim = feature_dim
+        self.messages = tuple(messages)
+        self.precision = getattr(torch, precision)
+        self.settings: Mapping[str, object] = {
+            "feature_dim": feature_dim,
+            "layers": layers,
+            "decoder_width": decoder_width,
+            "precision": precision,
+        }
+        self.learning_rates: Mapping[str, float] = {"raw_features": 2.5e-3}
+        self.scene_decoder = Decoder(feature_dim, 3, layers, decoder_width)
+        self.networks: dict[str, torch.nn.Module] = {"scene_decoder": self.scene_decoder}
+        if self.messages:
+            self.message_decoder = Decoder(feature_dim, 3 * len(self.messages), layers, decoder_width)
+            self.networks["message_decoder"] = self.message_decoder
+        for network in self.networks.values():
+            network.to(memory_format=torch.channels_last)
+
+    def initial_attributes(
+        self, colors: Float[np.ndarray, "N 3"], generator: torch.Generator
+    ) -> dict[str, Float[Tensor, "N ..."]]:
+        """As the released code starts: all zeros, so that every feature is 0.5."""
+        return {"raw_features": torch.zeros(len(colors), self.feature_dim)}
+
+    def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
+        """F_coup (Eq. 4) and what the decoders make of it (Eq. 5)."""
+        rendering = splat(gaussians, gaussians["raw_features"].sigmoid(), camera)
+        rendering.pictures[COVER] = decode(self.scene_decoder, rendering.feature_map, self.precision)
+        if self.messages:
+            decoded = decode(self.message_decoder, rendering.feature_map, self.precision)
+            rendering.pictures.update(zip(self.messages, decoded.split(3, dim=-1), strict=True))
+        return rendering
+
+
+def build(settings: Mapping[str, object]) -> GSHider:
+    """GS-Hider from its settings; `messages` may be absent where the secret is not at hand."""
+    return GSHider(**settings)  # type: ignore[arg-type]  # a missing or unknown setting raises TypeError by its name

@@ -1,0 +1,57 @@
+"""What a method gives for one camera: pictures, and what density control reads off the rasterizer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from opencl.rasterizer import RasterSettings, rasterize
+from stages.scene.cameras import Camera
+from stages.scene.gaussians import Gaussians
+
+COVER = "cover"
+"""The name of the cover's picture among the pictures of a rendering; every other name is a message's."""
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """One camera's pictures by name, unclamped [H, W, 3], and the rasterizer's own output.
+
+    `feature_map` is what was blended before any decoder: [H, W, M], F_coup of Eq. 4 (for `plain`, the picture itself).
+    `means2d` carries the screen-space gradient after backward, in pixels.
+    """
+
+    pictures: dict[str, Float[Tensor, "H W 3"]]
+    feature_map: Float[Tensor, "H W M"]
+    alphas: Float[Tensor, "H W"]
+    radii: Int[Tensor, " N"]
+    means2d: Float[Tensor, "N 2"]
+
+
+def splat(
+    gaussians: Gaussians,
+    features: Float[Tensor, "N M"],
+    camera: Camera,
+    background: Float[Tensor, " M"] | None = None,
+    settings: RasterSettings | None = None,
+) -> Rendering:
+    """Blend the features of all Gaussians for one camera (Eq. 3 and 4); `pictures` is still empty.
+
+    No Gaussians at all give the background, or zeros.
+    """
+    out = rasterize(
+        gaussians.means,
+        gaussians["quats"],
+        gaussians.scales,
+        gaussians.opacities,
+        features,
+        camera.world_to_camera,
+        camera.intrinsics,
+        camera.width,
+        camera.height,
+        background=background,
+        settings=settings or RasterSettings(),
+    )
+    return Rendering({}, out.features, out.alphas, out.radii, out.means2d)

@@ -1,0 +1,93 @@
+"""Splats, containers and secrets in the store: Gaussians with the method that renders them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+
+from pipeline.artifact import Artifact, ArtifactWriter
+from pipeline.errors import UserError
+from stages.hiding.method import Method, build_method
+from stages.scene.gaussians import Gaussians
+
+PUBLIC_NETWORKS = ("scene_decoder",)
+SECRET_NETWORKS = ("message_decoder",)
+
+
+def write_container(writer: ArtifactWriter, gaussians: Gaussians, name: str, method: Method) -> None:
+    """Write Gaussians, the method's name and settings, and its public networks: all that a renderer needs.
+
+    Nothing of a message is written: not its decoder, nor its name, nor how many there are.
+    """
+    for parameter, tensor in gaussians.parameters.items():
+        writer.write(parameter, tensor.detach().numpy())
+    writer.attributes.update(method=name, settings=dict(method.settings), gaussians=len(gaussians))
+    _write_networks(writer, method, PUBLIC_NETWORKS)
+
+
+def write_secret(writer: ArtifactWriter, method: Method, messages: Sequence[str]) -> None:
+    """Write the message decoder and the messages' names, in the order of its output channels."""
+    writer.attributes.update(messages=list(messages))
+    _write_networks(writer, method, SECRET_NETWORKS)
+
+
+def read_gaussians(artifact: Artifact) -> Gaussians:
+    """The Gaussians of `splats` or of a `container`."""
+    return Gaussians({name: torch.from_numpy(artifact.read(name)) for name in artifact.names if "/" not in name})
+
+
+def read_method(container: Artifact, secret: Artifact | None = None) -> Method:
+    """The method that renders a container; with the secret it renders the messages too.
+
+    Raises `UserError` where the weights in the artifacts do not fit the method.
+    """
+    settings: dict[str, object] = dict(container.attributes["settings"])
+    if secret is not None:
+        settings["messages"] = list(secret.attributes["messages"])
+    with torch.random.fork_rng():
+        method = build_method(str(container.attributes["method"]), settings)
+    for artifact in (container, secret):
+        if artifact is not None:
+            _read_networks(artifact, method)
+    for network in method.networks.values():
+        network.requires_grad_(False)
+    return method
+
+
+def published_bytes(container: Artifact) -> int:
+    """Bytes of everything that is published, uncompressed: the Gaussians' values and the public networks' weights."""
+    return sum(int(np.prod(array.shape)) * array.dtype.itemsize for array in map(container.open, container.names))
+
+
+def _write_networks(writer: ArtifactWriter, method: Method, names: Sequence[str]) -> None:
+    for name in names:
+        network = method.networks.get(name)
+        for weight, tensor in network.state_dict().items() if network is not None else ():
+            writer.write(f"{name}/{weight}", tensor.contiguous().numpy())
+
+
+def _read_networks(artifact: Artifact, method: Method) -> None:
+    weights: dict[str, dict[str, torch.Tensor]] = {}
+    for array in artifact.names:
+        network, _, weight = array.partition("/")
+        if weight:
+            weights.setdefault(network, {})[weight] = torch.from_numpy(artifact.read(array))
+    for network, state in weights.items():
+        _load(method.networks, network, state, artifact)
+
+
+def _load(
+    networks: Mapping[str, torch.nn.Module], name: str, state: Mapping[str, torch.Tensor], artifact: Artifact
+) -> None:
+    try:
+        networks[name].load_state_dict(state)
+    except (KeyError, RuntimeError) as error:
+        raise UserError(
+            f"the weights of {name} do not fit the container's method",
+            where=str(artifact.path),
+            found=str(error).splitlines()[0],
+            expected="the artifacts of one training",
+            remedy="give the secret that was made together with this container",
+        ) from error

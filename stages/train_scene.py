@@ -1,0 +1,55 @@
+"""`train_scene`: plain 3D Gaussian Splatting of one scene (3DGS with spherical harmonics and density control)."""
+
+from __future__ import annotations
+
+import torch
+from pydantic import Field
+
+from opencl.device import describe
+from pipeline.stage import Context, Input, Output, stage
+from stages.hiding.method import build_method, module_of
+from stages.hiding.rendering import COVER
+from stages.hiding.storage import write_container
+from stages.imaging.metric_table import write_rows
+from stages.scene.cameras import rig_extent
+from stages.scene.gaussians import gaussians_at
+from stages.scene.scene import read_scene
+from stages.training.loop import Training
+from stages.training.objectives import PictureTerm
+from stages.training.parameters import TrainingParameters, starting_points
+from stages.training.views import observer, training_views
+
+METHOD = "plain"
+
+
+class TrainSceneParameters(TrainingParameters):
+    """3DGS's parameters."""
+
+    sh_degree: int = Field(3, ge=0, le=3, description="Highest degree of the spherical harmonics.")
+    ssim_weight_cover: float = Field(0.2, ge=0, le=1, description="γ: SSIM's share of the loss.")
+
+
+@stage(
+    inputs={"scene": Input("scene")},
+    outputs={"splats": Output("splats"), "curves": Output("metrics")},
+    version=1,
+    modules=lambda parameters: [module_of(METHOD)],
+)
+def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
+    """Train splats on a scene's training views; test views are never seen."""
+    torch.set_num_threads(parameters.threads)
+    scene = read_scene(context.input("scene"))
+    method = build_method(METHOD, {"sh_degree": parameters.sh_degree})
+    points, colors = starting_points(scene, parameters)
+    generator = torch.Generator().manual_seed(parameters.seed)
+    training = Training(
+        gaussians_at(points, method.initial_attributes(colors, generator)),
+        method,
+        training_views(scene),
+        [PictureTerm(COVER, 1.0, parameters.ssim_weight_cover)],
+        parameters.settings(rig_extent(scene.cameras)),
+    )
+    curves = training.run(observer(context, parameters.iterations))
+    write_container(context.output("splats"), training.gaussians, METHOD, method)
+    write_rows(context.output("curves"), curves)
+    context.record(device=describe(), gaussians=len(training.gaussians))

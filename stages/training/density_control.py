@@ -1,0 +1,115 @@
+"""Adaptive density control (3DGS, section 5.2): clone and split where the picture pulls, prune what is not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from stages.hiding.rendering import Rendering
+from stages.scene.gaussians import Gaussians, rotation_matrices
+from stages.training.optimizer import GaussianOptimizer
+
+CHILDREN = 2
+CHILD_SHRINKAGE = 0.8 * CHILDREN
+"""A split Gaussian's children are 1.6 times smaller."""
+
+RESET_OPACITY = 0.01
+
+
+@dataclass(frozen=True)
+class DensitySettings:
+    """3DGS's thresholds.
+
+    `gradient_threshold`: mean screen-space gradient, in normalised device coordinates, above which a Gaussian is
+    refined; `dense_fraction`: of the rig's extent, below which it is cloned and above which it is split;
+    `smallest_opacity`: pruned below; `largest_fraction` of the extent and `largest_radius` in pixels: pruned above,
+    once an opacity reset has passed; `maximum_gaussians`: no more than these, the strongest gradients first.
+    """
+
+    gradient_threshold: float = 2e-4
+    dense_fraction: float = 0.01
+    smallest_opacity: float = 0.005
+    largest_fraction: float = 0.1
+    largest_radius: int = 20
+    maximum_gaussians: int = 1_000_000
+
+
+class DensityControl:
+    """Gathers what the rasterizer says between two refinements, then refines."""
+
+    def __init__(self, settings: DensitySettings, extent: float, count: int):
+        self.settings = settings
+        self.extent = extent
+        self._forget(count)
+
+    def _forget(self, count: int) -> None:
+        self.gradient_sums = torch.zeros(count)
+        self.views_seen = torch.zeros(count)
+        self.largest_radii = torch.zeros(count, dtype=torch.int32)
+
+    def observe(self, rendering: Rendering, width: int, height: int) -> None:
+        """Add one view's screen-space gradients (after backward); 3DGS measures them in device coordinates."""
+        gradient = rendering.means2d.grad
+        if gradient is None:
+            return
+        visible = rendering.radii > 0
+        norms = torch.hypot(gradient[:, 0] * (width / 2), gradient[:, 1] * (height / 2))
+        self.gradient_sums += torch.where(visible, norms, 0)
+        self.views_seen += visible
+        self.largest_radii = torch.maximum(self.largest_radii, rendering.radii.to(torch.int32))
+
+    def refine(self, optimizer: GaussianOptimizer, prune_large: bool, generator: torch.Generator) -> None:
+        """Clone small and split large Gaussians with strong gradients, prune transparent and overgrown ones."""
+        gaussians = optimizer.gaussians
+        with torch.no_grad():
+            strength = self.gradient_sums / self.views_seen.clamp_min(1)
+            chosen = self._strongest(strength, len(gaussians))
+            large = gaussians.scales.max(dim=1).values > self.settings.dense_fraction * self.extent
+            cloned = (chosen & ~large).nonzero().squeeze(1)
+            split = (chosen & large).nonzero().squeeze(1)
+            doomed = self._doomed(gaussians, prune_large)
+            doomed[split] = True
+            children = _children(gaussians, split, generator)
+            added = {
+                name: torch.cat([tensor.detach()[cloned], children[name]])
+                for name, tensor in gaussians.parameters.items()
+            }
+            optimizer.rearrange((~doomed).nonzero().squeeze(1), added)
+        self._forget(len(gaussians))
+
+    def reset_opacity(self, optimizer: GaussianOptimizer) -> None:
+        """Lower every opacity to at most 0.01, so that what is not needed does not come back."""
+        logits = optimizer.gaussians["logit_opacities"].detach()
+        ceiling = torch.logit(torch.tensor(RESET_OPACITY))
+        optimizer.overwrite("logit_opacities", logits.clamp_max(ceiling))
+
+    def _strongest(self, strength: Float[Tensor, " N"], count: int) -> Bool[Tensor, " N"]:
+        chosen = strength >= self.settings.gradient_threshold
+        room = max(0, self.settings.maximum_gaussians - count)
+        if int(chosen.sum()) > room:
+            order = torch.argsort(strength, descending=True, stable=True)[:room]
+            limited = torch.zeros_like(chosen)
+            limited[order] = True
+            chosen &= limited
+        return chosen
+
+    def _doomed(self, gaussians: Gaussians, prune_large: bool) -> Bool[Tensor, " N"]:
+        doomed = gaussians.opacities < self.settings.smallest_opacity
+        if prune_large:
+            doomed |= self.largest_radii > self.settings.largest_radius
+            doomed |= gaussians.scales.max(dim=1).values > self.settings.largest_fraction * self.extent
+        return doomed
+
+
+def _children(gaussians: Gaussians, parents: Int[Tensor, " P"], generator: torch.Generator) -> dict[str, Tensor]:
+    """Two Gaussians drawn from each parent's own density, 1.6 times smaller, with the parent's other attributes."""
+    rows = parents.repeat(CHILDREN)
+    children = {name: tensor.detach()[rows] for name, tensor in gaussians.parameters.items()}
+    offsets = torch.randn(len(rows), 3, generator=generator) * children["log_scales"].exp()
+    rotations = rotation_matrices(children["quats"])
+    children["means"] = children["means"] + torch.einsum("nij,nj->ni", rotations, offsets)
+    children["log_scales"] = children["log_scales"] - torch.log(torch.tensor(CHILD_SHRINKAGE))
+    return children

@@ -1,0 +1,162 @@
+"""The one optimisation loop: plain 3DGS, hiding and fine-tuning differ only in their method and objective."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import torch
+from jaxtyping import UInt8
+from torch import Tensor
+
+from stages.hiding.method import Method
+from stages.hiding.rendering import Rendering
+from stages.imaging.metric_table import MetricRow
+from stages.scene.cameras import Camera
+from stages.scene.gaussians import Gaussians
+from stages.training.density_control import DensityControl, DensitySettings
+from stages.training.objectives import PictureTerm, total_loss
+from stages.training.optimizer import GaussianOptimizer
+from stages.training.sampling import ViewSampler
+from stages.training.schedules import decayed, density_schedule
+
+CURVE_POINTS = 100
+
+
+@dataclass(frozen=True)
+class TrainingViews:
+    """T views to learn from: a camera each, and a picture each for every name that the objective compares."""
+
+    cameras: tuple[Camera, ...]
+    pictures: Mapping[str, UInt8[Tensor, "T H W 3"]]
+
+    def truths(self, view: int) -> dict[str, Tensor]:
+        """The pictures of one view, float32 in [0, 1]."""
+        return {name: pictures[view].float() / 255 for name, pictures in self.pictures.items()}
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """Constants of 3DGS; `extent` of the rig scales positions' learning rate. `density` None keeps all Gaussians."""
+
+    iterations: int
+    extent: float
+    seed: int
+    position_rate: float = 1.6e-4
+    final_position_rate: float = 1.6e-6
+    scale_rate: float = 5e-3
+    rotation_rate: float = 1e-3
+    opacity_rate: float = 5e-2
+    network_rate: float = 1e-3
+    density: DensitySettings | None = field(default_factory=DensitySettings)
+
+
+Observer = Callable[[int, Mapping[str, float]], None]
+"""Called with the iteration and the figures of the last stretch, at every point of the curves."""
+
+
+class Training:
+    """A training under way: Gaussians, networks, their optimizers, and every source of randomness."""
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        method: Method,
+        views: TrainingViews,
+        terms: Sequence[PictureTerm],
+        settings: TrainingSettings,
+    ):
+        self.gaussians, self.method, self.views, self.terms, self.settings = gaussians, method, views, terms, settings
+        self.optimizer = GaussianOptimizer(gaussians, self._learning_rates())
+        self.network_optimizer = self._network_optimizer()
+        self.sampler = ViewSampler(len(views.cameras), settings.seed)
+        self.generator = torch.Generator().manual_seed(settings.seed)
+        self.schedule = density_schedule(settings.iterations)
+        self.density = (
+            DensityControl(settings.density, settings.extent, len(gaussians)) if settings.density is not None else None
+        )
+
+    def _learning_rates(self) -> dict[str, float]:
+        settings = self.settings
+        return {
+            "means": settings.position_rate * settings.extent,
+            "quats": settings.rotation_rate,
+            "log_scales": settings.scale_rate,
+            "logit_opacities": settings.opacity_rate,
+            **self.method.learning_rates,
+        }
+
+    def _network_optimizer(self) -> torch.optim.Adam | None:
+        weights = [weight for network in self.method.networks.values() for weight in network.parameters()]
+        return torch.optim.Adam(weights, lr=self.settings.network_rate, fused=True) if weights else None
+
+    def step(self, iteration: int) -> dict[str, float]:
+        """One view, one step; `iteration` counts from 1. Returns the loss and each picture's squared error."""
+        settings = self.settings
+        progress = iteration / settings.iterations
+        position_rate = decayed(settings.position_rate, settings.final_position_rate, progress)
+        self.optimizer.set_learning_rate("means", position_rate * settings.extent)
+        view = self.sampler.draw()
+        camera, truths = self.views.cameras[view], self.views.truths(view)
+        rendering = self.method.render(self.gaussians, camera, progress)
+        loss = total_loss(rendering.pictures, truths, self.terms)
+        loss.backward()
+        with torch.no_grad():
+            figures = {"loss": float(loss)} | {
+                term.picture: float(
+                    (rendering.pictures[term.picture].clamp(0, 1) - truths[term.picture]).square().mean()
+                )
+                for term in self.terms
+            }
+        self._update(iteration, rendering, camera)
+        return figures
+
+    def _update(self, iteration: int, rendering: Rendering, camera: Camera) -> None:
+        if self.density is not None and iteration <= self.schedule.stop:
+            self.density.observe(rendering, camera.width, camera.height)
+        self.optimizer.step()
+        if self.network_optimizer is not None:
+            self.network_optimizer.step()
+            self.network_optimizer.zero_grad(set_to_none=True)
+        if self.density is None:
+            return
+        if self.schedule.densifies_at(iteration):
+            past_reset = iteration > self.schedule.opacity_reset_interval
+            self.density.refine(self.optimizer, past_reset, self.generator)
+        if self.schedule.resets_opacity_at(iteration):
+            self.density.reset_opacity(self.optimizer)
+
+    def run(self, observe: Observer) -> list[MetricRow]:
+        """All iterations; returns the training curves (loss, PSNR of the training views, number of Gaussians)."""
+        iterations = self.settings.iterations
+        every = max(1, iterations // CURVE_POINTS)
+        rows: list[MetricRow] = []
+        stretch: list[dict[str, float]] = []
+        for iteration in range(1, iterations + 1):
+            stretch.append(self.step(iteration))
+            if iteration % every == 0 or iteration == iterations:
+                figures = self._summary(stretch)
+                rows += _curve_rows(iteration, figures, self.terms)
+                observe(iteration, figures)
+                stretch = []
+        return rows
+
+    def _summary(self, stretch: Sequence[Mapping[str, float]]) -> dict[str, float]:
+        means = {name: sum(step[name] for step in stretch) / len(stretch) for name in stretch[0]}
+        loss = means.pop("loss")
+        decibels = {name: -10 * math.log10(max(error, 1e-10)) for name, error in means.items()}
+        return {"loss": loss, "gaussians": len(self.gaussians), **decibels}
+
+
+def _curve_rows(iteration: int, figures: Mapping[str, float], terms: Sequence[PictureTerm]) -> list[MetricRow]:
+    rows = [
+        MetricRow("loss", figures["loss"], split="train", iteration=iteration),
+        MetricRow("gaussians", figures["gaussians"], iteration=iteration),
+    ]
+    for position, term in enumerate(terms):
+        message = term.picture if position else None
+        rows.append(
+            MetricRow("psnr", figures[term.picture], "dB", split="train", message=message, iteration=iteration)
+        )
+    return rows

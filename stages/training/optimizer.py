@@ -1,0 +1,76 @@
+"""Adam over Gaussians whose number changes: rows of parameters and of their moments move together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from jaxtyping import Int
+from torch import Tensor
+
+from stages.scene.gaussians import Gaussians
+
+EPSILON = 1e-15
+"""3DGS's: its gradients are far smaller than Adam's default epsilon is made for."""
+
+MOMENTS = ("exp_avg", "exp_avg_sq")
+
+
+class GaussianOptimizer:
+    """One Adam group a parameter, with a learning rate of its own."""
+
+    def __init__(self, gaussians: Gaussians, learning_rates: Mapping[str, float]):
+        missing = set(gaussians.parameters) ^ set(learning_rates)
+        if missing:
+            raise ValueError(f"each parameter needs exactly one learning rate; unmatched: {sorted(missing)}")
+        self.gaussians = gaussians
+        for name, tensor in gaussians.parameters.items():
+            gaussians.parameters[name] = tensor.detach().requires_grad_()
+        self.adam = torch.optim.Adam(
+            [
+                {"params": [gaussians.parameters[name]], "lr": rate, "name": name}
+                for name, rate in learning_rates.items()
+            ],
+            eps=EPSILON,
+            fused=True,
+        )
+
+    def step(self) -> None:
+        """One step of Adam; gradients are dropped afterwards."""
+        self.adam.step()
+        self.adam.zero_grad(set_to_none=True)
+
+    def set_learning_rate(self, name: str, rate: float) -> None:
+        """From the next step on."""
+        self._group(name)["lr"] = rate
+
+    def rearrange(self, kept: Int[Tensor, " K"], added: Mapping[str, Tensor]) -> None:
+        """Keep the rows `kept`, in that order, then append the rows `added` (the same count for every parameter).
+
+        Kept rows keep their moments; added ones start with none.
+        """
+        for name in list(self.gaussians.parameters):
+            old = self.gaussians.parameters[name]
+            new_rows = added[name].detach()
+            self._replace(
+                name,
+                torch.cat([old.detach()[kept], new_rows]),
+                lambda moment, new_rows=new_rows: torch.cat([moment[kept], torch.zeros_like(new_rows)]),
+            )
+
+    def overwrite(self, name: str, values: Tensor) -> None:
+        """Replace a parameter's values and forget its moments: 3DGS's opacity reset."""
+        self._replace(name, values.detach(), torch.zeros_like)
+
+    def _replace(self, name: str, values: Tensor, transform) -> None:  # type: ignore[no-untyped-def]
+        group = self._group(name)
+        state = self.adam.state.pop(group["params"][0], None)
+        parameter = values.clone().requires_grad_()
+        if state is not None:
+            state.update({moment: transform(state[moment]) for moment in MOMENTS})
+            self.adam.state[parameter] = state
+        group["params"][0] = parameter
+        self.gaussians.parameters[name] = parameter
+
+    def _group(self, name: str) -> dict:
+        return next(group for group in self.adam.param_groups if group["name"] == name)

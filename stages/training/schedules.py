@@ -1,0 +1,49 @@
+"""When things happen in a training: fractions of its iterations, equal to 3DGS's numbers at 30,000."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+REFERENCE_ITERATIONS = 30_000
+SHORTEST_INTERVAL = 50
+
+
+@dataclass(frozen=True)
+class DensitySchedule:
+    """Iterations at which Gaussians are added, removed and made transparent again."""
+
+    start: int
+    stop: int
+    interval: int
+    opacity_reset_interval: int
+
+    def densifies_at(self, iteration: int) -> bool:
+        """Whether Gaussians are cloned, split and pruned after this iteration (counted from 1)."""
+        return self.start < iteration <= self.stop and iteration % self.interval == 0
+
+    def resets_opacity_at(self, iteration: int) -> bool:
+        """Whether opacities are lowered after this iteration."""
+        return iteration < self.stop and iteration % self.opacity_reset_interval == 0
+
+
+def density_schedule(iterations: int) -> DensitySchedule:
+    """3DGS's schedule (500 to 15,000 every 100, reset every 3,000), scaled from 30,000 to `iterations`.
+
+    Deviation: the interval is never under 50, since a mean gradient over a handful of views decides nothing, and a run
+    too short to recover from it (opacity climbs back in about 500 iterations) has no opacity reset at all.
+    """
+    scale = iterations / REFERENCE_ITERATIONS
+    reset = round(3_000 * scale)
+    return DensitySchedule(
+        start=round(500 * scale),
+        stop=round(15_000 * scale),
+        interval=max(SHORTEST_INTERVAL, round(100 * scale)),
+        opacity_reset_interval=reset if reset >= 500 else iterations + 1,
+    )
+
+
+def decayed(initial: float, final: float, progress: float) -> float:
+    """From `initial` to `final`, exponentially in `progress` from 0 to 1: 3DGS's position learning rate."""
+    share = min(max(progress, 0.0), 1.0)
+    return math.exp((1 - share) * math.log(initial) + share * math.log(final))

@@ -1,0 +1,37 @@
+"""From scenes in the store to the views that a training learns from, and from its figures to the engine's progress."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from jaxtyping import UInt8
+
+from pipeline.errors import Interrupted
+from pipeline.stage import Context
+from stages.hiding.rendering import COVER
+from stages.scene.cameras import single_cameras
+from stages.scene.scene import Scene
+from stages.training.loop import Observer, TrainingViews
+
+
+def training_views(scene: Scene, messages: Mapping[str, UInt8[np.ndarray, "V H W 3"]] | None = None) -> TrainingViews:
+    """The scene's training views; `messages` are pictures of each message from all of the scene's cameras, in order."""
+    rows = scene.rows(scene.train_names)
+    pictures = {COVER: scene.pictures, **(messages or {})}
+    return TrainingViews(
+        single_cameras(scene.cameras.select(scene.train_names)),
+        {name: torch.from_numpy(np.ascontiguousarray(values[rows])) for name, values in pictures.items()},
+    )
+
+
+def observer(context: Context, iterations: int) -> Observer:
+    """Tells the engine how far a training is, and stops the training when the engine asks for it."""
+
+    def observe(iteration: int, figures: Mapping[str, float]) -> None:
+        context.progress(iteration, iterations, loss=figures["loss"], psnr=figures[COVER])
+        if context.stop_requested():
+            raise Interrupted
+
+    return observe
