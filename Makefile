@@ -1,0 +1,36 @@
+# make demo   hide two scenes in a third, from pictures to the report
+# make test   lint, types and the whole test suite
+# Each makes the virtual environment that it needs.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/installed
+STORE ?= store
+
+.PHONY: demo test environment clean
+.DEFAULT_GOAL := demo
+
+demo: $(INSTALLED)
+	@echo "Hiding two scenes in a third: workflows/hide_multi.yaml (about ten minutes on two cores)"
+	@$(BIN)/python -m pipeline run workflows/hide_multi.yaml --store $(STORE)
+
+test: $(INSTALLED)
+	@echo "Lint, format, types, tests"
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/python -m pytest
+
+environment: $(INSTALLED)
+
+$(INSTALLED): pyproject.toml constraints.txt Makefile
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "Python 3.11 or newer is needed; found $$($(PYTHON) --version). Try: make PYTHON=python3.11"; exit 1; }
+	@echo "Making the virtual environment $(VENV): torch, OpenCL on the CPU, SfM (a few minutes the first time)"
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
+	@touch $@
+
+clean:
+	rm -rf $(VENV)
