@@ -1,0 +1,84 @@
+"""LPIPS, the learned perceptual distance of Zhang et al. (CVPR 2018), version 0.1, on VGG16 or AlexNet."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+from stages.imaging.lpips_weights import Network, Weights, read_weights
+
+# Mean and deviation of ImageNet's pictures once their colours are scaled to [-1, 1], as the metric defines them.
+MEAN = (-0.030, -0.088, -0.188)
+DEVIATION = (0.458, 0.448, 0.450)
+SMALLEST_SIDE = {"vgg": 16, "alex": 31}  # below it a pooling layer has nothing left
+
+
+class Lpips:
+    """The distance of two pictures; ``load_lpips`` makes one.
+
+    Both networks halve resolution four or five times, so that on pictures below about 64 pixels a side the deepest
+    layers see hardly more than one position: such figures compare only with those of pictures of the same size.
+    """
+
+    def __init__(self, network: Network, weights: Weights, device: torch.device | str = "cpu") -> None:
+        tensors = {name: torch.from_numpy(array).to(device) for name, array in weights.items()}
+        self.network = network
+        self._kernels = [tensors[f"{layer}/kernel"].permute(3, 2, 0, 1).contiguous() for layer in _layers(weights)]
+        self._biases = [tensors[f"{layer}/bias"] for layer in _layers(weights)]
+        self._heads = [tensors[f"head {number}"] for number in range(5)]
+
+    @torch.no_grad()
+    def __call__(self, picture: Float[Tensor, "height width 3"], truth: Float[Tensor, "height width 3"]) -> float:
+        """The distance, 0 for equal pictures; colours in [0, 1], which are scaled to [-1, 1] first.
+
+        (The evaluation script of 3DGS leaves that scaling out, so its figures are others.) Raises ``ValueError`` if
+        the sizes differ, or a side is below 16 (VGG16) or 31 (AlexNet) pixels.
+        """
+        if picture.shape != truth.shape or min(picture.shape[:2]) < SMALLEST_SIDE[self.network]:
+            raise ValueError(
+                f"LPIPS ({self.network}) compares two pictures of one size, at least {SMALLEST_SIDE[self.network]} "
+                f"pixels a side, not {tuple(picture.shape)} and {tuple(truth.shape)}"
+            )
+        both = torch.stack((picture, truth)).permute(0, 3, 1, 2).float() * 2 - 1
+        both = (both - both.new_tensor(MEAN).view(3, 1, 1)) / both.new_tensor(DEVIATION).view(3, 1, 1)
+        features = self._vgg(both) if self.network == "vgg" else self._alex(both)
+        return sum(_distance(each, head) for each, head in zip(features, self._heads, strict=True))
+
+    def _vgg(self, values: Tensor) -> list[Tensor]:
+        features = []
+        layer = 0
+        for block, depth in enumerate((2, 2, 3, 3, 3)):
+            values = functional.max_pool2d(values, 2) if block else values
+            for _ in range(depth):
+                values = self._convolve(layer, values, padding=1)
+                layer += 1
+            features.append(values)
+        return features
+
+    def _alex(self, values: Tensor) -> list[Tensor]:
+        first = self._convolve(0, values, stride=4, padding=2)
+        second = self._convolve(1, functional.max_pool2d(first, 3, 2), padding=2)
+        third = self._convolve(2, functional.max_pool2d(second, 3, 2), padding=1)
+        fourth = self._convolve(3, third, padding=1)
+        return [first, second, third, fourth, self._convolve(4, fourth, padding=1)]
+
+    def _convolve(self, layer: int, values: Tensor, padding: int, stride: int = 1) -> Tensor:
+        return functional.conv2d(values, self._kernels[layer], self._biases[layer], stride, padding).relu_()
+
+
+def load_lpips(network: Network, device: torch.device | str = "cpu") -> Lpips | None:
+    """The metric, or None where its weights are not installed (``lpips_weights.HOW_TO_INSTALL`` says how)."""
+    weights = read_weights(network)
+    return None if weights is None else Lpips(network, weights, device)
+
+
+def _layers(weights: Weights) -> range:
+    return range(sum(name.endswith("/kernel") for name in weights))
+
+
+def _distance(features: Float[Tensor, "2 channels height width"], head: Float[Tensor, " channels"]) -> float:
+    """The weighted squared difference of features of unit length, averaged over all positions."""
+    unit = features / (features.square().sum(1, keepdim=True).sqrt() + 1e-10)
+    return float(torch.einsum("chw,c->hw", (unit[0] - unit[1]).square(), head).mean())
