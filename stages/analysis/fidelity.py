@@ -1,0 +1,51 @@
+"""How faithful a rendered picture is: every figure of the paper's tables for one view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from stages.imaging.psnr import psnr
+from stages.imaging.ssim import ssim, ssim_map
+
+Picture = Float[Tensor, "H W 3"]
+Perceptual = Mapping[str, Callable[[Tensor, Tensor], float]]
+"""LPIPS by quantity name, for the networks whose weights are at hand."""
+
+COVERED = 0.5
+"""A pixel counts as covered where the message fills at least half of it."""
+
+
+def picture_figures(picture: Picture, truth: Picture, perceptual: Perceptual) -> dict[str, float]:
+    """PSNR, SSIM and LPIPS of a whole picture; it is clamped to [0, 1] first, as a viewer would."""
+    picture = picture.clamp(0, 1)
+    figures = {"psnr": psnr(picture, truth), "ssim": float(ssim(picture, truth))}
+    return figures | {name: measure(picture, truth) for name, measure in perceptual.items()}
+
+
+def covered_figures(picture: Picture, truth: Picture, coverage: Float[Tensor, "H W"]) -> dict[str, float]:
+    """PSNR and SSIM over the covered pixels, and the PSNR there of the best picture of one colour: the floor.
+
+    All are NaN where the message covers nothing.
+    """
+    mask = coverage >= COVERED
+    picture = picture.clamp(0, 1)
+    return {
+        "psnr_covered": psnr(picture, truth, mask),
+        "ssim_covered": _mean_over(ssim_map(picture, truth), mask),
+        "psnr_constant": psnr(_best_constant(truth, mask), truth, mask),
+        "coverage": float(coverage.mean()),
+    }
+
+
+def _mean_over(values: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"]) -> float:
+    return float(values[mask].mean())
+
+
+def _best_constant(truth: Picture, mask: Bool[Tensor, "H W"]) -> Picture:
+    """The constant with the least squared error is the mean."""
+    color = truth[mask].mean(dim=0) if bool(mask.any()) else torch.zeros(3)
+    return color.expand_as(truth)

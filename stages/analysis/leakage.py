@@ -1,0 +1,34 @@
+"""Does the cover betray the message? Correlation of what the cover gets wrong with what is hidden there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+
+def correlation(first: Float[np.ndarray, "..."], second: Float[np.ndarray, "..."]) -> float:
+    """Pearson's correlation of two pictures' values; NaN where one of them is constant or empty."""
+    if first.size == 0:
+        return math.nan
+    first, second = first - first.mean(), second - second.mean()
+    norm = math.sqrt(float((first**2).sum()) * float((second**2).sum()))
+    return float((first * second).sum()) / norm if norm > 0 else math.nan
+
+
+def residual_correlations(
+    residuals: Sequence[Float[np.ndarray, "H W 3"]], messages: Sequence[Float[np.ndarray, "H W 3"]]
+) -> tuple[list[float], list[float]]:
+    """For each view, |correlation| of the cover's residual with the message of that view, and with the other views'.
+
+    The second is the matched control: a residual that knows nothing of its own view's message correlates with it no
+    more than with the others. It is the mean over all other views, NaN where there is none.
+    """
+    own, others = [], []
+    for view, residual in enumerate(residuals):
+        values = [abs(correlation(residual, message)) for message in messages]
+        own.append(values.pop(view))
+        others.append(sum(values) / len(values) if values else math.nan)
+    return own, others

@@ -1,0 +1,20 @@
+"""Pictures of trained Gaussians from many cameras, one at a time, without gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import torch
+
+from stages.hiding.method import Method
+from stages.hiding.rendering import Rendering
+from stages.scene.cameras import Cameras, single_cameras
+from stages.scene.gaussians import Gaussians
+
+
+def photographs(gaussians: Gaussians, method: Method, cameras: Cameras) -> Iterator[Rendering]:
+    """A rendering for every camera, in the rig's order; only one is held at a time."""
+    for camera in single_cameras(cameras):
+        with torch.no_grad():
+            rendering = method.render(gaussians, camera)
+        yield rendering

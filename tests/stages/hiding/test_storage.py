@@ -1,0 +1,75 @@
+"""A container renders the same after a trip through the store, and holds nothing of the message."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.artifact import create, load
+from pipeline.errors import UserError
+from stages.hiding.method import build_method
+from stages.hiding.storage import published_bytes, read_gaussians, read_method, write_container, write_secret
+from stages.scene.cameras import Camera
+from stages.scene.gaussians import gaussians_at
+
+SETTINGS = {"feature_dim": 5, "layers": 3, "decoder_width": 8, "precision": "float32"}
+MESSAGE = "a-name-that-must-not-be-published"
+
+
+@pytest.fixture
+def camera() -> Camera:
+    intrinsics = torch.tensor([[20.0, 0, 8], [0, 20.0, 6], [0, 0, 1]])
+    return Camera(torch.eye(4), intrinsics, torch.zeros(3), 16, 12)
+
+
+def hidden(folder: Path, seed: int = 0):
+    torch.manual_seed(seed)
+    method = build_method("gs_hider", SETTINGS | {"messages": [MESSAGE]})
+    points = np.random.default_rng(seed).uniform(-1, 1, (6, 3)) + [0, 0, 4]
+    gaussians = gaussians_at(points, {"raw_features": torch.randn(6, 5)})
+    with create(folder / "container", "container") as writer:
+        write_container(writer, gaussians, "gs_hider", method)
+    with create(folder / "secret", "secret", private=True) as writer:
+        write_secret(writer, method, [MESSAGE])
+    return gaussians, method, load(folder / "container"), load(folder / "secret")
+
+
+def test_cover_and_message_come_back_bit_for_bit(tmp_path: Path, camera: Camera) -> None:
+    gaussians, method, container, secret = hidden(tmp_path)
+    before = method.render(gaussians, camera)
+    after = read_method(container, secret).render(read_gaussians(container), camera)
+    assert set(after.pictures) == {"cover", MESSAGE}
+    for name, picture in before.pictures.items():
+        assert torch.equal(picture, after.pictures[name])
+
+
+def test_without_the_secret_only_the_cover_is_rendered(tmp_path: Path, camera: Camera) -> None:
+    _, _, container, _ = hidden(tmp_path)
+    assert set(read_method(container).render(read_gaussians(container), camera).pictures) == {"cover"}
+
+
+def test_the_container_names_no_message(tmp_path: Path) -> None:
+    _, _, container, _ = hidden(tmp_path)
+    published = b"".join(path.read_bytes() for path in container.path.rglob("*") if path.is_file())
+    assert MESSAGE.encode() not in published
+    assert b"message" not in published
+
+
+def test_a_secret_of_another_method_is_refused(tmp_path: Path) -> None:
+    _, _, container, _ = hidden(tmp_path)
+    torch.manual_seed(0)
+    other = build_method("gs_hider", SETTINGS | {"messages": [MESSAGE], "decoder_width": 9})
+    with create(tmp_path / "other", "secret", private=True) as writer:
+        write_secret(writer, other, [MESSAGE])
+    with pytest.raises(UserError, match="message_decoder"):
+        read_method(container, load(tmp_path / "other"))
+
+
+def test_published_bytes_counts_values_and_weights(tmp_path: Path) -> None:
+    _, _, container, _ = hidden(tmp_path)
+    values = 6 * (3 + 4 + 3 + 1 + 5)
+    weights = (5 * 8 * 9 + 8) + (8 * 8 * 9 + 8) + (8 * 3 * 9 + 3)
+    assert published_bytes(container) == 4 * (values + weights)

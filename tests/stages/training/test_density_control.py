@@ -1,0 +1,91 @@
+"""Gaussians multiply where the picture pulls, and go where they are not seen."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from stages.hiding.rendering import Rendering
+from stages.scene.gaussians import Gaussians, gaussians_at
+from stages.training.density_control import DensityControl, DensitySettings
+from stages.training.optimizer import GaussianOptimizer
+from stages.training.schedules import decayed, density_schedule
+
+RATES = dict.fromkeys(("means", "quats", "log_scales", "logit_opacities"), 1e-3)
+EXTENT = 10.0
+
+
+def optimizer_with(scales: list[float], opacity: float = 0.5) -> GaussianOptimizer:
+    points = torch.arange(3 * len(scales), dtype=torch.float32).reshape(-1, 3).numpy()
+    gaussians = gaussians_at(points, {})
+    gaussians.parameters["log_scales"] = torch.tensor(scales).log()[:, None].repeat(1, 3)
+    gaussians.parameters["logit_opacities"] = torch.full((len(scales),), math.log(opacity / (1 - opacity)))
+    return GaussianOptimizer(gaussians, RATES)
+
+
+def seen_with_gradients(gradients: list[float], radii: list[int] | None = None) -> Rendering:
+    means2d = torch.zeros(len(gradients), 2, requires_grad=True)
+    means2d.grad = torch.tensor([[value, 0.0] for value in gradients])
+    return Rendering(
+        {}, torch.zeros(1, 1, 1), torch.zeros(1, 1), torch.tensor(radii or [3] * len(gradients)), means2d
+    )
+
+
+def refined(optimizer: GaussianOptimizer, rendering: Rendering, **settings: float) -> Gaussians:
+    control = DensityControl(DensitySettings(**settings), EXTENT, len(optimizer.gaussians))
+    control.observe(rendering, width=2, height=2)
+    control.refine(optimizer, prune_large=False, generator=torch.Generator().manual_seed(0))
+    return optimizer.gaussians
+
+
+def test_small_ones_are_cloned_in_place() -> None:
+    gaussians = refined(optimizer_with([0.01, 0.01]), seen_with_gradients([1e-3, 0]))
+    assert len(gaussians) == 3
+    assert torch.equal(gaussians.means[2], gaussians.means[0])
+
+
+def test_large_ones_are_split_into_two_smaller_ones() -> None:
+    gaussians = refined(optimizer_with([0.5, 0.01]), seen_with_gradients([1e-3, 0]))
+    assert len(gaussians) == 3
+    torch.testing.assert_close(gaussians.scales[1:], torch.full((2, 3), 0.5 / 1.6))
+
+
+def test_transparent_ones_go() -> None:
+    assert len(refined(optimizer_with([0.01], opacity=0.004), seen_with_gradients([0]))) == 0
+
+
+def test_never_more_than_the_maximum_and_the_strongest_first() -> None:
+    optimizer = optimizer_with([0.01, 0.01, 0.01])
+    gaussians = refined(optimizer, seen_with_gradients([2e-3, 5e-3, 3e-3]), maximum_gaussians=4)
+    assert len(gaussians) == 4
+    assert torch.equal(gaussians.means[3], gaussians.means[1])
+
+
+def test_unseen_views_do_not_dilute_the_gradient() -> None:
+    optimizer = optimizer_with([0.01])
+    control = DensityControl(DensitySettings(), EXTENT, 1)
+    control.observe(seen_with_gradients([3e-4]), 2, 2)
+    control.observe(seen_with_gradients([0], radii=[0]), 2, 2)
+    control.refine(optimizer, prune_large=False, generator=torch.Generator().manual_seed(0))
+    assert len(optimizer.gaussians) == 2
+
+
+def test_opacity_reset_lowers_only_what_is_higher() -> None:
+    optimizer = optimizer_with([0.01], opacity=0.5)
+    DensityControl(DensitySettings(), EXTENT, 1).reset_opacity(optimizer)
+    torch.testing.assert_close(optimizer.gaussians.opacities.detach(), torch.tensor([0.01]))
+
+
+def test_the_schedule_at_30000_is_that_of_3dgs() -> None:
+    schedule = density_schedule(30_000)
+    assert (schedule.start, schedule.stop, schedule.interval, schedule.opacity_reset_interval) == (500, 15_000, 100, 3_000)
+    assert schedule.densifies_at(600)
+    assert not schedule.densifies_at(500)
+    assert schedule.resets_opacity_at(3_000)
+
+
+def test_the_position_rate_decays_exponentially() -> None:
+    assert math.isclose(decayed(1e-2, 1e-4, 0), 1e-2)
+    assert math.isclose(decayed(1e-2, 1e-4, 0.5), 1e-3)
+    assert math.isclose(decayed(1e-2, 1e-4, 2), 1e-4)

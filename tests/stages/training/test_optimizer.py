@@ -1,0 +1,61 @@
+"""Rows and their moments move together when Gaussians come and go."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from stages.scene.gaussians import gaussians_at
+from stages.training.optimizer import GaussianOptimizer
+
+RATES = {"means": 1e-2, "quats": 1e-2, "log_scales": 1e-2, "logit_opacities": 1e-2, "color": 1e-2}
+
+
+def stepped_optimizer(count: int = 5) -> GaussianOptimizer:
+    generator = torch.Generator().manual_seed(0)
+    points = torch.rand(count, 3, generator=generator).numpy()
+    gaussians = gaussians_at(points, {"color": torch.rand(count, 3, generator=generator)})
+    optimizer = GaussianOptimizer(gaussians, RATES)
+    take_step(optimizer)
+    return optimizer
+
+
+def take_step(optimizer: GaussianOptimizer) -> None:
+    torch.stack([(tensor * (row + 1)).sum() for row, tensor in enumerate(optimizer.gaussians.parameters.values())]).sum(
+    ).backward()
+    optimizer.step()
+
+
+def test_kept_rows_go_on_as_if_nothing_had_happened() -> None:
+    undisturbed, rearranged = stepped_optimizer(), stepped_optimizer()
+    kept = torch.tensor([3, 0])
+    added = {name: tensor.detach()[:1] for name, tensor in rearranged.gaussians.parameters.items()}
+    rearranged.rearrange(kept, added)
+    take_step(undisturbed)
+    take_step(rearranged)
+    for name, tensor in undisturbed.gaussians.parameters.items():
+        assert torch.equal(rearranged.gaussians[name][:2], tensor[kept])
+        assert len(rearranged.gaussians[name]) == 3
+
+
+def test_everything_can_go() -> None:
+    optimizer = stepped_optimizer()
+    optimizer.rearrange(
+        torch.empty(0, dtype=torch.long),
+        {name: tensor.detach()[:0] for name, tensor in optimizer.gaussians.parameters.items()},
+    )
+    assert len(optimizer.gaussians) == 0
+
+
+def test_overwriting_forgets_the_moments() -> None:
+    optimizer = stepped_optimizer()
+    optimizer.overwrite("logit_opacities", torch.zeros(5))
+    state = optimizer.adam.state[optimizer.gaussians["logit_opacities"]]
+    assert not state["exp_avg"].any()
+    assert torch.equal(optimizer.gaussians["logit_opacities"].detach(), torch.zeros(5))
+
+
+def test_a_parameter_without_a_rate_is_refused() -> None:
+    gaussians = gaussians_at(torch.rand(2, 3).numpy(), {"other": torch.zeros(2, 1)})
+    with pytest.raises(ValueError, match="other"):
+        GaussianOptimizer(gaussians, RATES)
