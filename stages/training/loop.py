@@ -156,7 +156,5 @@ def _curve_rows(iteration: int, figures: Mapping[str, float], terms: Sequence[Pi
     ]
     for position, term in enumerate(terms):
         message = term.picture if position else None
-        rows.append(
-            MetricRow("psnr", figures[term.picture], "dB", split="train", message=message, iteration=iteration)
-        )
+        rows.append(MetricRow("psnr", figures[term.picture], "dB", split="train", message=message, iteration=iteration))
     return rows

@@ -41,9 +41,7 @@ class TrainingParameters(Parameters):
             seed=self.seed,
             position_rate=self.position_rate,
             final_position_rate=self.final_position_rate,
-            density=DensitySettings(
-                gradient_threshold=self.densify_gradient, maximum_gaussians=self.maximum_gaussians
-            ),
+            density=DensitySettings(gradient_threshold=self.densify_gradient, maximum_gaussians=self.maximum_gaussians),
         )
 
 

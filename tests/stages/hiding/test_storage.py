@@ -28,7 +28,7 @@ def camera() -> Camera:
 def hidden(folder: Path, seed: int = 0):
     torch.manual_seed(seed)
     method = build_method("gs_hider", SETTINGS | {"messages": [MESSAGE]})
-    points = np.random.default_rng(seed).uniform(-1, 1, (6, 3)) + [0, 0, 4]
+    points = np.random.default_rng(seed).uniform(-1, 1, (6, 3)) + np.array([0, 0, 4])
     gaussians = gaussians_at(points, {"raw_features": torch.randn(6, 5)})
     with create(folder / "container", "container") as writer:
         write_container(writer, gaussians, "gs_hider", method)

@@ -27,9 +27,7 @@ def optimizer_with(scales: list[float], opacity: float = 0.5) -> GaussianOptimiz
 def seen_with_gradients(gradients: list[float], radii: list[int] | None = None) -> Rendering:
     means2d = torch.zeros(len(gradients), 2, requires_grad=True)
     means2d.grad = torch.tensor([[value, 0.0] for value in gradients])
-    return Rendering(
-        {}, torch.zeros(1, 1, 1), torch.zeros(1, 1), torch.tensor(radii or [3] * len(gradients)), means2d
-    )
+    return Rendering({}, torch.zeros(1, 1, 1), torch.zeros(1, 1), torch.tensor(radii or [3] * len(gradients)), means2d)
 
 
 def refined(optimizer: GaussianOptimizer, rendering: Rendering, **settings: float) -> Gaussians:
@@ -79,7 +77,12 @@ def test_opacity_reset_lowers_only_what_is_higher() -> None:
 
 def test_the_schedule_at_30000_is_that_of_3dgs() -> None:
     schedule = density_schedule(30_000)
-    assert (schedule.start, schedule.stop, schedule.interval, schedule.opacity_reset_interval) == (500, 15_000, 100, 3_000)
+    assert (schedule.start, schedule.stop, schedule.interval, schedule.opacity_reset_interval) == (
+        500,
+        15_000,
+        100,
+        3_000,
+    )
     assert schedule.densifies_at(600)
     assert not schedule.densifies_at(500)
     assert schedule.resets_opacity_at(3_000)

@@ -21,8 +21,9 @@ def stepped_optimizer(count: int = 5) -> GaussianOptimizer:
 
 
 def take_step(optimizer: GaussianOptimizer) -> None:
-    torch.stack([(tensor * (row + 1)).sum() for row, tensor in enumerate(optimizer.gaussians.parameters.values())]).sum(
-    ).backward()
+    torch.stack(
+        [(tensor * (row + 1)).sum() for row, tensor in enumerate(optimizer.gaussians.parameters.values())]
+    ).sum().backward()
     optimizer.step()
 
 

@@ -1,0 +1,89 @@
+"""`render_hidden`: a message's splats photographed from the cover's cameras (the paper's dataset construction)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from jaxtyping import Float32
+from pydantic import Field
+
+from opencl.device import describe
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.method import Method, module_of
+from stages.hiding.photographs import photographs
+from stages.hiding.rendering import COVER
+from stages.hiding.storage import read_gaussians, read_method
+from stages.imaging.pictures import tensor_to_picture
+from stages.scene.alignment import Similarity, best, cameras_in_message_world, candidates
+from stages.scene.cameras import Cameras
+from stages.scene.gaussians import Gaussians
+from stages.scene.message_views import LEGAL_COVERAGE, MessageViews, write_message_views
+from stages.scene.scene import read_scene
+
+METHOD = "plain"
+
+
+class RenderHiddenParameters(Parameters):
+    """What the message is called, and how carefully its place is looked for."""
+
+    name: str = Field(description="The message's name in the secret and in the tables.", min_length=1)
+    search_width: int = Field(48, ge=8, description="Picture width at which the candidates for alignment are scored.")
+    threads: int = Field(2, ge=1, description="Threads of torch.")
+
+
+@stage(
+    inputs={"splats": Input("splats"), "message": Input("scene"), "cover": Input("scene")},
+    outputs={"views": Output("views")},
+    version=1,
+    modules=lambda parameters: [module_of(METHOD)],
+)
+def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
+    """Place the message so that the cover's cameras see as much of it as possible, then take their pictures."""
+    torch.set_num_threads(parameters.threads)
+    splats = context.input("splats")
+    gaussians, method = read_gaussians(splats), read_method(splats)
+    message, cover = read_scene(context.input("message")), read_scene(context.input("cover"))
+    choices = candidates(cover.cameras, message.cameras, message.points)
+
+    def score(similarity: Similarity) -> tuple[int, float]:
+        seen = shrunken(cameras_in_message_world(cover.cameras, similarity), parameters.search_width)
+        context.progress(choices.index(similarity), len(choices))
+        return coverage_score(coverage_of(gaussians, method, seen))
+
+    placed = best(choices, score)
+    views = photograph_message(parameters.name, gaussians, method, cameras_in_message_world(cover.cameras, placed))
+    write_message_views(context.output("views"), views)
+    context.log(
+        f"{int(views.legal.sum())} of {len(views.view_names)} views are legal (coverage {LEGAL_COVERAGE} or more)"
+    )
+    context.record(device=describe(), legal_views=int(views.legal.sum()), scale=round(float(placed.scale), 4))
+
+
+def shrunken(cameras: Cameras, width: int) -> Cameras:
+    """The same cameras with pictures `width` pixels wide, for a quick look; never wider than they were."""
+    factor = min(1.0, width / cameras.width)
+    size = (max(1, round(cameras.width * factor)), max(1, round(cameras.height * factor)))
+    scaling = np.diag([size[0] / cameras.width, size[1] / cameras.height, 1.0])
+    return replace(cameras, intrinsics=scaling @ cameras.intrinsics, width=size[0], height=size[1])
+
+
+def coverage_of(gaussians: Gaussians, method: Method, cameras: Cameras) -> Float32[np.ndarray, " V"]:
+    """The share of each camera's picture that the message fills."""
+    return np.array([float(view.alphas.mean()) for view in photographs(gaussians, method, cameras)], np.float32)
+
+
+def coverage_score(coverage: Float32[np.ndarray, " V"]) -> tuple[int, float]:
+    """Legal views first, then mean coverage: higher is better."""
+    return int((coverage >= LEGAL_COVERAGE).sum()), round(float(coverage.mean()), 4)
+
+
+def photograph_message(name: str, gaussians: Gaussians, method: Method, cameras: Cameras) -> MessageViews:
+    """The message's pictures and coverage from every camera."""
+    shots = [
+        (tensor_to_picture(view.pictures[COVER].clamp(0, 1)), view.alphas.numpy())
+        for view in photographs(gaussians, method, cameras)
+    ]
+    pictures, coverage = zip(*shots, strict=True)
+    return MessageViews(name, cameras.names, np.stack(pictures), np.stack(coverage).astype(np.float32))

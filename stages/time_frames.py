@@ -1,0 +1,75 @@
+"""`time_frames`: how long one picture takes on one device, with and without its decoders. Timings are not results of a
+training: the device is in the key, and the stage runs alone."""
+
+from __future__ import annotations
+
+import statistics
+import time
+
+import torch
+from pydantic import Field
+
+from opencl.device import describe
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.method import Method, module_of
+from stages.hiding.rendering import splat
+from stages.hiding.storage import read_gaussians, read_method
+from stages.imaging.metric_table import MetricRow, write_rows
+from stages.scene.cameras import Camera, single_cameras
+from stages.scene.gaussians import Gaussians
+from stages.scene.scene import read_scene
+
+
+class TimeFramesParameters(Parameters):
+    """How often is measured; the median is reported."""
+
+    device: str = Field("default", description="A name for the device, so that another device is measured anew.")
+    method: str = Field("gs_hider", description="The container's method.")
+    frames: int = Field(30, ge=1, description="Pictures timed, one test view after the other.")
+    warmup: int = Field(3, ge=0, description="Pictures rendered before, untimed.")
+    threads: int = Field(2, ge=1, description="Threads of torch.")
+
+
+@stage(
+    inputs={"container": Input("container"), "cover": Input("scene")},
+    outputs={"timings": Output("metrics", privacy="public")},
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
+    """Time what anyone can render: the cover, decoded, and the feature map alone."""
+    torch.set_num_threads(parameters.threads)
+    container = context.input("container")
+    gaussians, method = read_gaussians(container), read_method(container)
+    scene = read_scene(context.input("cover"))
+    cameras = single_cameras(scene.cameras.select(scene.test_names or scene.cameras.names))
+    decoded = [_seconds(gaussians, method, camera) for camera in _cycled(cameras, parameters)]
+    features = torch.zeros(len(gaussians), feature_dim(gaussians))
+    blended = [_seconds(gaussians, None, camera, features) for camera in _cycled(cameras, parameters)]
+    rows = [
+        MetricRow("seconds_per_frame", statistics.median(decoded[parameters.warmup :]), "s"),
+        MetricRow("seconds_per_feature_map", statistics.median(blended[parameters.warmup :]), "s"),
+    ]
+    write_rows(context.output("timings"), rows)
+    context.record(device=describe(), threads=parameters.threads)
+
+
+def feature_dim(gaussians: Gaussians) -> int:
+    """M of the container's features, or 3 where Gaussians carry colours."""
+    return gaussians["raw_features"].shape[1] if "raw_features" in gaussians.parameters else 3
+
+
+def _cycled(cameras: tuple[Camera, ...], parameters: TimeFramesParameters) -> list[Camera]:
+    return [cameras[frame % len(cameras)] for frame in range(parameters.warmup + parameters.frames)]
+
+
+def _seconds(
+    gaussians: Gaussians, method: Method | None, camera: Camera, features: torch.Tensor | None = None
+) -> float:
+    start = time.perf_counter()
+    with torch.no_grad():
+        if method is not None:
+            method.render(gaussians, camera)
+        elif features is not None:
+            splat(gaussians, features, camera)
+    return time.perf_counter() - start
