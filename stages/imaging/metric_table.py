@@ -20,7 +20,8 @@ class MetricRow:
 
     view: the picture's name; split: "train" or "test"; message: the message's name, None for the cover (rows with a
     message are private); quantity and unit: see ``QUANTITIES``; value: NaN where it could not be measured;
-    iteration: for curves, the training step after which it was measured.
+    iteration: for curves, the training step after which it was measured; method: what made the picture ("plain",
+    "gs_hider", …), the row of a table to which the figure belongs.
     """
 
     quantity: str
@@ -30,6 +31,7 @@ class MetricRow:
     split: str | None = None
     message: str | None = None
     iteration: int | None = None
+    method: str | None = None
 
 
 @dataclass(frozen=True)
@@ -94,8 +96,9 @@ def read_rows(artifact: Artifact) -> tuple[MetricRow, ...]:
 
 def _to_line(row: MetricRow) -> str:
     fields = dataclasses.asdict(row)
-    if row.iteration is None:
-        del fields["iteration"]
+    for column in ("iteration", "method"):
+        if fields[column] is None:
+            del fields[column]
     if math.isnan(row.value):
         fields["value"] = None
     elif math.isinf(row.value):  # JSON has no infinity; float() reads this back
