@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 
-def correlation(first: Float[np.ndarray, "..."], second: Float[np.ndarray, "..."]) -> float:
+def correlation(first: Float[np.ndarray, ...], second: Float[np.ndarray, ...]) -> float:
     """Pearson's correlation of two pictures' values; NaN where one of them is constant or empty."""
     if first.size == 0:
         return math.nan

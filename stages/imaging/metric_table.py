@@ -75,6 +75,18 @@ QUANTITIES: dict[str, Quantity] = {
     "seconds_per_frame": Quantity(
         "Time a frame", "s", "lower", "Wall-clock time to render one picture, decoders included."
     ),
+    "seconds_per_feature_map": Quantity(
+        "Time a feature map", "s", "lower", "Wall-clock time to blend one feature map, before any decoder."
+    ),
+    "residual_correlation": Quantity(
+        "Residual and message",
+        "",
+        "lower",
+        "Correlation, without sign, of the cover's error with the message of that view.",
+    ),
+    "residual_correlation_others": Quantity(
+        "Residual and others", "", "", "The same with the message of the other test views: what chance gives."
+    ),
     "loss": Quantity("Loss", "", "lower", "The training objective, averaged since the previous point of the curve."),
 }
 

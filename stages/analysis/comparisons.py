@@ -1,0 +1,62 @@
+"""Pictures beside their ground truth, for a person to look at: what `evaluate` keeps and the report shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal, cast
+
+import numpy as np
+from jaxtyping import UInt8
+
+from pipeline.artifact import Artifact, ArtifactWriter
+
+Role = Literal["cover", "message", "feature_map"]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """K views of one thing: `truth` beside `rendered`; for a feature map both are the same."""
+
+    title: str
+    role: Role
+    method: str
+    names: tuple[str, ...]
+    splits: tuple[str, ...]
+    truth: UInt8[np.ndarray, "K H W 3"]
+    rendered: UInt8[np.ndarray, "K H W 3"]
+
+
+def write_comparisons(writer: ArtifactWriter, comparisons: Iterable[Comparison]) -> None:
+    """Write a `comparisons` artifact; none at all is allowed."""
+    described = []
+    for position, comparison in enumerate(comparisons):
+        writer.write(f"{position}/truth", comparison.truth)
+        writer.write(f"{position}/rendered", comparison.rendered)
+        described.append(
+            {
+                "title": comparison.title,
+                "role": comparison.role,
+                "method": comparison.method,
+                "names": list(comparison.names),
+                "splits": list(comparison.splits),
+            }
+        )
+    writer.attributes["comparisons"] = described
+
+
+def read_comparisons(artifact: Artifact) -> tuple[Comparison, ...]:
+    """Read a `comparisons` artifact."""
+    described = cast(Sequence[dict], artifact.attributes["comparisons"])
+    return tuple(
+        Comparison(
+            title=entry["title"],
+            role=entry["role"],
+            method=entry["method"],
+            names=tuple(entry["names"]),
+            splits=tuple(entry["splits"]),
+            truth=artifact.read(f"{position}/truth"),
+            rendered=artifact.read(f"{position}/rendered"),
+        )
+        for position, entry in enumerate(described)
+    )

@@ -1,0 +1,148 @@
+"""Render every view of a trained scene, measure it, and keep some pictures for people to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from stages.analysis.comparisons import Comparison
+from stages.analysis.fidelity import Perceptual, covered_figures, picture_figures
+from stages.analysis.leakage import residual_correlations
+from stages.hiding.method import Method
+from stages.hiding.photographs import photographs
+from stages.hiding.rendering import COVER, Rendering
+from stages.imaging.metric_table import QUANTITIES, MetricRow
+from stages.imaging.pictures import picture_to_tensor, tensor_to_picture
+from stages.scene.gaussians import Gaussians
+from stages.scene.message_views import MessageViews
+from stages.scene.scene import Scene
+
+FEATURE_MAP = "feature map"
+FEATURE_MAP_CHANNELS = (0, 1, 2)
+"""Shown as red, green and blue, as in the paper's figure of the feature map."""
+
+Pictures = dict[str, list[UInt8[np.ndarray, "H W 3"]]]
+
+
+@dataclass
+class Scores:
+    """Rows for the tables, and pictures by name for the views in `shown`."""
+
+    method: str
+    rows: list[MetricRow] = field(default_factory=list)
+    shown: list[str] = field(default_factory=list)
+    truths: Pictures = field(default_factory=dict)
+    rendered: Pictures = field(default_factory=dict)
+    residuals: dict[str, Float[np.ndarray, "H W 3"]] = field(default_factory=dict)
+
+    def add(self, view: str, split: str, figures: Mapping[str, float], message: str | None = None) -> None:
+        """Rows of one picture."""
+        self.rows += [
+            MetricRow(name, value, QUANTITIES[name].unit, view, split, message, method=self.method)
+            for name, value in figures.items()
+        ]
+
+    def show(self, picture: str, truth: UInt8[np.ndarray, "H W 3"], rendered: Float[Tensor, "H W 3"]) -> None:
+        """Keep one picture beside its truth."""
+        self.truths.setdefault(picture, []).append(truth)
+        self.rendered.setdefault(picture, []).append(tensor_to_picture(rendered))
+
+    def comparisons(self, scene: Scene) -> list[Comparison]:
+        """The kept pictures: the cover first, then the messages, then the feature map."""
+        tests = set(scene.test_names)
+        splits = tuple("test" if name in tests else "train" for name in self.shown)
+        return [
+            Comparison(
+                title=name,
+                role="cover" if name == COVER else "feature_map" if name == FEATURE_MAP else "message",
+                method=self.method,
+                names=tuple(self.shown),
+                splits=splits,
+                truth=np.stack(self.truths[name]),
+                rendered=np.stack(self.rendered[name]),
+            )
+            for name in self.truths
+        ]
+
+
+def score(
+    gaussians: Gaussians,
+    method: Method,
+    name: str,
+    scene: Scene,
+    messages: Mapping[str, MessageViews],
+    perceptual: Perceptual,
+    shown_train_views: int,
+    progress: Callable[[int, int], None],
+) -> Scores:
+    """Measure every view; pictures are kept of all test views and of the first few training views.
+
+    LPIPS is measured on test views only, since it costs more than the rest together.
+    """
+    scores = Scores(name)
+    tests = set(scene.test_names)
+    shown = tests | set(scene.train_names[:shown_train_views])
+    for row, rendering in enumerate(photographs(gaussians, method, scene.cameras)):
+        view = scene.cameras.names[row]
+        split = "test" if view in tests else "train"
+        measured = perceptual if view in tests else {}
+        _score_cover(scores, rendering, scene, row, split, measured)
+        for message in messages.values():
+            _score_message(scores, rendering, message, row, split, measured)
+        if view in shown:
+            scores.shown.append(view)
+            _show(scores, rendering, scene, messages, row)
+        progress(row + 1, len(scene.cameras))
+    return scores
+
+
+def _score_cover(
+    scores: Scores, rendering: Rendering, scene: Scene, row: int, split: str, perceptual: Perceptual
+) -> None:
+    truth = picture_to_tensor(scene.pictures[row])
+    picture = rendering.pictures[COVER]
+    scores.add(scene.cameras.names[row], split, picture_figures(picture, truth, perceptual))
+    if split == "test":
+        scores.residuals[scene.cameras.names[row]] = (picture.clamp(0, 1) - truth).numpy()
+
+
+def _score_message(
+    scores: Scores, rendering: Rendering, message: MessageViews, row: int, split: str, perceptual: Perceptual
+) -> None:
+    truth = picture_to_tensor(message.pictures[row])
+    coverage = torch.from_numpy(message.coverage[row])
+    picture = rendering.pictures[message.name]
+    figures = picture_figures(picture, truth, perceptual) | covered_figures(picture, truth, coverage)
+    scores.add(message.view_names[row], split, figures | {"legal": float(message.legal[row])}, message.name)
+
+
+def _show(scores: Scores, rendering: Rendering, scene: Scene, messages: Mapping[str, MessageViews], row: int) -> None:
+    scores.show(COVER, scene.pictures[row], rendering.pictures[COVER])
+    for message in messages.values():
+        scores.show(message.name, message.pictures[row], rendering.pictures[message.name])
+    if rendering.feature_map.shape[-1] > len(FEATURE_MAP_CHANNELS):
+        channels = rendering.feature_map[..., list(FEATURE_MAP_CHANNELS)]
+        scores.show(FEATURE_MAP, tensor_to_picture(channels), channels)
+
+
+def leakage_rows(scores: Scores, messages: Mapping[str, MessageViews]) -> list[MetricRow]:
+    """How much the cover's residuals on test views correlate with each message, beside the matched control."""
+    rows = []
+    for message in messages.values():
+        index = {view: row for row, view in enumerate(message.view_names)}
+        views = list(scores.residuals)
+        pictures = [message.pictures[index[view]] / 255.0 for view in views]
+        own, others = residual_correlations([scores.residuals[view] for view in views], pictures)
+        for view, its_own, with_others in zip(views, own, others, strict=True):
+            rows += [
+                MetricRow("residual_correlation", its_own, "", view, "test", message.name, method=scores.method),
+                MetricRow(
+                    "residual_correlation_others", with_others, "", view, "test", message.name, method=scores.method
+                ),
+            ]
+    return rows

@@ -1,0 +1,110 @@
+"""`evaluate`: how faithful the cover and every message are, on views that were trained on and views that were not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import torch
+from opencl.device import describe
+from pydantic import Field
+
+from pipeline.artifact import Artifact
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.comparisons import write_comparisons
+from stages.analysis.fidelity import Perceptual
+from stages.analysis.scoring import Scores, leakage_rows, score
+from stages.hiding.method import module_of
+from stages.hiding.storage import published_bytes, read_gaussians, read_method
+from stages.imaging.lpips import load_lpips
+from stages.imaging.lpips_weights import HOW_TO_INSTALL
+from stages.imaging.metric_table import MetricRow, write_rows
+from stages.scene.message_views import MessageViews, read_messages
+from stages.scene.scene import Scene, read_scene
+
+REFERENCE_METHOD = "plain"
+
+
+class EvaluateParameters(Parameters):
+    """What is measured."""
+
+    method: str = Field("gs_hider", description="The container's method.")
+    lpips: Literal["vgg", "alex", "none"] = Field("vgg", description="The network of LPIPS, measured on test views.")
+    shown_train_views: int = Field(2, ge=0, description="How many training views are kept as pictures.")
+    threads: int = Field(2, ge=1, description="Threads of torch.")
+
+
+@stage(
+    inputs={
+        "container": Input("container"),
+        "cover": Input("scene"),
+        "secret": Input("secret", optional=True),
+        "messages": Input("views", many=True, optional=True),
+        "reference": Input("splats", optional=True),
+    },
+    outputs={
+        "scores": Output("metrics", privacy="private"),
+        "public_scores": Output("metrics", privacy="public"),
+        "pictures": Output("comparisons", privacy="private"),
+        "public_pictures": Output("comparisons", privacy="public"),
+    },
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method), module_of(REFERENCE_METHOD)],
+)
+def evaluate(context: Context, parameters: EvaluateParameters) -> None:
+    """Score the container's cover and messages, and beside them plain 3DGS of the same cover where it is given."""
+    torch.set_num_threads(parameters.threads)
+    scene = read_scene(context.input("cover"))
+    messages = read_messages(context.input_many("messages"), scene.cameras.names)
+    perceptual = _perceptual(context, parameters)
+    container, reference = context.input("container"), context.input_optional("reference")
+    passes = 1 if reference is None else 2
+
+    def scored(splats: Artifact, name: str, hidden: Mapping[str, MessageViews], finished: int) -> Scores:
+        def progress(done: int, total: int) -> None:
+            context.progress(finished * total + done, passes * total)
+
+        secret = context.input_optional("secret") if hidden else None
+        method, gaussians = read_method(splats, secret), read_gaussians(splats)
+        shown = parameters.shown_train_views
+        scores = score(gaussians, method, name, scene, hidden, perceptual, shown, progress)
+        scores.rows += _sizes(splats, name)
+        return scores
+
+    every = [scored(container, parameters.method, messages, 0)]
+    every[0].rows += leakage_rows(every[0], messages)
+    if reference is not None:
+        every.append(scored(reference, REFERENCE_METHOD, {}, 1))
+        # The control of the control: what plain 3DGS, which has never seen the message, gets wrong.
+        every[1].rows += leakage_rows(every[1], messages)
+    _write(context, every, scene)
+    context.record(device=describe())
+
+
+def _perceptual(context: Context, parameters: EvaluateParameters) -> Perceptual:
+    if parameters.lpips == "none":
+        return {}
+    metric = load_lpips(parameters.lpips)
+    if metric is None:
+        context.log(f"LPIPS is left out: its weights are not installed. {HOW_TO_INSTALL}")
+        return {}
+    return {f"lpips_{parameters.lpips}": metric}
+
+
+def _sizes(splats: Artifact, name: str) -> list[MetricRow]:
+    return [
+        MetricRow("container_bytes", published_bytes(splats), "bytes", method=name),
+        MetricRow("gaussians", float(str(splats.attributes["gaussians"])), method=name),
+    ]
+
+
+def _write(context: Context, every: list[Scores], scene: Scene) -> None:
+    """Everything for the owner; for the public, only what any holder of the container can render."""
+    rows = [row for scores in every for row in scores.rows]
+    pictures = [comparison for scores in every for comparison in scores.comparisons(scene)]
+    write_rows(context.output("scores"), rows)
+    write_comparisons(context.output("pictures"), pictures)
+    write_rows(context.output("public_scores"), [row for row in rows if row.message is None])
+    write_comparisons(
+        context.output("public_pictures"), [comparison for comparison in pictures if comparison.role != "message"]
+    )
