@@ -1,0 +1,208 @@
+"""What the stages of a package declare, known without importing them where possible.
+
+A stage module imports torch, which takes seconds, and a run with nothing to do should take none. What a stage declares
+and how it completes given parameters depends on its code alone, so both are kept in the store's cache under the
+fingerprint of that code, and the module is imported only when they are not there.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import typing
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pydantic
+
+from pipeline.canonical import Json, digest_of, plain
+from pipeline.errors import UserError, nearest
+from pipeline.fingerprint import Code, SourceTree
+from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
+from pipeline.store import Store, write_text_whole
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """A stage as its author declared it; `external` names the parameters that are paths of things outside."""
+
+    uses: str
+    inputs: Mapping[str, Input]
+    outputs: Mapping[str, Output]
+    version: int
+    cores: str
+    selects_modules: bool
+    external: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Completed:
+    """Parameters with their defaults; `external` holds the paths apart, `modules` what the parameters select."""
+
+    parameters: Mapping[str, Json]
+    external: Mapping[str, tuple[str, ...]]
+    modules: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """One reason why parameters are not accepted; `path` leads to the value, empty for the whole."""
+
+    path: tuple[str | int, ...]
+    message: str
+    missing: bool = False
+
+
+class Catalogue:
+    """The stages of `package`, whose code may also be in the packages `libraries`."""
+
+    def __init__(self, package: str, libraries: tuple[str, ...], store: Store) -> None:
+        top = package.partition(".")[0]
+        self.package = package
+        self.sources = SourceTree((top, *libraries))
+        self._store = store
+        self._stages: dict[str, Stage] = {}
+
+    def code(self, uses: str, modules: tuple[str, ...] = ()) -> Code:
+        """The code behind a stage. Raises UserError where a module that it selects is missing or is not Python."""
+        return self.sources.code((f"{self.package}.{uses}", *modules))
+
+    def names(self) -> list[str]:
+        """The stages that a workflow can use: the modules directly in the package."""
+        package = self.sources.module(self.package)
+        if package is None:
+            raise UserError("no such package of stages", found=self.package)
+        return sorted(path.stem for path in package.path.parent.glob("[!_]*.py"))
+
+    def declaration(self, uses: str) -> Declaration:
+        """Raises UserError where there is no such stage or its module does not define it."""
+        if uses not in self.names():
+            raise UserError(f"no stage {uses!r}; there are {', '.join(self.names())}{nearest(uses, self.names())}")
+        cached = self._cached(uses, "declaration")
+        if cached is None:
+            cached = _describe(uses, self.stage(uses))
+            self._keep(uses, "declaration", cached)
+        return Declaration(
+            uses=uses,
+            inputs={name: Input(**port) for name, port in cached["inputs"].items()},
+            outputs={name: Output(**port) for name, port in cached["outputs"].items()},
+            version=cached["version"],
+            cores=cached["cores"],
+            selects_modules=cached["selects_modules"],
+            external=tuple(cached["external"]),
+        )
+
+    def complete(self, uses: str, arguments: Mapping[str, Json]) -> Completed | list[Refusal]:
+        """The given parameters with their defaults, or every reason why they are refused."""
+        cached = self._cached(uses, arguments)
+        if cached is None:
+            completed = _complete(self.stage(uses), arguments)
+            if isinstance(completed, list):
+                return completed
+            cached = asdict(completed)
+            self._keep(uses, arguments, cached)
+        external = {name: tuple(paths) for name, paths in cached["external"].items()}
+        return Completed(cached["parameters"], external, tuple(cached["modules"]))
+
+    def stage(self, uses: str) -> Stage:
+        """The stage itself, its module imported. Raises UserError where that fails."""
+        if uses not in self._stages:
+            self._stages[uses] = import_stage(self.package, uses)
+        return self._stages[uses]
+
+    def _cached(self, uses: str, question: object) -> Any:
+        try:
+            return json.loads(self._cache_file(uses, question).read_bytes())
+        except (OSError, ValueError):
+            return None
+
+    def _keep(self, uses: str, question: object, answer: object) -> None:
+        self._store.folder("cache", "declarations")
+        write_text_whole(self._cache_file(uses, question), json.dumps(answer), self._store.temporary())
+
+    def _cache_file(self, uses: str, question: object) -> Path:
+        engine = [FORMAT, pydantic.VERSION]
+        name = digest_of([engine, self.package, uses, dict(self.code(uses).modules), question], f"stage {uses}")
+        return self._store.root / "cache" / "declarations" / f"{name}.json"
+
+
+def import_stage(package: str, uses: str) -> Stage:
+    """Attribute `uses` of module `package.uses`. Raises UserError where the module fails or holds no such stage."""
+    name = f"{package}.{uses}"
+    try:
+        module = importlib.import_module(name)
+    except Exception as error:
+        raise UserError(f"module {name} cannot be imported: {type(error).__name__}: {error}") from error
+    declared = getattr(module, uses, None)
+    if not isinstance(declared, Stage):
+        raise UserError(f"module {name} defines no stage {uses!r}; expected a function decorated with @stage")
+    return declared
+
+
+def validate(declared: Stage, arguments: Mapping[str, Json]) -> Parameters:
+    """The parameters of a stage. In JSON's terms, where a list may stand for a tuple and a text for a path."""
+    return declared.parameters.model_validate_json(json.dumps(arguments))
+
+
+def external_fields(model: type[Parameters]) -> tuple[str, ...]:
+    """Names of the parameters whose type is, or contains, `ExternalPath`."""
+    hints = typing.get_type_hints(model, include_extras=True)
+    return tuple(name for name in model.model_fields if _holds_marker(hints[name]))
+
+
+def _holds_marker(annotation: Any) -> bool:
+    if any(isinstance(extra, ExternalMarker) for extra in getattr(annotation, "__metadata__", ())):
+        return True
+    return any(_holds_marker(argument) for argument in typing.get_args(annotation))
+
+
+def _describe(uses: str, declared: Stage) -> dict[str, Any]:
+    return {
+        "inputs": {name: asdict(port) for name, port in declared.inputs.items()},
+        "outputs": {name: asdict(port) for name, port in declared.outputs.items()},
+        "version": declared.version,
+        "cores": declared.cores,
+        "selects_modules": declared.modules is not None,
+        "external": external_fields(declared.parameters),
+    }
+
+
+def _complete(declared: Stage, arguments: Mapping[str, Json]) -> Completed | list[Refusal]:
+    try:
+        parameters = validate(declared, arguments)
+    except pydantic.ValidationError as error:
+        return [_refusal(declared.parameters, detail) for detail in error.errors(include_url=False)]
+    external = {}
+    for name in external_fields(declared.parameters):
+        value = getattr(parameters, name)
+        paths = value if isinstance(value, list | tuple) else () if value is None else (value,)
+        external[name] = tuple(str(path) for path in paths)
+    values = parameters.model_dump(exclude=set(external))
+    try:
+        kept = {name: plain(value, f"parameter {name!r}") for name, value in values.items()}
+        selected = tuple(declared.modules(parameters)) if declared.modules else ()
+    except Exception as error:
+        return [Refusal((), f"{type(error).__name__}: {error}")]
+    return Completed(kept, external, selected)
+
+
+def _refusal(model: type[Parameters], detail: Any) -> Refusal:
+    path = tuple(detail["loc"])
+    name = ".".join(str(step) for step in path)
+    if detail["type"] == "extra_forbidden":
+        allowed = list(model.model_fields) if len(path) == 1 else []
+        listed = f"; allowed are {', '.join(allowed) or 'none'}" if len(path) == 1 else ""
+        return Refusal(path, f"unknown parameter {name!r}{listed}{nearest(name, allowed)}")
+    if detail["type"] == "missing":
+        field = model.model_fields.get(name)
+        about = f" ({(field.description or '').rstrip('.')})" if field else ""
+        return Refusal(path, f"parameter {name!r} is missing{about}", missing=True)
+    message = detail["msg"].removeprefix("Value error, ").removeprefix("Input ").removesuffix(".")
+    if not path:
+        return Refusal(path, message)
+    found = json.dumps(detail["input"], default=str)
+    return Refusal(path, f"parameter {name!r} {message}; found {found if len(found) < 80 else found[:77] + '...'}")

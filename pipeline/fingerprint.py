@@ -1,0 +1,184 @@
+"""The code that a stage's result depends on, as a digest for each first-party module.
+
+The scope is whole modules: the stage's own, and all first-party modules that it imports, directly or not. Function
+scope (what most tools hash) misses an edited helper, and a silently stale result is the worst that a cache can do.
+The whole tree is safe, but then a line changed in the report repeats hours of training. Modules are safe, since Python
+cannot run code of a module that nobody imports, and as precise as the files are small. So:
+
+- a module counts by its syntax tree, without comments, docstrings and layout;
+- imports count wherever they stand, inside functions and under `TYPE_CHECKING` too, and so do the packages that they
+  pass through: keep `__init__.py` thin;
+- `RESOURCES = ("kernels/*.cl",)` at the top of a module adds the bytes of files beside it;
+- an import whose name is computed hides what it imports, so it is an error unless the stage declares `modules=`, which
+  names the modules that its parameters select;
+- the engine itself never counts, nor do third-party libraries: the versions of these are in the provenance.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.canonical import digest_of, digest_of_file
+from pipeline.errors import UserError
+
+ENGINE = "pipeline"
+DYNAMIC = ("import_module", "__import__")
+
+
+@dataclass(frozen=True)
+class Module:
+    """What one source file contributes; `dynamic` holds the lines of imports whose name is computed."""
+
+    path: Path
+    digest: str
+    imports: tuple[str, ...]
+    dynamic: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Code:
+    """The code behind one stage: a digest for each first-party module, and the third-party names that they import."""
+
+    modules: Mapping[str, str]
+    libraries: tuple[str, ...]
+    dynamic: tuple[str, ...]
+
+
+class SourceTree:
+    """The sources of the first-party packages, each file read once. Nothing is imported to read it."""
+
+    def __init__(self, packages: Iterable[str]) -> None:
+        self._folders = {package: _folders_of(package) for package in packages if package != ENGINE}
+        self._modules: dict[str, Module | None] = {}
+
+    def code(self, roots: Iterable[str]) -> Code:
+        """The code that importing the modules `roots` brings in.
+
+        Raises UserError where a root does not exist or a source file is not Python.
+        """
+        roots = tuple(roots)
+        for root in roots:
+            if self.module(root) is None:
+                raise UserError("no such module", found=root, expected=f"a module of {', '.join(self._folders)}")
+        reached: dict[str, Module] = {}
+        libraries: set[str] = set()
+        waiting = list(roots)
+        while waiting:
+            name = waiting.pop()
+            module = self.module(name)
+            if module is None or name in reached:
+                continue
+            reached[name] = module
+            parent = name.rpartition(".")[0]
+            waiting += [*module.imports, *([parent] if parent else [])]
+            libraries |= {imported.partition(".")[0] for imported in module.imports}
+        return Code(
+            modules={name: reached[name].digest for name in sorted(reached)},
+            libraries=tuple(sorted(libraries - self._folders.keys() - {ENGINE})),
+            dynamic=tuple(f"{module.path}:{line}" for module in reached.values() for line in module.dynamic),
+        )
+
+    def module(self, name: str) -> Module | None:
+        """The first-party module of that name; None where there is none."""
+        if name not in self._modules:
+            path = self._path(name)
+            self._modules[name] = _read(name, path) if path else None
+        return self._modules[name]
+
+    def _path(self, name: str) -> Path | None:
+        package, *rest = name.split(".")
+        for folder in self._folders.get(package, ()):
+            stem = folder.joinpath(*rest)
+            for path in (stem / "__init__.py", *([stem.with_name(stem.name + ".py")] if rest else [])):
+                if path.is_file():
+                    return path
+        return None
+
+
+def _folders_of(package: str) -> tuple[Path, ...]:
+    try:
+        specification = importlib.util.find_spec(package)
+    except ValueError:  # a module put into sys.modules by hand
+        specification = None
+    if specification is None or specification.submodule_search_locations is None:
+        return ()
+    return tuple(Path(folder) for folder in specification.submodule_search_locations)
+
+
+def _read(name: str, path: Path) -> Module:
+    try:
+        tree = ast.parse(path.read_bytes(), str(path))
+    except (SyntaxError, ValueError) as error:
+        line = getattr(error, "lineno", None) or 1
+        raise UserError(f"not Python: {getattr(error, 'msg', error)}", where=f"{path}:{line}") from error
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    resources = {file.relative_to(path.parent).as_posix(): digest_of_file(file) for file in _resources(tree, path)}
+    return Module(
+        path=path,
+        digest=digest_of([spell(tree), resources]),
+        imports=tuple(dict.fromkeys(_imports(tree, package))),
+        dynamic=tuple(node.lineno for node in ast.walk(tree) if isinstance(node, ast.Call) and _is_dynamic(node)),
+    )
+
+
+def spell(node: object) -> str:
+    """One spelling of a syntax tree: no places, no docstrings or other bare texts, no empty fields.
+
+    >>> spell(ast.parse("x = 1  # one")) == spell(ast.parse("'''Said.'''\\n\\nx  =  1"))
+    True
+    """
+    if isinstance(node, ast.AST):
+        fields = [(name, spell(value)) for name, value in ast.iter_fields(node) if name not in ("ctx", "type_comment")]
+        return f"{type(node).__name__}({','.join(f'{name}={text}' for name, text in fields if text)})"
+    if isinstance(node, list):
+        return "".join(f"[{spell(item)}]" for item in node if not _is_bare_text(item))
+    return "" if node is None else f"{type(node).__name__} {node!r}"
+
+
+def _is_bare_text(node: object) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+def _imports(tree: ast.Module, package: str) -> Iterator[str]:
+    """Full names of all that a module may import: for `from a import b`, both `a` and `a.b`."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                above = package.split(".")[: len(package.split(".")) - node.level + 1]
+                base = ".".join([*above, *([node.module] if node.module else [])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _is_dynamic(call: ast.Call) -> bool:
+    function = call.func
+    name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+    return name in DYNAMIC
+
+
+def _resources(tree: ast.Module, path: Path) -> list[Path]:
+    """The files that a module-level `RESOURCES` names, by patterns relative to the module's folder."""
+    patterns: object = ()
+    for node in tree.body:
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        if isinstance(node, ast.Assign | ast.AnnAssign) and any(getattr(t, "id", "") == "RESOURCES" for t in targets):
+            try:
+                patterns = ast.literal_eval(node.value) if node.value else ()
+            except ValueError:
+                patterns = None
+            if not isinstance(patterns, tuple) or not all(isinstance(pattern, str) for pattern in patterns):
+                raise UserError("RESOURCES is not a literal tuple of patterns", where=f"{path}:{node.lineno}")
+    files: list[Path] = []
+    for pattern in patterns if isinstance(patterns, tuple) else ():
+        found = sorted(file for file in path.parent.glob(pattern) if file.is_file())
+        if not found:
+            raise UserError(f"RESOURCES names {pattern!r}, which matches no file", where=path)
+        files += found
+    return files

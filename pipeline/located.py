@@ -1,0 +1,152 @@
+"""YAML whose every value knows its place, so that whatever is wrong later can be pointed at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from pipeline.canonical import Json
+from pipeline.errors import Place, Problem, WorkflowError
+
+Scalar = str | int | float | bool | None
+DEEPEST = 50  # levels; an alias that holds itself would otherwise never end
+
+
+class Problems:
+    """Collects what is wrong, so that a person hears of all of it at once."""
+
+    def __init__(self) -> None:
+        self._problems: list[Problem] = []
+
+    def add(self, place: Place, message: str) -> None:
+        self._problems.append(Problem(place, message))
+
+    def __len__(self) -> int:
+        return len(self._problems)
+
+    def raise_if_any(self) -> None:
+        if self._problems:
+            raise WorkflowError(self._problems)
+
+
+@dataclass(frozen=True)
+class Located:
+    """A value with its place, and the directory that relative paths in it are relative to."""
+
+    value: Scalar | tuple[Located, ...] | Mapping[str, Located]
+    place: Place
+    base: Path
+    keys: Mapping[str, Place] = field(default_factory=dict)
+
+    @property
+    def plain(self) -> Json:
+        """The value alone."""
+        if isinstance(self.value, tuple):
+            return [item.plain for item in self.value]
+        if isinstance(self.value, Mapping):
+            return {name: item.plain for name, item in self.value.items()}
+        return self.value
+
+    @property
+    def found(self) -> str:
+        """The value as an error message shows it.
+
+        >>> Located("x", Place("w.yaml"), Path()).found, Located((), Place("w.yaml"), Path()).found
+        ("the text 'x'", 'a list')
+        """
+        if isinstance(self.value, tuple):
+            return "a list"
+        if isinstance(self.value, Mapping):
+            return "a mapping"
+        if self.value is None:
+            return "nothing"
+        if isinstance(self.value, bool):
+            return "true" if self.value else "false"
+        return f"the text {self.value!r}" if isinstance(self.value, str) else f"the number {self.value}"
+
+    def at(self, path: tuple[object, ...]) -> Place:
+        """The place of what `path` (keys and indices) leads to, or of the last thing on the way that exists."""
+        here = self
+        for step in path:
+            if isinstance(here.value, Mapping) and step in here.value:
+                here = here.value[str(step)]
+            elif isinstance(here.value, tuple) and isinstance(step, int) and step < len(here.value):
+                here = here.value[step]
+            else:
+                break
+        return here.place
+
+
+def read_yaml(text: str, file: str, base: Path, problems: Problems, fixed: Place | None = None) -> Located | None:
+    """The document in `text`; None, with the reason among `problems`, where it is not YAML.
+
+    Places are in `file`, or all `fixed` where that is given.
+    """
+    try:
+        node = YAML(typ="safe", pure=True).compose(text)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = fixed or (Place(file, mark.line + 1, mark.column + 1) if mark else Place(file))
+        problems.add(place, f"not YAML: {error.problem or error.context}")
+        return None
+    except YAMLError as error:
+        problems.add(fixed or Place(file), f"not YAML: {str(error).splitlines()[0]}")
+        return None
+    if node is None:
+        return Located(None, fixed or Place(file, 1, 1), base)
+    return _Reader(file, base, problems, fixed).located(node, 0)
+
+
+class _Reader:
+    def __init__(self, file: str, base: Path, problems: Problems, fixed: Place | None) -> None:
+        self.file = file
+        self.base = base
+        self.problems = problems
+        self.fixed = fixed
+        self.constructor = YAML(typ="safe", pure=True).constructor
+
+    def located(self, node: Node, depth: int) -> Located:
+        place = self.place(node)
+        if depth > DEEPEST:
+            self.problems.add(place, f"nested more than {DEEPEST} levels deep")
+            return Located(None, place, self.base)
+        if isinstance(node, MappingNode):
+            values, keys = {}, {}
+            for name, key, value in self.entries(node):
+                values[name] = self.located(value, depth + 1)
+                keys[name] = self.place(key)
+            return Located(values, place, self.base, keys)
+        if isinstance(node, SequenceNode):
+            return Located(tuple(self.located(item, depth + 1) for item in node.value), place, self.base)
+        return Located(self.scalar(node, place), place, self.base)
+
+    def entries(self, node: MappingNode) -> Iterator[tuple[str, Node, Node]]:
+        seen: set[str] = set()
+        for key, value in node.value:
+            if not isinstance(key, ScalarNode) or key.tag == "tag:yaml.org,2002:merge":
+                self.problems.add(self.place(key), "a key must be a plain name")
+            elif key.value in seen:
+                self.problems.add(self.place(key), f"{key.value!r} is there twice")
+            else:
+                seen.add(key.value)
+                yield key.value, key, value
+
+    def scalar(self, node: Node, place: Place) -> Scalar:
+        try:
+            value = self.constructor.construct_object(node)
+        except (YAMLError, ValueError):
+            value = NotImplemented
+        if value is None or isinstance(value, Scalar):
+            return value
+        self.problems.add(
+            place, f"{node.value!r} is neither text, a number, true, false nor null; quote it if it is text"
+        )
+        return None
+
+    def place(self, node: Node) -> Place:
+        return self.fixed or Place(self.file, node.start_mark.line + 1, node.start_mark.column + 1)
