@@ -1,0 +1,37 @@
+"""The leak detector sees a message that shines through, and nothing where there is none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from stages.analysis.leakage import correlation, residual_correlations
+
+
+def pictures(seed: int, count: int = 6) -> list[np.ndarray]:
+    generator = np.random.default_rng(seed)
+    return list(generator.uniform(0, 1, (count, 16, 16, 3)))
+
+
+def test_a_message_that_shines_through_is_seen() -> None:
+    messages = pictures(0)
+    noise = pictures(1)
+    own, others = residual_correlations([0.1 * m + 0.02 * n for m, n in zip(messages, noise, strict=True)], messages)
+    assert min(own) > 0.9
+    assert max(others) < 0.2
+
+
+def test_independent_residuals_correlate_no_more_with_their_own() -> None:
+    own, others = residual_correlations(pictures(2, 40), pictures(3, 40))
+    assert np.mean(own) == pytest.approx(np.mean(others), abs=0.02)
+
+
+def test_a_constant_picture_has_no_correlation() -> None:
+    assert math.isnan(correlation(np.ones((4, 4, 3)), np.arange(48.0).reshape(4, 4, 3)))
+
+
+def test_a_single_view_has_no_control() -> None:
+    _, others = residual_correlations(pictures(0, 1), pictures(1, 1))
+    assert math.isnan(others[0])

@@ -1,0 +1,93 @@
+"""The loop learns, learns the same bits twice, and never touches a view that is held out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from stages.hiding.method import build_method
+from stages.hiding.rendering import COVER
+from stages.scene.cameras import Cameras, single_cameras
+from stages.scene.gaussians import gaussians_at
+from stages.training.density_control import DensitySettings
+from stages.training.loop import Training, TrainingSettings, TrainingViews
+from stages.training.objectives import hiding_terms, picture_loss, total_loss
+from stages.training.sampling import ViewSampler
+
+WIDTH, HEIGHT = 20, 14
+MESSAGE = "message"
+
+
+def rig(views: int) -> Cameras:
+    poses = np.tile(np.eye(4), (views, 1, 1))
+    poses[:, 0, 3] = np.linspace(-0.3, 0.3, views)
+    intrinsics = np.tile(np.array([[20.0, 0, WIDTH / 2], [0, 20.0, HEIGHT / 2], [0, 0, 1]]), (views, 1, 1))
+    return Cameras(tuple(f"{view}.png" for view in range(views)), poses, intrinsics, WIDTH, HEIGHT)
+
+
+def trained(method_name: str, iterations: int, seed: int = 0):
+    """A training on flat pictures: an orange cover that hides a blue message."""
+    torch.manual_seed(seed)
+    settings: dict[str, object] = {"sh_degree": 1}
+    messages = []
+    if method_name == "gs_hider":
+        messages = [MESSAGE]
+        settings = {"feature_dim": 4, "layers": 2, "decoder_width": 8, "precision": "float32", "messages": messages}
+    method = build_method(method_name, settings)
+    generator = torch.Generator().manual_seed(seed)
+    points = np.random.default_rng(seed).uniform([-1, -1, 2], [1, 1, 4], (40, 3))
+    colors = {COVER: (230, 120, 40), MESSAGE: (20, 60, 220)}
+    pictures = {
+        name: torch.tensor(colors[name], dtype=torch.uint8).expand(3, HEIGHT, WIDTH, 3) for name in [COVER, *messages]
+    }
+    training = Training(
+        gaussians_at(points, method.initial_attributes(np.full((40, 3), 0.5), generator)),
+        method,
+        TrainingViews(single_cameras(rig(3)), pictures),
+        hiding_terms(messages, 0.5),
+        TrainingSettings(iterations, extent=1.0, seed=seed, density=DensitySettings(maximum_gaussians=60)),
+    )
+    return training, training.run(lambda iteration, figures: None)
+
+
+@pytest.mark.parametrize(("method", "iterations"), [("plain", 200), ("gs_hider", 60)])
+def test_it_learns(method: str, iterations: int) -> None:
+    _, rows = trained(method, iterations)
+    losses = [row.value for row in rows if row.quantity == "loss"]
+    assert losses[-1] < 0.6 * losses[0]
+    assert {row.message for row in rows} == ({None} if method == "plain" else {None, MESSAGE})
+
+
+@pytest.mark.parametrize("method", ["plain", "gs_hider"])
+def test_the_same_seed_gives_the_same_bits(method: str) -> None:
+    (first, first_rows), (second, second_rows) = trained(method, 12), trained(method, 12)
+    assert first_rows == second_rows
+    for name, tensor in first.gaussians.parameters.items():
+        assert torch.equal(tensor, second.gaussians[name])
+
+
+def test_another_seed_gives_others() -> None:
+    assert not torch.equal(trained("plain", 5)[0].gaussians.means, trained("plain", 5, seed=1)[0].gaussians.means)
+
+
+def test_every_view_once_a_pass() -> None:
+    sampler = ViewSampler(5, seed=3)
+    passes = [[sampler.draw() for _ in range(5)] for _ in range(4)]
+    assert all(sorted(views) == list(range(5)) for views in passes)
+    assert len({tuple(views) for views in passes}) > 1
+
+
+def test_total_loss_is_the_cover_plus_lambda_times_the_mean_over_messages() -> None:
+    generator = torch.Generator().manual_seed(0)
+    names = [COVER, "a", "b"]
+    pictures = {name: torch.rand(12, 12, 3, generator=generator) for name in names}
+    truths = {name: torch.rand(12, 12, 3, generator=generator) for name in names}
+    losses = {name: picture_loss(pictures[name], truths[name], 0.2) for name in names}
+    expected = losses[COVER] + 0.5 * (losses["a"] + losses["b"]) / 2
+    torch.testing.assert_close(total_loss(pictures, truths, hiding_terms(["a", "b"], 0.5)), expected)
+
+
+def test_equal_pictures_cost_nothing() -> None:
+    picture = torch.rand(12, 12, 3, generator=torch.Generator().manual_seed(0))
+    assert float(picture_loss(picture, picture, 0.2)) == pytest.approx(0, abs=1e-6)
