@@ -1,0 +1,157 @@
+// Gradients of `blend`, one work-item a tile, without atomics: each (tile, Gaussian) has a row of its own to write.
+//
+// Walks front to back as `blend` does. With a pixel's gradient g and what is blended behind Gaussian i, `rest`:
+// dL/dalpha_i = T_i (c_i . g) - rest_i / (1 - alpha_i), where rest starts as (out . g) and loses w_i (c_i . g) at each
+// step. Alpha counts as one more channel, of value 1, over a background of 0.
+
+// A gradient row, sums over the pixels of s = dL/dpower with u = dx - slope dy: s, s u, s dy, s u^2, s u dy, s dy^2,
+// two values of padding, then PADDED_DIM values for the features.
+#define MOMENTS 8
+#define GRADIENT_ROW (MOMENTS + PADDED_DIM)
+
+__kernel void blend_backward(
+    const int width,
+    const int height,
+    __global const REAL *records,
+    __global const REAL *features,
+    __global const int *tile_starts,
+    __global const int *entries,
+    __global const int *slots,
+    __global const int *walked,
+    __global const REAL *feature_map,
+    __global const REAL *alphas,
+    __global const REAL *grad_feature_map,
+    __global const REAL *grad_alphas,
+    __global REAL *gradient_rows,
+    __global REAL *background_rows
+) {
+    const int index = get_global_id(0);
+    const Tile tile = tile_of(index, width, height);
+    LANES transmittance[TILE], rest[TILE], grad_alpha[TILE], by_channel[TILE * FEATURE_DIM];
+    CHANNEL_LANES by_pixel[PIXELS * CHUNKS];
+    Channels behind;
+    for (int k = 0; k < PADDED_DIM; k++) behind.values[k] = 0;
+    for (int row = 0; row < TILE; row++) {
+        Row row_rest, row_alpha;
+        transmittance[row] = fresh_transmittance(tile.columns);
+        row_rest.lanes = row_alpha.lanes = (LANES)(R(0));
+        for (int k = 0; k < FEATURE_DIM; k++) by_channel[row * FEATURE_DIM + k] = (LANES)(R(0));
+        for (int column = 0; column < tile.columns && row < tile.rows; column++) {
+            const size_t at = (size_t)(tile.top + row) * width + tile.left + column;
+            const Channels grad = channels_of(grad_feature_map + at * FEATURE_DIM);
+            const Channels out = channels_of(feature_map + at * FEATURE_DIM);
+            REAL product = alphas[at] * grad_alphas[at];
+            for (int k = 0; k < FEATURE_DIM; k++) {
+                product += out.values[k] * grad.values[k];
+                ((REAL *)(by_channel + row * FEATURE_DIM + k))[column] = grad.values[k];
+            }
+            for (int chunk = 0; chunk < CHUNKS; chunk++) {
+                by_pixel[(row * TILE + column) * CHUNKS + chunk] = grad.lanes[chunk];
+                behind.lanes[chunk] += grad.lanes[chunk] * (1 - alphas[at]);
+            }
+            row_rest.values[column] = product;
+            row_alpha.values[column] = grad_alphas[at];
+        }
+        rest[row] = row_rest.lanes;
+        grad_alpha[row] = row_alpha.lanes;
+    }
+    for (int k = 0; k < FEATURE_DIM; k++) background_rows[(size_t)index * FEATURE_DIM + k] = behind.values[k];
+
+    const int first = tile_starts[index], end = first + walked[index];
+    int open_rows = (1 << tile.rows) - 1;
+    for (int entry = first; entry < end; entry++) {
+        const int gaussian = entries[entry];
+        const Splat splat = splat_of(records + (size_t)RECORD * gaussian, tile);
+        const Channels feature = channels_of(features + (size_t)FEATURE_DIM * gaussian);
+        const LANES zero = (LANES)(R(0));
+        LANES sum = zero, sum_u = zero, sum_dy = zero, sum_uu = zero, sum_udy = zero, sum_dydy = zero;
+        Channels grad_feature;
+        for (int chunk = 0; chunk < CHUNKS; chunk++) grad_feature.lanes[chunk] = (CHANNEL_LANES)(R(0));
+        for (int row = splat.first_row; row <= splat.last_row; row++) {
+            if (!(open_rows >> row & 1)) continue;
+            const SplatRow r = splat_row_of(splat, row, tile.columns);
+            const LANES_MASK clamped = r.alpha > ALPHA_MAXIMUM;
+            const LANES alpha = clamped ? (LANES)(ALPHA_MAXIMUM) : r.alpha;
+            const LANES before = transmittance[row];
+            Row weights;
+            weights.lanes = weights_of(alpha, transmittance + row);
+            LANES product = grad_alpha[row];
+            for (int k = 0; k < FEATURE_DIM; k++) product += by_channel[row * FEATURE_DIM + k] * feature.values[k];
+            rest[row] -= weights.lanes * product;
+            const LANES grad = before * product - rest[row] / (R(1) - alpha);
+            const LANES s = (weights.lanes > R(0)) & ~clamped ? grad * alpha : zero;
+            const LANES su = s * r.across;
+            sum += s;
+            sum_u += su;
+            sum_dy += s * r.dy;
+            sum_uu += su * r.across;
+            sum_udy += su * r.dy;
+            sum_dydy += s * (r.dy * r.dy);
+            for (int column = r.first; column <= r.last; column++)
+                for (int chunk = 0; chunk < CHUNKS; chunk++)
+                    grad_feature.lanes[chunk] += by_pixel[(row * TILE + column) * CHUNKS + chunk]
+                        * weights.values[column];
+        }
+        __global REAL *gradient = gradient_rows + (size_t)GRADIENT_ROW * slots[entry];
+        gradient[0] = sum_of_lanes(sum);
+        gradient[1] = sum_of_lanes(sum_u);
+        gradient[2] = sum_of_lanes(sum_dy);
+        gradient[3] = sum_of_lanes(sum_uu);
+        gradient[4] = sum_of_lanes(sum_udy);
+        gradient[5] = sum_of_lanes(sum_dydy);
+        for (int k = 0; k < PADDED_DIM; k++) gradient[MOMENTS + k] = grad_feature.values[k];
+        if ((entry & (LOOK_AGAIN - 1)) == LOOK_AGAIN - 1) open_rows = open_rows_of(transmittance, tile.rows);
+    }
+    for (int entry = end; entry < tile_starts[index + 1]; entry++) {
+        __global REAL *gradient = gradient_rows + (size_t)GRADIENT_ROW * slots[entry];
+        for (int k = 0; k < GRADIENT_ROW; k++) gradient[k] = 0;
+    }
+}
+
+#define SUM_CHUNK 128
+
+// Adds up each Gaussian's gradient rows, which lie side by side, in their order: the same bits every time.
+__kernel void sum_gradients(
+    const int count,
+    __global const REAL *records,
+    __global const int *tile_counts,
+    __global const int *first_slots,
+    __global const REAL *gradient_rows,
+    __global REAL *grad_means2d,
+    __global REAL *grad_records,
+    __global REAL *grad_features
+) {
+    const int first = get_global_id(0) * SUM_CHUNK;
+    const int last = first + SUM_CHUNK < count ? first + SUM_CHUNK : count;
+    for (int i = first; i < last; i++) {
+        REAL sums[GRADIENT_ROW];
+        for (int k = 0; k < GRADIENT_ROW; k++) sums[k] = 0;
+        const int rows = tile_counts[i];
+        if (rows > 0) {
+            __global const REAL *row = gradient_rows + (size_t)GRADIENT_ROW * first_slots[i];
+            for (int n = 0; n < rows; n++, row += GRADIENT_ROW)
+                for (int k = 0; k < GRADIENT_ROW; k++) sums[k] += row[k];
+        }
+        __global const REAL *record = records + (size_t)RECORD * i;
+        __global REAL *grad_record = grad_records + (size_t)RECORD * i;
+        const REAL slope = record[2], across = record[3], down = record[4], opacity = record[5];
+        const REAL grad_x = across * sums[1];
+        grad_means2d[2 * i] = grad_x;
+        grad_means2d[2 * i + 1] = down * sums[2] - slope * grad_x;
+        grad_record[0] = grad_record[1] = grad_record[6] = grad_record[7] = 0;
+        grad_record[2] = across * sums[4];
+        grad_record[3] = R(-0.5) * sums[3];
+        grad_record[4] = R(-0.5) * sums[5];
+        grad_record[5] = opacity > 0 ? sums[0] / opacity : 0;
+        for (int k = 0; k < FEATURE_DIM; k++) grad_features[(size_t)FEATURE_DIM * i + k] = sums[MOMENTS + k];
+    }
+}
+
+// The background's gradient: the tiles' shares, in order.
+__kernel void sum_background(const int tiles, __global const REAL *background_rows, __global REAL *grad_background) {
+    for (int k = 0; k < FEATURE_DIM; k++) {
+        REAL sum = 0;
+        for (int tile = 0; tile < tiles; tile++) sum += background_rows[(size_t)tile * FEATURE_DIM + k];
+        grad_background[k] = sum;
+    }
+}

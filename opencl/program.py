@@ -1,0 +1,142 @@
+"""Building the kernels and launching them on torch's tensors."""
+
+from __future__ import annotations
+
+import functools
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyopencl
+import torch
+from torch import Tensor
+
+from opencl.contract import RasterSettings
+from opencl.device import DEVICE_VARIABLE, Device, choose_device
+
+RESOURCES = ("kernels/*.cl",)
+"""Files beside this module that decide what it computes."""
+
+TILE = 16
+"""Side of a tile in pixels, as in real.cl."""
+TILING_RUNS = 32
+"""Parts of the depth order that are counted into tiles side by side."""
+
+_KERNELS = Path(__file__).parent / "kernels"
+GEOMETRY = ("real.cl", "projection.cl", "tiling.cl")
+BLENDING = ("real.cl", "blending.cl", "blending_backward.cl")
+
+
+@dataclass(frozen=True)
+class ProgramKey:
+    """What a program is compiled for."""
+
+    sources: tuple[str, ...]
+    dtype: torch.dtype
+    settings: RasterSettings
+    feature_dim: int = 1
+
+    def text(self) -> str:
+        """The whole source. Joined here, as drivers that cache programs do not see edits of included files."""
+        constants = {
+            "ALPHA_MINIMUM": self.settings.alpha_minimum,
+            "ALPHA_MAXIMUM": self.settings.alpha_maximum,
+            "TRANSMITTANCE_MINIMUM": self.settings.transmittance_minimum,
+            "NEAR": self.settings.near,
+            "LOW_PASS": self.settings.low_pass,
+            "RADIUS_SIGMAS": self.settings.radius_sigmas,
+        }
+        lines = [f"#define {name} ((REAL){value!r})" for name, value in constants.items()]
+        lines += [f"#define FEATURE_DIM {self.feature_dim}", f"#define TILING_BLOCKS {TILING_RUNS}"]
+        if self.dtype == torch.float64:
+            lines.append("#define REAL_IS_DOUBLE")
+        return "\n".join([*lines, *((_KERNELS / source).read_text(encoding="utf-8") for source in self.sources)])
+
+
+class Session:
+    """Launches in order on one queue. Tensors are contiguous CPU tensors; results are there after `finish`."""
+
+    def __init__(self, backend: Backend) -> None:
+        self._backend = backend
+        self._buffers: dict[int, tuple[Tensor, pyopencl.Buffer]] = {}
+
+    def launch(self, program: ProgramKey, kernel: str, work_items: int, *arguments: Tensor | int) -> None:
+        """Queue `work_items` of a kernel of `program`; integers are passed as int32, tensors as buffers."""
+        if work_items == 0:
+            return
+        prepared = [np.int32(value) if isinstance(value, int) else self._buffer(value) for value in arguments]
+        self._backend.kernel(program, kernel)(self._backend.queue, (work_items,), (1,), *prepared)
+
+    def _buffer(self, tensor: Tensor) -> pyopencl.Buffer | None:
+        if tensor.numel() == 0:
+            return None
+        held = self._buffers.get(tensor.data_ptr())
+        if held is not None:
+            return held[1]
+        flags = pyopencl.mem_flags
+        placement = flags.USE_HOST_PTR if self._backend.shares_memory else flags.COPY_HOST_PTR
+        buffer = pyopencl.Buffer(self._backend.context, flags.READ_WRITE | placement, hostbuf=tensor.detach().numpy())
+        self._buffers[tensor.data_ptr()] = (tensor, buffer)
+        return buffer
+
+    def finish(self, *results: Tensor) -> None:
+        """Wait until all is done and `results` hold what the kernels wrote."""
+        if not self._backend.shares_memory:
+            for tensor in results:
+                buffer = self._buffer(tensor)
+                if buffer is not None:
+                    pyopencl.enqueue_copy(self._backend.queue, tensor.detach().numpy(), buffer, is_blocking=False)
+        self._backend.queue.finish()
+
+
+class Backend:
+    """A device with its queue and the programs built for it. Safe to use from several threads, one after another."""
+
+    def __init__(self, device: Device, shares_memory: bool | None = None) -> None:
+        """`shares_memory=False` copies everything to the device and back, as is needed where it has its own memory."""
+        device.prepare()
+        self.device = device
+        self.shares_memory = device.shares_memory if shares_memory is None else shares_memory
+        self.context = pyopencl.Context([device.handle])
+        self.queue = pyopencl.CommandQueue(self.context)
+        self._programs: dict[ProgramKey, pyopencl.Program] = {}
+        self._kernels: dict[tuple[ProgramKey, str], pyopencl.Kernel] = {}
+        self._lock = threading.RLock()
+        self._process = os.getpid()
+
+    @contextmanager
+    def session(self) -> Iterator[Session]:
+        """The backend for one thread: setting a kernel's arguments is not safe from two."""
+        if os.getpid() != self._process:
+            raise RuntimeError("OpenCL was set up before this process was forked and would hang: start it by spawn")
+        with self._lock:
+            session = Session(self)
+            try:
+                yield session
+            finally:
+                self.queue.finish()
+
+    def kernel(self, program: ProgramKey, name: str) -> pyopencl.Kernel:
+        """A kernel, built on first use."""
+        kernel = self._kernels.get((program, name))
+        if kernel is None:
+            if program not in self._programs:
+                # PoCL keeps compiled kernels itself; pyopencl's cache of binaries would only come on top of that.
+                built = pyopencl.Program(self.context, program.text()).build(cache_dir=False)
+                self._programs[program] = built
+            kernel = self._kernels[program, name] = pyopencl.Kernel(self._programs[program], name)
+        return kernel
+
+
+@functools.cache
+def _backend_named(name: str) -> Backend:
+    return Backend(choose_device(name or None))
+
+
+def default_backend() -> Backend:
+    """This process's backend for the device that GS_HIDER_DEVICE names now, or for the default one."""
+    return _backend_named(os.environ.get(DEVICE_VARIABLE, ""))

@@ -1,0 +1,90 @@
+"""Gaussians from the world onto the screen, with gradients."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from opencl.contract import RasterSettings, half_fields_of_view
+from opencl.program import GEOMETRY, Backend, ProgramKey
+
+RECORD = 8
+"""Values that describe a Gaussian on the screen, as in real.cl."""
+_CHUNK = 128
+"""Gaussians a work-item takes, as in projection.cl."""
+
+
+def pack_camera(
+    world_to_camera: Float[Tensor, "4 4"],
+    intrinsics: Float[Tensor, "3 3"],
+    width: int,
+    height: int,
+    settings: RasterSettings,
+) -> Float[Tensor, "20"]:
+    """The camera as the kernels read it: rotation, translation, focal lengths, principal point, clamp."""
+    rows, calibration = world_to_camera.tolist(), intrinsics.tolist()
+    values = [value for row in rows[:3] for value in row[:3]] + [row[3] for row in rows[:3]]
+    values += [calibration[0][0], calibration[1][1], calibration[0][2], calibration[1][2]]
+    values += half_fields_of_view(intrinsics, width, height, settings)
+    return torch.tensor(values, dtype=world_to_camera.dtype)
+
+
+class Project(torch.autograd.Function):
+    """(means, quats, scales, opacities, features) → (means2d [N,2], records [N,8], radii [N], depth keys [N]).
+
+    Features only decide whether a Gaussian is finite. Records are described in real.cl; their gradient reaches slope,
+    precisions and opacity, the centre's comes through means2d.
+    """
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        backend: Backend,
+        settings: RasterSettings,
+        camera: Tensor,
+        size: tuple[int, int],
+        means: Tensor,
+        quats: Tensor,
+        scales: Tensor,
+        opacities: Tensor,
+        features: Tensor,
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        count, feature_dim = features.shape
+        width, height = size
+        means2d, records = means.new_empty(count, 2), means.new_empty(count, RECORD)
+        radii = torch.empty(count, dtype=torch.int32)
+        depth_keys = torch.empty(count, dtype=torch.int32 if means.dtype == torch.float32 else torch.int64)
+        program = ProgramKey(GEOMETRY, means.dtype, settings)
+        inputs = (means, quats, scales, opacities, features, camera)
+        outputs = (means2d, records, radii, depth_keys)
+        with backend.session() as session:
+            work_items = -(-count // _CHUNK)
+            session.launch(program, "project", work_items, count, feature_dim, width, height, *inputs, *outputs)
+            session.finish(*outputs)
+        ctx.save_for_backward(means, quats, scales, camera, radii, records)
+        ctx.backend, ctx.program = backend, program
+        ctx.mark_non_differentiable(radii, depth_keys)
+        ctx.set_materialize_grads(False)
+        return outputs
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad_means2d: Tensor | None, grad_records: Tensor | None, *_: None) -> tuple[Any, ...]:
+        means, quats, scales, camera, radii, records = ctx.saved_tensors
+        grad_means2d = means.new_zeros(len(means), 2) if grad_means2d is None else grad_means2d.contiguous()
+        grad_records = torch.zeros_like(records) if grad_records is None else grad_records.contiguous()
+        results = (
+            *(torch.empty_like(means), torch.empty_like(quats), torch.empty_like(scales)),
+            means.new_empty(len(means)),
+        )
+        with ctx.backend.session() as session:
+            session.launch(
+                *(ctx.program, "project_backward", -(-len(means) // _CHUNK), len(means)),
+                *(means, quats, scales, camera, radii, records, grad_means2d, grad_records, *results),
+            )
+            session.finish(*results)
+        return (None, None, None, None, *results, None)

@@ -1,0 +1,81 @@
+"""Checks of what the rasterizer is given: each error names the argument, what was found and what is expected."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from opencl.contract import RasterSettings
+
+_FLOATS = (torch.float32, torch.float64)
+_LARGEST_SIDE = 1 << 20
+
+
+def check_arguments(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    features: Tensor,
+    world_to_camera: Tensor,
+    intrinsics: Tensor,
+    width: int,
+    height: int,
+    background: Tensor | None,
+    settings: RasterSettings,
+) -> None:
+    """`ValueError` for anything that `rasterize` cannot draw."""
+    if not isinstance(settings, RasterSettings):
+        raise ValueError(f"settings: found {type(settings).__name__}, expected RasterSettings")
+    for name, side in (("width", width), ("height", height)):
+        if not isinstance(side, int) or isinstance(side, bool) or not 1 <= side <= _LARGEST_SIDE:
+            raise ValueError(f"{name}: found {side!r}, expected an integer from 1 to {_LARGEST_SIDE}")
+    tensors = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "features": features}
+    tensors |= {"world_to_camera": world_to_camera, "intrinsics": intrinsics}
+    if background is not None:
+        tensors["background"] = background
+    _check_kinds(tensors)
+    _check_shapes(tensors)
+    _check_camera(world_to_camera, intrinsics)
+
+
+def _check_kinds(tensors: dict[str, Tensor]) -> None:
+    for name, tensor in tensors.items():
+        if not isinstance(tensor, Tensor):
+            raise ValueError(f"{name}: found {type(tensor).__name__}, expected a torch.Tensor")
+    means = tensors["means"]
+    if means.dtype not in _FLOATS:
+        raise ValueError(f"means: found {means.dtype}, expected torch.float32 or torch.float64")
+    for name, tensor in tensors.items():
+        if tensor.dtype != means.dtype:
+            raise ValueError(f"{name}: found {tensor.dtype}, expected {means.dtype} as means has")
+        if tensor.device != means.device and name not in ("world_to_camera", "intrinsics"):
+            raise ValueError(f"{name}: found on {tensor.device}, expected on {means.device} as means is")
+
+
+def _check_shapes(tensors: dict[str, Tensor]) -> None:
+    means, features = tensors["means"], tensors["features"]
+    count = len(means) if means.ndim else 0
+    if features.ndim != 2 or features.shape[1] < 1:
+        raise ValueError(f"features: found shape {tuple(features.shape)}, expected ({count}, M) with M of at least 1")
+    expected = {"means": (count, 3), "quats": (count, 4), "scales": (count, 3), "opacities": (count,)}
+    expected |= {"features": (count, features.shape[1]), "world_to_camera": (4, 4), "intrinsics": (3, 3)}
+    expected |= {"background": (features.shape[1],)}
+    for name, tensor in tensors.items():
+        if tuple(tensor.shape) != expected[name]:
+            raise ValueError(f"{name}: found shape {tuple(tensor.shape)}, expected {expected[name]}")
+
+
+def _check_camera(world_to_camera: Tensor, intrinsics: Tensor) -> None:
+    for name, tensor in (("world_to_camera", world_to_camera), ("intrinsics", intrinsics)):
+        if tensor.requires_grad:
+            raise ValueError(f"{name}: found requires_grad, expected a camera without gradient (none is computed)")
+        if not bool(tensor.isfinite().all()):
+            raise ValueError(f"{name}: found a value that is not finite, expected finite numbers: {tensor.tolist()}")
+    (fx, skew, _), (shear, fy, _), last = intrinsics.tolist()
+    if fx <= 0 or fy <= 0:
+        raise ValueError(f"intrinsics: found focal lengths {fx} and {fy}, expected more than 0")
+    if skew != 0 or shear != 0 or last != [0, 0, 1]:
+        raise ValueError(
+            f"intrinsics: found {intrinsics.tolist()}, expected a pinhole [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+        )
