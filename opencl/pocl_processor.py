@@ -17,8 +17,8 @@ from pathlib import Path
 import pyopencl
 
 _UNKNOWN = b"generic\0"
-_DEVICE_BYTES = 4096
-"""Generous: PoCL's device structure is about 1.3 KB, and the pages behind it are readable or skipped."""
+_DEVICE_BYTES = 2048
+"""Of PoCL's device structure, which is shorter; what lies behind it may hold stale copies of the same pointer."""
 
 
 def lacks_processor(device: pyopencl.Device) -> bool:
@@ -49,7 +49,7 @@ def name_processor(device: pyopencl.Device) -> str | None:
     addresses = _addresses_of_name(device.int_ptr)
     if len(addresses) != 1:
         return None
-    ctypes.memmove(addresses[0], name.encode() + b"\0", len(name) + 1)
+    ctypes.memmove(addresses.pop(), name.encode() + b"\0", len(name) + 1)
     return name
 
 
@@ -70,19 +70,19 @@ def _writable_regions() -> list[tuple[int, int]]:
     return regions
 
 
-def _addresses_of_name(structure: int) -> list[int]:
+def _addresses_of_name(structure: int) -> set[int]:
     """Where pointers of the structure lead to the unknown processor's name, in memory that may be written."""
     regions = _writable_regions()
     size = next((min(_DEVICE_BYTES, high - structure) for low, high in regions if low <= structure < high), 0)
-    found = []
+    found = set()
     memory = os.open("/proc/self/mem", os.O_RDONLY)  # reading it fails where a bare pointer would end the process
     try:
         for (pointer,) in struct.iter_unpack("P", os.pread(memory, size // 8 * 8, structure)):
             inside = any(low <= pointer and pointer + len(_UNKNOWN) <= high for low, high in regions)
             if inside and os.pread(memory, len(_UNKNOWN), pointer) == _UNKNOWN:
-                found.append(pointer)
+                found.add(pointer)
     except OSError:
-        return []
+        return set()
     finally:
         os.close(memory)
     return found

@@ -24,7 +24,7 @@ def pack_camera(
     width: int,
     height: int,
     settings: RasterSettings,
-) -> Float[Tensor, "20"]:
+) -> Float[Tensor, " 20"]:
     """The camera as the kernels read it: rotation, translation, focal lengths, principal point, clamp."""
     rows, calibration = world_to_camera.tolist(), intrinsics.tolist()
     values = [value for row in rows[:3] for value in row[:3]] + [row[3] for row in rows[:3]]
