@@ -1,0 +1,138 @@
+"""Reading the cameras and images of a COLMAP model, binary or text; its points are not read."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
+
+from pipeline.errors import UserError
+from stages.scene.lens import MODELS, Lens
+
+FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", ".")
+"""Where a COLMAP model lies, relative to the folder of a capture."""
+
+
+@dataclass(frozen=True)
+class PosedPhoto:
+    """A photo that a model names: its pose (world to camera, looking down +z) and its lens."""
+
+    name: str
+    world_to_camera: Float64[np.ndarray, "4 4"]
+    lens: Lens
+
+
+def find_colmap_model(folder: Path) -> Path | None:
+    """The first place in `FOLDERS` that holds a whole model (cameras and images, both .bin or both .txt)."""
+    for place in (folder / name for name in FOLDERS):
+        if any(all((place / f"{part}{suffix}").is_file() for part in ("cameras", "images")) for suffix in _READERS):
+            return place
+    return None
+
+
+def read_colmap_model(folder: Path) -> list[PosedPhoto]:
+    """The posed photos of a model, sorted by name. Raises `UserError` for files that are damaged or not understood."""
+    suffix = next(suffix for suffix in _READERS if (folder / f"cameras{suffix}").is_file())
+    read_lenses, read_images = _READERS[suffix]
+    path = folder / f"cameras{suffix}"
+    try:
+        lenses = read_lenses(path)
+        path = folder / f"images{suffix}"
+        photos = [PosedPhoto(name, _pose(name, numbers), lenses[camera]) for name, numbers, camera in read_images(path)]
+    except (struct.error, ValueError, IndexError, KeyError, OSError) as error:
+        raise UserError(
+            "a COLMAP model cannot be read",
+            where=path,
+            found=f"{type(error).__name__}: {error}",
+            expected="the cameras and images of a COLMAP model",
+            remedy="Export the model again, or take it out of the folder to have the poses estimated.",
+        ) from error
+    return sorted(photos, key=lambda photo: photo.name)
+
+
+def _pose(name: str, numbers: tuple[float, ...]) -> Float64[np.ndarray, "4 4"]:
+    w, x, y, z, *translation = numbers
+    if not np.isfinite(numbers).all() or not any((w, x, y, z)):
+        raise ValueError(f"the pose of {name} is not finite or no rotation: {numbers}")
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_quat([x, y, z, w]).as_matrix()
+    pose[:3, 3] = translation
+    return pose
+
+
+class _Reader:
+    """Takes little-endian values off a file's bytes; raises struct.error past the end."""
+
+    def __init__(self, path: Path) -> None:
+        self._bytes = path.read_bytes()
+        self._at = 0
+
+    def take(self, layout: str) -> tuple[float, ...]:
+        values = struct.unpack_from(f"<{layout}", self._bytes, self._at)
+        self._at += struct.calcsize(f"<{layout}")
+        return values
+
+    def integer(self, layout: str) -> int:
+        return int(self.take(layout)[0])
+
+    def text(self) -> str:
+        end = self._bytes.index(b"\0", self._at)
+        text = self._bytes[self._at : end].decode()
+        self._at = end + 1
+        return text
+
+    def skip(self, count: int) -> None:
+        self._at += count
+        if self._at > len(self._bytes):
+            raise ValueError("the file ends too early")
+
+
+def _binary_lenses(path: Path) -> dict[int, Lens]:
+    reader, lenses = _Reader(path), {}
+    for _ in range(reader.integer("Q")):
+        camera, number, width, height = (int(value) for value in reader.take("iiQQ"))
+        model = tuple(MODELS)[number] if 0 <= number < len(MODELS) else str(number)
+        count = sum(MODELS[model]) + 2 if model in MODELS else 0
+        lenses[camera] = Lens(model, reader.take(f"{count}d"), width, height)
+    return lenses
+
+
+def _binary_images(path: Path) -> list[tuple[str, tuple[float, ...], int]]:
+    reader, images = _Reader(path), []
+    for _ in range(reader.integer("Q")):
+        reader.integer("I")
+        numbers, camera, name = reader.take("7d"), reader.integer("I"), reader.text()
+        reader.skip(24 * reader.integer("Q"))  # observations: two float64 and one int64 each
+        images.append((name, numbers, camera))
+    return images
+
+
+def _text_lenses(path: Path) -> dict[int, Lens]:
+    lenses = {}
+    for line in _lines(path):
+        if line.strip():
+            camera, model, width, height, *parameters = line.split()
+            lenses[int(camera)] = Lens(model, tuple(map(float, parameters)), int(width), int(height))
+    return lenses
+
+
+def _text_images(path: Path) -> list[tuple[str, tuple[float, ...], int]]:
+    images = []
+    lines = _lines(path)
+    while lines and not lines[-1].strip():
+        lines.pop()
+    for line in lines[::2]:  # every other line, which may be empty, lists observations
+        _, *numbers, camera, name = line.split(maxsplit=9)
+        images.append((name, tuple(map(float, numbers)), int(camera)))
+    return images
+
+
+def _lines(path: Path) -> list[str]:
+    return [line for line in path.read_text().splitlines() if not line.startswith("#")]
+
+
+_READERS = {".bin": (_binary_lenses, _binary_images), ".txt": (_text_lenses, _text_images)}

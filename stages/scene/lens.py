@@ -1,0 +1,78 @@
+"""Lenses by COLMAP's names: a projection with focal length, principal point and distortion, as plain numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+MODELS = {
+    "SIMPLE_PINHOLE": (1, 0),
+    "PINHOLE": (2, 0),
+    "SIMPLE_RADIAL": (1, 1),
+    "RADIAL": (1, 2),
+    "OPENCV": (2, 4),
+    "OPENCV_FISHEYE": (2, 4),
+    "FULL_OPENCV": (2, 8),
+    "FOV": (2, 1),
+    "SIMPLE_RADIAL_FISHEYE": (1, 1),
+    "RADIAL_FISHEYE": (1, 2),
+    "THIN_PRISM_FISHEYE": (2, 8),
+    "RAD_TAN_THIN_PRISM_FISHEYE": (2, 12),
+    "SIMPLE_DIVISION": (1, 1),
+    "DIVISION": (2, 1),
+    "SIMPLE_FISHEYE": (1, 0),
+    "FISHEYE": (2, 0),
+    "EUCM": (2, 2),
+}
+"""Models in the order of COLMAP's numbers: how many focal lengths and how many distortion parameters each has.
+
+The parameters are the focal lengths, the principal point (two), then the distortion.
+"""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A camera's COLMAP model, its parameters in COLMAP's order, and the picture's size in pixels.
+
+    Pixel centres are at +0.5. Raises `ValueError` for an unknown model, a wrong number of parameters, numbers that are
+    not finite and focal lengths that are not positive.
+    """
+
+    model: str
+    parameters: tuple[float, ...]
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise ValueError(f"camera model {self.model} is not known; known are {', '.join(MODELS)}")
+        expected = sum(MODELS[self.model]) + 2
+        if len(self.parameters) != expected:
+            raise ValueError(f"a {self.model} camera has {len(self.parameters)} parameters; expected {expected}")
+        if not all(math.isfinite(value) for value in self.parameters):
+            raise ValueError(f"a {self.model} camera's parameters are not finite: {self.parameters}")
+        if min(self.parameters[: MODELS[self.model][0]]) <= 0 or min(self.width, self.height) < 1:
+            raise ValueError(f"a camera has a focal length or a size that is not positive: {self}")
+
+    @staticmethod
+    def pinhole(matrix: Float64[np.ndarray, "3 3"], width: int, height: int) -> Lens:
+        """A lens without distortion, of an intrinsic matrix."""
+        return Lens("PINHOLE", tuple(float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))), width, height)
+
+    def matrix(self) -> Float64[np.ndarray, "3 3"]:
+        """The intrinsic matrix, in pixels."""
+        count = MODELS[self.model][0]
+        x, y = self.parameters[count : count + 2]
+        return np.array([[self.parameters[0], 0, x], [0, self.parameters[count - 1], y], [0, 0, 1.0]])
+
+    def resized(self, width: int, height: int) -> Lens:
+        """The same lens in front of a resized picture: distortion is relative to the focal length and stays."""
+        across, down = width / self.width, height / self.height
+        focal_lengths, distortions = MODELS[self.model]
+        factors = [across, down] if focal_lengths == 2 else [(across + down) / 2]
+        factors += [across, down] + [1.0] * distortions
+        scaled = tuple(value * factor for value, factor in zip(self.parameters, factors, strict=True))
+        return replace(self, parameters=scaled, width=width, height=height)

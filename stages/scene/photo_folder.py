@@ -1,0 +1,164 @@
+"""A folder of photos: which files are pictures, what EXIF says of them, and which poses came with them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from pipeline.errors import UserError
+from stages.imaging.pictures import read_picture
+from stages.scene.capture import KnownPoses, PoseSource
+from stages.scene.colmap import PosedPhoto, find_colmap_model, read_colmap_model
+from stages.scene.lens import Lens
+from stages.scene.transforms import FILE, read_transforms
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
+SUBFOLDERS = ("images", "input", "photos", "rgb")
+"""Where captures keep their pictures when they do not lie in the folder itself."""
+
+EXIF_FOLDER, FOCAL_LENGTH_IN_35MM = 0x8769, 0xA405
+DIAGONAL_OF_35MM = math.hypot(36, 24)
+ASPECT_TOLERANCE = 0.01
+
+
+@dataclass(frozen=True)
+class PhotoFolder:
+    """The photos of a folder by file name, sorted, and how many other files lie beside them."""
+
+    photos: dict[str, Path]
+    ignored: int
+
+
+@dataclass(frozen=True)
+class PhotoFacts:
+    """Width and height when upright, and the focal length in pixels where EXIF tells it."""
+
+    size: tuple[int, int]
+    focal_pixels: float | None
+
+
+def find_photos(folder: Path) -> PhotoFolder:
+    """The photos of `folder`, or of the first of its `SUBFOLDERS` with any where it has none itself.
+
+    Raises `UserError` where there is no folder or no photo, and for photos that only their extensions tell apart:
+    results are paired by name.
+    """
+    if not folder.is_dir():
+        raise UserError("no such folder of photos", where=folder, found="a file" if folder.exists() else "nothing")
+    for place in (folder, *(folder / name for name in SUBFOLDERS)):
+        files = sorted(file for file in place.iterdir() if file.is_file()) if place.is_dir() else []
+        photos = {file.name: file for file in files if _is_photo(file)}
+        if photos:
+            _refuse_equal_stems(place, photos)
+            return PhotoFolder(photos, len(files) - len(photos))
+    raise UserError(
+        "a folder without photos",
+        where=folder,
+        found=_what_is_there(folder),
+        expected=f"photos ({', '.join(SUFFIXES)}) in it or in its folder {', '.join(SUBFOLDERS)}",
+    )
+
+
+def _is_photo(file: Path) -> bool:
+    return file.suffix.lower() in SUFFIXES and not file.name.startswith(".")
+
+
+def _refuse_equal_stems(place: Path, photos: dict[str, Path]) -> None:
+    by_stem = defaultdict(list)
+    for name in photos:
+        by_stem[Path(name).stem].append(name)
+    for names in by_stem.values():
+        if len(names) > 1:
+            raise UserError(
+                "two photos differ only in their extension",
+                where=place,
+                found=" and ".join(names),
+                expected="a name of its own for every photo, for views are paired by name",
+                remedy="Rename one, or take it out.",
+            )
+
+
+def _what_is_there(folder: Path) -> str:
+    kinds = Counter(entry.suffix.lower() or "no extension" for entry in folder.iterdir() if entry.is_file())
+    subfolders = sorted(entry.name for entry in folder.iterdir() if entry.is_dir())
+    parts = [f"{count} files ({kind})" for kind, count in kinds.most_common(5)]
+    parts += [f"folders {', '.join(subfolders[:5])}"] if subfolders else []
+    return "; ".join(parts) or "an empty folder"
+
+
+def read_facts(photo: Path) -> PhotoFacts:
+    """Reads a photo to its last byte, so that damage shows here; raises `UserError` as `read_picture` does."""
+    height, width = read_picture(photo).shape[:2]
+    with Image.open(photo) as image:
+        equivalent = image.getexif().get_ifd(EXIF_FOLDER).get(FOCAL_LENGTH_IN_35MM)
+    if not equivalent or not math.isfinite(float(equivalent)) or float(equivalent) <= 0:
+        return PhotoFacts((width, height), None)
+    return PhotoFacts((width, height), float(equivalent) / DIAGONAL_OF_35MM * math.hypot(width, height))
+
+
+def find_poses(folder: Path) -> Path | None:
+    """The COLMAP model's folder or the `transforms.json` of a capture's folder; a model comes first."""
+    model = find_colmap_model(folder)
+    if model is None and (folder / FILE).is_file():
+        return folder / FILE
+    return model
+
+
+def read_poses(place: Path, sizes: dict[str, tuple[int, int]]) -> tuple[PoseSource, list[PosedPhoto]]:
+    """The poses of a COLMAP model or a transforms.json, under the names of the photos in `sizes`.
+
+    A posed photo is matched by its file name, else by its stem; its lens is scaled to the photo's size. Raises
+    `UserError` for what cannot be read, for poses whose photo is not there, twice posed photos, and other aspects.
+    """
+    stems = {Path(name).stem: name for name in sizes}
+
+    def photo_named(name: str) -> str | None:
+        name = Path(name).name
+        return name if name in sizes else stems.get(Path(name).stem) or stems.get(name)
+
+    def size_of(name: str) -> tuple[int, int]:
+        photo = photo_named(name)
+        return sizes[photo] if photo is not None else (1, 1)
+
+    source: PoseSource = "colmap" if place.is_dir() else "transforms"
+    posed = read_colmap_model(place) if place.is_dir() else read_transforms(place, size_of)
+    matched = {each.name: photo_named(each.name) for each in posed}
+    missing = [name for name, photo in matched.items() if photo is None]
+    if missing or not posed:
+        raise UserError(
+            "poses came for photos that do not exist" if posed else "a file of poses without poses",
+            where=place,
+            found=f"{len(missing)} of {len(posed)}: {', '.join(missing[:3])}" if posed else "0 photos",
+            expected=f"the names of the {len(sizes)} photos, such as {min(sizes)}",
+            remedy="Put the photos there, or take the poses out of the folder to have them estimated.",
+        )
+    if len(set(matched.values())) < len(posed):
+        raise UserError("a photo is posed twice", where=place, remedy="Keep one pose for every photo.")
+    renamed = [PosedPhoto(str(matched[each.name]), each.world_to_camera, each.lens) for each in posed]
+    fitted = [PosedPhoto(p.name, p.world_to_camera, _fitted(place, p, sizes[p.name])) for p in renamed]
+    return source, sorted(fitted, key=lambda photo: photo.name)
+
+
+def _fitted(place: Path, photo: PosedPhoto, size: tuple[int, int]) -> Lens:
+    lens = photo.lens
+    if abs(lens.width / lens.height / (size[0] / size[1]) - 1) > ASPECT_TOLERANCE:
+        raise UserError(
+            f"the poses are for a photo {photo.name} of another shape",
+            where=place,
+            found=f"{lens.width} x {lens.height} pixels",
+            expected=f"{size[0]} x {size[1]} pixels, or the same proportions",
+            remedy="Use the photos that the poses were made from, neither cropped nor turned.",
+        )
+    return lens.resized(*size)
+
+
+def known_poses(source: PoseSource, posed: list[PosedPhoto]) -> KnownPoses:
+    """Poses of the photos in this order."""
+    return KnownPoses(
+        source, np.stack([photo.world_to_camera for photo in posed]), tuple(photo.lens for photo in posed)
+    )
