@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Literal
 
 import torch
-from opencl.device import describe
 from pydantic import Field
 
+from opencl.device import choose_device
 from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
@@ -78,7 +78,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
         # The control of the control: what plain 3DGS, which has never seen the message, gets wrong.
         every[1].rows += leakage_rows(every[1], messages)
     _write(context, every, scene)
-    context.record(device=describe())
+    context.record(device=choose_device().describe())
 
 
 def _perceptual(context: Context, parameters: EvaluateParameters) -> Perceptual:

@@ -7,7 +7,7 @@ from typing import Literal
 import torch
 from pydantic import Field
 
-from opencl.device import describe
+from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, stage
 from stages.hiding.method import build_method, module_of
 from stages.hiding.storage import write_container, write_secret
@@ -71,7 +71,7 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
     write_container(context.output("container"), training.gaussians, parameters.method, method)
     write_secret(context.output("secret"), method, list(messages))
     write_rows(context.output("curves"), curves)
-    context.record(device=describe(), gaussians=len(training.gaussians))
+    context.record(device=choose_device().describe(), gaussians=len(training.gaussians))
 
 
 def _build(parameters: HideScenesParameters, messages: list[str]):  # type: ignore[no-untyped-def]

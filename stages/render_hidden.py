@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float32
 from pydantic import Field
 
-from opencl.device import describe
+from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.method import Method, module_of
 from stages.hiding.photographs import photographs
@@ -58,7 +58,9 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     context.log(
         f"{int(views.legal.sum())} of {len(views.view_names)} views are legal (coverage {LEGAL_COVERAGE} or more)"
     )
-    context.record(device=describe(), legal_views=int(views.legal.sum()), scale=round(float(placed.scale), 4))
+    context.record(
+        device=choose_device().describe(), legal_views=int(views.legal.sum()), scale=round(float(placed.scale), 4)
+    )
 
 
 def shrunken(cameras: Cameras, width: int) -> Cameras:

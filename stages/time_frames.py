@@ -9,7 +9,7 @@ import time
 import torch
 from pydantic import Field
 
-from opencl.device import describe
+from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.method import Method, module_of
 from stages.hiding.rendering import splat
@@ -51,7 +51,7 @@ def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
         MetricRow("seconds_per_feature_map", statistics.median(blended[parameters.warmup :]), "s"),
     ]
     write_rows(context.output("timings"), rows)
-    context.record(device=describe(), threads=parameters.threads)
+    context.record(device=choose_device().describe(), threads=parameters.threads)
 
 
 def feature_dim(gaussians: Gaussians) -> int:

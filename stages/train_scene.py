@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from pydantic import Field
 
-from opencl.device import describe
+from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, stage
 from stages.hiding.method import build_method, module_of
 from stages.hiding.rendering import COVER
@@ -52,4 +52,4 @@ def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
     curves = training.run(observer(context, parameters.iterations))
     write_container(context.output("splats"), training.gaussians, METHOD, method)
     write_rows(context.output("curves"), curves)
-    context.record(device=describe(), gaussians=len(training.gaussians))
+    context.record(device=choose_device().describe(), gaussians=len(training.gaussians))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from jaxtyping import UInt8
 
 from pipeline.artifact import Artifact, ArtifactWriter
+from stages.scene.attributes import mappings
 
 Role = Literal["cover", "message", "feature_map"]
 
@@ -29,7 +30,7 @@ class Comparison:
 
 def write_comparisons(writer: ArtifactWriter, comparisons: Iterable[Comparison]) -> None:
     """Write a `comparisons` artifact; none at all is allowed."""
-    described = []
+    described: list[Any] = []
     for position, comparison in enumerate(comparisons):
         writer.write(f"{position}/truth", comparison.truth)
         writer.write(f"{position}/rendered", comparison.rendered)
@@ -47,16 +48,15 @@ def write_comparisons(writer: ArtifactWriter, comparisons: Iterable[Comparison])
 
 def read_comparisons(artifact: Artifact) -> tuple[Comparison, ...]:
     """Read a `comparisons` artifact."""
-    described = cast(Sequence[dict], artifact.attributes["comparisons"])
     return tuple(
         Comparison(
-            title=entry["title"],
-            role=entry["role"],
-            method=entry["method"],
-            names=tuple(entry["names"]),
-            splits=tuple(entry["splits"]),
+            title=str(entry["title"]),
+            role=cast(Role, entry["role"]),
+            method=str(entry["method"]),
+            names=tuple(cast(list[str], entry["names"])),
+            splits=tuple(cast(list[str], entry["splits"])),
             truth=artifact.read(f"{position}/truth"),
             rendered=artifact.read(f"{position}/rendered"),
         )
-        for position, entry in enumerate(described)
+        for position, entry in enumerate(mappings(artifact, "comparisons"))
     )

@@ -25,7 +25,7 @@ class Method(Protocol):
     `learning_rates` gives Adam's rate for every attribute. `networks` are trained beside the Gaussians.
     """
 
-    settings: Mapping[str, object]
+    settings: Mapping[str, int | float | str]
     learning_rates: Mapping[str, float]
     networks: Mapping[str, torch.nn.Module]
 

@@ -10,6 +10,7 @@ import torch
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
 from stages.hiding.method import Method, build_method
+from stages.scene.attributes import mapping, string, strings
 from stages.scene.gaussians import Gaussians
 
 PUBLIC_NETWORKS = ("scene_decoder",)
@@ -43,11 +44,11 @@ def read_method(container: Artifact, secret: Artifact | None = None) -> Method:
 
     Raises `UserError` where the weights in the artifacts do not fit the method.
     """
-    settings: dict[str, object] = dict(container.attributes["settings"])
+    settings = mapping(container, "settings")
     if secret is not None:
-        settings["messages"] = list(secret.attributes["messages"])
+        settings["messages"] = list(strings(secret, "messages"))
     with torch.random.fork_rng():
-        method = build_method(str(container.attributes["method"]), settings)
+        method = build_method(string(container, "method"), settings)
     for artifact in (container, secret):
         if artifact is not None:
             _read_networks(artifact, method)

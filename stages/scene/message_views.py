@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float32, UInt8
 
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
+from stages.scene.attributes import string, strings
 
 LEGAL_COVERAGE = 0.9
 """A view is legal where the message fills at least this share of the picture; the paper names no criterion."""
@@ -52,12 +53,12 @@ def read_messages(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> 
     """
     messages: dict[str, MessageViews] = {}
     for artifact in artifacts:
-        name = str(artifact.attributes["message"])
+        name = string(artifact, "message")
         if name in messages:
             raise UserError(
                 "two messages have the same name", found=name, remedy="give each render_hidden a name of its own"
             )
-        index = {view: row for row, view in enumerate(artifact.attributes["names"])}
+        index = {view: row for row, view in enumerate(strings(artifact, "names"))}
         missing = [view for view in cover_names if view not in index]
         if missing:
             raise UserError(

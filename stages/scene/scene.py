@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from pipeline.artifact import Artifact, ArtifactWriter
+from stages.scene.attributes import strings
 from stages.scene.cameras import Cameras
 
 TEST_VIEW_EVERY = 8
@@ -48,7 +49,7 @@ def read_scene(artifact: Artifact) -> Scene:
     """Read a `scene` artifact."""
     pictures = artifact.read("pictures")
     cameras = Cameras(
-        names=tuple(artifact.attributes["names"]),
+        names=strings(artifact, "names"),
         world_to_camera=artifact.read("world_to_camera"),
         intrinsics=artifact.read("intrinsics"),
         width=pictures.shape[2],
@@ -59,15 +60,15 @@ def read_scene(artifact: Artifact) -> Scene:
         pictures,
         artifact.read("points"),
         artifact.read("point_colors"),
-        tuple(artifact.attributes["test_names"]),
+        strings(artifact, "test_names"),
     )
 
 
-def write_scene(writer: ArtifactWriter, scene: Scene, **attributes: object) -> None:
+def write_scene(writer: ArtifactWriter, scene: Scene, **attributes: str | int | float | None) -> None:
     """Write a `scene` artifact; `attributes` (registered, total, …) stand beside the names."""
     writer.write("pictures", scene.pictures)
     writer.write("world_to_camera", scene.cameras.world_to_camera)
     writer.write("intrinsics", scene.cameras.intrinsics)
     writer.write("points", scene.points)
     writer.write("point_colors", scene.point_colors)
-    writer.attributes.update(names=list(scene.cameras.names), test_names=list(scene.test_names), **attributes)
+    writer.attributes |= {"names": [*scene.cameras.names], "test_names": [*scene.test_names], **attributes}

@@ -32,7 +32,7 @@ class GSHider:
         self.feature_dim = feature_dim
         self.messages = tuple(messages)
         self.precision = getattr(torch, precision)
-        self.settings: Mapping[str, object] = {
+        self.settings: Mapping[str, int | float | str] = {
             "feature_dim": feature_dim,
             "layers": layers,
             "decoder_width": decoder_width,
@@ -45,7 +45,7 @@ class GSHider:
             self.message_decoder = Decoder(feature_dim, 3 * len(self.messages), layers, decoder_width)
             self.networks["message_decoder"] = self.message_decoder
         for network in self.networks.values():
-            network.to(memory_format=torch.channels_last)
+            network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stub omits it
 
     def initial_attributes(
         self, colors: Float[np.ndarray, "N 3"], generator: torch.Generator

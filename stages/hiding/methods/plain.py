@@ -23,7 +23,7 @@ class Plain:
 
     def __init__(self, sh_degree: int):
         self.sh_degree = sh_degree
-        self.settings: Mapping[str, object] = {"sh_degree": sh_degree}
+        self.settings: Mapping[str, int | float | str] = {"sh_degree": sh_degree}
         self.learning_rates: Mapping[str, float] = {"sh_base": 2.5e-3, "sh_rest": 2.5e-3 / 20}
         self.networks: Mapping[str, torch.nn.Module] = {}
 
