@@ -1,0 +1,98 @@
+"""Line charts as geometry: the template draws them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+WIDTH, HEIGHT = 560, 300
+LEFT, RIGHT, TOP, BOTTOM = 52, 14, 12, 34
+
+
+@dataclass(frozen=True)
+class Series:
+    """A named line; points are (x, y) with x ascending and finite values."""
+
+    name: str
+    points: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Tick:
+    """A mark on an axis: where, in the chart's units, and what is written there."""
+
+    position: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Chart:
+    """``lines`` are names with the points of a polyline, as SVG writes them."""
+
+    title: str
+    across: tuple[Tick, ...]
+    upward: tuple[Tick, ...]
+    lines: tuple[tuple[str, str], ...]
+    width: int = WIDTH
+    height: int = HEIGHT
+    left: int = LEFT
+    right: int = WIDTH - RIGHT
+    top: int = TOP
+    bottom: int = HEIGHT - BOTTOM
+
+
+def line_chart(title: str, series: Sequence[Series], logarithmic: bool = False) -> Chart | None:
+    """The chart of all series over common axes; ``logarithmic`` upwards, for positive values only. None if empty."""
+    usable = [
+        Series(each.name, tuple(point for point in each.points if _drawable(point, logarithmic))) for each in series
+    ]
+    usable = [each for each in usable if each.points]
+    if not usable:
+        return None
+    points = [point for each in usable for point in each.points]
+    right = max(x for x, _ in points)
+    values = [math.log10(y) if logarithmic else y for _, y in points]
+    low, high = _padded(min(values), max(values))
+
+    def place(x: float, y: float) -> tuple[float, float]:
+        upward = math.log10(y) if logarithmic else y
+        across = LEFT + (WIDTH - LEFT - RIGHT) * x / (right or 1)
+        return across, TOP + (HEIGHT - TOP - BOTTOM) * (high - upward) / (high - low)
+
+    levels = _decade_ticks(low, high) if logarithmic else _round_ticks(low, high)
+    return Chart(
+        title,
+        tuple(Tick(place(x, 1)[0], f"{x:,.0f}") for x in _round_ticks(0, right)),
+        tuple(Tick(place(0, y)[1], f"{y:g}") for y in levels),
+        tuple((each.name, _polyline([place(*point) for point in each.points])) for each in usable),
+    )
+
+
+def _drawable(point: tuple[float, float], logarithmic: bool) -> bool:
+    return all(map(math.isfinite, point)) and (point[1] > 0 or not logarithmic)
+
+
+def _padded(low: float, high: float) -> tuple[float, float]:
+    margin = 0.05 * (high - low) or 0.5
+    return low - margin, high + margin
+
+
+def _round_ticks(low: float, high: float) -> list[float]:
+    """Multiples of 1, 2 or 5 times a power of ten: four to nine of them."""
+    rough = (high - low) / 5 or 1
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(step for step in (power, 2 * power, 5 * power, 10 * power) if step >= 0.8 * rough)
+    first, last = math.ceil(low / step), math.floor(high / step)
+    return [round(index * step, 10) for index in range(first, last + 1)]
+
+
+def _decade_ticks(low: float, high: float) -> list[float]:
+    decades = range(math.floor(low), math.ceil(high) + 1)
+    steps = (1, 2, 5) if high - low < 2 else (1,)
+    marks = [step * 10.0**decade for decade in decades for step in steps]
+    return [mark for mark in marks if low <= math.log10(mark) <= high]
+
+
+def _polyline(points: Sequence[tuple[float, float]]) -> str:
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in points)

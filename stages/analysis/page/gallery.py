@@ -1,0 +1,136 @@
+"""Pictures side by side with the truth, small enough to live inside the page."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import UInt8
+
+from stages.analysis.comparisons import Comparison
+from stages.analysis.page.figures import write_figure
+from stages.imaging.pictures import Picture, encode_jpeg, encode_png, picture_to_tensor
+from stages.imaging.psnr import psnr
+
+RESIDUAL_GAIN = 8
+LOSSLESS_PIXELS = 2_500_000  # about 6 MB as PNG inside the page; JPEG beyond
+JPEG_QUALITY = 92
+WIDEST_COMPARISON = 5
+THUMBNAILS = 6
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A picture with its caption; ``note`` is a figure or remark under it."""
+
+    caption: str
+    picture: Picture
+    note: str = ""
+
+    def data_uri(self, lossless: bool) -> str:
+        """The picture as a PNG or a JPEG inside a URI."""
+        kind, data = (
+            ("png", encode_png(self.picture)) if lossless else ("jpeg", encode_jpeg(self.picture, JPEG_QUALITY))
+        )
+        return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+
+
+@dataclass(frozen=True)
+class View:
+    """Pictures of one camera."""
+
+    name: str
+    split: str
+    pictures: tuple[Shown, ...]
+
+    @property
+    def columns(self) -> int:
+        """How many pictures stand side by side where there is room."""
+        return len(self.pictures) if len(self.pictures) <= WIDEST_COMPARISON else THUMBNAILS
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """A heading with the views under it."""
+
+    title: str
+    views: tuple[View, ...]
+
+    @property
+    def narrow(self) -> bool:
+        """Whether two views fit beside each other."""
+        return all(len(view.pictures) <= 2 for view in self.views)
+
+
+def is_lossless(galleries: Sequence[Gallery]) -> bool:
+    """Whether all pictures together are few enough for PNG."""
+    pictures = [shown.picture for gallery in galleries for view in gallery.views for shown in view.pictures]
+    return sum(picture.shape[0] * picture.shape[1] for picture in pictures) <= LOSSLESS_PIXELS
+
+
+def cover_gallery(covers: Sequence[Comparison], count: int, title: str, residual: bool) -> Gallery | None:
+    """Truth, then what each method rendered, then on request the first one's residual; None without any."""
+    if not covers:
+        return None
+    views = []
+    for name, split in chosen_views(covers[0], count):
+        truth = _picture(covers[0].truth, covers[0], name)
+        rendered = [_rendered(each.method, each, name) for each in covers if name in each.names]
+        shown = [Shown("Truth", truth), *rendered]
+        if residual:
+            shown.append(Shown(f"Residual ×{RESIDUAL_GAIN}", _residual(rendered[0].picture, truth)))
+        views.append(View(name, split, tuple(shown)))
+    return Gallery(title, tuple(views))
+
+
+def message_gallery(message: Comparison, count: int, title: str) -> Gallery:
+    """Truth and what was recovered."""
+    return Gallery(
+        title,
+        tuple(
+            View(
+                name,
+                split,
+                (Shown("Truth", _picture(message.truth, message, name)), _rendered("Recovered", message, name)),
+            )
+            for name, split in chosen_views(message, count)
+        ),
+    )
+
+
+def picture_gallery(pictures: Comparison, count: int, title: str) -> Gallery:
+    """Pictures that have no truth, such as feature maps."""
+    shown = (Shown(name, _picture(pictures.rendered, pictures, name)) for name, _ in chosen_views(pictures, count))
+    return Gallery(title, (View("", "", tuple(shown)),))
+
+
+def chosen_views(comparison: Comparison, count: int) -> list[tuple[str, str]]:
+    """At most ``count`` views with their splits, spread evenly: test views, and training views for what is left."""
+    pairs = list(zip(comparison.names, comparison.splits, strict=True))
+    test = [pair for pair in pairs if pair[1] == "test"]
+    others = [pair for pair in pairs if pair[1] != "test"]
+    return _spread(test, count) + _spread(others, count - len(test))
+
+
+def _spread(pairs: list[tuple[str, str]], count: int) -> list[tuple[str, str]]:
+    if count <= 0 or not pairs:
+        return []
+    positions = np.linspace(0, len(pairs) - 1, min(count, len(pairs))).round().astype(int)
+    return [pairs[position] for position in positions]
+
+
+def _rendered(caption: str, comparison: Comparison, name: str) -> Shown:
+    rendered, truth = (_picture(each, comparison, name) for each in (comparison.rendered, comparison.truth))
+    decibels = psnr(picture_to_tensor(rendered), picture_to_tensor(truth))
+    return Shown(caption, rendered, f"{write_figure('psnr', decibels)} dB")
+
+
+def _residual(rendered: Picture, truth: Picture) -> Picture:
+    difference = np.abs(rendered.astype(np.int16) - truth.astype(np.int16))
+    return (difference * RESIDUAL_GAIN).clip(0, 255).astype(np.uint8)
+
+
+def _picture(pictures: UInt8[np.ndarray, "K H W 3"], comparison: Comparison, name: str) -> Picture:
+    return pictures[comparison.names.index(name)]

@@ -1,0 +1,132 @@
+"""What a page may be made of: everything for the owner, public parts alone for everybody else.
+
+The public page is made from public material only, so that no later step has to remember what to leave out. Three
+sieves stand in a row: whole artifacts by their privacy, rows and pictures by what they are about, and stages by what
+they lead to. Even a method's name is replaced, since some methods say what they are for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from pipeline.artifact import Artifact
+from pipeline.stage import LineageRecord
+from stages.analysis.comparisons import Comparison, read_comparisons
+from stages.imaging.metric_table import MetricRow, read_rows
+
+# What anyone can measure who has the published splats and the photos.
+PUBLIC_QUANTITIES = frozenset(
+    {"psnr", "ssim", "lpips_vgg", "lpips_alex", "container_bytes", "gaussians", "seconds_per_frame", "loss"}
+)
+PUBLIC_ROLES = frozenset({"cover"})
+PUBLIC_FACTS = frozenset({"device"})
+
+PLAIN = "plain"
+METHOD_TITLES = {PLAIN: "3DGS", "gs_hider": "GS-Hider", "sh": "3DGS+SH", "decoder": "3DGS+Decoder"}  # as in the paper
+
+Inputs = Mapping[str, Sequence[Artifact]]
+"""Artifacts by the names `scores`, `public_scores`, `curves`, `timings`, `pictures`, `public_pictures`."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """Input of a page. Methods are named as they are shown; the first that occurs is the one the page is about."""
+
+    scores: tuple[MetricRow, ...]
+    curves: tuple[MetricRow, ...]
+    pictures: tuple[Comparison, ...]
+    lineage: tuple[LineageRecord, ...]
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """The methods that were scored, in the order of their first row."""
+        return tuple(dict.fromkeys(str(row.method) for row in self.scores))
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """The messages that were scored, in the order of their first row."""
+        return tuple(dict.fromkeys(row.message for row in self.scores if row.message is not None))
+
+
+def owner_material(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Material:
+    """All that the stage was given, once."""
+    return _named(_gathered(inputs, lineage), lambda methods: {name: METHOD_TITLES.get(name, name) for name in methods})
+
+
+def public_material(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Material:
+    """The public parts of the same inputs."""
+    public = {name: [artifact for artifact in given if not artifact.private] for name, given in inputs.items()}
+    material = _gathered(public, public_lineage(lineage))
+    return _named(
+        replace(
+            material,
+            scores=tuple(row for row in material.scores if _is_public(row)),
+            curves=tuple(row for row in material.curves if _is_public(row)),
+            pictures=tuple(each for each in material.pictures if each.role in PUBLIC_ROLES),
+        ),
+        _neutral_titles,
+    )
+
+
+def public_lineage(lineage: Sequence[LineageRecord]) -> tuple[LineageRecord, ...]:
+    """The stages that lead to something public through public stages alone, with public facts.
+
+    A stage that makes anything private is left out, and so is a public one that served such stages only: the photos
+    of what was made private later are as telling as the stage that did it.
+    """
+    kept: dict[str, LineageRecord] = {}
+    for record in reversed(lineage):
+        consumers = [later.name for later in lineage if record.name in later.inputs]
+        if not record.private and (not consumers or any(name in kept for name in consumers)):
+            kept[record.name] = record
+    return tuple(
+        replace(
+            record,
+            inputs=tuple(name for name in record.inputs if name in kept),
+            facts={name: value for name, value in record.facts.items() if name in PUBLIC_FACTS},
+        )
+        for record in lineage
+        if record.name in kept
+    )
+
+
+def _gathered(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Material:
+    scores = [row for name in ("scores", "public_scores") for each in inputs[name] for row in read_rows(each)]
+    first = next((row.method for row in scores if row.method is not None), None)
+    timings = [replace(row, method=row.method or first) for each in inputs["timings"] for row in read_rows(each)]
+    curves = [
+        replace(row, method=row.method or f"training {number}")
+        for number, each in enumerate(inputs["curves"], start=1)
+        for row in read_rows(each)
+    ]
+    pictures: dict[tuple[str, str, str], Comparison] = {}
+    for artifact in (*inputs["pictures"], *inputs["public_pictures"]):
+        for each in read_comparisons(artifact):
+            pictures.setdefault((each.method, each.role, each.title), each)
+    return Material(tuple(dict.fromkeys((*scores, *timings))), tuple(curves), tuple(pictures.values()), tuple(lineage))
+
+
+def _named(material: Material, titles_of: Callable[[Iterable[str]], Mapping[str, str]]) -> Material:
+    rows = (*material.scores, *material.curves)
+    titles = titles_of(
+        dict.fromkeys((*(str(row.method) for row in rows), *(each.method for each in material.pictures)))
+    )
+    return replace(
+        material,
+        scores=tuple(replace(row, method=titles[str(row.method)]) for row in material.scores),
+        curves=tuple(replace(row, method=titles[str(row.method)]) for row in material.curves),
+        pictures=tuple(replace(each, method=titles[each.method]) for each in material.pictures),
+    )
+
+
+def _neutral_titles(methods: Iterable[str]) -> dict[str, str]:
+    titles = {PLAIN: METHOD_TITLES[PLAIN]}
+    for name in methods:
+        if name not in titles:
+            titles[name] = "This scene" if len(titles) == 1 else f"Scene {len(titles)}"
+    return titles
+
+
+def _is_public(row: MetricRow) -> bool:
+    return row.message is None and row.quantity in PUBLIC_QUANTITIES

@@ -1,0 +1,179 @@
+"""The page as the template takes it, and the page as HTML."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from pipeline.stage import LineageRecord
+from stages.analysis.comparisons import Comparison, Role
+from stages.analysis.page.chart import Chart, Series, line_chart
+from stages.analysis.page.figures import write_seconds
+from stages.analysis.page.gallery import Gallery, cover_gallery, is_lossless, message_gallery, picture_gallery
+from stages.analysis.page.graph import Graph, draw_graph
+from stages.analysis.page.material import Material
+from stages.analysis.page.summary import Tile, message_tiles, owner_summary, scene_tiles
+from stages.analysis.page.tables import Table, cover_table, message_table
+from stages.imaging.lpips_weights import HOW_TO_INSTALL
+from stages.imaging.metric_table import MetricRow
+
+RESOURCES = ("templates/*",)
+TEMPLATES = Path(__file__).parent / "templates"
+
+
+@dataclass(frozen=True)
+class StageFacts:
+    """What is said about a stage under the graph; texts are ready to show."""
+
+    name: str
+    uses: str
+    time: str
+    facts: tuple[tuple[str, str], ...]
+    parameters: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Page:
+    """Everything on the page; what is empty or None is left out."""
+
+    title: str
+    summary: str
+    tiles: tuple[Tile, ...]
+    galleries: tuple[Gallery, ...]
+    tables: tuple[Table, ...]
+    remark: str
+    charts: tuple[Chart, ...]
+    graph: Graph | None
+    stages: tuple[StageFacts, ...]
+    versions: tuple[tuple[str, str], ...]
+    devices: tuple[str, ...]
+    command: str
+
+    @property
+    def definitions(self) -> tuple[tuple[str, str], ...]:
+        """What each quantity in the tables means."""
+        return tuple(dict.fromkeys(each for table in self.tables for each in table.definitions))
+
+    @property
+    def lossless(self) -> bool:
+        """Whether pictures are embedded as PNG."""
+        return is_lossless(self.galleries)
+
+
+def owner_page(material: Material, workflow: str, views: int) -> Page:
+    """All there is, and how to run it again; ``views`` of each set are shown."""
+
+    def playing(role: Role) -> list[Comparison]:
+        return [each for each in material.pictures if each.role == role]
+
+    galleries = [
+        cover_gallery(playing("cover"), views, "Cover", residual=True),
+        *(message_gallery(each, views, _title(material, "Message", each)) for each in playing("message")),
+        *(picture_gallery(each, views, _title(material, "Features", each)) for each in playing("feature_map")),
+    ]
+    return _page(
+        material,
+        galleries,
+        title=workflow,
+        summary=owner_summary(material),
+        tiles=(*scene_tiles(material, "Cover"), *message_tiles(material)),
+        command=f"python -m pipeline run workflows/{workflow}.yaml",
+    )
+
+
+def _title(material: Material, what: str, comparison: Comparison) -> str:
+    """What is shown, with the method where several were scored."""
+    sharing = {each.method for each in material.pictures if each.role == comparison.role}
+    title = f"{what}: {comparison.title}"
+    return title if len(sharing) == 1 else f"{title} · {comparison.method}"
+
+
+def public_page(material: Material, views: int) -> Page:
+    """The scene alone, in words that fit any splatted scene."""
+    return _page(
+        material,
+        [cover_gallery(material.pictures, views, "Pictures", residual=False)],
+        title="A Gaussian splatting scene",
+        summary="A scene of 3D Gaussians, compared with photos that it was not fitted to.",
+        tiles=scene_tiles(material, "Scene"),
+        command="",
+    )
+
+
+def write_page(page: Page) -> str:
+    """The page as HTML, complete in itself: no script, and nothing that is fetched from anywhere."""
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html").render(page=page)
+
+
+def _page(
+    material: Material,
+    galleries: Iterable[Gallery | None],
+    title: str,
+    summary: str,
+    tiles: tuple[Tile, ...],
+    command: str,
+) -> Page:
+    tables = (cover_table(material), message_table(material))
+    charts = (
+        _chart("PSNR of the training views (dB)", material.curves, "psnr"),
+        _chart("Loss", material.curves, "loss", logarithmic=True),
+        _chart("Gaussians", material.curves, "gaussians"),
+    )
+    return Page(
+        title=title,
+        summary=summary,
+        tiles=tiles,
+        galleries=tuple(gallery for gallery in galleries if gallery is not None),
+        tables=tuple(table for table in tables if table is not None),
+        remark=_remark(material.scores),
+        charts=tuple(chart for chart in charts if chart is not None),
+        graph=draw_graph(material.lineage),
+        stages=tuple(_stage_facts(record) for record in material.lineage),
+        versions=tuple(sorted({item for record in material.lineage for item in record.versions.items()})),
+        devices=tuple(dict.fromkeys(str(each.facts["device"]) for each in material.lineage if "device" in each.facts)),
+        command=command,
+    )
+
+
+def _remark(rows: Sequence[MetricRow]) -> str:
+    if not rows or any(row.quantity.startswith("lpips") and not math.isnan(row.value) for row in rows):
+        return ""
+    return f"LPIPS was not measured: its weights were not installed. {HOW_TO_INSTALL}"
+
+
+def _chart(title: str, curves: Sequence[MetricRow], quantity: str, logarithmic: bool = False) -> Chart | None:
+    rows = [row for row in curves if row.quantity == quantity]
+    lines = dict.fromkeys((str(row.method), row.message) for row in rows)
+    series = [
+        Series(
+            method if message is None else f"{method}: {message}",
+            _points([row for row in rows if row.method == method and row.message == message]),
+        )
+        for method, message in lines
+    ]
+    return line_chart(title, series, logarithmic)
+
+
+def _points(rows: Sequence[MetricRow]) -> tuple[tuple[float, float], ...]:
+    return tuple(sorted((row.iteration, row.value) for row in rows if row.iteration is not None))
+
+
+def _stage_facts(record: LineageRecord) -> StageFacts:
+    return StageFacts(
+        record.name,
+        record.uses,
+        write_seconds(record.seconds),
+        tuple((name, str(value)) for name, value in sorted(record.facts.items())),
+        tuple((name, str(value)) for name, value in record.parameters.items()),
+    )

@@ -1,0 +1,69 @@
+"""The main figures at the top of the page, and the sentence above them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from stages.analysis.page.figures import MISSING, write_figure
+from stages.analysis.page.material import Material
+from stages.analysis.page.tables import Column, mean_of, rows_about
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A main figure: what it is, its value with its unit, and what to hold it against."""
+
+    label: str
+    value: str
+    note: str
+
+
+def owner_summary(material: Material) -> str:
+    """One sentence with the means over the test views."""
+    if not material.methods:
+        return "Nothing was measured."
+    messages = material.messages
+    count = {0: "No message is", 1: "One message is"}.get(len(messages), f"{len(messages)} messages are")
+    figures = [
+        f"the cover reaches {_test_psnr(material)}",
+        *(f"{name} {_test_psnr(material, name)}" for name in messages),
+    ]
+    return f"{count} hidden in one Gaussian splatting scene. On test views {', '.join(figures)}."
+
+
+def scene_tiles(material: Material, name: str) -> tuple[Tile, ...]:
+    """Fidelity beside the other methods, size and speed of the first method, as far as they were measured."""
+    if not material.methods:
+        return ()
+    rows = rows_about(material.scores, material.methods[0])
+    others = ", ".join(f"{method}: {_test_psnr(material, method=method)}" for method in material.methods[1:])
+    gaussians = mean_of(rows, Column("gaussians"))
+    count = "" if math.isnan(gaussians) else f"{write_figure('gaussians', gaussians)} Gaussians"
+    return (
+        *_tile(f"{name}, test views", "psnr", mean_of(rows, Column("psnr", "test")), " dB", others),
+        *_tile("SSIM, test views", "ssim", mean_of(rows, Column("ssim", "test"))),
+        *_tile("Published size", "container_bytes", mean_of(rows, Column("container_bytes")), " MB", count),
+        *_tile("Time a frame", "seconds_per_frame", mean_of(rows, Column("seconds_per_frame")), " ms"),
+    )
+
+
+def message_tiles(material: Material) -> tuple[Tile, ...]:
+    """Each message over the pixels that it covers, beside the best constant picture."""
+    tiles: list[Tile] = []
+    for message in material.messages:
+        rows = rows_about(material.scores, material.methods[0], message)
+        covered = mean_of(rows, Column("psnr_covered", "test"))
+        constant = write_figure("psnr_constant", mean_of(rows, Column("psnr_constant", "test")))
+        tiles += _tile(f"{message}, covered pixels", "psnr_covered", covered, " dB", f"one colour: {constant} dB")
+    return tuple(tiles)
+
+
+def _test_psnr(material: Material, message: str | None = None, method: str | None = None) -> str:
+    rows = rows_about(material.scores, method or material.methods[0], message)
+    value = mean_of(rows, Column("psnr", "test"))
+    return MISSING if math.isnan(value) else f"{write_figure('psnr', value)} dB"
+
+
+def _tile(label: str, quantity: str, value: float, unit: str = "", note: str = "") -> list[Tile]:
+    return [] if math.isnan(value) else [Tile(label, write_figure(quantity, value) + unit, note)]

@@ -1,0 +1,45 @@
+"""`report`: one page for the owner, with everything, and one for the public, made of public parts alone."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.page.material import owner_material, public_material
+from stages.analysis.page.page import owner_page, public_page, write_page
+
+REPORT_FILE = "report.html"
+INPUTS = {
+    "scores": Input("metrics", many=True),
+    "public_scores": Input("metrics", many=True, optional=True),
+    "curves": Input("metrics", many=True, optional=True),
+    "timings": Input("metrics", many=True, optional=True),
+    "pictures": Input("comparisons", many=True, optional=True),
+    "public_pictures": Input("comparisons", many=True, optional=True),
+}
+
+
+class ReportParameters(Parameters):
+    """What the pages show."""
+
+    views: int = Field(6, ge=1, description="How many views of each set of pictures to show, test views first.")
+
+
+@stage(
+    inputs=INPUTS,
+    outputs={"owner": Output("report", privacy="private"), "public": Output("report", privacy="public")},
+    version=1,
+    cores="one",
+)
+def report(context: Context, parameters: ReportParameters) -> None:
+    """Each page is one HTML file, about the method whose scores come first.
+
+    What is private goes to the owner's page only: the public one is made from nothing but public artifacts and the
+    stages that lead to them.
+    """
+    inputs = {name: context.input_many(name) for name in INPUTS}
+    lineage = context.lineage()
+    owner = owner_page(owner_material(inputs, lineage), context.workflow_name, parameters.views)
+    public = public_page(public_material(inputs, lineage), parameters.views)
+    context.output("owner").write_file(REPORT_FILE, write_page(owner))
+    context.output("public").write_file(REPORT_FILE, write_page(public))
