@@ -66,10 +66,14 @@ class Catalogue:
         self.sources = SourceTree((top, *libraries))
         self._store = store
         self._stages: dict[str, Stage] = {}
+        self._codes: dict[tuple[str, ...], Code] = {}
 
     def code(self, uses: str, modules: tuple[str, ...] = ()) -> Code:
         """The code behind a stage. Raises UserError where a module that it selects is missing or is not Python."""
-        return self.sources.code((f"{self.package}.{uses}", *modules))
+        roots = (f"{self.package}.{uses}", *modules)
+        if roots not in self._codes:
+            self._codes[roots] = self.sources.code(roots)
+        return self._codes[roots]
 
     def names(self) -> list[str]:
         """The stages that a workflow can use: the modules directly in the package."""

@@ -1,0 +1,141 @@
+"""Work done by dask: worker processes of our own on this machine, or a scheduler that runs already.
+
+Only small descriptions and results go through dask, never arrays. It takes seconds to import, so this module is
+imported when there is work to do.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import signal
+import uuid
+from contextlib import ExitStack
+from dataclasses import asdict
+from typing import Any
+
+import dask
+from distributed import Client, Future, LocalCluster, WorkerPlugin, get_worker
+from distributed.scheduler import KilledWorker
+
+from pipeline.errors import CommandError
+from pipeline.events import Event, Noted, StageProgressed, StageStarted
+from pipeline.executor import Lost, Tell, Work
+from pipeline.process import THREADS, KernelCache
+
+SETTINGS = {
+    "distributed.scheduler.allowed-failures": 0,  # else work that kills its worker kills four of them
+    "distributed.scheduler.worker-ttl": None,  # a library that holds the interpreter for minutes is not dead
+    "distributed.scheduler.no-workers-timeout": "60s",  # else work waits for ever when the last worker is gone
+    "distributed.worker.multiprocessing-method": "spawn",  # forked OpenCL and OpenMP do not work
+    "distributed.nanny.pre-spawn-environ": dict(THREADS),  # dask's own would allow one thread only
+    "distributed.logging": {"distributed": "critical"},
+    "logging": {"distributed": "critical", "distributed.nanny": "critical", "distributed.worker": "critical"},
+}
+DIED = "its worker process died: killed from outside, out of memory, or crashed inside a library"
+TOLD = {kind.__name__: kind for kind in (Noted, StageProgressed, StageStarted)}
+
+
+class DaskExecutor:
+    """Hands work to dask's workers, each a process that does one piece at a time.
+
+    `address` names a scheduler that runs already; without one, `workers` processes are started here. Raises
+    CommandError where nothing answers at the address.
+    """
+
+    def __init__(self, workers: int, address: str | None = None) -> None:
+        self._run = uuid.uuid4().hex
+        self._inbox: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
+        self._futures: dict[str, Future] = {}
+        self._resources = ExitStack()
+        self._resources.enter_context(dask.config.set(SETTINGS))
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        if address is None:
+            address = self._start_cluster(workers)
+        try:
+            self._client = Client(address, timeout="20s", set_as_default=False)
+        except (OSError, ValueError) as error:
+            self._resources.close()
+            raise CommandError("no dask scheduler answers", where=f"--scheduler {address}", found=error) from error
+        self._resources.callback(self._client.close, timeout=5)
+        self._client.register_plugin(PrepareWorker(), name="prepare-worker")
+        self._client.subscribe_topic(self._run, lambda event: self._inbox.put(("told", event[1])))
+
+    def _start_cluster(self, workers: int) -> LocalCluster:
+        before = _ignore_interrupts()  # inherited: Ctrl-C is for the engine, which tells the workers
+        try:
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=0,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            )
+        finally:
+            if before is not None:
+                signal.signal(signal.SIGINT, before)
+        self._resources.callback(cluster.close, timeout=5)
+        return cluster
+
+    def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
+        future = self._client.submit(
+            _work, work, subject, self._run, key=f"{name}-{uuid.uuid4().hex}", priority=urgency, pure=False, retries=0
+        )
+        self._futures[name] = future
+        future.add_done_callback(lambda _: self._inbox.put(("done", name)))
+
+    def wait(self, tell: Tell, seconds: float) -> tuple[str, Any] | None:
+        try:
+            while True:
+                what, content = self._inbox.get(timeout=seconds)
+                if what == "done":
+                    return content, self._result(self._futures.pop(content))
+                tell(_event(content))
+        except queue.Empty:
+            return None
+
+    def close(self) -> None:
+        for future in self._futures.values():
+            future.cancel()
+        self._resources.close()
+
+    def _result(self, future: Future) -> Any:
+        error = future.exception()
+        if error is None:
+            return future.result()
+        if isinstance(error, KilledWorker):
+            return Lost(DIED)
+        return Lost(f"{type(error).__name__}: {error}")
+
+
+class PrepareWorker(WorkerPlugin):
+    """Gives each worker process its kernel cache, and lets Ctrl-C at the terminal pass it by."""
+
+    def setup(self, worker: Any) -> None:
+        _ignore_interrupts()
+        self.kernel_cache = KernelCache()
+
+    def teardown(self, worker: Any) -> None:
+        self.kernel_cache.release()
+
+
+def _ignore_interrupts() -> Any:
+    try:
+        return signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except ValueError:  # not the main thread, which alone is interrupted
+        return None
+
+
+def _work(work: Work, subject: object, topic: str) -> Any:
+    """What a worker does: the work, telling events over dask's own channel."""
+    worker = get_worker()
+
+    def tell(event: Event) -> None:
+        worker.log_event(topic, {"type": type(event).__name__, "fields": asdict(event)})
+
+    return work(subject, tell)
+
+
+def _event(content: dict[str, Any]) -> Event:
+    return TOLD[content["type"]](**content["fields"])

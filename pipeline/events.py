@@ -1,0 +1,89 @@
+"""What happens during a run, as the engine tells it to whoever shows it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, Protocol
+
+State = Literal["ran", "cached", "failed", "skipped"]
+
+
+@dataclass(frozen=True)
+class StageStarted:
+    """A stage began to work."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class StageProgressed:
+    """How far a running stage is."""
+
+    name: str
+    done: float
+    total: float
+    figures: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class StageEnded:
+    """A stage came to its end, or to none: `cause` says why it failed or was skipped, `log` where to read more."""
+
+    name: str
+    state: State
+    key: str | None
+    seconds: float
+    outputs: Mapping[str, Path]
+    cause: str | None = None
+    log: Path | None = None
+
+
+@dataclass(frozen=True)
+class Noted:
+    """Something that a person should know: what the run waits for, where something is."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The end of a run: how many stages ended in each state."""
+
+    seconds: float
+    counts: Mapping[State, int] = field(default_factory=dict)
+    interrupted: bool = False
+
+
+Event = StageStarted | StageProgressed | StageEnded | Noted | Summary
+
+
+class Listener(Protocol):
+    """Shows events; used as a context around a run."""
+
+    def __call__(self, event: Event) -> None: ...
+
+
+def as_json(event: Event) -> str | None:
+    """The line that `--json` prints for an event; None for those that it does not print.
+
+    >>> as_json(StageEnded("cover", "cached", "5e", 0.0, {"scene": Path("ab")}))
+    '{"event": "stage", "name": "cover", "state": "cached", "key": "5e", "seconds": 0.0, "outputs": {"scene": "ab"}}'
+    """
+    if isinstance(event, StageEnded):
+        content = {
+            "event": "stage",
+            "name": event.name,
+            "state": event.state,
+            "key": event.key,
+            "seconds": round(event.seconds, 3),
+            "outputs": {name: str(path) for name, path in event.outputs.items()},
+        }
+    elif isinstance(event, Summary):
+        counts = {state: event.counts.get(state, 0) for state in ("ran", "cached", "failed", "skipped")}
+        content = {"event": "summary", **counts, "seconds": round(event.seconds, 3)}
+    else:
+        return None
+    return json.dumps(content)

@@ -1,0 +1,55 @@
+"""Where work is done: in this process, one piece after the other, or (in `cluster`) by dask's workers.
+
+An executor knows nothing of stages. It is given functions and what they work on, passes on the events that they tell,
+and says what came out. What may start when is decided by whoever gives it the work.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from pipeline.events import Event
+
+Tell = Callable[[Event], None]
+Work = Callable[[Any, Tell], Any]
+"""A function at the top of a module: it is given what it works on, and where to tell events."""
+
+
+@dataclass(frozen=True)
+class Lost:
+    """Instead of a result: why there is none, such as a worker that died."""
+
+    reason: str
+
+
+class Executor(Protocol):
+    def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
+        """Has `work(subject, tell)` done. Where there is a choice, what is more urgent is done first."""
+
+    def wait(self, tell: Tell, seconds: float) -> tuple[str, Any] | None:
+        """Passes on events until some work ends, and returns its name and result; None if that takes longer."""
+
+    def close(self) -> None:
+        """Ends everything, work that still runs included."""
+
+
+class SerialExecutor:
+    """Does the work in this process when it is waited for: for debugging, and where processes are too much."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[str, Work, object]] = deque()
+
+    def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
+        self._waiting.append((name, work, subject))
+
+    def wait(self, tell: Tell, seconds: float) -> tuple[str, Any] | None:
+        if not self._waiting:
+            return None
+        name, work, subject = self._waiting.popleft()
+        return name, work(subject, tell)
+
+    def close(self) -> None:
+        self._waiting.clear()

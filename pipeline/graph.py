@@ -1,0 +1,310 @@
+"""The graph of a workflow: every stage checked against what it declares, its references resolved to outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.canonical import Json
+from pipeline.declaration import Catalogue, Completed, Declaration
+from pipeline.errors import CommandError, Place, UserError, nearest
+from pipeline.external import digest_of_external
+from pipeline.located import Located, Problems
+from pipeline.workflow import Entry, Instance, Reference, Workflow
+
+
+@dataclass(frozen=True)
+class Source:
+    """One output of one node."""
+
+    node: str
+    output: str
+
+
+@dataclass(frozen=True)
+class Node:
+    """A stage, ready to be given its inputs.
+
+    `sources` holds, for each input, where its artifacts come from (none for an optional input that is not given).
+    `arguments` are the parameters as the workflow gives them, external paths absolute; `parameters` are all but
+    external ones, with their defaults; `external` holds the digests of external files and folders by parameter.
+    """
+
+    name: str
+    declaration: Declaration
+    sources: Mapping[str, tuple[Source, ...]]
+    arguments: Mapping[str, Json]
+    parameters: Mapping[str, Json]
+    external: Mapping[str, tuple[str, ...]]
+    code: Mapping[str, str]
+    libraries: tuple[str, ...]
+    private: bool
+
+    @property
+    def uses(self) -> str:
+        return self.declaration.uses
+
+    @property
+    def upstream(self) -> tuple[str, ...]:
+        """Names of the nodes that it takes artifacts from, each once, in the order of its inputs."""
+        return tuple(dict.fromkeys(source.node for sources in self.sources.values() for source in sources))
+
+
+@dataclass(frozen=True)
+class Graph:
+    """All nodes of a workflow, each after those that it takes artifacts from."""
+
+    workflow: str
+    nodes: Mapping[str, Node]
+
+    def needed_for(self, stages: Iterable[str]) -> Graph:
+        """The part of the graph that makes `stages`, given by their names in the file or with the item of a foreach.
+
+        Raises CommandError for a name that is in neither form in the workflow.
+        """
+        wanted: set[str] = set()
+        for stage in stages:
+            found = [name for name in self.nodes if stage in (name, name.partition("[")[0])]
+            if not found:
+                hint = nearest(stage, self.nodes)
+                raise CommandError(f"no stage {stage!r} in {self.workflow}; there are {', '.join(self.nodes)}{hint}")
+            wanted.update(found)
+        for name in reversed(list(self.nodes)):
+            if name in wanted:
+                wanted.update(self.nodes[name].upstream)
+        return Graph(self.workflow, {name: node for name, node in self.nodes.items() if name in wanted})
+
+    @property
+    def final(self) -> tuple[str, ...]:
+        """Names of the nodes that no other takes from."""
+        taken = {name for node in self.nodes.values() for name in node.upstream}
+        return tuple(name for name in self.nodes if name not in taken)
+
+
+def build_graph(workflow: Workflow, catalogue: Catalogue, problems: Problems) -> Graph:
+    """Checks a workflow and resolves it. Raises WorkflowError with all of `problems`, those found before included."""
+    graph = _Builder(workflow, catalogue, problems).build()
+    problems.raise_if_any()
+    return graph
+
+
+class _Builder:
+    def __init__(self, workflow: Workflow, catalogue: Catalogue, problems: Problems) -> None:
+        self.workflow = workflow
+        self.catalogue = catalogue
+        self.problems = problems
+        self.declarations: dict[str, Declaration | None] = {}
+        self.digests: dict[str, str] = {}
+
+    def build(self) -> Graph:
+        nodes: dict[str, Node] = {}
+        for name in self.order():
+            entry = self.workflow.entries[name]
+            for index, instance in enumerate(entry.instances):
+                node = self.node(entry, instance, index)
+                if node:
+                    nodes[node.name] = node
+        return Graph(self.workflow.name, nodes)
+
+    def order(self) -> list[str]:
+        """Entries in the order of the file, but each after those that it refers to; a circle is reported once."""
+        done: dict[str, None] = {}
+        path: list[str] = []
+
+        def visit(name: str, place: Place) -> None:
+            if name in done or name not in self.workflow.entries:
+                return
+            if name in path:
+                circle = " → ".join([*path[path.index(name) :], name])
+                self.problems.add(place, f"stages wait for each other in a circle: {circle}")
+                return
+            path.append(name)
+            for instance in self.workflow.entries[name].instances:
+                for references in instance.inputs.values():
+                    for reference in references:
+                        visit(reference.stage, reference.place)
+            path.pop()
+            done[name] = None
+
+        for name, entry in self.workflow.entries.items():
+            visit(name, entry.place)
+        return list(done)
+
+    def node(self, entry: Entry, instance: Instance, index: int) -> Node | None:
+        declaration = self.declared(instance)
+        if declaration is None:
+            for references in instance.inputs.values():
+                for reference in references:
+                    self.resolve(entry, reference, index)
+            return None
+        sources = self.sources(entry, instance, index, declaration)
+        arguments = self.arguments(instance, declaration)
+        completed = self.completed(entry, instance, arguments)
+        if completed is None:
+            return None
+        code = self.code(instance, declaration, completed)
+        if code is None:
+            return None
+        return Node(
+            name=instance.name,
+            declaration=declaration,
+            sources=sources,
+            arguments=arguments,
+            parameters=completed.parameters,
+            external=self.external(entry, instance, completed),
+            code=code[0],
+            libraries=code[1],
+            private=instance.private,
+        )
+
+    def declared(self, instance: Instance) -> Declaration | None:
+        uses = instance.uses.value
+        if not isinstance(uses, str):
+            return None
+        if uses not in self.declarations:
+            self.declarations[uses] = self.tried(instance.uses.place, uses)
+        elif self.declarations[uses] is None:
+            self.tried(instance.uses.place, uses)
+        return self.declarations[uses]
+
+    def tried(self, place: Place, uses: str) -> Declaration | None:
+        try:
+            return self.catalogue.declaration(uses)
+        except UserError as error:
+            self.problems.add(place, str(error))
+            return None
+
+    def sources(
+        self, entry: Entry, instance: Instance, index: int, declaration: Declaration
+    ) -> dict[str, tuple[Source, ...]]:
+        for name in instance.inputs:
+            if name not in declaration.inputs:
+                place = entry.input_places.get(name, entry.inputs_place)
+                allowed = ", ".join(declaration.inputs) or "none"
+                hint = nearest(name, declaration.inputs)
+                self.problems.add(place, f"{declaration.uses} has no input {name!r}; it has {allowed}{hint}")
+                for reference in instance.inputs[name]:
+                    self.resolve(entry, reference, index)
+        sources: dict[str, tuple[Source, ...]] = {}
+        for name, port in declaration.inputs.items():
+            references = instance.inputs.get(name)
+            sources[name] = ()
+            if references is None:
+                if not port.optional and name not in entry.input_places:
+                    self.problems.add(
+                        entry.inputs_place, f"input {name!r} of {entry.name!r} (a {port.kind}) is missing"
+                    )
+                continue
+            place = entry.input_places.get(name, entry.inputs_place)
+            if not port.many and name in instance.listed:
+                self.problems.add(place, f"input {name!r} takes one {port.kind}; found a list")
+            found = [self.resolve(entry, reference, index, port.kind) for reference in references]
+            sources[name] = tuple(source for group in found for source in group)
+            if not port.many and any(len(group) > 1 for group in found):
+                message = f"input {name!r} takes one {port.kind}; found all {len(sources[name])} items of a foreach"
+                self.problems.add(references[0].place, f"{message} (only the same foreach goes item by item)")
+        return sources
+
+    def resolve(self, entry: Entry, reference: Reference, index: int, kind: str | None = None) -> list[Source]:
+        """The outputs that a reference stands for: of all items of a foreach, or of the same item of the same one."""
+        target = self.workflow.entries.get(reference.stage)
+        if target is None:
+            known = ", ".join(self.workflow.entries)
+            hint = nearest(reference.stage, self.workflow.entries)
+            self.problems.add(reference.place, f"no stage {reference.stage!r}; there are {known}{hint}")
+            return []
+        together = target.foreach is not None and target.foreach == entry.foreach
+        chosen = target.instances[index : index + 1] if together else target.instances
+        return [source for instance in chosen for source in self.output(instance, reference, kind)]
+
+    def output(self, instance: Instance, reference: Reference, kind: str | None) -> list[Source]:
+        declaration = self.declared(instance)
+        if declaration is None:
+            return []
+        outputs, name = declaration.outputs, reference.output
+        listed = ", ".join(f"{reference.stage}.{output}" for output in outputs) or "none"
+        if name is None and len(outputs) != 1:
+            self.problems.add(reference.place, f"{reference.stage!r} has several outputs; say which of {listed}")
+            return []
+        name = name if name is not None else next(iter(outputs))
+        if name not in outputs:
+            message = f"{reference.stage!r} has no output {name!r}; there are {listed}{nearest(name, outputs)}"
+            self.problems.add(reference.place, message)
+            return []
+        if kind is not None and outputs[name].kind != kind:
+            self.problems.add(
+                reference.place, f"{reference.stage}.{name} is a {outputs[name].kind}; this input takes a {kind}"
+            )
+        return [Source(instance.name, name)]
+
+    def arguments(self, instance: Instance, declaration: Declaration) -> dict[str, Json]:
+        return {
+            name: _absolute(value) if name in declaration.external else value.plain
+            for name, value in instance.parameters.items()
+        }
+
+    def completed(self, entry: Entry, instance: Instance, arguments: Mapping[str, Json]) -> Completed | None:
+        uses = str(instance.uses.value)
+        try:
+            completed = self.catalogue.complete(uses, arguments)
+        except (UserError, ValueError, TypeError) as error:
+            self.problems.add(instance.uses.place, str(error))
+            return None
+        if isinstance(completed, Completed):
+            return None if instance.broken else completed
+        for refusal in completed:
+            first = str(refusal.path[0]) if refusal.path else ""
+            if first in instance.broken:
+                continue
+            place = entry.parameters_place
+            if first in instance.parameters:
+                value = instance.parameters[first]
+                known = len(refusal.path) > 1 or not refusal.message.startswith("unknown")
+                place = value.at(refusal.path[1:]) if known else entry.parameter_places.get(first, value.place)
+            self.problems.add(place, f"{refusal.message} [{entry.name}]" if refusal.missing else refusal.message)
+        return None
+
+    def code(
+        self, instance: Instance, declaration: Declaration, completed: Completed
+    ) -> tuple[Mapping[str, str], tuple[str, ...]] | None:
+        try:
+            code = self.catalogue.code(declaration.uses, completed.modules)
+        except UserError as error:
+            self.problems.add(instance.uses.place, str(error))
+            return None
+        if code.dynamic and not declaration.selects_modules:
+            found = ", ".join(code.dynamic)
+            message = f"the code of {declaration.uses} imports modules by computed names ({found})"
+            self.problems.add(
+                instance.uses.place, f"{message}; name them with @stage(modules=…), or import them plainly"
+            )
+        return code.modules, code.libraries
+
+    def external(self, entry: Entry, instance: Instance, completed: Completed) -> dict[str, tuple[str, ...]]:
+        digests: dict[str, tuple[str, ...]] = {}
+        for name, paths in completed.external.items():
+            place = instance.parameters[name].place if name in instance.parameters else entry.parameters_place
+            digests[name] = tuple(self.digest(Path(path), name, place) for path in paths)
+        return digests
+
+    def digest(self, path: Path, name: str, place: Place) -> str:
+        if str(path) not in self.digests:
+            if not path.exists():
+                self.problems.add(place, f"parameter {name!r}: there is no file or folder {str(path)!r}")
+                return ""
+            try:
+                self.digests[str(path)] = digest_of_external(path)
+            except UserError as error:
+                self.problems.add(place, f"parameter {name!r}: {error}")
+                return ""
+        return self.digests[str(path)]
+
+
+def _absolute(value: Located) -> Json:
+    """The value of an external path, or a list of them, made absolute; anything else as it is, for others to refuse."""
+    if isinstance(value.value, tuple):
+        return [_absolute(item) for item in value.value]
+    if isinstance(value.value, str):
+        return str((value.base / value.value).resolve())
+    return value.plain

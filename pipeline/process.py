@@ -1,0 +1,46 @@
+"""What a process that runs stages needs before the first numeric library is loaded."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+THREADS: Mapping[str, str] = {"OMP_WAIT_POLICY": "PASSIVE", "GOMP_SPINCOUNT": "0"}
+"""Idle threads sleep, so that processes which may each use every core share the machine without a fight."""
+
+
+def set_thread_policy() -> None:
+    """Sets `THREADS` for this process and its children, except what the user has set."""
+    for name, value in THREADS.items():
+        os.environ.setdefault(name, value)
+
+
+class KernelCache:
+    """A folder of compiled OpenCL kernels that no other live process uses, kept from run to run.
+
+    PoCL compiles for seconds at its first use, and two processes that write one cache can spoil it for each other: so
+    each process takes the first folder that is free, and the kernel frees it when the process ends.
+    """
+
+    def __init__(self) -> None:
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        parent = Path(os.environ.get("POCL_CACHE_DIR") or home / "gs-hider" / "pocl")
+        number = 0
+        while True:
+            self.folder = parent / f"process-{number}"
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock = FileLock(self.folder / ".lock", blocking=False)
+            try:
+                self._lock.acquire()
+            except Timeout:
+                number += 1
+            else:
+                break
+        os.environ["POCL_CACHE_DIR"] = str(self.folder)
+
+    def release(self) -> None:
+        self._lock.release()
+        os.environ["POCL_CACHE_DIR"] = str(self.folder.parent)

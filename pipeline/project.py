@@ -1,0 +1,39 @@
+"""A workflow together with its store and the stages that it can use: what every command starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.declaration import Catalogue
+from pipeline.errors import CommandError
+from pipeline.graph import Graph, build_graph
+from pipeline.located import Problems
+from pipeline.store import Store
+from pipeline.workflow import read_workflow
+
+LIBRARIES = ("opencl",)
+"""First-party packages, besides the one of the stages, whose code a result depends on."""
+
+
+@dataclass(frozen=True)
+class Project:
+    graph: Graph
+    store: Store
+    package: str
+    package_folder: Path
+
+
+def open_project(file: Path, store: Path, settings: Sequence[str] = (), package: str = "stages") -> Project:
+    """Reads and checks a workflow. Raises WorkflowError with all that is wrong, CommandError for a bad store."""
+    problems = Problems()
+    try:
+        opened = Store(store)
+    except OSError as error:
+        raise CommandError("cannot be a store", where=store, found=error.strerror) from error
+    workflow = read_workflow(file, settings, problems)
+    catalogue = Catalogue(package, LIBRARIES, opened)
+    graph = build_graph(workflow, catalogue, problems)
+    module = catalogue.sources.module(package)
+    return Project(graph, opened, package, module.path.parent if module else Path.cwd())

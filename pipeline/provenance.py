@@ -1,0 +1,59 @@
+"""Facts kept beside a result and never in its key: what it was made with, where and from which commit."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import subprocess
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+
+
+def now() -> str:
+    """The time, in UTC, to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def versions_of(libraries: Iterable[str]) -> dict[str, str]:
+    """Versions of Python and of the distributions that the top-level modules `libraries` come from."""
+    providers = importlib.metadata.packages_distributions()
+    versions = {"python": platform.python_version()}
+    for library in libraries:
+        for distribution in providers.get(library, ()):
+            versions[distribution] = importlib.metadata.version(distribution)
+    return dict(sorted(versions.items()))
+
+
+def machine() -> dict[str, str | int]:
+    """The machine that this process runs on."""
+    return {
+        "host": platform.node(),
+        "platform": platform.platform(),
+        "processor": _processor(),
+        "cores": os.cpu_count() or 1,
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()
+
+
+def git_commit(folder: Path) -> str | None:
+    """The commit of the work tree that holds `folder`, with `+` where something is not committed; None without git."""
+    try:
+        answers = [
+            subprocess.run(
+                ["git", "-C", str(folder), *command], capture_output=True, text=True, timeout=10, check=True
+            ).stdout.strip()
+            for command in (["rev-parse", "HEAD"], ["status", "--porcelain", "--untracked-files=no"])
+        ]
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return answers[0] + ("+" if answers[1] else "")

@@ -1,0 +1,1 @@
+"""A package of toy stages, as small as stages can be."""
