@@ -188,6 +188,11 @@ class ArtifactWriter:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
+    @property
+    def untouched(self) -> bool:
+        """Whether nothing has been written and no attribute set."""
+        return not self._arrays and not self.attributes and not any(self.path.iterdir())
+
     def seal(self) -> Artifact:
         """Writes the manifest, flushes everything to the disk and returns the artifact, still where it was written."""
         manifest = Manifest(self.kind, self.private, check_attributes(self.attributes), self._arrays, survey(self.path))

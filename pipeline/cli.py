@@ -20,7 +20,7 @@ from pipeline.events import Summary
 from pipeline.executor import Executor, SerialExecutor
 from pipeline.graph import Graph, Node
 from pipeline.plan import Step, make_plan
-from pipeline.process import KernelCache, set_thread_policy
+from pipeline.process import set_thread_policy
 from pipeline.progress import duration, make_display, summary_words
 from pipeline.project import Project, open_project
 from pipeline.runner import Run
@@ -192,7 +192,6 @@ def _run(
 def _executor_maker(workers: int, scheduler: str | None, serial: bool) -> Callable[[], Executor]:
     def make() -> Executor:
         if serial:
-            KernelCache()
             return SerialExecutor()
         from pipeline.cluster import DaskExecutor  # dask takes a second to import, which a cached run can do without
 

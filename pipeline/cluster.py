@@ -11,7 +11,7 @@ import queue
 import signal
 import uuid
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import dask
@@ -36,6 +36,17 @@ DIED = "its worker process died: killed from outside, out of memory, or crashed 
 TOLD = {kind.__name__: kind for kind in (Noted, StageProgressed, StageStarted)}
 
 
+@dataclass(frozen=True)
+class Piece:
+    """A piece of work; `again` after its worker died before it began, which is not its fault."""
+
+    name: str
+    work: Work
+    subject: object
+    urgency: int
+    again: bool = False
+
+
 class DaskExecutor:
     """Hands work to dask's workers, each a process that does one piece at a time.
 
@@ -46,7 +57,9 @@ class DaskExecutor:
     def __init__(self, workers: int, address: str | None = None) -> None:
         self._run = uuid.uuid4().hex
         self._inbox: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
-        self._futures: dict[str, Future] = {}
+        self._waiting: list[Piece] = []
+        self._given: dict[str, tuple[Piece, Future]] = {}
+        self._begun: set[str] = set()
         self._resources = ExitStack()
         self._resources.enter_context(dask.config.set(SETTINGS))
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
@@ -79,24 +92,44 @@ class DaskExecutor:
         return cluster
 
     def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
-        future = self._client.submit(
-            _work, work, subject, self._run, key=f"{name}-{uuid.uuid4().hex}", priority=urgency, pure=False, retries=0
-        )
-        self._futures[name] = future
-        future.add_done_callback(lambda _: self._inbox.put(("done", name)))
+        self._waiting.append(Piece(name, work, subject, urgency))
+        self._waiting.sort(key=lambda piece: -piece.urgency)
 
     def wait(self, tell: Tell, seconds: float) -> tuple[str, Any] | None:
+        self._give()
         try:
             while True:
                 what, content = self._inbox.get(timeout=seconds)
-                if what == "done":
-                    return content, self._result(self._futures.pop(content))
-                tell(_event(content))
+                if what == "told":
+                    event = _event(content)
+                    if isinstance(event, StageStarted):
+                        self._begun.add(event.name)
+                    tell(event)
+                    continue
+                piece, future = self._given.pop(content)
+                if isinstance(future.exception(), KilledWorker) and content not in self._begun and not piece.again:
+                    self._waiting.insert(0, replace(piece, again=True))
+                    self._give()
+                    continue
+                return content, self._result(future)
         except queue.Empty:
             return None
 
+    def _give(self) -> None:
+        """Gives dask as many pieces as it has threads: a piece queued at a worker that dies would be blamed too."""
+        if not self._waiting:
+            return
+        room = max(1, sum(self._client.nthreads().values())) - len(self._given)
+        for piece in self._waiting[: max(0, room)]:
+            key = f"{piece.name}-{uuid.uuid4().hex}"  # dask remembers the failures of a key
+            future = self._client.submit(_work, piece.work, piece.subject, self._run, key=key, pure=False, retries=0)
+            self._given[piece.name] = piece, future
+            future.add_done_callback(lambda _, name=piece.name: self._inbox.put(("done", name)))
+        del self._waiting[: max(0, room)]
+
     def close(self) -> None:
-        for future in self._futures.values():
+        self._waiting.clear()
+        for _, future in self._given.values():
             future.cancel()
         self._resources.close()
 

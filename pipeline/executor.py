@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from pipeline.events import Event
+from pipeline.process import KernelCache
 
 Tell = Callable[[Event], None]
 Work = Callable[[Any, Tell], Any]
@@ -41,6 +42,7 @@ class SerialExecutor:
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[str, Work, object]] = deque()
+        self._kernel_cache = KernelCache()
 
     def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
         self._waiting.append((name, work, subject))
@@ -53,3 +55,4 @@ class SerialExecutor:
 
     def close(self) -> None:
         self._waiting.clear()
+        self._kernel_cache.release()

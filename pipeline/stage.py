@@ -24,6 +24,7 @@ from pydantic import BaseModel, ConfigDict
 
 from pipeline.artifact import Artifact, ArtifactWriter, publish
 from pipeline.canonical import Json, plain
+from pipeline.errors import ArtifactError
 
 Privacy = Literal["inherit", "private", "public"]
 Cores = Literal["one", "all"]
@@ -141,6 +142,12 @@ class Context:
             raise KeyError(f"no output {name!r} is declared; declared are {', '.join(self._outputs)}")
         return self._outputs[name]
 
+    def check_outputs(self) -> None:
+        """Raises ArtifactError where a declared output holds nothing."""
+        for name, writer in self._outputs.items():
+            if writer.untouched:
+                raise ArtifactError(f"the stage wrote nothing into its output {name!r}")
+
     def progress(self, done: float, total: float, **figures: float) -> None:
         """Says how far the stage is, with current figures such as `psnr=22.1`; cheap enough for every iteration."""
         self._services.progress(done, total, figures)
@@ -182,7 +189,9 @@ class Stage:
         object.__setattr__(self, "name", self.function.__name__)
 
     def __call__(self, context: Context, parameters: Parameters) -> None:
+        """Runs the function; raises ArtifactError where it leaves an output unwritten."""
         self.function(context, parameters)
+        context.check_outputs()
 
 
 def stage(
