@@ -56,7 +56,7 @@ def run(
     workflow: WorkflowFile,
     stages: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[STAGE]...", help="Only these and what they need.", show_default=False),
+        typer.Argument(metavar="STAGE", help="Only these and what they need.", show_default=False),
     ] = None,
     settings: Settings = None,
     store: StoreFolder = Path("store"),

@@ -140,6 +140,7 @@ class _Builder:
             return None
         sources = self.sources(entry, instance, index, declaration)
         arguments = self.arguments(instance, declaration)
+        self.check_paths(instance, arguments, declaration)
         completed = self.completed(entry, instance, arguments)
         if completed is None:
             return None
@@ -193,16 +194,16 @@ class _Builder:
             if references is None:
                 if not port.optional and name not in entry.input_places:
                     self.problems.add(
-                        entry.inputs_place, f"input {name!r} of {entry.name!r} (a {port.kind}) is missing"
+                        entry.inputs_place, f"input {name!r} of {entry.name!r} (kind {port.kind}) is missing"
                     )
                 continue
             place = entry.input_places.get(name, entry.inputs_place)
             if not port.many and name in instance.listed:
-                self.problems.add(place, f"input {name!r} takes one {port.kind}; found a list")
+                self.problems.add(place, f"input {name!r} takes one artifact; found a list")
             found = [self.resolve(entry, reference, index, port.kind) for reference in references]
             sources[name] = tuple(source for group in found for source in group)
             if not port.many and any(len(group) > 1 for group in found):
-                message = f"input {name!r} takes one {port.kind}; found all {len(sources[name])} items of a foreach"
+                message = f"input {name!r} takes one artifact; found all {len(sources[name])} items of a foreach"
                 self.problems.add(references[0].place, f"{message} (only the same foreach goes item by item)")
         return sources
 
@@ -234,7 +235,8 @@ class _Builder:
             return []
         if kind is not None and outputs[name].kind != kind:
             self.problems.add(
-                reference.place, f"{reference.stage}.{name} is a {outputs[name].kind}; this input takes a {kind}"
+                reference.place,
+                f"{reference.stage}.{name} is of kind {outputs[name].kind}; this input takes kind {kind}",
             )
         return [Source(instance.name, name)]
 
@@ -288,11 +290,19 @@ class _Builder:
             digests[name] = tuple(self.digest(Path(path), name, place) for path in paths)
         return digests
 
+    def check_paths(self, instance: Instance, arguments: Mapping[str, Json], declaration: Declaration) -> None:
+        """Reports paths that lead nowhere, also where other parameters are wrong."""
+        for name in declaration.external:
+            value = arguments.get(name)
+            for path in value if isinstance(value, list) else [value]:
+                if isinstance(path, str) and not Path(path).exists():
+                    message = f"parameter {name!r}: there is no file or folder {path!r}"
+                    self.problems.add(instance.parameters[name].place, message)
+
     def digest(self, path: Path, name: str, place: Place) -> str:
         if str(path) not in self.digests:
             if not path.exists():
-                self.problems.add(place, f"parameter {name!r}: there is no file or folder {str(path)!r}")
-                return ""
+                return ""  # check_paths has said so
             try:
                 self.digests[str(path)] = digest_of_external(path)
             except UserError as error:

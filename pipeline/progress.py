@@ -9,7 +9,7 @@ from typing import Protocol, Self, TextIO
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from pipeline.events import Event, Noted, StageEnded, StageProgressed, StageStarted, State, Summary, as_json
@@ -93,6 +93,21 @@ class PlainLines:
         print(text, file=self._stream, flush=True)
 
 
+class Remaining(ProgressColumn):
+    """The time that a stage still takes, where it says how far it is."""
+
+    def render(self, task: Task) -> Text:
+        known = task.fields["figures"] is not None and task.time_remaining is not None
+        return Text(f"{duration(task.time_remaining or 0.0)} left" if known else "", "cyan")
+
+
+class Figures(ProgressColumn):
+    """The current figures of a stage."""
+
+    def render(self, task: Task) -> Text:
+        return Text(figures_words(task.fields["figures"] or {}))
+
+
 class LiveTable:
     """A row for each running stage with bar, remaining time and current figures; what has ended scrolls above."""
 
@@ -102,14 +117,15 @@ class LiveTable:
             BarColumn(bar_width=28),
             TextColumn("{task.fields[share]:>4}"),
             TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-            TextColumn("[cyan]{task.fields[figures]}"),
+            Remaining(),
+            Figures(),
             console=console,
             refresh_per_second=5,
             transient=True,
         )
-        self._all = self._progress.add_task(f"[bold]{escape(workflow)}", total=stages, share=f"0/{stages}", figures="")
+        self._all = self._progress.add_task(
+            f"[bold]{escape(workflow)}", total=stages, share=f"0/{stages}", figures=None
+        )
         self._stages = stages
         self._ended = 0
         self._rows: dict[str, TaskID] = {}
@@ -125,7 +141,7 @@ class LiveTable:
 
     def __call__(self, event: Event) -> None:
         if isinstance(event, StageStarted):
-            self._rows[event.name] = self._progress.add_task(escape(event.name), total=None, share="", figures="")
+            self._rows[event.name] = self._progress.add_task(escape(event.name), total=None, share="", figures={})
         elif isinstance(event, StageProgressed) and event.name in self._rows:
             share = f"{event.done / event.total:.0%}" if event.total else ""
             self._progress.update(
@@ -133,7 +149,7 @@ class LiveTable:
                 completed=event.done,
                 total=event.total,
                 share=share,
-                figures=figures_words(event.figures),
+                figures=event.figures,
             )
         elif isinstance(event, StageEnded):
             self._end(event)
@@ -190,7 +206,11 @@ def progress_words(event: StageProgressed, elapsed: float) -> str:
 
 
 def figures_words(figures: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} {value:.4g}" for name, value in figures.items())
+    """
+    >>> figures_words({"psnr": 22.1234, "splats": 31000})
+    'psnr 22.12, splats 31,000'
+    """
+    return ", ".join(f"{name} {value:{'.4g' if abs(value) < 1000 else ',.0f'}}" for name, value in figures.items())
 
 
 def duration(seconds: float) -> str:
