@@ -84,10 +84,8 @@ def _read_poses(
     if source == "none":
         return None
     if source not in get_args(PoseSource):
-        raise UserError(
-            "a capture's poses are of an unknown kind", found=source, expected=" ".join(get_args(PoseSource))
-        )
-    distortion = artifact.attributes.get("distortion")
+        raise UserError("a capture's poses are of an unknown kind", found=source, expected=get_args(PoseSource))
+    distortion: list[dict[str, Any]] | None = attributes.get("distortion")
     if distortion is None:
         matrices = artifact.read("intrinsics")
         lenses = tuple(Lens.pinhole(matrix, *size) for matrix, size in zip(matrices, sizes, strict=True))

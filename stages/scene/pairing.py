@@ -1,0 +1,53 @@
+"""Which photos are compared with which, before anything is known of where they were taken."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+from typing import Literal
+
+Matching = Literal["auto", "exhaustive", "sequential"]
+Pair = tuple[int, int]
+
+EXHAUSTIVE_UP_TO = 120  # photos; all pairs of more take too long where the order of taking is known
+OVERLAP = 10  # neighbours on either side that a photo of a sequence is compared with
+KEYFRAME_EVERY = 10  # in a sequence these are all compared with each other: a walk comes back to where it was
+BLOCK = 8  # photos; pairs are grouped by blocks, whose descriptors stay in memory
+
+
+def choose_matching(matching: Matching, photos: int, ordered: bool) -> Literal["exhaustive", "sequential"]:
+    """`auto`: sequential for more than `EXHAUSTIVE_UP_TO` photos whose order is known, else exhaustive."""
+    if matching != "auto":
+        return matching
+    return "sequential" if ordered and photos > EXHAUSTIVE_UP_TO else "exhaustive"
+
+
+def exhaustive_pairs(photos: int) -> set[Pair]:
+    """All pairs, the smaller position first."""
+    return set(combinations(range(photos), 2))
+
+
+def sequential_pairs(order: list[int]) -> set[Pair]:
+    """Pairs of a closed sequence of photos: neighbours, then at distances of powers of two, and all keyframes.
+
+    `order` lists positions of photos in the order of taking. The smaller position stands first in each pair.
+    """
+    count = len(order)
+    steps = [*range(1, OVERLAP + 1), *(2**power for power in range(4, count.bit_length()))]
+    near = ((order[at], order[(at + step) % count]) for at in range(count) for step in steps)
+    far = combinations(order[::KEYFRAME_EVERY], 2)
+    return {(min(pair), max(pair)) for pair in (*near, *far) if pair[0] != pair[1]}
+
+
+def in_batches(pairs: set[Pair], at_least: int = 64) -> Iterator[list[Pair]]:
+    """The pairs in batches of neighbouring blocks of photos, each but the last of `at_least` pairs or more."""
+    batch: list[Pair] = []
+    block = None
+    for pair in sorted(pairs, key=lambda pair: (pair[0] // BLOCK, pair[1] // BLOCK, pair)):
+        if (pair[0] // BLOCK, pair[1] // BLOCK) != block and len(batch) >= at_least:
+            yield batch
+            batch = []
+        block = (pair[0] // BLOCK, pair[1] // BLOCK)
+        batch.append(pair)
+    if batch:
+        yield batch

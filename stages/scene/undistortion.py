@@ -1,0 +1,138 @@
+"""From photos taken through lenses to pictures of one pinhole camera, at training size, in one resampling.
+
+The pinhole is chosen so that every pixel of every picture shows something: no black borders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, Float64, UInt8
+
+Project = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, "N 2"]]
+"""Points in camera space to pixel positions; NaN where the lens sees no such point."""
+Unproject = Callable[[Float64[np.ndarray, "N 2"]], Float64[np.ndarray, "N 2"]]
+"""Pixel positions to points on the plane at depth 1; NaN where the lens model cannot tell."""
+
+BORDER_SAMPLES = 101
+WIDEST_TANGENT = 1.75  # a pinhole of more than 120 degrees would spend its pixels on the corners
+SHRINKING, SHRINKINGS = 1.01, 100
+FINEST_SAMPLING = 8  # samples a training pixel and axis; larger photos are averaged down to that first
+
+
+@dataclass(frozen=True)
+class LensView:
+    """What undistortion needs of a lens: its projection, the inverse of that, and the photos' size."""
+
+    project: Project
+    unproject: Unproject
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """A camera without distortion and with square pixels, of even sides."""
+
+    intrinsics: Float64[np.ndarray, "3 3"]
+    width: int
+    height: int
+
+
+def training_size(size: tuple[int, int], long_side: int) -> tuple[int, int]:
+    """Width and height with the proportions of `size`, both even, the longer at most `long_side`; never enlarged.
+
+    >>> training_size((1080, 1920), 240), training_size((779, 520), 192), training_size((100, 80), 192)
+    ((134, 240), (192, 128), (100, 80))
+    """
+    longest = min(long_side, max(size)) // 2 * 2
+    width, height = (max(2, side * longest // max(size) // 2 * 2) for side in size)
+    return width, height
+
+
+def shared_pinhole(lenses: Sequence[LensView], width: int, height: int) -> Pinhole:
+    """The widest pinhole camera of this size whose every pixel lies inside the photos of all lenses.
+
+    Where the lenses' fields of view differ, it sees what all of them see. Raises `ValueError` where the lenses have
+    no field of view in common, or fold over within it.
+    """
+    rectangles = np.array([inner_rectangle(lens) for lens in lenses])
+    left, top = rectangles[:, :2].max(axis=0).clip(-WIDEST_TANGENT)
+    right, bottom = rectangles[:, 2:].min(axis=0).clip(max=WIDEST_TANGENT)
+    if not (right > left and bottom > top):
+        raise ValueError("the lenses of these photos have no field of view in common")
+    focal = max(width / (right - left), height / (bottom - top))
+    middle = np.array([left + right, top + bottom]) / 2
+    for _ in range(SHRINKINGS):
+        x, y = np.array([width, height]) / 2 - focal * middle
+        pinhole = Pinhole(np.array([[focal, 0, x], [0, focal, y], [0, 0, 1]]), width, height)
+        if all(sees_whole_pinhole(lens, pinhole) for lens in lenses):
+            return pinhole
+        focal *= SHRINKING
+    raise ValueError("the lenses of these photos fold over: their distortion is not that of a real lens")
+
+
+def inner_rectangle(lens: LensView) -> tuple[float, float, float, float]:
+    """Left, top, right, bottom of the largest upright rectangle inside a photo, on the plane at depth 1."""
+    along = np.linspace(0, 1, BORDER_SAMPLES)
+    zero, one = np.zeros_like(along), np.ones_like(along)
+    sides = [(zero, along), (along, zero), (one, along), (along, one)]
+    left, top, right, bottom = (lens.unproject(np.stack([x * lens.width, y * lens.height], axis=1)) for x, y in sides)
+    return (
+        float(np.nanmax(left[:, 0])),
+        float(np.nanmax(top[:, 1])),
+        float(np.nanmin(right[:, 0])),
+        float(np.nanmin(bottom[:, 1])),
+    )
+
+
+def sees_whole_pinhole(lens: LensView, pinhole: Pinhole) -> bool:
+    """Whether all of the pinhole's picture lies within the lens's photo, up to a thousandth of a pixel."""
+    positions = corner_positions(lens, pinhole)
+    inside = (positions >= -1e-3) & (positions <= np.array([lens.width, lens.height]) + 1e-3)
+    return bool(inside.all())  # NaN is not inside
+
+
+def corner_positions(lens: LensView, pinhole: Pinhole) -> Float32[np.ndarray, "rows columns 2"]:
+    """Where in the photo the corners of the pinhole's pixels lie: (height + 1) x (width + 1) pixel positions."""
+    y, x = np.mgrid[: pinhole.height + 1, : pinhole.width + 1].astype(np.float64)
+    pixels = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)
+    rays = pixels @ np.linalg.inv(pinhole.intrinsics).T
+    return lens.project(rays).reshape(*x.shape, 2).astype(np.float32)
+
+
+def undistort(
+    photo: UInt8[np.ndarray, "h w 3"], corners: Float32[np.ndarray, "rows columns 2"]
+) -> UInt8[np.ndarray, "height width 3"]:
+    """The pinhole's picture: every pixel is the mean over its area in the photo.
+
+    `corners` are the positions of its pixels' corners in this photo, as `corner_positions` gives them. Samples lie at
+    most one photo's pixel apart, so that nothing aliases, and distortion is linear within a training pixel.
+    """
+    steps = (np.abs(np.diff(corners, axis=0)).max(), np.abs(np.diff(corners, axis=1)).max())
+    samples = max(1, int(np.ceil(max(steps) - 1e-3)))
+    if samples > FINEST_SAMPLING:
+        height, width = photo.shape[:2]
+        smaller = tuple(max(1, round(side * FINEST_SAMPLING / samples)) for side in (width, height))
+        photo = cv2.resize(photo, smaller, interpolation=cv2.INTER_AREA)
+        corners = corners * np.array([smaller[0] / width, smaller[1] / height], np.float32)
+        samples = FINEST_SAMPLING
+    positions = refined(corners, samples) - np.float32(0.5)  # remap counts from the first pixel's centre
+    sampled = cv2.remap(photo, positions, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    height, width = corners.shape[0] - 1, corners.shape[1] - 1
+    means = sampled.reshape(height, samples, width, samples, 3).mean(axis=(1, 3), dtype=np.float32)
+    return np.round(means).astype(np.uint8)
+
+
+def refined(corners: Float32[np.ndarray, "rows columns 2"], samples: int) -> Float32[np.ndarray, "y x 2"]:
+    """Positions of `samples` x `samples` points in every pixel, linear between the positions of its corners."""
+    for axis in (0, 1):
+        count = corners.shape[axis] - 1
+        place = (np.arange(count * samples) + 0.5) / samples
+        before = place.astype(int)
+        share = (place - before).astype(np.float32).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
+        corners = corners.take(before, axis) * (1 - share) + corners.take(before + 1, axis) * share
+    return corners
