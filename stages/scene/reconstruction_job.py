@@ -1,0 +1,114 @@
+"""What the process of structure from motion is told, and what it answers: plain numbers in JSON and NumPy files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32, Float64, UInt8
+
+from stages.scene.lens import Lens
+
+JOB, FACTS, ARRAYS, LOG = "job.json", "facts.json", "arrays.npz", "reconstruction.log"
+PHASES = ("features", "matching", "mapping")
+
+
+def working_name(row: int) -> str:
+    """The file name of photo number `row` while structure from motion works on it."""
+    return f"{row:06d}.png"
+
+
+@dataclass(frozen=True)
+class Job:
+    """V working pictures in `folder`, as `working_name` calls them, and what to do with them.
+
+    `lenses` are starting points, or known where `poses` (world to camera) are given; photos with equal lenses share
+    one camera. `pairs` are the photos to compare. `width` and `height` are the training size.
+    """
+
+    folder: Path
+    lenses: tuple[Lens, ...]
+    focal_known: tuple[bool, ...]
+    poses: tuple[tuple[tuple[float, ...], ...], ...] | None
+    pairs: tuple[tuple[int, int], ...]
+    max_features: int
+    width: int
+    height: int
+    seed: int
+    threads: int
+
+    def write(self) -> Path:
+        """Write it beside the pictures; returns the file."""
+        path = self.folder / JOB
+        path.write_text(json.dumps(asdict(self) | {"folder": str(self.folder)}))
+        return path
+
+
+def read_job(path: Path) -> Job:
+    """Read what `Job.write` wrote."""
+    content = json.loads(path.read_text())
+    poses = content["poses"]
+    return Job(
+        **content
+        | {
+            "folder": Path(content["folder"]),
+            "lenses": tuple(
+                Lens(one["model"], tuple(one["parameters"]), one["width"], one["height"]) for one in content["lenses"]
+            ),
+            "focal_known": tuple(content["focal_known"]),
+            "poses": None if poses is None else tuple(tuple(tuple(row) for row in pose) for pose in poses),
+            "pairs": tuple((first, second) for first, second in content["pairs"]),
+        }
+    )
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """R registered photos (`rows`, ascending, of the job's V), P points, and one pinhole for all pictures.
+
+    `corners` are, for each of C lenses, where in its working pictures the corners of the pinhole's pixels lie (see
+    `undistort`); `lens_of` is the lens of each registered photo. The reprojection error is in working pixels. Where
+    too few photos registered there may be no points, no lens and no pinhole: `corners` is empty then.
+    """
+
+    rows: tuple[int, ...]
+    world_to_camera: Float64[np.ndarray, "R 4 4"]
+    intrinsics: Float64[np.ndarray, "3 3"]
+    corners: Float32[np.ndarray, "C rows columns 2"]
+    lens_of: tuple[int, ...]
+    points: Float32[np.ndarray, "P 3"]
+    point_colors: UInt8[np.ndarray, "P 3"]
+    mean_reprojection_error: float
+    lens_parameters: tuple[str, ...]
+    seconds: dict[str, float]
+    version: str
+
+    def write(self, folder: Path) -> None:
+        facts = {
+            "rows": self.rows,
+            "lens_of": self.lens_of,
+            "mean_reprojection_error": self.mean_reprojection_error,
+            "lens_parameters": self.lens_parameters,
+            "seconds": self.seconds,
+            "version": self.version,
+        }
+        np.savez(
+            folder / ARRAYS,
+            world_to_camera=self.world_to_camera,
+            intrinsics=self.intrinsics,
+            corners=self.corners,
+            points=self.points,
+            point_colors=self.point_colors,
+        )
+        (folder / FACTS).write_text(json.dumps(facts))
+
+
+def read_reconstruction(folder: Path) -> Reconstruction:
+    """Read what `Reconstruction.write` wrote."""
+    facts = json.loads((folder / FACTS).read_text())
+    for name in ("rows", "lens_of", "lens_parameters"):
+        facts[name] = tuple(facts[name])
+    with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
+        return Reconstruction(**facts, **{name: arrays[name] for name in arrays.files})

@@ -1,0 +1,216 @@
+"""Structure from motion, alone in its process: `python -m stages.scene.reconstruction_process JOB`.
+
+pycolmap brings a zlib of its own which breaks the one of a process that meets pycolmap first; it holds the
+interpreter for minutes; and a crash of it must not take a worker along. Nothing else may import this module.
+
+Says what it does in JSON lines on the standard output, and ends when its standard input does: with its parent.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+import time
+import zlib  # noqa: F401 - loaded before pycolmap, for the reason above
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from jaxtyping import Float64
+
+from stages.scene.lens import Lens
+from stages.scene.pairing import in_batches
+from stages.scene.reconstruction_job import PHASES, Job, Reconstruction, read_job, working_name
+from stages.scene.undistortion import LensView, corner_positions, shared_pinhole
+
+DATABASE = "database.db"
+SMALLEST_MODEL = 3  # photos
+SHORTEST_TRACK = 3  # photos that must see a point that is kept
+
+
+def main() -> None:
+    threading.Thread(target=end_with_parent, daemon=True).start()
+    pycolmap.logging.minloglevel = int(pycolmap.logging.Level.WARNING)
+    job = read_job(Path(sys.argv[1]))
+    pycolmap.set_random_seed(job.seed)
+    starts = [time.monotonic()]
+    for work in (extract, match):
+        work(job)
+        starts.append(time.monotonic())
+    model = estimate(job) if job.poses is None else triangulate(job, np.array(job.poses))
+    starts.append(time.monotonic())
+    seconds = {phase: round(value, 2) for phase, value in zip(PHASES, np.diff(starts).tolist(), strict=True)}
+    describe(job, model, seconds).write(job.folder)
+
+
+def end_with_parent() -> None:
+    while os.read(sys.stdin.fileno(), 1024):  # unbuffered: a buffer's lock would abort the interpreter's end
+        pass
+    os._exit(1)
+
+
+def say(phase: str, done: float, total: float) -> None:
+    print(json.dumps({"phase": phase, "done": done, "total": total}), flush=True)
+
+
+def extract(job: Job) -> None:
+    """SIFT features of every picture; those of an interrupted run are kept.
+
+    Pictures enter the database one group of equal lenses after the other, in order, before any thread works on them:
+    their numbers, on which mapping depends, are the same every time.
+    """
+    path, names = job.folder / DATABASE, [working_name(row) for row in range(len(job.lenses))]
+    options = pycolmap.FeatureExtractionOptions(num_threads=job.threads, use_gpu=False)
+    options.sift.max_num_features = job.max_features
+    if not path.exists():
+        enter_pictures(job, path.with_suffix(".new"))
+        path.with_suffix(".new").rename(path)
+    step = 4 * job.threads
+    for start in range(0, len(names), step):
+        say("features", start, len(names))
+        pycolmap.extract_features(
+            path, job.folder, names[start : start + step], extraction_options=options, device=pycolmap.Device.cpu
+        )
+
+
+def enter_pictures(job: Job, path: Path) -> None:
+    path.unlink(missing_ok=True)
+    pycolmap.Database.open(path).close()
+    for lens, known in dict.fromkeys(zip(job.lenses, job.focal_known, strict=True)):
+        group = [
+            working_name(row)
+            for row, pair in enumerate(zip(job.lenses, job.focal_known, strict=True))
+            if pair == (lens, known)
+        ]
+        options = pycolmap.ImageReaderOptions(camera_model=lens.model, camera_params=written(lens))
+        pycolmap.import_images(path, job.folder, pycolmap.CameraMode.SINGLE, group, options)
+        if not known:
+            forget_focal_length(path, group[0])
+
+
+def written(lens: Lens) -> str:
+    return ", ".join(repr(value) for value in lens.parameters)
+
+
+def forget_focal_length(path: Path, name: str) -> None:
+    """Parameters of ours count as known to COLMAP; these are a guess."""
+    with pycolmap.Database.open(path) as database:
+        camera = database.read_camera(database.read_image_with_name(name).camera_id)
+        camera.has_prior_focal_length = False
+        database.update_camera(camera)
+
+
+def match(job: Job) -> None:
+    """Compare the pairs; those of an interrupted run are kept."""
+    options = pycolmap.FeatureMatchingOptions(num_threads=job.threads, use_gpu=False)
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = job.seed
+    listed, done = job.folder / "pairs.txt", 0
+    for batch in in_batches(set(job.pairs)):
+        say("matching", done, len(job.pairs))
+        listed.write_text("".join(f"{working_name(one)} {working_name(other)}\n" for one, other in batch))
+        pycolmap.match_image_pairs(
+            job.folder / DATABASE,
+            options,
+            pycolmap.ImportedPairingOptions(match_list_path=listed),
+            verification,
+            pycolmap.Device.cpu,
+        )
+        done += len(batch)
+
+
+def mapping_options(job: Job) -> pycolmap.IncrementalPipelineOptions:
+    """Two mapping threads do not register the same photos twice; one does."""
+    options = pycolmap.IncrementalPipelineOptions(num_threads=1, random_seed=job.seed, min_model_size=SMALLEST_MODEL)
+    options.mapper.num_threads = 1
+    options.mapper.random_seed = job.seed
+    options.triangulation.random_seed = job.seed
+    return options
+
+
+def estimate(job: Job) -> pycolmap.Reconstruction | None:
+    """Incremental mapping: the largest model, the first of equals; None where nothing could be reconstructed."""
+    registered = 2
+
+    def count() -> None:
+        nonlocal registered
+        registered += 1
+        say("mapping", min(registered, len(job.lenses)), len(job.lenses))
+
+    say("mapping", 0, len(job.lenses))
+    output = job.folder / "models"
+    output.mkdir(exist_ok=True)
+    models = pycolmap.incremental_mapping(
+        job.folder / DATABASE, job.folder, output, mapping_options(job), next_image_callback=count
+    )
+    return max((models[key] for key in sorted(models)), key=lambda model: model.num_reg_images(), default=None)
+
+
+def triangulate(job: Job, poses: Float64[np.ndarray, "V 4 4"]) -> pycolmap.Reconstruction:
+    """Points from known poses and lenses, which stay as they are."""
+    say("mapping", 0, len(job.lenses))
+    model, output = pycolmap.Reconstruction(), job.folder / "models"
+    output.mkdir(exist_ok=True)
+    with pycolmap.Database.open(job.folder / DATABASE) as database:
+        for camera in database.read_all_cameras():
+            model.add_camera_with_trivial_rig(camera)
+        for image in database.read_all_images():
+            entered = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
+            model.add_image_with_trivial_frame(entered, pycolmap.Rigid3d(poses[row_of(image.name), :3]))
+    return pycolmap.triangulate_points(
+        model, job.folder / DATABASE, job.folder, output, options=mapping_options(job), refine_intrinsics=False
+    )
+
+
+def row_of(name: str) -> int:
+    return int(Path(name).stem)
+
+
+def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str, float]) -> Reconstruction:
+    """The model in the job's terms, with the pinhole that undistortion needs."""
+    if model is None or model.num_reg_images() < SMALLEST_MODEL:
+        return nothing(job, seconds)
+    images = sorted((model.images[key] for key in model.reg_image_ids()), key=lambda image: image.name)
+    numbers = sorted({image.camera_id for image in images})
+    cameras = [model.cameras[number] for number in numbers]
+    lenses = [LensView(camera.img_from_cam, camera.cam_from_img, camera.width, camera.height) for camera in cameras]
+    pinhole = shared_pinhole(lenses, job.width, job.height)
+    poses = np.tile(np.eye(4), (len(images), 1, 1))
+    poses[:, :3] = [image.cam_from_world().matrix() for image in images]
+    kept = [point for _, point in sorted(model.points3D.items()) if point.track.length() >= SHORTEST_TRACK]
+    return Reconstruction(
+        rows=tuple(row_of(image.name) for image in images),
+        world_to_camera=poses,
+        intrinsics=pinhole.intrinsics,
+        corners=np.stack([corner_positions(lens, pinhole) for lens in lenses]),
+        lens_of=tuple(numbers.index(image.camera_id) for image in images),
+        points=np.array([point.xyz for point in kept], np.float32).reshape(-1, 3),
+        point_colors=np.array([point.color for point in kept], np.uint8).reshape(-1, 3),
+        mean_reprojection_error=model.compute_mean_reprojection_error() if kept else 0.0,
+        lens_parameters=tuple(f"{camera.model_name} {camera.params_to_string()}" for camera in cameras),
+        seconds=seconds,
+        version=pycolmap.__version__,
+    )
+
+
+def nothing(job: Job, seconds: dict[str, float]) -> Reconstruction:
+    """No photo was placed."""
+    return Reconstruction(
+        rows=(),
+        world_to_camera=np.empty((0, 4, 4)),
+        intrinsics=np.eye(3),
+        corners=np.empty((0, job.height + 1, job.width + 1, 2), np.float32),
+        lens_of=(),
+        points=np.empty((0, 3), np.float32),
+        point_colors=np.empty((0, 3), np.uint8),
+        mean_reprojection_error=0.0,
+        lens_parameters=(),
+        seconds=seconds,
+        version=pycolmap.__version__,
+    )
+
+
+if __name__ == "__main__":
+    main()

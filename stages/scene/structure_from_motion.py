@@ -1,0 +1,252 @@
+"""Structure from motion of a capture: working pictures, the process that reconstructs, undistorted pictures."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+import cv2
+import numpy as np
+
+from pipeline.errors import Interrupted, UserError
+from stages.imaging.pictures import read_picture, resize_picture
+from stages.scene.cameras import Cameras
+from stages.scene.capture import Capture, KnownPoses, in_order_of_numbers
+from stages.scene.lens import MODELS, Lens
+from stages.scene.pairing import Matching, choose_matching, exhaustive_pairs, sequential_pairs
+from stages.scene.reconstruction_job import ARRAYS, FACTS, LOG, Job, Reconstruction, read_reconstruction, working_name
+from stages.scene.scene import Scene, held_out_names
+from stages.scene.undistortion import training_size, undistort
+
+PROCESS = "stages.scene.reconstruction_process"
+"""The module that runs as a process of its own; it is not imported here, for the reasons that it gives."""
+
+PhasesShare = Mapping[str, tuple[float, float]]
+SHARES: PhasesShare = {
+    "reading": (0.0, 0.05),
+    "features": (0.05, 0.25),
+    "matching": (0.25, 0.7),
+    "mapping": (0.7, 0.95),
+    "undistortion": (0.95, 1.0),
+}
+FEWEST_POINTS = 10
+GUESSED_FOCAL_LENGTH = 1.2  # of the longer side, COLMAP's own guess where EXIF says nothing
+POLLING = 0.2  # seconds
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to reconstruct: sizes are long sides in pixels; see the parameters of the stage `sfm`."""
+
+    width: int
+    matching_size: int
+    matching: Matching
+    max_features: int
+    camera_model: str
+    minimum_registered: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class Watcher:
+    """How the stage follows: progress of the whole from 0 to 1, lines for the log, and whether to stop."""
+
+    progress: Callable[[float], None]
+    log: Callable[[str], None]
+    stop_requested: Callable[[], bool]
+
+    def phase(self, name: str, done: float, total: float) -> None:
+        start, end = SHARES[name]
+        self.progress(start + (end - start) * done / max(total, 1))
+        if self.stop_requested():
+            raise Interrupted(f"stopped while {name} was under way")
+
+
+def reconstruct(
+    capture: Capture,
+    pictures: Mapping[str, Path],
+    poses: KnownPoses | None,
+    settings: Settings,
+    scratch: Path,
+    watcher: Watcher,
+) -> tuple[Scene, Reconstruction]:
+    """The scene of a capture, its photos being at `pictures`, and how the reconstruction went.
+
+    `poses` are kept and only points triangulated; None has cameras estimated. What `scratch` holds of an interrupted
+    run is used again. Raises `UserError` where fewer photos than `minimum_registered` could be placed, or hardly any
+    point, and where the process ends otherwise than it should; `Interrupted` where the watcher asks to stop.
+    """
+    folder = scratch / "reconstruction"
+    folder.mkdir(parents=True, exist_ok=True)
+    sizes = write_working_pictures(capture, pictures, settings.matching_size, folder, watcher)
+    job = job_of(capture, sizes, poses, settings, folder)
+    run_process(job, watcher)
+    result = read_reconstruction(folder)
+    refuse_few(capture, result, settings, given=poses is not None)
+    return scene_of(capture, pictures, sizes, job, result, watcher), result
+
+
+def write_working_pictures(
+    capture: Capture, pictures: Mapping[str, Path], matching_size: int, folder: Path, watcher: Watcher
+) -> list[tuple[int, int]]:
+    """Pictures for matching: upright, their long side at most `matching_size`. Returns their sizes."""
+    sizes = []
+    for row, name in enumerate(capture.names):
+        watcher.phase("reading", row, len(capture.names))
+        picture = read_picture(pictures[name])
+        height, width = picture.shape[:2]
+        factor = min(1.0, matching_size / max(width, height))
+        picture = resize_picture(picture, max(1, round(width * factor)), max(1, round(height * factor)))
+        target = folder / working_name(row)
+        if not cv2.imwrite(str(target), picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+            raise UserError("a working picture cannot be written", where=target, remedy="Is the disk full?")
+        sizes.append((picture.shape[1], picture.shape[0]))
+    return sizes
+
+
+def job_of(
+    capture: Capture, sizes: list[tuple[int, int]], poses: KnownPoses | None, settings: Settings, folder: Path
+) -> Job:
+    """What the process is to do."""
+    if poses is not None:
+        lenses = [lens.resized(*size) for lens, size in zip(poses.lenses, sizes, strict=True)]
+        known = [True] * len(lenses)
+    else:
+        known = [focal is not None for focal in capture.focal_pixels]
+        lenses = [starting_lens(capture, row, size, settings.camera_model) for row, size in enumerate(sizes)]
+    kind = choose_matching(settings.matching, len(sizes), capture.ordered)
+    order = in_order_of_numbers(capture.names)
+    width, height = training_size(Counter(capture.sizes).most_common(1)[0][0], settings.width)
+    return Job(
+        folder=folder,
+        lenses=tuple(lenses),
+        focal_known=tuple(known),
+        poses=None if poses is None else tuple(tuple(map(tuple, pose)) for pose in poses.world_to_camera.tolist()),
+        pairs=tuple(sorted(exhaustive_pairs(len(sizes)) if kind == "exhaustive" else sequential_pairs(order))),
+        max_features=settings.max_features,
+        width=width,
+        height=height,
+        seed=settings.seed,
+        threads=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+    )
+
+
+def starting_lens(capture: Capture, row: int, size: tuple[int, int], model: str) -> Lens:
+    """A lens to begin with: EXIF's focal length or a guess, no distortion. Equal ones become one camera."""
+    focal_pixels = capture.focal_pixels[row]
+    scale = max(size) / max(capture.sizes[row])
+    focal = GUESSED_FOCAL_LENGTH * max(size) if focal_pixels is None else round(focal_pixels * scale, 3)
+    focal_lengths, distortions = MODELS[model]
+    parameters = (*[focal] * focal_lengths, size[0] / 2, size[1] / 2, *[0.0] * distortions)
+    return Lens(model, parameters, *size)
+
+
+def run_process(job: Job, watcher: Watcher) -> None:
+    """Run the process to its end; it is killed where the watcher asks to stop."""
+    for name in (FACTS, ARRAYS):
+        (job.folder / name).unlink(missing_ok=True)
+    path = job.write()
+    root = Path(__file__).resolve().parents[2]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")])}
+    with (job.folder / LOG).open("wb") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", PROCESS, str(path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            env=environment,
+            start_new_session=True,  # Ctrl-C reaches the engine, which asks to stop
+        )
+        try:
+            follow(process, watcher)
+        finally:
+            process.kill()
+            process.wait()
+    if process.returncode != 0 or not (job.folder / FACTS).is_file():
+        lines = (job.folder / LOG).read_text(errors="replace").strip().splitlines()
+        lines = [line for line in lines if not line.lstrip().startswith("@")]  # without the stack of a crash
+        raise UserError(
+            "structure from motion broke off",
+            found=f"exit status {process.returncode}: {' | '.join(lines[-3:]) or 'no message'}",
+            remedy="Less memory is needed with a smaller matching_size or max_features.",
+        )
+
+
+def follow(process: subprocess.Popen[bytes], watcher: Watcher) -> None:
+    """Pass on what the process says, until it ends."""
+    lines: queue.Queue[bytes | None] = queue.Queue()
+    assert process.stdout is not None
+    threading.Thread(target=listen, args=(process.stdout, lines), daemon=True).start()
+    phase, done, total = "features", 0.0, 1.0
+    while True:
+        try:
+            line = lines.get(timeout=POLLING)
+        except queue.Empty:
+            watcher.phase(phase, done, total)
+            continue
+        if line is None:
+            process.wait()
+            return
+        said = json.loads(line)
+        if said["phase"] != phase:
+            watcher.log(f"{said['phase']} of {int(said['total'])}")
+        phase, done, total = said["phase"], said["done"], said["total"]
+        watcher.phase(phase, done, total)
+
+
+def listen(stream: IO[bytes], lines: queue.Queue[bytes | None]) -> None:
+    for line in stream:
+        lines.put(line)
+    lines.put(None)
+
+
+def refuse_few(capture: Capture, result: Reconstruction, settings: Settings, given: bool) -> None:
+    """Raise `UserError` where too little was reconstructed to be trained on."""
+    registered, total = len(result.rows), len(capture.names)
+    if registered < max(1, settings.minimum_registered * total):
+        raise UserError(
+            f"structure from motion placed {registered} of {total} photos",
+            expected=f"at least {settings.minimum_registered:.0%} of them (minimum_registered)",
+            remedy="Take photos that overlap more (each point in three or more); raise matching_size (now "
+            f"{settings.matching_size}) or max_features (now {settings.max_features}); set matching to exhaustive; "
+            "try camera_model OPENCV; or accept fewer with minimum_registered.",
+        )
+    if len(result.points) < FEWEST_POINTS:
+        raise UserError(
+            "hardly any point is seen by three photos",
+            found=f"{len(result.points)} points",
+            expected=f"at least {FEWEST_POINTS}",
+            remedy="The poses do not fit the photos: set poses to estimate."
+            if given
+            else "Take photos that overlap more.",
+        )
+
+
+def scene_of(
+    capture: Capture,
+    pictures: Mapping[str, Path],
+    sizes: list[tuple[int, int]],
+    job: Job,
+    result: Reconstruction,
+    watcher: Watcher,
+) -> Scene:
+    """Undistorted pictures of the registered photos, straight from the photos at full size."""
+    names = tuple(capture.names[row] for row in result.rows)
+    undistorted = np.empty((len(names), job.height, job.width, 3), np.uint8)
+    for place, (row, lens) in enumerate(zip(result.rows, result.lens_of, strict=True)):
+        watcher.phase("undistortion", place, len(names))
+        scale = np.array(capture.sizes[row], np.float32) / np.array(sizes[row], np.float32)
+        undistorted[place] = undistort(read_picture(pictures[capture.names[row]]), result.corners[lens] * scale)
+    cameras = Cameras(
+        names, result.world_to_camera, np.tile(result.intrinsics, (len(names), 1, 1)), job.width, job.height
+    )
+    return Scene(cameras, undistorted, result.points, result.point_colors, held_out_names(names))

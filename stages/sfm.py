@@ -1,0 +1,96 @@
+"""`sfm`: from a capture to a posed scene (structure from motion), its pictures undistorted, at training size."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.scene.cameras import Cameras
+from stages.scene.capture import Capture, KnownPoses, picture_path, read_capture
+from stages.scene.pairing import Matching
+from stages.scene.pose_errors import pose_errors
+from stages.scene.scene import Scene, write_scene
+from stages.scene.structure_from_motion import PROCESS, Settings, Watcher, reconstruct
+
+CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
+
+
+class SfmParameters(Parameters):
+    """Sizes are long sides, in pixels."""
+
+    width: int = Field(192, ge=16, description="Long side of the training pictures; photos are never enlarged.")
+    matching_size: int = Field(1600, ge=64, description="Long side at which photos are matched, at most.")
+    matching: Matching = Field(
+        "auto", description="Which photos are compared: all, or neighbours in a sequence; auto: all of up to 120."
+    )
+    max_features: int = Field(4096, ge=64, description="Features a photo, at most.")
+    camera_model: CameraModel = Field("SIMPLE_RADIAL", description="Lens model that is estimated.")
+    poses: Literal["auto", "estimate", "given"] = Field(
+        "auto", description="auto: given poses are kept, but those of synthetic captures estimated, to be checked."
+    )
+    minimum_registered: float = Field(0.5, ge=0, le=1, description="Share of the photos that must be placed.")
+    seed: int = Field(0, ge=0, description="Of every random choice.")
+
+
+@stage(
+    inputs={"capture": Input("capture")},
+    outputs={"scene": Output("scene")},
+    version=1,
+    modules=lambda parameters: [PROCESS],
+)
+def sfm(context: Context, parameters: SfmParameters) -> None:
+    """Estimate cameras and points, or keep the poses that came with the photos and triangulate points."""
+    artifact = context.input("capture")
+    capture = read_capture(artifact)
+    poses = poses_to_keep(capture, parameters)
+    settings = Settings(**parameters.model_dump(exclude={"poses"}))
+    watcher = Watcher(lambda done: context.progress(round(100 * done, 1), 100), context.log, context.stop_requested)
+    pictures = {name: picture_path(artifact, name) for name in capture.names}
+    scene, result = reconstruct(capture, pictures, poses, settings, context.scratch, watcher)
+    errors = errors_against_truth(capture, scene) if poses is None else {}
+    write_scene(
+        context.output("scene"),
+        scene,
+        registered=len(scene.cameras),
+        total=len(capture.names),
+        mean_reprojection_error=result.mean_reprojection_error,
+        pose_source="estimated" if poses is None else poses.source,
+        **errors,
+    )
+    context.log(
+        f"{len(scene.cameras)} of {len(capture.names)} photos placed, {len(scene.points)} points, "
+        f"reprojection error {result.mean_reprojection_error:.2f} pixels"
+    )
+    context.record(
+        pycolmap=result.version,
+        device="cpu",
+        lenses=list(result.lens_parameters),
+        seconds_of_phases=dict(result.seconds),
+    )
+
+
+def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | None:
+    """The poses that are not to be estimated."""
+    if parameters.poses == "estimate" or capture.poses is None:
+        return None
+    return None if parameters.poses == "auto" and capture.poses.source == "synthetic" else capture.poses
+
+
+def errors_against_truth(capture: Capture, scene: Scene) -> dict[str, float]:
+    """The largest errors of estimated cameras of a synthetic capture: as a share of the rig's radius, in degrees."""
+    if capture.poses is None or capture.poses.source != "synthetic" or len(scene.cameras) < 3:
+        return {}
+    true = Cameras(
+        capture.names,
+        capture.poses.world_to_camera,
+        np.stack([lens.matrix() for lens in capture.poses.lenses]),
+        *capture.sizes[0],
+    )
+    errors = pose_errors(scene.cameras, true)
+    return {
+        "pose_error_position": float(errors.position.max()),
+        "pose_error_rotation": float(errors.rotation.max()),
+    }
