@@ -70,18 +70,18 @@ QUANTITIES: dict[str, Quantity] = {
     ),
     "coverage": Quantity("Coverage", "", "higher", "How much of the picture the message fills, from 0 to 1."),
     "legal": Quantity("Legal", "", "", "1 where the message fills enough of the picture to be scored, otherwise 0."),
-    "container_bytes": Quantity("Size", "bytes", "lower", "All that is published: the splats and the scene decoder."),
+    "container_bytes": Quantity("Size", "bytes", "lower", "All that is published, uncompressed."),
     "gaussians": Quantity("Gaussians", "", "lower", "How many Gaussians the scene has."),
     "seconds_per_frame": Quantity(
-        "Time a frame", "s", "lower", "Wall-clock time to render one picture, decoders included."
+        "Time a frame", "s", "lower", "Wall-clock time to render one picture, decoding included."
     ),
     "seconds_per_feature_map": Quantity(
-        "Time a feature map", "s", "lower", "Wall-clock time to blend one feature map, before any decoder."
+        "Time a feature map", "s", "lower", "Wall-clock time to blend one feature map, before it is decoded."
     ),
     "residual_correlation": Quantity(
         "Residual and message",
         "",
-        "lower",
+        "",
         "Correlation, without sign, of the cover's error with the message of that view.",
     ),
     "residual_correlation_others": Quantity(

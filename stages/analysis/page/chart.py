@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-WIDTH, HEIGHT = 560, 300
-LEFT, RIGHT, TOP, BOTTOM = 52, 14, 12, 34
+WIDTH, HEIGHT = 420, 260
+LEFT, RIGHT, TOP, BOTTOM = 56, 24, 12, 34
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def line_chart(title: str, series: Sequence[Series], logarithmic: bool = False) 
     return Chart(
         title,
         tuple(Tick(place(x, 1)[0], f"{x:,.0f}") for x in _round_ticks(0, right)),
-        tuple(Tick(place(0, y)[1], f"{y:g}") for y in levels),
+        tuple(Tick(place(0, y)[1], f"{y:,g}") for y in levels),
         tuple((each.name, _polyline([place(*point) for point in each.points])) for each in usable),
     )
 

@@ -63,6 +63,11 @@ class Gallery:
         """Whether two views fit beside each other."""
         return all(len(view.pictures) <= 2 for view in self.views)
 
+    @property
+    def tall(self) -> bool:
+        """Whether pictures are higher than wide, so that they must not fill the page's width."""
+        return any(shown.picture.shape[0] > shown.picture.shape[1] for view in self.views for shown in view.pictures)
+
 
 def is_lossless(galleries: Sequence[Gallery]) -> bool:
     """Whether all pictures together are few enough for PNG."""

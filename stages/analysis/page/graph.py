@@ -1,15 +1,22 @@
-"""The graph of stages as geometry: columns from left to right, the template draws boxes and curves."""
+"""The graph of stages as geometry: columns from left to right; the template draws boxes and curves.
+
+What a stage makes may be taken many columns further right. It travels there in a lane: a slot of its own in every
+column between, shared by all who take it, so that no curve runs behind a box.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from pipeline.stage import LineageRecord
 from stages.analysis.page.figures import write_seconds
 
-BOX_HEIGHT, GAP_ACROSS, GAP_DOWN, MARGIN = 44, 46, 14, 4
+BOX_HEIGHT, LANE_HEIGHT, GAP_ACROSS, GAP_DOWN, MARGIN = 44, 4, 44, 14, 4
 CHARACTER, LONGEST_NAME = 7.4, 26
+
+Slot = tuple[str, int]
+"""A stage's name and a column: its box where the column is its own, its lane in the columns after."""
 
 
 @dataclass(frozen=True)
@@ -26,54 +33,81 @@ class Box:
 
 @dataclass(frozen=True)
 class Graph:
-    """``edges`` are SVG paths."""
+    """``curves`` are SVG paths."""
 
     width: float
     height: float
     box_width: float
     box_height: float
     boxes: tuple[Box, ...]
-    edges: tuple[str, ...]
+    curves: tuple[str, ...]
 
 
 def draw_graph(lineage: Sequence[LineageRecord]) -> Graph | None:
     """Every stage one column right of the last stage that it takes from; None for an empty lineage."""
     if not lineage:
         return None
-    columns = _columns(lineage)
-    longest = max(len(text) for record in lineage for text in (_shortened(record.name), _detail(record)))
-    box_width = round(longest * CHARACTER + 22)
-    tallest = max(map(len, columns))
-    height = tallest * (BOX_HEIGHT + GAP_DOWN) - GAP_DOWN + 2 * MARGIN
-    boxes = {}
-    for across, column in enumerate(columns):
-        top = (height - len(column) * (BOX_HEIGHT + GAP_DOWN) + GAP_DOWN) / 2
-        for down, record in enumerate(column):
-            x, y = MARGIN + across * (box_width + GAP_ACROSS), top + down * (BOX_HEIGHT + GAP_DOWN)
-            boxes[record.name] = Box(x, y, _shortened(record.name), record.name, _detail(record), record.private)
-    edges = [
-        _edge(boxes[name], boxes[record.name], box_width)
-        for record in lineage
-        for name in dict.fromkeys(record.inputs)
-        if name in boxes
+    depth = _depths(lineage)
+    columns = _columns(lineage, depth)
+    box_width = round(max(len(text) for record in lineage for text in _texts(record)) * CHARACTER + 22)
+    height = max(_stacked(column, depth) for column in columns)
+    middles = {
+        slot: middle + (height - _stacked(column, depth)) / 2 + MARGIN
+        for column in columns
+        for slot, middle in _middles(column, depth)
+    }
+
+    def left(column: int) -> float:
+        return MARGIN + column * (box_width + GAP_ACROSS)
+
+    boxes = []
+    for record in lineage:
+        name, detail = _texts(record)
+        column = depth[record.name]
+        y = middles[record.name, column] - BOX_HEIGHT / 2
+        boxes.append(Box(left(column), y, name, record.name, detail, record.private))
+    curves = [
+        _curve(left(start[1]) + box_width, middles[start], left(end[1]), middles[end], box_width * (start[0] == end[0]))
+        for start, end in dict.fromkeys(_links(lineage, depth))
     ]
-    width = len(columns) * (box_width + GAP_ACROSS) - GAP_ACROSS + 2 * MARGIN
-    return Graph(width, height, box_width, BOX_HEIGHT, tuple(boxes.values()), tuple(edges))
+    width = left(len(columns) - 1) + box_width + MARGIN
+    return Graph(width, height + 2 * MARGIN, box_width, BOX_HEIGHT, tuple(boxes), tuple(curves))
 
 
-def _columns(lineage: Sequence[LineageRecord]) -> list[list[LineageRecord]]:
-    """Stages by depth; within a column near to the stages that they take from, so that few curves cross."""
+def _texts(record: LineageRecord) -> tuple[str, str]:
+    name = record.name if len(record.name) <= LONGEST_NAME else f"{record.name[: LONGEST_NAME - 1]}…"
+    return name, f"{record.uses} · {write_seconds(record.seconds)}"
+
+
+def _depths(lineage: Sequence[LineageRecord]) -> dict[str, int]:
     depth: dict[str, int] = {}
     for record in lineage:
         depth[record.name] = 1 + max((depth[name] for name in record.inputs if name in depth), default=-1)
-    columns: list[list[LineageRecord]] = [[] for _ in range(1 + max(depth.values()))]
+    return depth
+
+
+def _links(lineage: Sequence[LineageRecord], depth: Mapping[str, int]) -> Iterator[tuple[Slot, Slot]]:
+    """From slot to slot of the next column, along each lane and off it; some come more than once."""
     for record in lineage:
-        columns[depth[record.name]].append(record)
-    place: dict[str, float] = {}
+        for name in record.inputs:
+            if name in depth:
+                lane = [(name, column) for column in range(depth[name], depth[record.name])]
+                yield from zip(lane, [*lane[1:], (record.name, depth[record.name])], strict=True)
+
+
+def _columns(lineage: Sequence[LineageRecord], depth: Mapping[str, int]) -> list[list[Slot]]:
+    """Boxes and lanes by column, each near to what it continues, so that few curves cross."""
+    before: dict[Slot, list[Slot]] = {(record.name, depth[record.name]): [] for record in lineage}
+    for start, end in _links(lineage, depth):
+        before.setdefault(end, []).append(start)
+    columns: list[list[Slot]] = [[] for _ in range(1 + max(depth.values()))]
+    for slot in before:
+        columns[slot[1]].append(slot)
+    place: dict[Slot, float] = {}
     for column in columns:
-        wanted = {record.name: _mean([place[name] for name in record.inputs if name in place]) for record in column}
-        column.sort(key=lambda record: wanted[record.name])
-        place |= {record.name: down - len(column) / 2 for down, record in enumerate(column)}
+        wanted = {slot: _mean([place[start] for start in before[slot]]) for slot in column}
+        column.sort(key=wanted.__getitem__)
+        place |= {slot: (down + 0.5) / len(column) for down, slot in enumerate(column)}
     return columns
 
 
@@ -81,15 +115,23 @@ def _mean(values: Sequence[float]) -> float:
     return sum(values) / len(values) if values else 0
 
 
-def _shortened(name: str) -> str:
-    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
+def _height(slot: Slot, depth: Mapping[str, int]) -> int:
+    return BOX_HEIGHT if depth[slot[0]] == slot[1] else LANE_HEIGHT
 
 
-def _detail(record: LineageRecord) -> str:
-    return f"{record.uses} · {write_seconds(record.seconds)}"
+def _stacked(column: Sequence[Slot], depth: Mapping[str, int]) -> int:
+    return sum(_height(slot, depth) + GAP_DOWN for slot in column) - GAP_DOWN
 
 
-def _edge(start: Box, end: Box, box_width: float) -> str:
-    x0, y0, x1, y1 = start.x + box_width, start.y + BOX_HEIGHT / 2, end.x, end.y + BOX_HEIGHT / 2
-    bend = min(GAP_ACROSS, x1 - x0) * 0.55
-    return f"M{x0:.1f},{y0:.1f} C{x0 + bend:.1f},{y0:.1f} {x1 - bend:.1f},{y1:.1f} {x1:.1f},{y1:.1f}"
+def _middles(column: Sequence[Slot], depth: Mapping[str, int]) -> Iterator[tuple[Slot, float]]:
+    top = 0.0
+    for slot in column:
+        yield slot, top + _height(slot, depth) / 2
+        top += _height(slot, depth) + GAP_DOWN
+
+
+def _curve(x0: float, y0: float, x1: float, y1: float, onward: float) -> str:
+    """From the right of one column to the left of the next, and across it by ``onward`` where a lane goes on."""
+    middle = (x0 + x1) / 2
+    path = f"M{x0:.1f},{y0:.1f} C{middle:.1f},{y0:.1f} {middle:.1f},{y1:.1f} {x1:.1f},{y1:.1f}"
+    return f"{path} h{onward:.1f}" if onward else path

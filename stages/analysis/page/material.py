@@ -73,7 +73,8 @@ def public_lineage(lineage: Sequence[LineageRecord]) -> tuple[LineageRecord, ...
     """The stages that lead to something public through public stages alone, with public facts.
 
     A stage that makes anything private is left out, and so is a public one that served such stages only: the photos
-    of what was made private later are as telling as the stage that did it.
+    of what was made private later are as telling as the stage that did it. What a stage was told about something that
+    it took from one left out, its parameters, is left out as well.
     """
     kept: dict[str, LineageRecord] = {}
     for record in reversed(lineage):
@@ -85,6 +86,7 @@ def public_lineage(lineage: Sequence[LineageRecord]) -> tuple[LineageRecord, ...
             record,
             inputs=tuple(name for name in record.inputs if name in kept),
             facts={name: value for name, value in record.facts.items() if name in PUBLIC_FACTS},
+            parameters=record.parameters if all(name in kept for name in record.inputs) else {},
         )
         for record in lineage
         if record.name in kept

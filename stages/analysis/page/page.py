@@ -17,7 +17,7 @@ from stages.analysis.page.gallery import Gallery, cover_gallery, is_lossless, me
 from stages.analysis.page.graph import Graph, draw_graph
 from stages.analysis.page.material import Material
 from stages.analysis.page.summary import Tile, message_tiles, owner_summary, scene_tiles
-from stages.analysis.page.tables import Table, cover_table, message_table
+from stages.analysis.page.tables import Table, tables_of
 from stages.imaging.lpips_weights import HOW_TO_INSTALL
 from stages.imaging.metric_table import MetricRow
 
@@ -59,6 +59,11 @@ class Page:
         return tuple(dict.fromkeys(each for table in self.tables for each in table.definitions))
 
     @property
+    def compares(self) -> bool:
+        """Whether a table marks the best of several methods."""
+        return any(cell.best for table in self.tables for _, cells in table.lines for cell in cells)
+
+    @property
     def lossless(self) -> bool:
         """Whether pictures are embedded as PNG."""
         return is_lossless(self.galleries)
@@ -72,8 +77,11 @@ def owner_page(material: Material, workflow: str, views: int) -> Page:
 
     galleries = [
         cover_gallery(playing("cover"), views, "Cover", residual=True),
-        *(message_gallery(each, views, _title(material, "Message", each)) for each in playing("message")),
-        *(picture_gallery(each, views, _title(material, "Features", each)) for each in playing("feature_map")),
+        *(
+            message_gallery(each, views, _title(material, f"Message: {each.title}", each))
+            for each in playing("message")
+        ),
+        *(picture_gallery(each, views, _title(material, "Feature map", each)) for each in playing("feature_map")),
     ]
     return _page(
         material,
@@ -85,10 +93,9 @@ def owner_page(material: Material, workflow: str, views: int) -> Page:
     )
 
 
-def _title(material: Material, what: str, comparison: Comparison) -> str:
-    """What is shown, with the method where several were scored."""
+def _title(material: Material, title: str, comparison: Comparison) -> str:
+    """The title, with the method where several made such pictures."""
     sharing = {each.method for each in material.pictures if each.role == comparison.role}
-    title = f"{what}: {comparison.title}"
     return title if len(sharing) == 1 else f"{title} · {comparison.method}"
 
 
@@ -124,7 +131,6 @@ def _page(
     tiles: tuple[Tile, ...],
     command: str,
 ) -> Page:
-    tables = (cover_table(material), message_table(material))
     charts = (
         _chart("PSNR of the training views (dB)", material.curves, "psnr"),
         _chart("Loss", material.curves, "loss", logarithmic=True),
@@ -135,7 +141,7 @@ def _page(
         summary=summary,
         tiles=tiles,
         galleries=tuple(gallery for gallery in galleries if gallery is not None),
-        tables=tuple(table for table in tables if table is not None),
+        tables=tables_of(material),
         remark=_remark(material.scores),
         charts=tuple(chart for chart in charts if chart is not None),
         graph=draw_graph(material.lineage),

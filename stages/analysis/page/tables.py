@@ -12,9 +12,9 @@ from stages.analysis.page.material import Material
 from stages.imaging.metric_table import QUANTITIES, MetricRow, mean_value
 
 PICTURE_QUANTITIES = ("psnr", "ssim", "lpips_vgg", "lpips_alex")
-COVERED_QUANTITIES = ("psnr_covered", "ssim_covered", "psnr_constant")
-WHOLE_QUANTITIES = ("container_bytes", "gaussians", "seconds_per_frame")
-LEAKAGE_QUANTITIES = ("residual_correlation", "residual_correlation_others")
+COVERED_QUANTITIES = {"psnr_covered": "PSNR (dB)", "ssim_covered": "SSIM", "psnr_constant": "One colour (dB)"}
+WHOLE_QUANTITIES = ("container_bytes", "gaussians", "seconds_per_frame", "seconds_per_feature_map")
+LEAKAGE_QUANTITIES = {"residual_correlation": "Its own view", "residual_correlation_others": "Other views"}
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,7 @@ class Column:
     quantity: str
     split: str | None = None
     group: str = ""
+    heading: str = ""
     only_legal: bool = False
 
 
@@ -32,15 +33,22 @@ COVER_COLUMNS = (
     *(Column(quantity, "train", "Training views") for quantity in PICTURE_QUANTITIES),
     *(Column(quantity, None, "Scene") for quantity in WHOLE_QUANTITIES),
 )
-MESSAGE_COLUMNS = (
-    *(Column(quantity, "test", "Test views") for quantity in PICTURE_QUANTITIES),
-    *(Column(quantity, "test", "Test views, covered pixels") for quantity in COVERED_QUANTITIES),
-    Column("legal", "test", "Legal test views"),
+LEGAL_COLUMNS = (
+    Column("legal", "test", "Legal test views", "Views"),
     *(Column(quantity, "test", "Legal test views", only_legal=True) for quantity in PICTURE_QUANTITIES),
-    *(Column(quantity, "train", "Training views") for quantity in PICTURE_QUANTITIES),
-    *(Column(quantity, "train", "Training views, covered pixels") for quantity in COVERED_QUANTITIES),
-    *(Column(quantity, "test", "Trace in the cover") for quantity in LEAKAGE_QUANTITIES),
 )
+LEAKAGE_COLUMNS = tuple(
+    Column(quantity, "test", "Cover's error and the message: correlation", heading)
+    for quantity, heading in LEAKAGE_QUANTITIES.items()
+)
+
+
+def message_columns(split: str, views: str) -> tuple[Column, ...]:
+    """Columns about messages on the views of one split, which are called ``views``."""
+    return (
+        *(Column(quantity, split, views) for quantity in PICTURE_QUANTITIES),
+        *(Column(quantity, split, "Covered pixels", heading) for quantity, heading in COVERED_QUANTITIES.items()),
+    )
 
 
 @dataclass(frozen=True)
@@ -71,23 +79,26 @@ class Table:
 @dataclass(frozen=True)
 class _Line:
     name: str
+    message: str | None
     rows: tuple[MetricRow, ...]
 
 
-def cover_table(material: Material) -> Table | None:
-    """A line for each method; None without any figure."""
-    lines = [_Line(method, rows_about(material.scores, method)) for method in material.methods]
-    return _table("Cover" if material.messages else "Scene", lines, COVER_COLUMNS)
-
-
-def message_table(material: Material) -> Table | None:
-    """For each message a line for each method; None without any."""
-    lines = [
-        _Line(f"{message} · {method}", rows_about(material.scores, method, message))
-        for message in material.messages
-        for method in material.methods
+def tables_of(material: Material) -> tuple[Table, ...]:
+    """Every table that has a figure: a line for each method, and for each message and method."""
+    methods, messages = material.methods, material.messages
+    cover = [_Line(method, None, rows_about(material.scores, method)) for method in methods]
+    hidden = [
+        _Line(f"{message} · {method}", message, rows_about(material.scores, method, message))
+        for message in messages
+        for method in methods
     ]
-    return _table("Messages", [line for line in lines if line.rows], MESSAGE_COLUMNS)
+    tables = (
+        _table("Cover" if messages else "Scene", cover, COVER_COLUMNS),
+        _table("Messages on test views", hidden, (*message_columns("test", "Whole pictures"), *LEGAL_COLUMNS)),
+        _table("Messages on training views", hidden, message_columns("train", "Whole pictures")),
+        _table("Trace of the messages in the cover, test views", hidden, LEAKAGE_COLUMNS),
+    )
+    return tuple(table for table in tables if table is not None)
 
 
 def rows_about(rows: Sequence[MetricRow], method: str, message: str | None = None) -> tuple[MetricRow, ...]:
@@ -98,9 +109,7 @@ def rows_about(rows: Sequence[MetricRow], method: str, message: str | None = Non
 def mean_of(rows: Sequence[MetricRow], column: Column) -> float:
     """The column's figure for rows of one line; NaN where nothing was measured."""
     legal = {row.view for row in rows if row.quantity == "legal" and row.value > 0}
-    return mean_value(
-        [row for row in _in_column(rows, column) if not column.only_legal or row.view in legal],
-    )
+    return mean_value([row for row in _in_column(rows, column) if not column.only_legal or row.view in legal])
 
 
 def _in_column(rows: Sequence[MetricRow], column: Column) -> list[MetricRow]:
@@ -108,36 +117,47 @@ def _in_column(rows: Sequence[MetricRow], column: Column) -> list[MetricRow]:
 
 
 def _table(caption: str, lines: Sequence[_Line], columns: Sequence[Column]) -> Table | None:
-    values = {column: [mean_of(line.rows, column) for line in lines] for column in columns}
-    columns = [column for column in columns if not all(map(math.isnan, values[column]))]
+    """The lines and columns that have a figure."""
+    lines = [line for line in lines if any(_measured(line, column) for column in columns)]
+    columns = [column for column in columns if any(_measured(line, column) for line in lines)]
     if not columns:
         return None
-    cells = [_cells(column, lines, values[column]) for column in columns]
+    cells = [_cells(column, lines) for column in columns]
     quantities = dict.fromkeys(column.quantity for column in columns)
     return Table(
         caption,
         tuple((group, len(list(members))) for group, members in groupby(columns, lambda column: column.group)),
-        tuple(label(column.quantity) for column in columns),
+        tuple(column.heading or label(column.quantity) for column in columns),
         tuple((line.name, tuple(column[index] for column in cells)) for index, line in enumerate(lines)),
         tuple((QUANTITIES[name].label, QUANTITIES[name].definition) for name in quantities),
     )
 
 
-def _cells(column: Column, lines: Sequence[_Line], values: Sequence[float]) -> list[Cell]:
+def _measured(line: _Line, column: Column) -> bool:
+    return not math.isnan(mean_of(line.rows, column))
+
+
+def _cells(column: Column, lines: Sequence[_Line]) -> list[Cell]:
     if column.quantity == "legal":
         return [Cell(_count(_in_column(line.rows, column)), False) for line in lines]
-    texts = [write_figure(column.quantity, value) for value in values]
-    best = _best(QUANTITIES[column.quantity].better, values)
-    return [Cell(text, value == best) for text, value in zip(texts, values, strict=True)]
+    values = [mean_of(line.rows, column) for line in lines]
+    return [
+        Cell(write_figure(column.quantity, value), _is_best(column, line, lines))
+        for line, value in zip(lines, values, strict=True)
+    ]
+
+
+def _is_best(column: Column, line: _Line, lines: Sequence[_Line]) -> bool:
+    """Whether no other method's figure for the same message is better, and one is worse, as far as they are written."""
+    better = QUANTITIES[column.quantity].better
+    own = mean_of(line.rows, column)
+    rivals = [mean_of(each.rows, column) for each in lines if each.message == line.message and _measured(each, column)]
+    texts = {write_figure(column.quantity, value) for value in rivals}
+    if math.isnan(own) or not better or len(texts) < 2:
+        return False
+    best = max(rivals) if better == "higher" else min(rivals)
+    return write_figure(column.quantity, own) == write_figure(column.quantity, best)
 
 
 def _count(flags: Sequence[MetricRow]) -> str:
     return f"{round(sum(row.value for row in flags))} of {len(flags)}" if flags else write_figure("legal", math.nan)
-
-
-def _best(better: str, values: Sequence[float]) -> float:
-    """NaN, which equals nothing, where there is nothing to compare."""
-    measured = [value for value in values if not math.isnan(value)]
-    if len(set(measured)) < 2 or not better:
-        return math.nan
-    return max(measured) if better == "higher" else min(measured)

@@ -1,0 +1,258 @@
+"""The report: the owner's page shows everything, the public one nothing that a message has touched."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pipeline.artifact import Artifact, create, load
+from pipeline.stage import LineageRecord, Services, run_stage
+from stages.analysis.comparisons import Comparison, write_comparisons
+from stages.analysis.page import gallery
+from stages.imaging.metric_table import MetricRow, write_rows
+from stages.report import ReportParameters, report
+
+PLANTED = "Zebraquartz"
+"""The name of the message, in everything private."""
+FORBIDDEN = (PLANTED, "message", "hidden", "hide", "secret", "private", "owner", "stegan", "cover", "decode", "feature")
+"""What no byte of the public page may spell, in any case."""
+VIEWS = tuple(f"view{number:02d}.png" for number in range(10))
+SPLITS = tuple("test" if number % 8 == 0 else "train" for number in range(10))
+VOID_TAGS = {"meta", "img", "br", "link", "input", "line", "path", "rect", "polyline"}
+
+
+def pictures(seed: int, height: int = 12, width: int = 16) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (len(VIEWS), height, width, 3), dtype=np.uint8)
+
+
+COVER = Comparison("cover", "cover", "gs_hider", VIEWS, SPLITS, pictures(1), pictures(2))
+PLAIN = replace(COVER, method="plain", rendered=pictures(3))
+FEATURES = replace(COVER, title="feature map", role="feature_map", truth=pictures(4), rendered=pictures(4))
+MESSAGE = replace(COVER, title=PLANTED, role="message", truth=pictures(5), rendered=pictures(6))
+
+PUBLIC_ROWS = [
+    MetricRow("psnr", 31.25, "dB", VIEWS[0], "test", method="gs_hider"),
+    MetricRow("psnr", 32.5, "dB", VIEWS[0], "test", method="plain"),
+    MetricRow("ssim", 0.912, "", VIEWS[0], "test", method="gs_hider"),
+    MetricRow("container_bytes", 4_560_000, "bytes", method="gs_hider"),
+]
+PRIVATE_ROWS = [
+    MetricRow("psnr", 17.8391, "dB", VIEWS[0], "test", PLANTED, method="gs_hider"),
+    MetricRow("psnr_covered", 18.7654, "dB", VIEWS[0], "test", PLANTED, method="gs_hider"),
+    MetricRow("psnr_constant", 11.2233, "dB", VIEWS[0], "test", PLANTED, method="gs_hider"),
+    MetricRow("legal", 1, "", VIEWS[0], "test", PLANTED, method="gs_hider"),
+    MetricRow("legal", 0, "", VIEWS[8], "test", PLANTED, method="gs_hider"),
+    MetricRow("residual_correlation", 0.0877, "", VIEWS[0], "test", PLANTED, method="plain"),
+]
+PRIVATE_FIGURES = ("17.84", "18.77", "11.22", "0.088", "17.8391", "54,321", "0.654")
+
+
+def metrics(path: Path, rows: list[MetricRow], private: bool) -> Artifact:
+    with create(path, "metrics", private) as writer:
+        write_rows(writer, rows)
+    return load(path)
+
+
+def comparisons(path: Path, listed: list[Comparison], private: bool) -> Artifact:
+    with create(path, "comparisons", private) as writer:
+        write_comparisons(writer, listed)
+    return load(path)
+
+
+def record(name: str, uses: str, /, *inputs: str, private: bool = False, **parameters: str | float) -> LineageRecord:
+    facts = {"device": "PoCL on a test", "host": "machine-of-ours"}
+    return LineageRecord(name, uses, 12.5, inputs, facts, {"torch": "9.8.7"}, parameters, private)
+
+
+LINEAGE = (
+    record("town_photos", "synthesize", scene="courtyard"),
+    record("town", "sfm", "town_photos", width=192),
+    record(f"photos[{PLANTED}]", "synthesize", scene=PLANTED),  # nobody said that it is private
+    record(f"views[{PLANTED}]", "render_hidden", f"photos[{PLANTED}]", "town", private=True, name=PLANTED),
+    record("hiding", "hide_scenes", "town", f"views[{PLANTED}]", private=True, lambda_message=0.654),
+    record("scores", "evaluate", "hiding", "town", f"views[{PLANTED}]", private=True),
+    record("timings", "time_frames", "hiding", "town", method="gs_hider"),
+)
+
+
+@pytest.fixture
+def inputs(tmp_path: Path) -> dict[str, tuple[Artifact, ...]]:
+    curve = [MetricRow("loss", 0.5 / step, "", split="train", iteration=step) for step in (10, 20, 30)]
+    secret_curve = [
+        MetricRow("psnr", 17.8391, "dB", split="train", message=PLANTED, iteration=10),
+        MetricRow("gaussians", 54321, iteration=10),
+    ]
+    return {
+        "scores": (metrics(tmp_path / "scores", PUBLIC_ROWS[:1] + PRIVATE_ROWS + PUBLIC_ROWS[1:], True),),
+        # An artifact that claims to be public and is not: its rows are looked at one by one.
+        "public_scores": (metrics(tmp_path / "public_scores", PUBLIC_ROWS + PRIVATE_ROWS, False),),
+        "curves": (
+            metrics(tmp_path / "plain_curves", curve, False),
+            metrics(tmp_path / "curves", curve + secret_curve, True),
+        ),
+        "timings": (metrics(tmp_path / "timings", [MetricRow("seconds_per_frame", 0.0417, "s")], False),),
+        "pictures": (comparisons(tmp_path / "pictures", [COVER, MESSAGE, FEATURES, PLAIN], True),),
+        "public_pictures": (comparisons(tmp_path / "public_pictures", [COVER, MESSAGE, FEATURES, PLAIN], False),),
+    }
+
+
+def pages(inputs: dict[str, tuple[Artifact, ...]], folder: Path, views: int = 6) -> dict[str, Artifact]:
+    services = Services(lineage=lambda: LINEAGE)
+    return run_stage(report, ReportParameters(views=views), inputs, folder, services=services, workflow_name="hide_all")
+
+
+def text_of(page: Artifact) -> str:
+    return page.file("report.html").read_text(encoding="utf-8")
+
+
+def embedded_pictures(text: str) -> list[np.ndarray]:
+    found = re.findall(r'src="data:image/\w+;base64,([^"]+)"', text)
+    return [np.asarray(Image.open(io.BytesIO(base64.b64decode(data)))) for data in found]
+
+
+def shows(text: str, picture: np.ndarray) -> bool:
+    return any(np.array_equal(each, picture) for each in embedded_pictures(text))
+
+
+def test_nothing_private_reaches_the_public_page(inputs: dict, tmp_path: Path) -> None:
+    public = pages(inputs, tmp_path / "made")["public"]
+    for path in (path for path in public.path.rglob("*") if path.is_file()):
+        data = re.sub(rb"base64,[^\"]+", b"", path.read_bytes()).lower()
+        words = (PLANTED,) if path.name == "manifest.json" else FORBIDDEN  # a manifest says "private": false
+        for planted in (*words, *PRIVATE_FIGURES, "gs-hider", "gs_hider", "machine-of-ours", "hide_all"):
+            assert planted.lower().encode() not in data, f"{planted} in {path.name}"
+    text = text_of(public)
+    for private in (*MESSAGE.truth, *MESSAGE.rendered, *FEATURES.rendered):
+        assert not shows(text, private)
+    assert not public.private
+    assert not public.attributes
+
+
+def test_the_public_page_shows_the_scene(inputs: dict, tmp_path: Path) -> None:
+    text = text_of(pages(inputs, tmp_path / "made")["public"])
+    for expected in (
+        "31.25",
+        "32.50",
+        "0.912",
+        "4.56",
+        "41.7",
+        "This scene",
+        "3DGS",
+        "town_photos",
+        "9.8.7",
+        "courtyard",
+    ):
+        assert expected in text, expected
+    assert shows(text, COVER.truth[0])
+    assert shows(text, COVER.rendered[0])
+    assert shows(text, PLAIN.rendered[0])
+
+
+def test_an_artifact_that_is_private_is_not_read_for_the_public_page(inputs: dict, tmp_path: Path) -> None:
+    only_private = {name: tuple(each for each in given if each.private) for name, given in inputs.items()}
+    made = pages(only_private, tmp_path / "made")
+    text = text_of(made["public"])
+    assert "31.25" not in text
+    assert not embedded_pictures(text)
+    assert "31.25" in text_of(made["owner"])
+
+
+def test_the_owner_sees_everything(inputs: dict, tmp_path: Path) -> None:
+    owner = pages(inputs, tmp_path / "made")["owner"]
+    text = text_of(owner)
+    for expected in (
+        *(PLANTED, "One message is hidden", "17.84", "18.77", "11.22", "1 of 2", "0.088", "31.25", "41.7"),
+        *("GS-Hider", "3DGS", f"views[{PLANTED}]", "hiding", "lambda_message", "0.654", "12.5 s", "PoCL on a test"),
+        *("54,321", "machine-of-ours", "python -m pipeline run workflows/hide_all.yaml", "LPIPS was not measured"),
+    ):
+        assert expected in text, expected
+    for each in (COVER, PLAIN, MESSAGE, FEATURES):
+        assert shows(text, each.rendered[0]), each.title
+        assert shows(text, each.rendered[8]), each.title
+    difference = np.abs(COVER.rendered[0].astype(int) - COVER.truth[0])
+    assert shows(text, np.minimum(difference * 8, 255).astype(np.uint8))
+    assert owner.private
+
+
+def test_test_views_come_first_and_the_rest_is_filled_up(inputs: dict, tmp_path: Path) -> None:
+    headings = re.findall(
+        r"<h3>(view\d+\.png) <span class=\"tag\">(\w+)", text_of(pages(inputs, tmp_path / "a", 4)["public"])
+    )
+    assert headings == [
+        ("view00.png", "test"),
+        ("view08.png", "test"),
+        ("view01.png", "train"),
+        ("view09.png", "train"),
+    ]
+    headings = re.findall(r"<h3>(view\d+\.png)", text_of(pages(inputs, tmp_path / "b", 1)["public"]))
+    assert headings == ["view00.png"]
+
+
+class Reader(HTMLParser):
+    """Checks that tags are closed in order and collects whatever a browser would fetch."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.fetched: list[str] = []
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        assert tag not in {"script", "link", "iframe", "object"}
+        self.fetched += [
+            str(value) for name, value in attributes if name in {"src", "href", "srcset", "data", "xlink:href"}
+        ]
+        if tag not in VOID_TAGS:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attributes)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID_TAGS:
+            assert self.open.pop() == tag
+
+
+@pytest.mark.parametrize("name", ["owner", "public"])
+def test_a_page_is_whole_and_fetches_nothing(inputs: dict, tmp_path: Path, name: str) -> None:
+    text = text_of(pages(inputs, tmp_path / "made")[name])
+    reader = Reader()
+    reader.feed(text)
+    reader.close()
+    assert reader.open == []
+    assert text.startswith("<!DOCTYPE html>")
+    assert reader.fetched
+    assert all(address.startswith("data:image/") for address in reader.fetched)
+    style = text[text.index("<style>") : text.index("</style>")]
+    assert not re.search(r"url\(|@import|https?:", style)
+    assert "http" not in re.sub(r"base64,[^\"]+", "", text)
+    assert "&amp;gt;" not in text  # nothing is escaped twice
+    assert "--paper: " in style
+
+
+def test_names_are_text_and_never_markup(inputs: dict, tmp_path: Path) -> None:
+    rows = [replace(row, message="<script>alert(1)</script>") for row in PRIVATE_ROWS]
+    named = {"scores": (metrics(tmp_path / "odd", rows, True),)}
+    text = text_of(pages(named, tmp_path / "made")["owner"])
+    assert "<script" not in text
+    assert "&lt;script&gt;alert(1)" in text
+
+
+def test_many_pictures_become_jpeg(inputs: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "data:image/png" in text_of(pages(inputs, tmp_path / "few")["owner"])
+    monkeypatch.setattr(gallery, "LOSSLESS_PIXELS", 1000)
+    text = text_of(pages(inputs, tmp_path / "many")["owner"])
+    assert "data:image/jpeg" in text
+    assert "data:image/png" not in text
+
+
+def test_the_same_inputs_give_the_same_bytes(inputs: dict, tmp_path: Path) -> None:
+    once, again = (pages(inputs, tmp_path / name) for name in ("once", "again"))
+    assert {name: page.digest for name, page in once.items()} == {name: page.digest for name, page in again.items()}
