@@ -88,10 +88,12 @@ def _round_ticks(low: float, high: float) -> list[float]:
 
 
 def _decade_ticks(low: float, high: float) -> list[float]:
-    decades = range(math.floor(low), math.ceil(high) + 1)
+    """Powers of ten between the two exponents, with 2 and 5 times them where there is room; else round numbers."""
     steps = (1, 2, 5) if high - low < 2 else (1,)
+    decades = range(math.floor(low), math.ceil(high) + 1)
     marks = [step * 10.0**decade for decade in decades for step in steps]
-    return [mark for mark in marks if low <= math.log10(mark) <= high]
+    inside = [mark for mark in marks if low <= math.log10(mark) <= high]
+    return inside if len(inside) >= 3 else _round_ticks(10**low, 10**high)
 
 
 def _polyline(points: Sequence[tuple[float, float]]) -> str:

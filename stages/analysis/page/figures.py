@@ -44,9 +44,9 @@ def write_seconds(seconds: float) -> str:
     >>> write_seconds(0.031), write_seconds(12.34), write_seconds(3725)
     ('0.03 s', '12.3 s', '1 h 2 min')
     """
-    if seconds < 60:
+    if seconds < 59.95:
         return f"{seconds:.2f} s" if seconds < 1 else f"{seconds:.1f} s"
-    minutes = round(seconds / 60)
-    return (
-        f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{int(seconds // 60)} min {seconds % 60:.0f} s"
-    )
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s"
+    return f"{minutes // 60} h {minutes % 60} min"

@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from stages.analysis.page.chart import Chart, Series, line_chart
+
+
+def drawn(chart: Chart | None) -> list[list[tuple[float, float]]]:
+    assert chart is not None
+    return [[tuple(map(float, point.split(","))) for point in line.split()] for _, line in chart.lines]
+
+
+def test_lines_stay_inside_the_axes_and_keep_their_order() -> None:
+    rising = Series("rising", tuple((step, step**2) for step in range(0, 1001, 100)))
+    flat = Series("flat", ((0, 500_000), (1000, 500_000)))
+    chart = line_chart("two", [rising, flat])
+    first, second = drawn(chart)
+    assert chart is not None
+    assert [name for name, _ in chart.lines] == ["rising", "flat"]
+    assert all(chart.left <= x <= chart.right and chart.top <= y <= chart.bottom for x, y in first + second)
+    assert [y for _, y in first] == sorted((y for _, y in first), reverse=True)  # SVG counts downwards
+    assert second[0][1] == second[1][1] == pytest.approx((first[0][1] + first[-1][1]) / 2, abs=0.1)
+
+
+def test_equal_factors_are_equal_distances_on_a_logarithmic_axis() -> None:
+    [line] = drawn(line_chart("loss", [Series("loss", ((0, 1), (10, 0.1), (20, 0.01)))], logarithmic=True))
+    assert line[1][1] - line[0][1] == pytest.approx(line[2][1] - line[1][1], abs=0.11)
+
+
+@pytest.mark.parametrize("logarithmic", [False, True])
+@pytest.mark.parametrize("values", [(0.031, 0.032), (1e-4, 3e3), (27.0, 27.0), (5.0, 5.4)])
+def test_axes_have_some_round_ticks_at_their_values(values: tuple[float, float], logarithmic: bool) -> None:
+    chart = line_chart("any", [Series("any", ((0, values[0]), (1200, values[1])))], logarithmic)
+    assert chart is not None
+    assert 2 <= len(chart.across) <= 9
+    assert 2 <= len(chart.upward) <= 12
+    assert len({tick.text for tick in chart.upward}) == len(chart.upward)
+    assert all(chart.top <= tick.position <= chart.bottom for tick in chart.upward)
+
+
+def test_what_cannot_be_drawn_is_left_out() -> None:
+    holes = Series("holes", ((0, math.nan), (1, 2), (2, math.inf), (3, 1)))
+    assert len(drawn(line_chart("holes", [holes]))[0]) == 2
+    assert line_chart("nothing", [Series("nan", ((0, math.nan),))]) is None
+    assert line_chart("nothing", []) is None
+    assert line_chart("nothing", [Series("zero", ((0, 0),))], logarithmic=True) is None
