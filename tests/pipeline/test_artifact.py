@@ -48,7 +48,7 @@ def test_unusual_shapes(tmp_path: Path, shape: tuple[int, ...]) -> None:
     np.testing.assert_array_equal(read, array)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(array=arrays.arrays(st.sampled_from(["f4", "i8", "u1", "?"]), arrays.array_shapes(max_dims=3, max_side=4)))
 def test_digest_is_of_the_content(tmp_path_factory: pytest.TempPathFactory, array: np.ndarray) -> None:
     directory = tmp_path_factory.mktemp("artifacts")

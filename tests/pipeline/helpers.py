@@ -1,0 +1,85 @@
+"""Running small workflows in tests, in this process, with the toy stages."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.artifact import Artifact
+from pipeline.errors import WorkflowError
+from pipeline.events import Event, StageEnded, Summary
+from pipeline.executor import Executor, SerialExecutor
+from pipeline.plan import Step, make_plan
+from pipeline.project import Project, open_project
+from pipeline.runner import Run
+
+TOYS = "tests.pipeline.toys"
+
+
+@dataclass
+class Ran:
+    """What a run did."""
+
+    project: Project
+    ended: dict[str, StageEnded]
+    summary: Summary
+    events: list[Event]
+
+    @property
+    def states(self) -> dict[str, str]:
+        return {name: event.state for name, event in self.ended.items()}
+
+    def artifact(self, name: str, output: str = "numbers") -> Artifact:
+        return self.project.store.artifact(self.ended[name].outputs[output].name)
+
+    def values(self, name: str, output: str = "numbers") -> np.ndarray:
+        return self.artifact(name, output).read("values")
+
+
+class Workspace:
+    """A folder with a workflow file and a store."""
+
+    def __init__(self, folder: Path, package: str = TOYS) -> None:
+        self.folder = folder
+        self.package = package
+        self.file = folder / "workflow.yaml"
+
+    def write(self, text: str) -> Workspace:
+        self.file.write_text(textwrap.dedent(text))
+        return self
+
+    def open(self, *settings: str) -> Project:
+        return open_project(self.file, self.folder / "store", settings, self.package)
+
+    def plan(self, *settings: str) -> dict[str, Step]:
+        project = self.open(*settings)
+        return make_plan(project.graph, project.store)
+
+    def problems(self, *settings: str) -> list[str]:
+        """What is wrong with the workflow, without the name of the file."""
+        try:
+            self.open(*settings)
+        except WorkflowError as error:
+            return [str(problem).removeprefix(f"{self.file}:") for problem in error.problems]
+        return []
+
+    def run(self, *settings: str, stages: Sequence[str] = (), executor: Executor | None = None) -> Ran:
+        project = self.open(*settings)
+        graph = project.graph.needed_for(stages) if stages else project.graph
+        events: list[Event] = []
+        work = Run(
+            graph,
+            project.store,
+            project.package,
+            project.package_folder,
+            lambda: executor or SerialExecutor(),
+            captures=executor is not None,
+            tell=events.append,
+        )
+        summary = work.run()
+        ended = {event.name: event for event in events if isinstance(event, StageEnded)}
+        return Ran(project, ended, summary, events)

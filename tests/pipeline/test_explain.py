@@ -1,0 +1,78 @@
+"""`explain` says in words which part of a key changed, from what to what."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.pipeline.helpers import Workspace
+from tests.pipeline.test_runner import CHAIN
+
+
+def test_never_run(workspace: Workspace) -> None:
+    step = workspace.write(CHAIN).plan()["base"]
+    assert (step.state, step.reasons) == ("run", ("it has never run",))
+
+
+def test_a_changed_parameter_and_what_waits_for_it(workspace: Workspace) -> None:
+    workspace.write(CHAIN).run()
+    plan = workspace.plan("factor=3.5")
+    assert {name: step.state for name, step in plan.items()} == {
+        "base": "cached",
+        "twice": "run",
+        "other": "cached",
+        "sum": "depends",
+    }
+    assert plan["twice"].reasons == ("parameter factor: 2.0 → 3.5",)
+    assert plan["sum"].reasons == ("input numbers waits for twice",)
+    assert plan["sum"].key is None
+
+
+def test_another_input(workspace: Workspace) -> None:
+    workspace.write(CHAIN).run()
+    workspace.run("base.count=2", stages=["base"])
+    (reason,) = workspace.plan("base.count=2")["twice"].reasons
+    assert reason.startswith("input numbers: base made another numbers (")
+
+
+def test_fewer_inputs_and_privacy(workspace: Workspace) -> None:
+    workspace.write(CHAIN).run()
+    workspace.write(
+        CHAIN.replace("[twice, other.numbers]", "twice").replace("uses: total,", "uses: total, private: true,")
+    )
+    assert workspace.plan()["sum"].reasons == ("input numbers: 2 → 1 artifacts", "private: false → true")
+
+
+def test_changed_files(workspace: Workspace, tmp_path: Path) -> None:
+    (tmp_path / "data.txt").write_text("1\n")
+    workspace.write("stages:\n  base: {uses: numbers, with: {file: data.txt}}\n").run()
+    (tmp_path / "data.txt").write_text("2\n")
+    assert workspace.plan()["base"].reasons == ("the files of file changed",)
+
+
+def test_changed_code(workspace: Workspace) -> None:
+    """Records hold the digest of each module, so the one that changed can be named."""
+    import json
+
+    workspace.write(CHAIN).run()
+    for file in (workspace.folder / "store/actions").glob("*/record.json"):
+        record = json.loads(file.read_text())
+        record["parts"]["code"]["tests.pipeline.toys"] = "before"
+        record["parts"]["code"]["tests.pipeline.toys.old"] = "before"
+        file.write_text(json.dumps(record))
+    aside = workspace.folder / "store/actions"
+    for index, folder in enumerate(sorted(aside.iterdir())):
+        last = workspace.folder / "store/results/chain"
+        key = f"{index:064d}"
+        for result in last.iterdir():
+            result.write_text(result.read_text().replace(folder.name, key))
+        folder.rename(aside / key)
+    assert workspace.plan()["base"].reasons == (
+        "code changed: tests.pipeline.toys",
+        "code no longer used: tests.pipeline.toys.old",
+    )
+
+
+def test_results_of_another_workflow_are_found_by_key(workspace: Workspace) -> None:
+    workspace.write(CHAIN).run()
+    workspace.write(CHAIN.replace("name: chain", "name: another"))
+    assert {step.state for step in workspace.plan().values()} == {"cached"}

@@ -1,0 +1,77 @@
+"""The store: two writers, damaged records, and what outlives what."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.artifact import ArtifactWriter
+from pipeline.errors import UserError
+from pipeline.external import digest_of_external
+from pipeline.store import Record, Store
+
+KEY = "ab" * 32
+
+
+def commit(store: Store, value: float, key: str = KEY) -> Record:
+    writer = ArtifactWriter(store.temporary() / "out", "numbers")
+    writer.write("values", np.full(3, value))
+    return store.commit(key, {"a": 1}, {"out": writer}, {"seconds": 1.0})
+
+
+def test_the_first_of_two_results_stays(tmp_path: Path) -> None:
+    store = Store(tmp_path / "store")
+    first = commit(store, 1.0)
+    second = commit(store, 2.0)
+    assert second == first == store.find(KEY)
+
+
+def test_one_object_for_equal_results(tmp_path: Path) -> None:
+    store = Store(tmp_path / "store")
+    assert commit(store, 1.0).outputs == commit(store, 1.0, "cd" * 32).outputs
+    assert len(list((store.root / "objects").iterdir())) == 1
+
+
+def test_a_damaged_object_is_replaced(tmp_path: Path) -> None:
+    store = Store(tmp_path / "store")
+    digest = commit(store, 1.0).outputs["out"]
+    chunk = next(path for path in store.object(digest).glob("arrays.zarr/values/c/*"))
+    chunk.write_bytes(b"")
+    commit(store, 1.0, "cd" * 32)
+    np.testing.assert_array_equal(store.artifact(digest).read("values"), np.ones(3))
+
+
+@pytest.mark.parametrize("damage", ["", "{", "[]", "{}"])
+def test_a_damaged_record_is_none(tmp_path: Path, damage: str) -> None:
+    store = Store(tmp_path / "store")
+    first = commit(store, 1.0)
+    (store.root / "actions" / KEY / "record.json").write_text(damage)
+    assert store.find(KEY) is None
+    assert commit(store, 1.0) == first
+    assert store.find(KEY) == first
+
+
+def test_external_digest_is_of_names_and_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name / "deep").mkdir(parents=True)
+        (tmp_path / name / "deep" / "x.jpg").write_bytes(b"1")
+        (tmp_path / name / "y.jpg").write_bytes(b"2")
+    digest = digest_of_external(tmp_path / "a")
+    assert digest_of_external(tmp_path / "b") == digest
+    (tmp_path / "b" / "y.jpg").rename(tmp_path / "b" / "z.jpg")
+    assert digest_of_external(tmp_path / "b") != digest
+    (tmp_path / "a" / "deep" / "x.jpg").write_bytes(b"3")
+    assert digest_of_external(tmp_path / "a") != digest
+
+
+def test_links_that_lead_nowhere_or_in_a_circle(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "x.jpg").symlink_to("missing")
+    with pytest.raises(UserError, match="neither a file nor a folder"):
+        digest_of_external(tmp_path / "a")
+    (tmp_path / "a" / "x.jpg").unlink()
+    (tmp_path / "a" / "again").symlink_to(tmp_path / "a")
+    with pytest.raises(UserError, match="circle"):
+        digest_of_external(tmp_path / "a")

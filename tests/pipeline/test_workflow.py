@@ -1,0 +1,159 @@
+"""Whatever is wrong with a workflow is said at once, with its place, what is allowed and the nearest name."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.pipeline.helpers import Workspace
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("a: {usess: numbers}", "2:7: unknown key 'usess' in stage 'a'; allowed are uses, in, with, foreach, private"),
+        ("a: {usess: numbers}", "2:3: stage 'a' does not say what it uses"),
+        ("a: {uses: numbrs}", "2:13: no stage 'numbrs'; there are fail, numbers, scale,"),
+        ("a: {uses: 3}", "2:13: uses is the number 3; expected the name of a stage"),
+        (
+            "a: {uses: numbers, with: {cuont: 3}}",
+            "2:29: unknown parameter 'cuont'; allowed are count, first, note, file; did you mean 'count'?",
+        ),
+        (
+            "a: {uses: numbers, with: {count: three}}",
+            """2:36: parameter 'count' should be a valid integer; found "three\"""",
+        ),
+        ("a: {uses: numbers, with: {count: 1.5}}", "2:36: parameter 'count' should be a valid integer"),
+        ("a: {uses: numbers, with: {first: .nan}}", "2:36: parameter 'first' should be a finite number; found NaN"),
+        ("a: {uses: numbers, with: {count: true}}", "2:36: parameter 'count' should be a valid integer; found true"),
+        ("a: {uses: numbers, with: {count: -1}}", "2:36: parameter 'count' should be greater than or equal to 0"),
+        ("a: {uses: numbers, with: {file: no.txt}}", "2:35: parameter 'file': there is no file or folder"),
+        ("a: {uses: numbers, with: [count]}", "2:28: 'with' of stage 'a' is a list; expected a mapping"),
+        ("a: {uses: numbers, private: yes}", "2:31: private is the text 'yes'; expected true or false"),
+        ("a: {uses: scale}", "2:3: input 'numbers' of 'a' (kind numbers) is missing"),
+        (
+            "a: {uses: scale, in: {number: b}}",
+            "2:25: scale has no input 'number'; it has numbers; did you mean 'numbers'?",
+        ),
+        ("a: {uses: scale, in: {numbers: b}}", "2:34: no stage 'b'; there are a"),
+        ("a: {uses: scale, in: {numbers: 3}}", "2:34: input 'numbers' is the number 3; expected STAGE or STAGE.OUTPUT"),
+        ("a: {uses: scale, in: {numbers: a}}", "2:34: stages wait for each other in a circle: a → a"),
+        (
+            "a: {uses: numbers}\n  b: {uses: scale, in: {numbers: a.number}}",
+            "3:34: 'a' has no output 'number'; there are a.numbers; did you mean 'numbers'?",
+        ),
+        (
+            "a: {uses: numbers}\n  b: {uses: scale, in: {numbers: [a, a]}}",
+            "3:25: input 'numbers' takes one artifact; found a list",
+        ),
+        (
+            "a: {uses: total, in: {numbers: []}}\n  b: {uses: scale, in: {numbers: a}}",
+            "3:34: 'a' has several outputs; say which of a.total, a.page, a.key",
+        ),
+        (
+            "a: {uses: total, in: {numbers: []}}\n  b: {uses: scale, in: {numbers: a.page}}",
+            "3:34: a.page is of kind report; this input takes kind numbers",
+        ),
+        ("a: {uses: numbers}\n  a: {uses: scale}", "3:3: 'a' is there twice"),
+        ("a b: {uses: numbers}", "2:3: 'a b' cannot name a stage"),
+        ("a: {uses: numbers, foreach: {x: []}}", "2:35: foreach.x is a list; expected a list with at least one item"),
+        (
+            "a: {uses: numbers, foreach: {x: [1], y: [1, 2]}}",
+            "2:31: the lists of a foreach are walked together; found lengths x: 1, y: 2",
+        ),
+        (
+            "a: {uses: numbers, foreach: {x: [1, 2]}, with: {count: '${item.y}'}}",
+            "2:58: ${item.y} is not known; known are ${item.x}",
+        ),
+        (
+            "a: {uses: numbers, foreach: {x: [1, 2]}}\n  b: {uses: scale, in: {numbers: a}}",
+            "3:34: input 'numbers' takes one artifact; found all 2 items of a foreach",
+        ),
+        (
+            "a: {uses: numbers, with: {note: 2020-01-01}}",
+            "2:35: '2020-01-01' is neither text, a number, true, false nor null",
+        ),
+        ("a: {uses: numbers, with: {count: '${count}'}}", "2:36: ${count} is not known; known are none"),
+        ("a: [1,", "3:1: not YAML"),
+    ],
+)
+def test_one_problem(workspace: Workspace, text: str, problem: str) -> None:
+    found = workspace.write(f"stages:\n  {text}\n").problems()
+    assert any(line.startswith(problem) for line in found), found
+
+
+def test_all_problems_at_once(workspace: Workspace) -> None:
+    workspace.write("""\
+        name: many
+        vars: {cover: null}
+        stags: {}
+        stages:
+          base: {usess: numbers, uses: numbers, with: {count: "3", file: nowhere.txt}}
+          left: {uses: scale, in: {numbers: right}}
+          right: {uses: scale, in: {numbers: left}}
+          page: {uses: total, in: {numbers: base}}
+          mixed: {uses: scale, in: {numbers: page.page}}
+          lone: {uses: scale}
+          given: {uses: numbers, with: {file: "${cover}"}}
+        """)
+    found = workspace.problems("nothing=1")
+    places = [line.split(": ")[0] for line in found]
+    assert places == ["--set nothing", "2:15", "3:1", "5:10", "5:55", "5:66", "7:38", "9:38", "10:3"]
+    assert found[1] == "2:15: the var 'cover' has no value; give it with --set cover=VALUE"
+
+
+def test_a_circle_is_reported_once(workspace: Workspace) -> None:
+    workspace.write("""\
+        stages:
+          a: {uses: scale, in: {numbers: b}}
+          b: {uses: scale, in: {numbers: c}}
+          c: {uses: scale, in: {numbers: a}}
+        """)
+    assert workspace.problems() == ["4:34: stages wait for each other in a circle: a → b → c → a"]
+
+
+@pytest.mark.parametrize(
+    ("setting", "problem"),
+    [
+        ("widht=3", "--set widht: no such var or stage; known are width, base.PARAMETER; did you mean 'width'?"),
+        ("bas.count=3", "--set bas.count: no such var or stage"),
+        ("base.cuont=3", "--set base.cuont: unknown parameter 'cuont'"),
+        ("base.count=three", "--set base.count: parameter 'count' should be a valid integer"),
+        ("width=three", "--set width: parameter 'count' should be a valid integer"),
+        ("width", "--set width: expected NAME=VALUE or STAGE.PARAMETER=VALUE"),
+        ("width=[", "--set width: not YAML"),
+        ("base.file=nowhere.txt", "--set base.file: parameter 'file': there is no file or folder"),
+    ],
+)
+def test_settings_are_checked_and_blamed(workspace: Workspace, setting: str, problem: str) -> None:
+    workspace.write("vars: {width: 3}\nstages:\n  base: {uses: numbers, with: {count: '${width}'}}\n")
+    found = workspace.problems(setting)
+    assert any(line.startswith(problem) for line in found), found
+
+
+def test_substitution_keeps_types(workspace: Workspace) -> None:
+    workspace.write("""
+        vars: {count: 7, name: x, both: "${name}-${count}"}
+        stages:
+          a: {uses: numbers, with: {count: "${count}", note: "${both} $${name} costs 3$", first: 1e-4}}
+        """)
+    assert workspace.open().graph.nodes["a"].parameters == {
+        "count": 7,
+        "first": 1e-4,
+        "note": "x-7 ${name} costs 3$",
+    }
+
+
+def test_a_wrong_var_is_blamed_where_it_stands(workspace: Workspace) -> None:
+    workspace.write("vars: {count: x}\nstages:\n  a: {uses: numbers, with: {count: '${count}'}}\n")
+    assert workspace.problems() == ["1:15: parameter 'count' should be a valid integer; found \"x\""]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "3", "[]", "null", "stages: 3", "stages:", "name: x", "stages: {a: 3}", "? [a]\n: b"]
+)
+def test_any_shape_gives_a_message(workspace: Workspace, text: str) -> None:
+    assert workspace.write(text).problems()
+
+
+def test_an_alias_of_itself_ends(workspace: Workspace) -> None:
+    assert workspace.write("stages: &a\n  x: *a\n").problems()
