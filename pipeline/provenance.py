@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 import os
 import platform
 import subprocess
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -18,12 +20,21 @@ def now() -> str:
 
 def versions_of(libraries: Iterable[str]) -> dict[str, str]:
     """Versions of Python and of the distributions that the top-level modules `libraries` come from."""
-    providers = importlib.metadata.packages_distributions()
     versions = {"python": platform.python_version()}
     for library in libraries:
-        for distribution in providers.get(library, ()):
-            versions[distribution] = importlib.metadata.version(distribution)
+        if library in sys.stdlib_module_names:
+            continue
+        try:
+            versions[library] = importlib.metadata.version(library)
+        except importlib.metadata.PackageNotFoundError:  # Pillow, for one, is imported as PIL
+            versions |= {name: importlib.metadata.version(name) for name in _providers().get(library, ())}
     return dict(sorted(versions.items()))
+
+
+@functools.cache
+def _providers() -> Mapping[str, list[str]]:
+    """The distributions that provide each top-level module; slow, and the same as long as a process lives."""
+    return importlib.metadata.packages_distributions()
 
 
 def machine() -> dict[str, str | int]:
