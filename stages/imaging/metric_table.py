@@ -36,58 +36,32 @@ class MetricRow:
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a figure measures. ``better`` is "higher", "lower" or "" where neither is."""
+    """What a figure is: its unit, and whether "higher" or "lower" is better, or "" where neither is.
 
-    label: str
+    How it is called and explained is the report's business: no word of it must cost a training.
+    """
+
     unit: str
     better: str
-    definition: str
 
 
 QUANTITIES: dict[str, Quantity] = {
-    "psnr": Quantity(
-        "PSNR",
-        "dB",
-        "higher",
-        "Peak signal-to-noise ratio, -10 log10 of the mean squared error in colours from 0 to 1.",
-    ),
-    "ssim": Quantity(
-        "SSIM", "", "higher", "Structural similarity: local means, contrasts and correlation in an 11 x 11 window."
-    ),
-    "lpips_vgg": Quantity("LPIPS", "", "lower", "Learned perceptual distance, version 0.1, between features of VGG16."),
-    "lpips_alex": Quantity(
-        "LPIPS (AlexNet)", "", "lower", "Learned perceptual distance, version 0.1, between features of AlexNet."
-    ),
-    "psnr_covered": Quantity("PSNR, covered", "dB", "higher", "PSNR over those pixels only that the message fills."),
-    "ssim_covered": Quantity(
-        "SSIM, covered", "", "higher", "SSIM averaged over those pixels only that the message fills."
-    ),
-    "psnr_constant": Quantity(
-        "PSNR of a constant",
-        "dB",
-        "",
-        "PSNR, over the same covered pixels, of the best picture of one colour: the floor.",
-    ),
-    "coverage": Quantity("Coverage", "", "higher", "How much of the picture the message fills, from 0 to 1."),
-    "legal": Quantity("Legal", "", "", "1 where the message fills enough of the picture to be scored, otherwise 0."),
-    "container_bytes": Quantity("Size", "bytes", "lower", "All that is published, uncompressed."),
-    "gaussians": Quantity("Gaussians", "", "lower", "How many Gaussians the scene has."),
-    "seconds_per_frame": Quantity(
-        "Time a frame", "s", "lower", "Wall-clock time to render one picture, decoding included."
-    ),
-    "seconds_per_feature_map": Quantity(
-        "Time a feature map", "s", "lower", "Wall-clock time to blend one feature map, before it is decoded."
-    ),
-    "residual_correlation": Quantity(
-        "Residual and message",
-        "",
-        "",
-        "Correlation, without sign, of the cover's error with the message of that view.",
-    ),
-    "residual_correlation_others": Quantity(
-        "Residual and others", "", "", "The same with the message of the other test views: what chance gives."
-    ),
-    "loss": Quantity("Loss", "", "lower", "The training objective, averaged since the previous point of the curve."),
+    "psnr": Quantity("dB", "higher"),
+    "ssim": Quantity("", "higher"),
+    "lpips_vgg": Quantity("", "lower"),
+    "lpips_alex": Quantity("", "lower"),
+    "psnr_covered": Quantity("dB", "higher"),
+    "ssim_covered": Quantity("", "higher"),
+    "psnr_constant": Quantity("dB", ""),
+    "coverage": Quantity("", "higher"),
+    "legal": Quantity("", ""),
+    "container_bytes": Quantity("bytes", "lower"),
+    "gaussians": Quantity("", "lower"),
+    "seconds_per_frame": Quantity("s", "lower"),
+    "seconds_per_feature_map": Quantity("s", "lower"),
+    "residual_correlation": Quantity("", ""),
+    "residual_correlation_others": Quantity("", ""),
+    "loss": Quantity("", "lower"),
 }
 
 

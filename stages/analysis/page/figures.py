@@ -1,21 +1,52 @@
-"""How figures are written for people."""
+"""What the figures are called, what they mean, and how they are written for people."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from stages.imaging.metric_table import QUANTITIES
 
 MISSING = "–"
 
+WORDING: Mapping[str, tuple[str, str]] = {
+    "psnr": ("PSNR", "Peak signal-to-noise ratio, -10 log10 of the mean squared error in colours from 0 to 1."),
+    "ssim": ("SSIM", "Structural similarity: local means, contrasts and correlation in an 11 x 11 window."),
+    "lpips_vgg": ("LPIPS", "Learned perceptual distance, version 0.1, between features of VGG16."),
+    "lpips_alex": ("LPIPS (AlexNet)", "Learned perceptual distance, version 0.1, between features of AlexNet."),
+    "psnr_covered": ("PSNR, covered", "PSNR over those pixels only that the message fills."),
+    "ssim_covered": ("SSIM, covered", "SSIM averaged over those pixels only that the message fills."),
+    "psnr_constant": (
+        "One colour",
+        "PSNR, over the same covered pixels, of the best picture of one colour: the floor.",
+    ),
+    "coverage": ("Coverage", "How much of the picture the message fills, from 0 to 1."),
+    "legal": ("Legal", "1 where the message fills enough of the picture to be scored, otherwise 0."),
+    "container_bytes": ("Size", "All that is published, uncompressed."),
+    "gaussians": ("Gaussians", "How many Gaussians the scene has."),
+    "seconds_per_frame": ("Time a frame", "Wall-clock time to render one picture, decoding included."),
+    "seconds_per_feature_map": (
+        "Time a feature map",
+        "Wall-clock time to blend one feature map, before it is decoded.",
+    ),
+    "residual_correlation": (
+        "Residual and message",
+        "Correlation, without sign, of the cover's error with the message of that view.",
+    ),
+    "residual_correlation_others": (
+        "Residual and others",
+        "The same with the message of the other test views: what chance gives.",
+    ),
+    "loss": ("Loss", "The training objective, averaged since the previous point of the curve."),
+}
+"""The name and the definition of every quantity."""
+
 
 def label(quantity: str) -> str:
     """The heading of a quantity, with the unit that ``write_figure`` uses for it."""
-    known = QUANTITIES.get(quantity)
-    if known is None:
-        return quantity.replace("_", " ")
-    shown_unit = {"bytes": "MB", "s": "ms"}.get(known.unit, known.unit)
-    return f"{known.label} ({shown_unit})" if shown_unit else known.label
+    shown_unit = {"bytes": "MB", "s": "ms"}.get(QUANTITIES[quantity].unit, QUANTITIES[quantity].unit)
+    name = WORDING[quantity][0]
+    return f"{name} ({shown_unit})" if shown_unit else name
 
 
 def write_figure(quantity: str, value: float) -> str:
@@ -28,7 +59,7 @@ def write_figure(quantity: str, value: float) -> str:
         return MISSING
     if math.isinf(value):
         return "∞" if value > 0 else "-∞"
-    unit = QUANTITIES[quantity].unit if quantity in QUANTITIES else ""
+    unit = QUANTITIES[quantity].unit
     if unit == "bytes":
         return f"{value / 1e6:.2f}"
     if unit == "s":

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from stages.analysis.page.figures import label, write_figure
+from stages.analysis.page.figures import WORDING, label, write_figure
 from stages.analysis.page.material import Material
 from stages.imaging.metric_table import QUANTITIES, MetricRow, mean_value
 
@@ -129,7 +129,7 @@ def _table(caption: str, lines: Sequence[_Line], columns: Sequence[Column]) -> T
         tuple((group, len(list(members))) for group, members in groupby(columns, lambda column: column.group)),
         tuple(column.heading or label(column.quantity) for column in columns),
         tuple((line.name, tuple(column[index] for column in cells)) for index, line in enumerate(lines)),
-        tuple((QUANTITIES[name].label, QUANTITIES[name].definition) for name in quantities),
+        tuple(WORDING[name] for name in quantities),
     )
 
 

@@ -49,6 +49,5 @@ def test_mean_skips_what_was_not_measured() -> None:
     assert math.isnan(mean_value([]))
 
 
-def test_every_quantity_is_defined() -> None:
-    assert all(quantity.definition.endswith(".") for quantity in QUANTITIES.values())
+def test_a_direction_is_stated_for_every_quantity() -> None:
     assert {quantity.better for quantity in QUANTITIES.values()} <= {"higher", "lower", ""}

@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from stages.analysis.page.figures import label, write_figure, write_seconds
+from stages.analysis.page.figures import WORDING, label, write_figure, write_seconds
+from stages.imaging.metric_table import QUANTITIES
 
 
 @pytest.mark.parametrize(
@@ -17,7 +18,6 @@ from stages.analysis.page.figures import label, write_figure, write_seconds
         ("container_bytes", 2_345_678, "2.35"),
         ("seconds_per_frame", 0.0412, "41.2"),
         ("gaussians", 21345.0, "21,345"),
-        ("something new", 1.5, "1.500"),
     ],
 )
 def test_figures_have_the_digits_that_mean_something(quantity: str, value: float, written: str) -> None:
@@ -29,7 +29,6 @@ def test_labels_name_the_unit_that_is_written() -> None:
     assert label("container_bytes") == "Size (MB)"
     assert label("seconds_per_frame") == "Time a frame (ms)"
     assert label("ssim") == "SSIM"
-    assert label("something_new") == "something new"
 
 
 @pytest.mark.parametrize(
@@ -46,3 +45,9 @@ def test_labels_name_the_unit_that_is_written() -> None:
 )
 def test_durations_as_people_say_them(seconds: float, written: str) -> None:
     assert write_seconds(seconds) == written
+
+
+def test_every_quantity_has_a_name_of_its_own_and_a_definition() -> None:
+    assert WORDING.keys() == QUANTITIES.keys()
+    assert len({name for name, _ in WORDING.values()}) == len(WORDING)
+    assert all(definition.endswith(".") for _, definition in WORDING.values())
