@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pipeline.errors import UserError
+from stages.scene.colmap import find_colmap_model, read_colmap_model
+from stages.scene.lens import Lens
+
+LENS = Lens("OPENCV", (500.0, 510.0, 320.0, 240.0, -0.1, 0.02, 0.001, 0.002), 640, 480)
+QUATERNION, TRANSLATION = (0.5, 0.5, -0.5, 0.5), (1.0, 2.0, 3.0)
+
+
+def write_text_model(folder: Path, pose: tuple[float, ...] = (*QUATERNION, *TRANSLATION)) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    numbers = " ".join(map(str, LENS.parameters))
+    (folder / "cameras.txt").write_text(f"# cameras\n7 OPENCV 640 480 {numbers}\n")
+    written = " ".join(map(str, pose))
+    (folder / "images.txt").write_text(f"# images\n1 {written} 7 b two.jpg\n1.0 2.0 -1\n2 {written} 7 a.jpg\n\n")
+
+
+def write_binary_model(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "cameras.bin").write_bytes(struct.pack("<QiiQQ8d", 1, 7, 4, 640, 480, *LENS.parameters))
+    images = struct.pack("<Q", 2)
+    for number, name, observations in ((1, b"b two.jpg\0", 2), (2, b"a.jpg\0", 0)):
+        images += struct.pack("<I7dI", number, *QUATERNION, *TRANSLATION, 7) + name
+        images += struct.pack("<Q", observations) + struct.pack("<ddq", 1.0, 2.0, -1) * observations
+    (folder / "images.bin").write_bytes(images)
+
+
+@pytest.mark.parametrize("write", [write_text_model, write_binary_model])
+def test_both_forms_read_the_same(tmp_path: Path, write) -> None:
+    write(tmp_path)
+    first, second = read_colmap_model(tmp_path)
+    assert (first.name, second.name) == ("a.jpg", "b two.jpg")
+    assert first.lens == LENS
+    w, *xyz = QUATERNION
+    np.testing.assert_allclose(second.world_to_camera[:3, :3], Rotation.from_quat([*xyz, w]).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(second.world_to_camera[:, 3], [*TRANSLATION, 1])
+
+
+@pytest.mark.parametrize("place", ["sparse/0", "sparse", "colmap/sparse/0", "."])
+def test_a_model_is_found_where_captures_keep_it(tmp_path: Path, place: str) -> None:
+    assert find_colmap_model(tmp_path) is None
+    write_text_model(tmp_path / place)
+    found = find_colmap_model(tmp_path)
+    assert found is not None
+    assert len(read_colmap_model(found)) == 2
+
+
+def test_half_a_model_is_none(tmp_path: Path) -> None:
+    write_text_model(tmp_path / "sparse")
+    (tmp_path / "sparse" / "images.txt").unlink()
+    assert find_colmap_model(tmp_path) is None
+
+
+@pytest.mark.parametrize("kept", [4, 30, 100, -1])
+@pytest.mark.parametrize("part", ["cameras.bin", "images.bin"])
+def test_a_shortened_model_is_refused_by_name(tmp_path: Path, part: str, kept: int) -> None:
+    write_binary_model(tmp_path)
+    whole = (tmp_path / part).read_bytes()
+    (tmp_path / part).write_bytes(whole[: min(kept, len(whole) - 1) if kept > 0 else kept])
+    with pytest.raises(UserError, match=part):
+        read_colmap_model(tmp_path)
+
+
+def test_poses_that_are_not_finite_are_refused_with_the_photo(tmp_path: Path) -> None:
+    write_text_model(tmp_path, (*QUATERNION, np.nan, 0.0, 0.0))
+    with pytest.raises(UserError, match=r"images\.txt.*b two\.jpg.*not finite"):
+        read_colmap_model(tmp_path)
+
+
+def test_an_unknown_lens_is_named(tmp_path: Path) -> None:
+    write_text_model(tmp_path)
+    (tmp_path / "cameras.txt").write_text("7 EQUIRECTANGULAR 640 480 640 480\n")
+    with pytest.raises(UserError, match="EQUIRECTANGULAR"):
+        read_colmap_model(tmp_path)

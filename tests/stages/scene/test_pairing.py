@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stages.scene.pairing import choose_matching, exhaustive_pairs, in_batches, sequential_pairs
+
+
+@given(st.permutations(range(40)))
+def test_a_sequence_compares_neighbours_both_ends_and_keyframes(order: list[int]) -> None:
+    pairs = sequential_pairs(order)
+    assert all(first < second for first, second in pairs)
+    wanted = [*pairwise(order), (order[-1], order[0]), (order[0], order[16]), (order[10], order[30])]
+    assert {(min(pair), max(pair)) for pair in wanted} <= pairs
+    assert len(pairs) < len(exhaustive_pairs(40))
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 11])
+def test_few_photos_are_all_compared(count: int) -> None:
+    assert sequential_pairs(list(range(count))) == exhaustive_pairs(count)
+
+
+@given(st.integers(0, 60), st.integers(1, 100))
+def test_batches_hold_every_pair_once(photos: int, at_least: int) -> None:
+    batches = list(in_batches(exhaustive_pairs(photos), at_least))
+    flat = [pair for batch in batches for pair in batch]
+    assert sorted(flat) == sorted(exhaustive_pairs(photos))
+    assert all(len(batch) >= at_least for batch in batches[:-1])
+
+
+def test_automatic_matching() -> None:
+    assert choose_matching("auto", 120, ordered=True) == "exhaustive"
+    assert choose_matching("auto", 121, ordered=True) == "sequential"
+    assert choose_matching("auto", 500, ordered=False) == "exhaustive"
+    assert choose_matching("sequential", 5, ordered=False) == "sequential"

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.errors import UserError
+from stages.scene.transforms import read_transforms
+
+MATRIX = [[1.0, 0, 0, 4], [0, 0, -1.0, 5], [0, 1.0, 0, 6], [0, 0, 0, 1]]  # looks along +y with +z up
+
+
+def write(folder: Path, frames: list[dict], **shared: object) -> Path:
+    path = folder / "transforms.json"
+    path.write_text(json.dumps({**shared, "frames": frames}))
+    return path
+
+
+def size_of(name: str) -> tuple[int, int]:
+    return (640, 480)
+
+
+def test_opengl_cameras_become_opencv_cameras(tmp_path: Path) -> None:
+    path = write(tmp_path, [{"file_path": "./images/7", "transform_matrix": MATRIX}], camera_angle_x=math.pi / 2)
+    (photo,) = read_transforms(path, size_of)
+    pose = photo.world_to_camera
+    assert photo.name == "7"
+    np.testing.assert_allclose(-pose[:3, :3].T @ pose[:3, 3], [4, 5, 6], atol=1e-12)
+    np.testing.assert_allclose(pose[:3, :3], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12)  # right, down, forward
+    np.testing.assert_allclose(photo.lens.matrix(), [[320, 0, 320], [0, 320, 240], [0, 0, 1]])
+
+
+def test_a_frames_own_intrinsics_come_first(tmp_path: Path) -> None:
+    own = {"file_path": "b.png", "transform_matrix": MATRIX, "fl_x": 300.0, "fl_y": 310.0, "cx": 1.0, "cy": 2.0}
+    shared = {"fl_x": 100.0, "w": 50, "h": 40, "k1": 0.1}
+    path = write(tmp_path, [own, {"file_path": "a.png", "transform_matrix": MATRIX[:3]}], **shared)
+    first, second = read_transforms(path, size_of)
+    assert first.lens.parameters == (100.0, 100.0, 25.0, 20.0, 0.1, 0.0, 0.0, 0.0)
+    assert second.lens.parameters == (300.0, 310.0, 1.0, 2.0, 0.1, 0.0, 0.0, 0.0)
+    assert (second.lens.width, second.lens.height) == (50, 40)
+
+
+@pytest.mark.parametrize(
+    ("given", "model", "distortion"),
+    [
+        ({"camera_model": "OPENCV_FISHEYE", "k3": 0.3}, "OPENCV_FISHEYE", (0.0, 0.0, 0.3, 0.0)),
+        ({"k3": 0.3}, "FULL_OPENCV", (0.0, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0)),
+        ({"camera_model": "PINHOLE"}, "PINHOLE", ()),
+    ],
+)
+def test_lens_models(tmp_path: Path, given: dict, model: str, distortion: tuple) -> None:
+    path = write(tmp_path, [{"file_path": "a", "transform_matrix": MATRIX}], fl_x=100.0, **given)
+    lens = read_transforms(path, size_of)[0].lens
+    assert (lens.model, lens.parameters[4:]) == (model, distortion)
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        ({"file_path": "bad.png"}, "transform_matrix is missing"),
+        ({"transform_matrix": MATRIX}, "frame 0.*file_path is missing"),
+        ({"file_path": "bad.png", "transform_matrix": [[math.nan] * 4] * 4}, "NaN or infinity"),
+        ({"file_path": "bad.png", "transform_matrix": [[1, 2], [3, 4]]}, "shape"),
+        ({"file_path": "bad.png", "transform_matrix": np.zeros((4, 4)).tolist()}, "no rotation"),
+        ({"file_path": "bad.png", "transform_matrix": np.diag([1, 1, -1, 1]).tolist()}, "no rotation"),
+        ({"file_path": "bad.png", "transform_matrix": MATRIX, "fl_x": -3}, "not positive"),
+        ({"file_path": "bad.png", "transform_matrix": MATRIX, "camera_model": "ODD"}, "ODD"),
+    ],
+)
+def test_a_bad_frame_is_named(tmp_path: Path, frame: dict, message: str) -> None:
+    path = write(tmp_path, [frame], fl_x=100.0)
+    with pytest.raises(UserError, match=message) as raised:
+        read_transforms(path, size_of)
+    assert "bad.png" in str(raised.value) or "frame 0" in str(raised.value)
+
+
+def test_frames_without_any_focal_length_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="fl_x or camera_angle_x is missing"):
+        read_transforms(write(tmp_path, [{"file_path": "a", "transform_matrix": MATRIX}]), size_of)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"frames": 3}', "{"])
+def test_what_is_no_file_of_poses_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "transforms.json").write_text(text)
+    with pytest.raises(UserError, match=r"transforms\.json"):
+        read_transforms(tmp_path / "transforms.json", size_of)
