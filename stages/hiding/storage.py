@@ -17,14 +17,14 @@ PUBLIC_NETWORKS = ("scene_decoder",)
 SECRET_NETWORKS = ("message_decoder",)
 
 
-def write_container(writer: ArtifactWriter, gaussians: Gaussians, name: str, method: Method) -> None:
+def write_container(writer: ArtifactWriter, gaussians: Gaussians, method: Method) -> None:
     """Write Gaussians, the method's name and settings, and its public networks: all that a renderer needs.
 
     Nothing of a message is written: not its decoder, nor its name, nor how many there are.
     """
     for parameter, tensor in gaussians.parameters.items():
         writer.write(parameter, tensor.detach().numpy())
-    writer.attributes.update(method=name, settings=dict(method.settings), gaussians=len(gaussians))
+    writer.attributes.update(method=method.name, settings=dict(method.settings), gaussians=len(gaussians))
     _write_networks(writer, method, PUBLIC_NETWORKS)
 
 

@@ -137,7 +137,7 @@ class Training:
             stretch.append(self.step(iteration))
             if iteration % every == 0 or iteration == iterations:
                 figures = self._summary(stretch)
-                rows += _curve_rows(iteration, figures, self.terms)
+                rows += _curve_rows(iteration, figures, self.terms, self.method.name)
                 observe(iteration, figures)
                 stretch = []
         return rows
@@ -149,12 +149,24 @@ class Training:
         return {"loss": loss, "gaussians": len(self.gaussians), **decibels}
 
 
-def _curve_rows(iteration: int, figures: Mapping[str, float], terms: Sequence[PictureTerm]) -> list[MetricRow]:
+def _curve_rows(
+    iteration: int, figures: Mapping[str, float], terms: Sequence[PictureTerm], method: str
+) -> list[MetricRow]:
     rows = [
-        MetricRow("loss", figures["loss"], split="train", iteration=iteration),
-        MetricRow("gaussians", figures["gaussians"], iteration=iteration),
+        MetricRow("loss", figures["loss"], split="train", iteration=iteration, method=method),
+        MetricRow("gaussians", figures["gaussians"], iteration=iteration, method=method),
     ]
     for position, term in enumerate(terms):
         message = term.picture if position else None
-        rows.append(MetricRow("psnr", figures[term.picture], "dB", split="train", message=message, iteration=iteration))
+        rows.append(
+            MetricRow(
+                "psnr",
+                figures[term.picture],
+                "dB",
+                split="train",
+                message=message,
+                iteration=iteration,
+                method=method,
+            )
+        )
     return rows

@@ -21,6 +21,8 @@ class GSHider:
     Without messages (L = 0), or where the secret is not at hand, only the cover is decoded.
     """
 
+    name = "gs_hider"
+
     def __init__(
         self,
         feature_dim: int,

@@ -21,6 +21,8 @@ DEGREE_RAISED_EVERY = 1 / 30
 class Plain:
     """3DGS: `sh_base [N,3]` is the constant harmonic, `sh_rest [N,K-1,3]` the others, learnt 20 times slower."""
 
+    name = "plain"
+
     def __init__(self, sh_degree: int):
         self.sh_degree = sh_degree
         self.settings: Mapping[str, int | float | str] = {"sh_degree": sh_degree}

@@ -31,7 +31,7 @@ def hidden(folder: Path, seed: int = 0):
     points = np.random.default_rng(seed).uniform(-1, 1, (6, 3)) + np.array([0, 0, 4])
     gaussians = gaussians_at(points, {"raw_features": torch.randn(6, 5)})
     with create(folder / "container", "container") as writer:
-        write_container(writer, gaussians, "gs_hider", method)
+        write_container(writer, gaussians, method)
     with create(folder / "secret", "secret", private=True) as writer:
         write_secret(writer, method, [MESSAGE])
     return gaussians, method, load(folder / "container"), load(folder / "secret")
