@@ -20,8 +20,7 @@ _SUM_CHUNK = 128
 
 def _gradient_row(feature_dim: int) -> int:
     """Length of a (tile, Gaussian)'s gradient row, as in blending_backward.cl."""
-    channels = 4 if feature_dim <= 4 else 8 if feature_dim <= 8 else 16
-    return 8 + -(-feature_dim // channels) * channels
+    return -(-(6 + feature_dim) // 16) * 16
 
 
 class Blend(torch.autograd.Function):

@@ -1,39 +1,7 @@
 // Front-to-back alpha blending, one work-item a tile, for processors that run one work-item a core.
 //
-// Pixels of a tile's row are the lanes where alpha is computed; channels are the lanes where features are added up, so
-// that only pixels which a Gaussian reaches cost anything and the picture needs no transposition.
-
-#define PIXELS (TILE * TILE)
-
-#if FEATURE_DIM <= 4
-#define CHANNELS 4
-typedef REAL4 CHANNEL_LANES;
-#elif FEATURE_DIM <= 8
-#define CHANNELS 8
-typedef REAL8 CHANNEL_LANES;
-#else
-#define CHANNELS 16
-typedef LANES CHANNEL_LANES;
-#endif
-#define CHUNKS ((FEATURE_DIM + CHANNELS - 1) / CHANNELS)
-#define PADDED_DIM (CHUNKS * CHANNELS)
-
-typedef union {
-    CHANNEL_LANES lanes[CHUNKS];
-    REAL values[PADDED_DIM];
-} Channels;
-
-typedef union {
-    LANES lanes;
-    REAL values[TILE];
-} Row;
-
-inline Channels channels_of(__global const REAL *values) {
-    Channels channels;
-    for (int k = FEATURE_DIM; k < PADDED_DIM; k++) channels.values[k] = 0;
-    for (int k = 0; k < FEATURE_DIM; k++) channels.values[k] = values[k];
-    return channels;
-}
+// The 16 pixels of a tile's row are the lanes. Nothing in a row depends on how many of them a Gaussian reaches:
+// a branch on that would be mispredicted at nearly every row and cost more than the arithmetic that it saves.
 
 // The part of the picture that a tile covers.
 typedef struct {
@@ -56,7 +24,7 @@ inline LANES lane_numbers() {
 
 // A Gaussian as the tile sees it, and the rows that it may reach.
 typedef struct {
-    REAL x, y, slope, across, down, opacity, reach, variance_across;
+    REAL x, y, slope, across, down, opacity;
     int first_row, last_row;
 } Splat;
 
@@ -65,46 +33,36 @@ inline Splat splat_of(__global const REAL *record, Tile tile) {
     s.x = record[0] - tile.left;
     s.y = record[1] - tile.top;
     s.slope = record[2];
-    s.across = record[3];
-    s.down = record[4];
+    s.across = record[3] * R(-0.72134752044448170368);  // -1/2 log2(e): exponents are of 2
+    s.down = record[4] * R(-0.72134752044448170368);
     s.opacity = record[5];
-    s.reach = record[6] + REACH_SLACK;
-    s.variance_across = 1 / s.across;
-    const REAL half_height = sqrt(s.reach / s.down);
+    const REAL half_height = sqrt((record[6] + REACH_SLACK) / record[4]);
     const REAL low = s.y - half_height + R(0.49), high = s.y + half_height - R(0.49);
     s.first_row = low < 0 ? 0 : low > TILE ? TILE : (int)low;
     s.last_row = high < 0 ? -1 : high > tile.rows - 1 ? tile.rows - 1 : (int)high;
     return s;
 }
 
-// One row of a Gaussian: which pixels it may reach, their distance from its middle there, and alpha before the clamp.
+// One row of a Gaussian: the pixels' distances from its centre, down and along the row from its middle there, and
+// alpha before the clamp.
 typedef struct {
-    REAL dy;
+    REAL down;
     LANES across, alpha;
-    int first, last;
 } SplatRow;
 
-inline SplatRow splat_row_of(const Splat s, int row, int columns) {
+// `middle` is the row's number and a half. It is counted in REAL: converting the integer in every row makes LLVM 14 wait
+// for the row before (the conversion keeps the rest of its register, which that row writes).
+inline SplatRow splat_row_of(const Splat s, REAL middle) {
     SplatRow r;
-    r.dy = row + R(0.5) - s.y;
-    const REAL middle = s.x + s.slope * r.dy;
-    const REAL fallen = s.down * r.dy * r.dy;
-    const REAL left = s.reach - fallen;
-    const REAL half_width = sqrt(s.variance_across * (left > 0 ? left : 0));
-    const REAL low = middle - half_width + R(0.49), high = middle + half_width - R(0.49);
-    r.first = low < 0 ? 0 : low > TILE ? TILE : (int)low;
-    r.last = high < 0 ? -1 : high > columns - 1 ? columns - 1 : (int)high;
-    r.across = lane_numbers() + (R(0.5) - middle);
-    const LANES power = (r.across * r.across * s.across + fallen) * R(-0.5);
-    r.alpha = exp_of_lanes(power) * s.opacity;
+    r.down = middle - s.y;
+    r.across = lane_numbers() + (R(0.5) - s.x - s.slope * r.down);
+    r.alpha = exp2_of_lanes(r.across * r.across * s.across + s.down * r.down * r.down) * s.opacity;
     return r;
 }
 
 // Transmittance of the pixels. Negative once a pixel is finished: its size is then what was left.
 inline LANES fresh_transmittance(int columns) {
-    Row row;
-    for (int column = 0; column < TILE; column++) row.values[column] = column < columns ? 1 : -1;
-    return row.lanes;
+    return lane_numbers() < (LANES)(columns) ? (LANES)(R(1)) : (LANES)(R(-1));
 }
 
 // Blends a row's alphas (clamped) into its transmittance and returns their weights, 0 where nothing is drawn.
@@ -143,42 +101,36 @@ __kernel void blend(
 ) {
     const int index = get_global_id(0);
     const Tile tile = tile_of(index, width, height);
-    LANES transmittance[TILE];
-    CHANNEL_LANES blended[PIXELS * CHUNKS];
+    LANES transmittance[TILE], blended[TILE * FEATURE_DIM];
     for (int row = 0; row < TILE; row++) transmittance[row] = fresh_transmittance(tile.columns);
-    for (int k = 0; k < PIXELS * CHUNKS; k++) blended[k] = (CHANNEL_LANES)(R(0));
+    for (int k = 0; k < TILE * FEATURE_DIM; k++) blended[k] = (LANES)(R(0));
 
     int open_rows = (1 << tile.rows) - 1, entry = tile_starts[index];
     const int end = tile_starts[index + 1];
     for (; entry < end && open_rows; entry++) {
         const int gaussian = entries[entry];
         const Splat splat = splat_of(records + (size_t)RECORD * gaussian, tile);
-        const Channels feature = channels_of(features + (size_t)FEATURE_DIM * gaussian);
-        for (int row = splat.first_row; row <= splat.last_row; row++) {
+        __global const REAL *feature = features + (size_t)FEATURE_DIM * gaussian;
+        REAL middle = splat.first_row + R(0.5);
+        for (int row = splat.first_row; row <= splat.last_row; row++, middle += 1) {
             if (!(open_rows >> row & 1)) continue;
-            const SplatRow r = splat_row_of(splat, row, tile.columns);
-            Row weights;
-            weights.lanes = weights_of(r.alpha > ALPHA_MAXIMUM ? (LANES)(ALPHA_MAXIMUM) : r.alpha, transmittance + row);
-            for (int column = r.first; column <= r.last; column++)
-                for (int chunk = 0; chunk < CHUNKS; chunk++)
-                    blended[(row * TILE + column) * CHUNKS + chunk] += feature.lanes[chunk] * weights.values[column];
+            const LANES alpha = splat_row_of(splat, middle).alpha;
+            const LANES weights = weights_of(alpha > ALPHA_MAXIMUM ? (LANES)(ALPHA_MAXIMUM) : alpha, transmittance + row);
+            for (int k = 0; k < FEATURE_DIM; k++) blended[row * FEATURE_DIM + k] += weights * feature[k];
         }
         if ((entry & (LOOK_AGAIN - 1)) == LOOK_AGAIN - 1) open_rows = open_rows_of(transmittance, tile.rows);
     }
     walked[index] = entry - tile_starts[index];
 
-    const Channels behind = channels_of(background);
     for (int row = 0; row < tile.rows; row++) {
-        Row left;
-        left.lanes = transmittance[row] < R(0) ? -transmittance[row] : transmittance[row];
+        const LANES left = transmittance[row] < R(0) ? -transmittance[row] : transmittance[row];
+        const REAL *left_values = (const REAL *)&left, *values = (const REAL *)(blended + row * FEATURE_DIM);
         const size_t at = (size_t)(tile.top + row) * width + tile.left;
         for (int column = 0; column < tile.columns; column++) {
-            Channels pixel;
-            for (int chunk = 0; chunk < CHUNKS; chunk++)
-                pixel.lanes[chunk] = blended[(row * TILE + column) * CHUNKS + chunk]
-                    + behind.lanes[chunk] * left.values[column];
-            for (int k = 0; k < FEATURE_DIM; k++) feature_map[(at + column) * FEATURE_DIM + k] = pixel.values[k];
-            alphas[at + column] = 1 - left.values[column];
+            alphas[at + column] = 1 - left_values[column];
+            for (int k = 0; k < FEATURE_DIM; k++)
+                feature_map[(at + column) * FEATURE_DIM + k] = values[k * TILE + column]
+                    + left_values[column] * background[k];
         }
     }
 }

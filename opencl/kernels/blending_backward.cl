@@ -4,10 +4,12 @@
 // dL/dalpha_i = T_i (c_i . g) - rest_i / (1 - alpha_i), where rest starts as (out . g) and loses w_i (c_i . g) at each
 // step. Alpha counts as one more channel, of value 1, over a background of 0.
 
-// A gradient row, sums over the pixels of s = dL/dpower with u = dx - slope dy: s, s u, s dy, s u^2, s u dy, s dy^2,
-// two values of padding, then PADDED_DIM values for the features.
-#define MOMENTS 8
-#define GRADIENT_ROW (MOMENTS + PADDED_DIM)
+// A gradient row, sums over the pixels: of s = dL/dpower with u = dx - slope dy: s, s u, s dy, s u^2, s u dy, s dy^2,
+// and of the gradients of the features; then padding.
+#define MOMENTS 6
+#define SUMS (MOMENTS + FEATURE_DIM)
+#define SUM_GROUPS ((SUMS + TILE - 1) / TILE)
+#define GRADIENT_ROW (SUM_GROUPS * TILE)
 
 __kernel void blend_backward(
     const int width,
@@ -28,78 +30,65 @@ __kernel void blend_backward(
     const int index = get_global_id(0);
     const Tile tile = tile_of(index, width, height);
     LANES transmittance[TILE], rest[TILE], grad_alpha[TILE], by_channel[TILE * FEATURE_DIM];
-    CHANNEL_LANES by_pixel[PIXELS * CHUNKS];
-    Channels behind;
-    for (int k = 0; k < PADDED_DIM; k++) behind.values[k] = 0;
+    REAL behind[FEATURE_DIM];
+    for (int k = 0; k < FEATURE_DIM; k++) behind[k] = 0;
     for (int row = 0; row < TILE; row++) {
-        Row row_rest, row_alpha;
         transmittance[row] = fresh_transmittance(tile.columns);
-        row_rest.lanes = row_alpha.lanes = (LANES)(R(0));
+        rest[row] = grad_alpha[row] = (LANES)(R(0));
         for (int k = 0; k < FEATURE_DIM; k++) by_channel[row * FEATURE_DIM + k] = (LANES)(R(0));
         for (int column = 0; column < tile.columns && row < tile.rows; column++) {
             const size_t at = (size_t)(tile.top + row) * width + tile.left + column;
-            const Channels grad = channels_of(grad_feature_map + at * FEATURE_DIM);
-            const Channels out = channels_of(feature_map + at * FEATURE_DIM);
+            const REAL left = 1 - alphas[at];
             REAL product = alphas[at] * grad_alphas[at];
             for (int k = 0; k < FEATURE_DIM; k++) {
-                product += out.values[k] * grad.values[k];
-                ((REAL *)(by_channel + row * FEATURE_DIM + k))[column] = grad.values[k];
+                const REAL grad = grad_feature_map[at * FEATURE_DIM + k];
+                product += feature_map[at * FEATURE_DIM + k] * grad;
+                behind[k] += grad * left;
+                ((REAL *)(by_channel + row * FEATURE_DIM + k))[column] = grad;
             }
-            for (int chunk = 0; chunk < CHUNKS; chunk++) {
-                by_pixel[(row * TILE + column) * CHUNKS + chunk] = grad.lanes[chunk];
-                behind.lanes[chunk] += grad.lanes[chunk] * (1 - alphas[at]);
-            }
-            row_rest.values[column] = product;
-            row_alpha.values[column] = grad_alphas[at];
+            ((REAL *)(rest + row))[column] = product;
+            ((REAL *)(grad_alpha + row))[column] = grad_alphas[at];
         }
-        rest[row] = row_rest.lanes;
-        grad_alpha[row] = row_alpha.lanes;
     }
-    for (int k = 0; k < FEATURE_DIM; k++) background_rows[(size_t)index * FEATURE_DIM + k] = behind.values[k];
+    for (int k = 0; k < FEATURE_DIM; k++) background_rows[(size_t)index * FEATURE_DIM + k] = behind[k];
 
     const int first = tile_starts[index], end = first + walked[index];
     int open_rows = (1 << tile.rows) - 1;
     for (int entry = first; entry < end; entry++) {
         const int gaussian = entries[entry];
         const Splat splat = splat_of(records + (size_t)RECORD * gaussian, tile);
-        const Channels feature = channels_of(features + (size_t)FEATURE_DIM * gaussian);
+        __global const REAL *feature = features + (size_t)FEATURE_DIM * gaussian;
         const LANES zero = (LANES)(R(0));
-        LANES sum = zero, sum_u = zero, sum_dy = zero, sum_uu = zero, sum_udy = zero, sum_dydy = zero;
-        Channels grad_feature;
-        for (int chunk = 0; chunk < CHUNKS; chunk++) grad_feature.lanes[chunk] = (CHANNEL_LANES)(R(0));
-        for (int row = splat.first_row; row <= splat.last_row; row++) {
+        LANES sums[SUM_GROUPS * TILE];
+        for (int k = 0; k < SUM_GROUPS * TILE; k++) sums[k] = zero;
+        REAL middle = splat.first_row + R(0.5);
+        for (int row = splat.first_row; row <= splat.last_row; row++, middle += 1) {
             if (!(open_rows >> row & 1)) continue;
-            const SplatRow r = splat_row_of(splat, row, tile.columns);
+            const SplatRow r = splat_row_of(splat, middle);
             const LANES_MASK clamped = r.alpha > ALPHA_MAXIMUM;
             const LANES alpha = clamped ? (LANES)(ALPHA_MAXIMUM) : r.alpha;
             const LANES before = transmittance[row];
-            Row weights;
-            weights.lanes = weights_of(alpha, transmittance + row);
+            const LANES weights = weights_of(alpha, transmittance + row);
             LANES product = grad_alpha[row];
-            for (int k = 0; k < FEATURE_DIM; k++) product += by_channel[row * FEATURE_DIM + k] * feature.values[k];
-            rest[row] -= weights.lanes * product;
+            for (int k = 0; k < FEATURE_DIM; k++) {
+                const LANES grad = by_channel[row * FEATURE_DIM + k];
+                product += grad * feature[k];
+                sums[MOMENTS + k] += grad * weights;
+            }
+            rest[row] -= weights * product;
             const LANES grad = before * product - rest[row] / (R(1) - alpha);
-            const LANES s = (weights.lanes > R(0)) & ~clamped ? grad * alpha : zero;
+            const LANES s = (weights > R(0)) & ~clamped ? grad * alpha : zero;
             const LANES su = s * r.across;
-            sum += s;
-            sum_u += su;
-            sum_dy += s * r.dy;
-            sum_uu += su * r.across;
-            sum_udy += su * r.dy;
-            sum_dydy += s * (r.dy * r.dy);
-            for (int column = r.first; column <= r.last; column++)
-                for (int chunk = 0; chunk < CHUNKS; chunk++)
-                    grad_feature.lanes[chunk] += by_pixel[(row * TILE + column) * CHUNKS + chunk]
-                        * weights.values[column];
+            sums[0] += s;
+            sums[1] += su;
+            sums[2] += s * r.down;
+            sums[3] += su * r.across;
+            sums[4] += su * r.down;
+            sums[5] += s * (r.down * r.down);
         }
         __global REAL *gradient = gradient_rows + (size_t)GRADIENT_ROW * slots[entry];
-        gradient[0] = sum_of_lanes(sum);
-        gradient[1] = sum_of_lanes(sum_u);
-        gradient[2] = sum_of_lanes(sum_dy);
-        gradient[3] = sum_of_lanes(sum_uu);
-        gradient[4] = sum_of_lanes(sum_udy);
-        gradient[5] = sum_of_lanes(sum_dydy);
-        for (int k = 0; k < PADDED_DIM; k++) gradient[MOMENTS + k] = grad_feature.values[k];
+        for (int group = 0; group < SUM_GROUPS; group++)
+            *(__global UNALIGNED_LANES *)(gradient + group * TILE) = sums_of_lanes(sums + group * TILE);
         if ((entry & (LOOK_AGAIN - 1)) == LOOK_AGAIN - 1) open_rows = open_rows_of(transmittance, tile.rows);
     }
     for (int entry = end; entry < tile_starts[index + 1]; entry++) {
