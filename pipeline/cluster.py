@@ -29,8 +29,6 @@ SETTINGS = {
     "distributed.scheduler.no-workers-timeout": "60s",  # else work waits for ever when the last worker is gone
     "distributed.worker.multiprocessing-method": "spawn",  # forked OpenCL and OpenMP do not work
     "distributed.nanny.pre-spawn-environ": dict(THREADS),  # dask's own would allow one thread only
-    "distributed.logging": {"distributed": "critical"},
-    "logging": {"distributed": "critical", "distributed.nanny": "critical", "distributed.worker": "critical"},
 }
 DIED = "its worker process died: killed from outside, out of memory, or crashed inside a library"
 TOLD = {kind.__name__: kind for kind in (Noted, StageProgressed, StageStarted)}

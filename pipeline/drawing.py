@@ -20,7 +20,7 @@ FILLS: Mapping[Tone, tuple[str, str]] = {
     "private": ("#f6ecf7", "#9a4fa3"),
     "failed": ("#fdecea", "#c0392b"),
 }
-LETTER = 7.2  # width of a letter of the name, pixels
+LETTER = 8.0  # width of a letter of the name, pixels
 LINE = 15.0  # height of a line of text
 PADDING = 10.0
 GAP_ACROSS = 56.0  # between layers

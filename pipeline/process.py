@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -26,9 +27,7 @@ class KernelCache:
     """
 
     def __init__(self) -> None:
-        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        parent = Path(os.environ.get("POCL_CACHE_DIR") or home / "gs-hider" / "pocl")
-        number = 0
+        parent, number = _kernel_cache_parent(), 0
         while True:
             self.folder = parent / f"process-{number}"
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -44,3 +43,14 @@ class KernelCache:
     def release(self) -> None:
         self._lock.release()
         os.environ["POCL_CACHE_DIR"] = str(self.folder.parent)
+
+
+def _kernel_cache_parent() -> Path:
+    """Where PoCL was told to keep kernels, or the user's cache, or where that cannot be written a temporary folder."""
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    wished = Path(os.environ.get("POCL_CACHE_DIR") or home / "gs-hider" / "pocl")
+    try:
+        wished.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return Path(tempfile.mkdtemp(prefix="gs-hider-pocl-"))
+    return wished if os.access(wished, os.W_OK) else Path(tempfile.mkdtemp(prefix="gs-hider-pocl-"))

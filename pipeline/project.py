@@ -28,11 +28,11 @@ class Project:
 def open_project(file: Path, store: Path, settings: Sequence[str] = (), package: str = "stages") -> Project:
     """Reads and checks a workflow. Raises WorkflowError with all that is wrong, CommandError for a bad store."""
     problems = Problems()
+    workflow = read_workflow(file, settings, problems)
     try:
         opened = Store(store)
     except OSError as error:
         raise CommandError("cannot be a store", where=store, found=error.strerror) from error
-    workflow = read_workflow(file, settings, problems)
     catalogue = Catalogue(package, LIBRARIES, opened)
     graph = build_graph(workflow, catalogue, problems)
     module = catalogue.sources.module(package)

@@ -87,6 +87,25 @@ def test_failures_and_a_dying_worker(workspace: Workspace) -> None:
     assert "The store is" in out
 
 
+def test_two_runs_at_once_do_each_action_once(workspace: Workspace) -> None:
+    workspace.write(CHAIN)
+    processes = [start(workspace, "run", "--serial", "--json") for _ in range(2)]
+    summaries = [json.loads(process.communicate(timeout=100)[0].splitlines()[-1]) for process in processes]
+    assert sum(summary["ran"] for summary in summaries) == 4
+    assert sum(summary["cached"] for summary in summaries) == 4
+
+
+def test_workers_may_use_every_core(workspace: Workspace) -> None:
+    """dask's nanny would set OMP_NUM_THREADS=1; ours only tells idle threads to sleep."""
+    workspace.write("stages:\n  a: {uses: environment}\n")
+    status, out, _ = call(workspace, "run", "--json", "--workers", "1")
+    found = json.loads((Path(json.loads(out.splitlines()[0])["outputs"]["page"]) / "report.html").read_text())
+    assert status == 0
+    assert found["OMP_NUM_THREADS"] == os.environ.get("OMP_NUM_THREADS")
+    assert found["OMP_WAIT_POLICY"] == "PASSIVE"
+    assert found["POCL_CACHE_DIR"] == str(workspace.folder / "kernels" / "process-0")
+
+
 @pytest.mark.parametrize("flags", [["--serial"], ["--workers", "1"]])
 def test_interrupted_and_resumed(workspace: Workspace, flags: list[str]) -> None:
     """Ctrl-C goes to the whole group of processes, as at a terminal."""
