@@ -9,6 +9,7 @@ from pydantic import Field
 
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, stage
+from stages.hiding.key import key_generator
 from stages.hiding.method import build_method, module_of
 from stages.hiding.storage import write_container, write_secret
 from stages.imaging.metric_table import write_rows
@@ -38,7 +39,11 @@ class HideScenesParameters(TrainingParameters):
 
 
 @stage(
-    inputs={"cover": Input("scene"), "messages": Input("views", many=True, optional=True)},
+    inputs={
+        "cover": Input("scene"),
+        "messages": Input("views", many=True, optional=True),
+        "key": Input("key", optional=True),
+    },
     outputs={
         "container": Output("container", privacy="public"),
         "secret": Output("secret", privacy="private"),
@@ -54,7 +59,7 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
     messages = read_messages(context.input_many("messages"), cover.cameras.names)
     method = _build(parameters, list(messages))
     points, colors = starting_points(cover, parameters)
-    generator = torch.Generator().manual_seed(parameters.seed)
+    generator = key_generator(context.input_optional("key"), parameters.seed)
     training = Training(
         gaussians_at(points, method.initial_attributes(colors, generator)),
         method,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from pydantic import Field
 
@@ -41,7 +42,7 @@ def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
     scene = read_scene(context.input("scene"))
     method = build_method(METHOD, {"sh_degree": parameters.sh_degree})
     points, colors = starting_points(scene, parameters)
-    generator = torch.Generator().manual_seed(parameters.seed)
+    generator = np.random.default_rng(parameters.seed)
     training = Training(
         gaussians_at(points, method.initial_attributes(colors, generator)),
         method,

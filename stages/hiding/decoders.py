@@ -25,6 +25,26 @@ class Decoder(torch.nn.Sequential):
             modules += [torch.nn.Conv2d(inputs, outputs, KERNEL_SIZE, padding=KERNEL_SIZE // 2), torch.nn.ReLU()]
         super().__init__(*modules[:-1])
 
+    def pass_through(self, rows: Float[Tensor, "C M"]) -> None:
+        """Start as a linear map: output channel k is rows[k]·(f - 0.5) + 0.5, and training goes on from there.
+
+        Not in the paper. From the usual random weights, five layers must first learn to carry a picture at all; with
+        this start they carry one at once, and what other channels add to it begins at zero. Raises `ValueError` where
+        the decoder is narrower than its output.
+        """
+        convolutions = [module for module in self if isinstance(module, torch.nn.Conv2d)]
+        channels, centre = len(rows), KERNEL_SIZE // 2
+        narrowest = min(convolution.out_channels for convolution in convolutions)
+        if narrowest < channels:
+            raise ValueError(f"a decoder {narrowest} channels wide cannot pass {channels} channels through")
+        with torch.no_grad():
+            for position, convolution in enumerate(convolutions):
+                convolution.weight[:channels] = 0
+                convolution.bias[:channels] = 0  # type: ignore[index]  # these convolutions all have a bias
+                taps = rows if position == 0 else torch.eye(channels, convolution.in_channels)
+                convolution.weight[:channels, :, centre, centre] = taps
+            convolutions[0].bias[:channels] = 0.5 - 0.5 * rows.sum(dim=1)  # type: ignore[index]  # likewise
+
 
 def decode(
     decoder: Decoder, feature_map: Float[Tensor, "H W M"], precision: torch.dtype = torch.float32

@@ -21,8 +21,9 @@ PACKAGE = "stages.hiding.methods"
 class Method(Protocol):
     """How Gaussians become pictures: the attributes it adds to them, its networks, and its rendering.
 
-    `name` is that of its module in `methods/`. `settings` are the JSON values from which `build` makes the same method again; they travel with the container.
-    `learning_rates` gives Adam's rate for every attribute. `networks` are trained beside the Gaussians.
+    `name` is that of its module in `methods/`. `settings` are the JSON values from which `build` makes the same method
+    again; they travel with the container. `learning_rates` gives Adam's rate for every attribute. `networks` are
+    trained beside the Gaussians.
     """
 
     name: str
@@ -31,7 +32,7 @@ class Method(Protocol):
     networks: Mapping[str, torch.nn.Module]
 
     def initial_attributes(
-        self, colors: Float[np.ndarray, "N 3"], generator: torch.Generator
+        self, colors: Float[np.ndarray, "N 3"], generator: np.random.Generator
     ) -> dict[str, Float[Tensor, "N ..."]]:
         """Attributes of new Gaussians on points of these sRGB `colors` in [0, 1]."""
 

@@ -14,6 +14,12 @@ from stages.hiding.rendering import COVER, Rendering, splat
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 
+FEATURE_RANGE = (0.02, 0.98)
+"""Initial features stay inside, where the sigmoid still has a gradient."""
+
+FEATURE_RATE = 2e-2
+"""Of Adam. The released code has 2.5e-3 and 50,000 iterations; a short training cannot wait that long."""
+
 
 class GSHider:
     """`raw_features [N,M]`, a scene decoder that is public, and a message decoder with 3·L channels that is not.
@@ -40,7 +46,7 @@ class GSHider:
             "decoder_width": decoder_width,
             "precision": precision,
         }
-        self.learning_rates: Mapping[str, float] = {"raw_features": 2.5e-3}
+        self.learning_rates: Mapping[str, float] = {"raw_features": FEATURE_RATE}
         self.scene_decoder = Decoder(feature_dim, 3, layers, decoder_width)
         self.networks: dict[str, torch.nn.Module] = {"scene_decoder": self.scene_decoder}
         if self.messages:
@@ -50,10 +56,21 @@ class GSHider:
             network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stub omits it
 
     def initial_attributes(
-        self, colors: Float[np.ndarray, "N 3"], generator: torch.Generator
+        self, colors: Float[np.ndarray, "N 3"], generator: np.random.Generator
     ) -> dict[str, Float[Tensor, "N ..."]]:
-        """As the released code starts: all zeros, so that every feature is 0.5."""
-        return {"raw_features": torch.zeros(len(colors), self.feature_dim)}
+        """Features that the scene decoder shows as the points' colours; of the messages they say nothing yet.
+
+        The released code starts from zeros and random decoders, which needs tens of thousands of iterations. Here every
+        decoder starts as a linear map of its own three channels out of a random orthonormal mixture of all M: each
+        channel of the feature map carries something of the cover and of every message, and which mixture is a
+        message's follows from `generator`, that is, from the key.
+        """
+        mixture = orthonormal_rows(3 + 3 * len(self.messages), self.feature_dim, generator)
+        self.scene_decoder.pass_through(mixture[:3])
+        if self.messages:
+            self.message_decoder.pass_through(mixture[3:])
+        features = 0.5 + (torch.as_tensor(colors, dtype=torch.float32) - 0.5) @ mixture[:3]
+        return {"raw_features": features.clamp(*FEATURE_RANGE).logit()}
 
     def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
         """F_coup (Eq. 4) and what the decoders make of it (Eq. 5)."""
@@ -63,6 +80,15 @@ class GSHider:
             decoded = decode(self.message_decoder, rendering.feature_map, self.precision)
             rendering.pictures.update(zip(self.messages, decoded.split(3, dim=-1), strict=True))
         return rendering
+
+
+def orthonormal_rows(count: int, size: int, generator: np.random.Generator) -> Float[Tensor, "count size"]:
+    """Random directions at right angles to each other; where count > size, as many as fit at a time."""
+    blocks = []
+    for start in range(0, count, size):
+        rotation, _ = np.linalg.qr(generator.standard_normal((size, size)))
+        blocks.append(rotation[: min(size, count - start)])
+    return torch.from_numpy(np.concatenate(blocks)).float()
 
 
 def build(settings: Mapping[str, object]) -> GSHider:

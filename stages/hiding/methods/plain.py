@@ -30,7 +30,7 @@ class Plain:
         self.networks: Mapping[str, torch.nn.Module] = {}
 
     def initial_attributes(
-        self, colors: Float[np.ndarray, "N 3"], generator: torch.Generator
+        self, colors: Float[np.ndarray, "N 3"], generator: np.random.Generator
     ) -> dict[str, Float[Tensor, "N ..."]]:
         """The points' colours, the same from everywhere."""
         base = (torch.as_tensor(colors, dtype=torch.float32) - 0.5) / BASE
