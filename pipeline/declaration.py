@@ -23,7 +23,7 @@ from pipeline.fingerprint import Code, SourceTree
 from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
 from pipeline.store import Store, write_text_whole
 
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,7 @@ class Declaration:
     outputs: Mapping[str, Output]
     version: int
     cores: str
+    alone: bool
     selects_modules: bool
     external: tuple[str, ...]
 
@@ -96,6 +97,7 @@ class Catalogue:
             outputs={name: Output(**port) for name, port in cached["outputs"].items()},
             version=cached["version"],
             cores=cached["cores"],
+            alone=cached["alone"],
             selects_modules=cached["selects_modules"],
             external=tuple(cached["external"]),
         )
@@ -170,6 +172,7 @@ def _describe(uses: str, declared: Stage) -> dict[str, Any]:
         "outputs": {name: asdict(port) for name, port in declared.outputs.items()},
         "version": declared.version,
         "cores": declared.cores,
+        "alone": declared.alone,
         "selects_modules": declared.modules is not None,
         "external": external_fields(declared.parameters),
     }

@@ -129,8 +129,13 @@ class Run:
             return True
         if key in self._running.values():
             return False  # another stage is just doing the same
+        if self._running and (node.declaration.alone or self._someone_is_alone()):
+            return False
         self._start(node, key, parts)
         return True
+
+    def _someone_is_alone(self) -> bool:
+        return any(self.graph.nodes[name].declaration.alone for name in self._running)
 
     def _job(self, node: Node, key: str, parts: Mapping[str, Json]) -> Job:
         return Job(

@@ -183,6 +183,7 @@ class Stage:
     version: int
     modules: Callable[[Any], list[str]] | None = None
     cores: Cores = "all"
+    alone: bool = False
     name: str = field(init=False)
 
     def __post_init__(self) -> None:
@@ -201,19 +202,21 @@ def stage(
     version: int,
     modules: Callable[[Any], list[str]] | None = None,
     cores: Cores = "all",
+    alone: bool = False,
 ) -> Callable[[StageFunction], Stage]:
     """Declares a function `(context, parameters)` to be a stage; the type of its parameters comes from its annotation.
 
     `version` is raised when results change for a reason that no source file shows. `modules` names the first-party
     modules that the parameters select, which the stage imports dynamically: they join its code fingerprint. `cores`
-    is a hint for scheduling. Raises TypeError where the declaration itself is wrong.
+    is a hint for scheduling; a stage that is to run `alone`, since it measures time, shares the run's machine with no
+    other stage. Raises TypeError where the declaration itself is wrong.
     """
 
     def declare(function: StageFunction) -> Stage:
         for name in (*inputs, *outputs):
             if not name.isidentifier():
                 raise TypeError(f"stage {function.__name__}: {name!r} cannot name an input or output")
-        return Stage(function, _parameters_of(function), dict(inputs), dict(outputs), version, modules, cores)
+        return Stage(function, _parameters_of(function), dict(inputs), dict(outputs), version, modules, cores, alone)
 
     return declare
 

@@ -12,6 +12,7 @@ import pytest
 
 from pipeline.errors import CommandError
 from pipeline.events import StageProgressed, as_json
+from pipeline.executor import SerialExecutor, Tell, Work
 from tests.pipeline.helpers import Workspace
 
 CHAIN = """
@@ -104,6 +105,39 @@ def test_a_failure_holds_up_only_its_dependents(workspace: Workspace) -> None:
     assert workspace.plan()["worse"].failed == "ZeroDivisionError: division by zero"
     again = workspace.run("bad.how=silence")
     assert again.states["base"] == again.states["fine"] == "cached"
+
+
+class Watched(SerialExecutor):
+    """Remembers which stages were given to it at the same time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.groups: list[set[str]] = []
+        self.given: set[str] = set()
+
+    def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
+        super().start(name, work, subject, urgency)
+        self.given.add(name)
+        self.groups.append(set(self.given))
+
+    def wait(self, tell: Tell, seconds: float) -> tuple[str, object] | None:
+        ended = super().wait(tell, seconds)
+        if ended:
+            self.given.discard(ended[0])
+        return ended
+
+
+def test_what_measures_time_runs_alone(workspace: Workspace) -> None:
+    workspace.write("""
+        stages:
+          a: {uses: numbers, with: {first: 1}}
+          b: {uses: measure}
+          c: {uses: numbers, with: {first: 2}}
+        """)
+    executor = Watched()
+    assert set(workspace.run(executor=executor).states.values()) == {"ran"}
+    assert {"a", "c"} in executor.groups
+    assert [group for group in executor.groups if "b" in group] == [{"b"}]
 
 
 def test_privacy_spreads(workspace: Workspace) -> None:
