@@ -62,7 +62,7 @@ class Session:
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
-        self._buffers: dict[int, tuple[Tensor, pyopencl.Buffer]] = {}
+        self._buffers: dict[tuple[int, int], tuple[Tensor, pyopencl.Buffer]] = {}
 
     def launch(self, program: ProgramKey, kernel: str, work_items: int, *arguments: Tensor | int) -> None:
         """Queue `work_items` of a kernel of `program`; integers are passed as int32, tensors as buffers."""
@@ -74,13 +74,14 @@ class Session:
     def _buffer(self, tensor: Tensor) -> pyopencl.Buffer | None:
         if tensor.numel() == 0:
             return None
-        held = self._buffers.get(tensor.data_ptr())
+        place = (tensor.data_ptr(), tensor.nbytes)
+        held = self._buffers.get(place)
         if held is not None:
             return held[1]
         flags = pyopencl.mem_flags
         placement = flags.USE_HOST_PTR if self._backend.shares_memory else flags.COPY_HOST_PTR
         buffer = pyopencl.Buffer(self._backend.context, flags.READ_WRITE | placement, hostbuf=tensor.detach().numpy())
-        self._buffers[tensor.data_ptr()] = (tensor, buffer)
+        self._buffers[place] = (tensor, buffer)
         return buffer
 
     def finish(self, *results: Tensor) -> None:
