@@ -123,7 +123,7 @@ def measure(backend: Backend, workload: Workload, repetitions: int = 11) -> str:
     records, lists = _tile_lists(backend, workload, gaussians)
     pixels = evaluated_pixels(records, lists, workload.width)
     lines = [
-        f"{workload.name}: {workload.count} Gaussians, {workload.width} x {workload.height}, M = {workload.feature_dim}, "
+        f"{workload.name}: {workload.count} Gaussians, {workload.width} x {workload.height}, M={workload.feature_dim}, "
         f"{len(lists.entries)} (tile, Gaussian) and {pixels / 1e6:.1f} million (pixel, Gaussian) pairs"
     ]
     for name, work in (
