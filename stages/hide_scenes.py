@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import torch
@@ -33,6 +34,13 @@ class HideScenesParameters(TrainingParameters):
     lambda_message: float = Field(0.5, ge=0, description="λ: the messages' weight in the total loss.")
     ssim_weight_cover: float = Field(0.2, ge=0, le=1, description="γ: SSIM's share of the cover's loss.")
     ssim_weight_message: float = Field(0.2, ge=0, le=1, description="β: SSIM's share of a message's loss.")
+    feature_rate: float = Field(
+        5e-2, gt=0, description="Learning rate of features. Released code: 2.5e-3, with 50,000 iterations."
+    )
+    network_rate: float = Field(1e-3, gt=0, description="Learning rate of the decoders.")
+    final_rate_share: float = Field(
+        0.1, gt=0, le=1, description="Share of both rates that is left at the end. Released code: 1."
+    )
     precision: Literal["float32", "bfloat16"] = Field(
         "float32", description="Of the decoders' convolutions; bfloat16 is faster where the CPU has it."
     )
@@ -70,7 +78,12 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
             parameters.ssim_weight_cover,
             parameters.ssim_weight_message,
         ),
-        parameters.settings(rig_extent(cover.cameras)),
+        replace(
+            parameters.settings(rig_extent(cover.cameras)),
+            attribute_rates={"raw_features": parameters.feature_rate},
+            network_rate=parameters.network_rate,
+            final_rate_share=parameters.final_rate_share,
+        ),
     )
     curves = training.run(observer(context, parameters.iterations))
     write_container(context.output("container"), training.gaussians, method)

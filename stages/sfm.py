@@ -24,9 +24,13 @@ class SfmParameters(Parameters):
     width: int = Field(192, ge=16, description="Long side of the training pictures; photos are never enlarged.")
     matching_size: int = Field(1600, ge=64, description="Long side at which photos are matched, at most.")
     matching: Matching = Field(
-        "auto", description="Which photos are compared: all, or neighbours in a sequence; auto: all of up to 120."
+        "auto",
+        description="Which photos are compared: all, or neighbours in a sequence; auto: a sequence where more than 30 "
+        "photos are ordered, and all of up to 120 after all where that places too few.",
     )
-    max_features: int = Field(4096, ge=64, description="Features a photo, at most.")
+    max_features: int = Field(
+        8192, ge=64, description="Features a photo, about: COLMAP drops the finest scales of what exceeds it."
+    )
     camera_model: CameraModel = Field("SIMPLE_RADIAL", description="Lens model that is estimated.")
     poses: Literal["auto", "estimate", "given"] = Field(
         "auto", description="auto: given poses are kept, but those of synthetic captures estimated, to be checked."

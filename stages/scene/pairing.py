@@ -9,17 +9,25 @@ from typing import Literal
 Matching = Literal["auto", "exhaustive", "sequential"]
 Pair = tuple[int, int]
 
-EXHAUSTIVE_UP_TO = 120  # photos; all pairs of more take too long where the order of taking is known
+EXHAUSTIVE_UP_TO = 30  # photos; all pairs of more take long, and most are in vain where the order of taking is known
+RESCUE_UP_TO = 120  # photos; up to so many, all pairs are compared after all where those of a sequence place too few
 OVERLAP = 10  # neighbours on either side that a photo of a sequence is compared with
 KEYFRAME_EVERY = 10  # in a sequence these are all compared with each other: a walk comes back to where it was
 BLOCK = 8  # photos; pairs are grouped by blocks, whose descriptors stay in memory
 
 
-def choose_matching(matching: Matching, photos: int, ordered: bool) -> Literal["exhaustive", "sequential"]:
-    """`auto`: sequential for more than `EXHAUSTIVE_UP_TO` photos whose order is known, else exhaustive."""
-    if matching != "auto":
-        return matching
-    return "sequential" if ordered and photos > EXHAUSTIVE_UP_TO else "exhaustive"
+def choose_pairs(matching: Matching, order: list[int], ordered: bool) -> tuple[set[Pair], set[Pair]]:
+    """The pairs to compare, and those to compare as well where the first place too few photos.
+
+    `auto` takes more than `EXHAUSTIVE_UP_TO` photos whose order is known for a sequence, and may be mistaken: names
+    can be numbered in any order. `order` lists positions of photos in the order of their names' numbers.
+    """
+    everything = exhaustive_pairs(len(order))
+    if matching == "exhaustive" or (matching == "auto" and not (ordered and len(order) > EXHAUSTIVE_UP_TO)):
+        return everything, set()
+    near = sequential_pairs(order)
+    rescued = matching == "auto" and len(order) <= RESCUE_UP_TO
+    return near, everything - near if rescued else set()
 
 
 def exhaustive_pairs(photos: int) -> set[Pair]:

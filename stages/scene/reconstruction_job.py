@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
 from stages.scene.lens import Lens
+from stages.scene.pairing import Pair
 
 JOB, FACTS, ARRAYS, LOG = "job.json", "facts.json", "arrays.npz", "reconstruction.log"
 PHASES = ("features", "matching", "mapping")
@@ -25,14 +26,16 @@ class Job:
     """V working pictures in `folder`, as `working_name` calls them, and what to do with them.
 
     `lenses` are starting points, or known where `poses` (world to camera) are given; photos with equal lenses share
-    one camera. `pairs` are the photos to compare. `width` and `height` are the training size.
+    one camera. `pairs` are the photos to compare, `pairs_in_need` those to compare as well where the
+    first place too few. `width` and `height` are the training size.
     """
 
     folder: Path
     lenses: tuple[Lens, ...]
     focal_known: tuple[bool, ...]
     poses: tuple[tuple[tuple[float, ...], ...], ...] | None
-    pairs: tuple[tuple[int, int], ...]
+    pairs: tuple[Pair, ...]
+    pairs_in_need: tuple[Pair, ...]
     max_features: int
     width: int
     height: int
@@ -60,6 +63,7 @@ def read_job(path: Path) -> Job:
             "focal_known": tuple(content["focal_known"]),
             "poses": None if poses is None else tuple(tuple(tuple(row) for row in pose) for pose in poses),
             "pairs": tuple((first, second) for first, second in content["pairs"]),
+            "pairs_in_need": tuple((first, second) for first, second in content["pairs_in_need"]),
         }
     )
 

@@ -14,6 +14,8 @@ import sys
 import threading
 import time
 import zlib  # noqa: F401 - loaded before pycolmap, for the reason above
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +23,14 @@ import pycolmap
 from jaxtyping import Float64
 
 from stages.scene.lens import Lens
-from stages.scene.pairing import in_batches
+from stages.scene.pairing import Pair, in_batches
 from stages.scene.reconstruction_job import PHASES, Job, Reconstruction, read_job, working_name
 from stages.scene.undistortion import LensView, corner_positions, shared_pinhole
 
 DATABASE = "database.db"
 SMALLEST_MODEL = 3  # photos
 SHORTEST_TRACK = 3  # photos that must see a point that is kept
+ENOUGH = 0.9  # share of photos placed below which the pairs in need are compared too
 
 
 def main() -> None:
@@ -35,14 +38,28 @@ def main() -> None:
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.WARNING)
     job = read_job(Path(sys.argv[1]))
     pycolmap.set_random_seed(job.seed)
-    starts = [time.monotonic()]
-    for work in (extract, match):
-        work(job)
-        starts.append(time.monotonic())
-    model = estimate(job) if job.poses is None else triangulate(job, np.array(job.poses))
-    starts.append(time.monotonic())
-    seconds = {phase: round(value, 2) for phase, value in zip(PHASES, np.diff(starts).tolist(), strict=True)}
+    seconds = dict.fromkeys(PHASES, 0.0)
+    with timed(seconds, "features"):
+        extract(job)
+    model = reconstruct(job, job.pairs, seconds)
+    if job.pairs_in_need and (model is None or model.num_reg_images() < ENOUGH * len(job.lenses)):
+        model = reconstruct(job, job.pairs_in_need, seconds)
     describe(job, model, seconds).write(job.folder)
+
+
+@contextmanager
+def timed(seconds: dict[str, float], phase: str) -> Iterator[None]:
+    start = time.monotonic()
+    yield
+    seconds[phase] = round(seconds[phase] + time.monotonic() - start, 2)
+
+
+def reconstruct(job: Job, pairs: Sequence[Pair], seconds: dict[str, float]) -> pycolmap.Reconstruction | None:
+    """Match these pairs, and reconstruct from all that have been matched so far."""
+    with timed(seconds, "matching"):
+        match(job, pairs)
+    with timed(seconds, "mapping"):
+        return estimate(job) if job.poses is None else triangulate(job, np.array(job.poses))
 
 
 def end_with_parent() -> None:
@@ -102,14 +119,14 @@ def forget_focal_length(path: Path, name: str) -> None:
         database.update_camera(camera)
 
 
-def match(job: Job) -> None:
+def match(job: Job, pairs: Sequence[Pair]) -> None:
     """Compare the pairs; those of an interrupted run are kept."""
     options = pycolmap.FeatureMatchingOptions(num_threads=job.threads, use_gpu=False)
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = job.seed
     listed, done = job.folder / "pairs.txt", 0
-    for batch in in_batches(set(job.pairs)):
-        say("matching", done, len(job.pairs))
+    for batch in in_batches(set(pairs)):
+        say("matching", done, len(pairs))
         listed.write_text("".join(f"{working_name(one)} {working_name(other)}\n" for one, other in batch))
         pycolmap.match_image_pairs(
             job.folder / DATABASE,

@@ -22,7 +22,7 @@ from stages.imaging.pictures import read_picture, resize_picture
 from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, KnownPoses, in_order_of_numbers
 from stages.scene.lens import MODELS, Lens
-from stages.scene.pairing import Matching, choose_matching, exhaustive_pairs, sequential_pairs
+from stages.scene.pairing import Matching, choose_pairs
 from stages.scene.reconstruction_job import ARRAYS, FACTS, LOG, Job, Reconstruction, read_reconstruction, working_name
 from stages.scene.scene import Scene, held_out_names
 from stages.scene.undistortion import training_size, undistort
@@ -123,15 +123,15 @@ def job_of(
     else:
         known = [focal is not None for focal in capture.focal_pixels]
         lenses = [starting_lens(capture, row, size, settings.camera_model) for row, size in enumerate(sizes)]
-    kind = choose_matching(settings.matching, len(sizes), capture.ordered)
-    order = in_order_of_numbers(capture.names)
+    pairs, in_need = choose_pairs(settings.matching, in_order_of_numbers(capture.names), capture.ordered)
     width, height = training_size(Counter(capture.sizes).most_common(1)[0][0], settings.width)
     return Job(
         folder=folder,
         lenses=tuple(lenses),
         focal_known=tuple(known),
         poses=None if poses is None else tuple(tuple(map(tuple, pose)) for pose in poses.world_to_camera.tolist()),
-        pairs=tuple(sorted(exhaustive_pairs(len(sizes)) if kind == "exhaustive" else sequential_pairs(order))),
+        pairs=tuple(sorted(pairs)),
+        pairs_in_need=tuple(sorted(in_need)),
         max_features=settings.max_features,
         width=width,
         height=height,

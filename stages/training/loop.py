@@ -38,7 +38,11 @@ class TrainingViews:
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """Constants of 3DGS; `extent` of the rig scales positions' learning rate. `density` None keeps all Gaussians."""
+    """Constants of 3DGS; `extent` of the rig scales positions' learning rate. `density` None keeps all Gaussians.
+
+    `attribute_rates` replace the method's own learning rates; they and `network_rate` fall exponentially to
+    `final_rate_share` of themselves.
+    """
 
     iterations: int
     extent: float
@@ -49,6 +53,8 @@ class TrainingSettings:
     rotation_rate: float = 1e-3
     opacity_rate: float = 5e-2
     network_rate: float = 1e-3
+    final_rate_share: float = 1.0
+    attribute_rates: Mapping[str, float] = field(default_factory=dict)
     density: DensitySettings | None = field(default_factory=DensitySettings)
 
 
@@ -84,8 +90,11 @@ class Training:
             "quats": settings.rotation_rate,
             "log_scales": settings.scale_rate,
             "logit_opacities": settings.opacity_rate,
-            **self.method.learning_rates,
+            **self._attribute_rates(),
         }
+
+    def _attribute_rates(self) -> dict[str, float]:
+        return {**self.method.learning_rates, **self.settings.attribute_rates}
 
     def _network_optimizer(self) -> torch.optim.Adam | None:
         weights = [weight for network in self.method.networks.values() for weight in network.parameters()]
@@ -95,8 +104,7 @@ class Training:
         """One view, one step; `iteration` counts from 1. Returns the loss and each picture's squared error."""
         settings = self.settings
         progress = iteration / settings.iterations
-        position_rate = decayed(settings.position_rate, settings.final_position_rate, progress)
-        self.optimizer.set_learning_rate("means", position_rate * settings.extent)
+        self._set_learning_rates(progress)
         view = self.sampler.draw()
         camera, truths = self.views.cameras[view], self.views.truths(view)
         rendering = self.method.render(self.gaussians, camera, progress)
@@ -111,6 +119,17 @@ class Training:
             }
         self._update(iteration, rendering, camera)
         return figures
+
+    def _set_learning_rates(self, progress: float) -> None:
+        """Positions slow down as in 3DGS; so do the method's attributes and networks, down to `final_rate_share`."""
+        settings = self.settings
+        position_rate = decayed(settings.position_rate, settings.final_position_rate, progress)
+        self.optimizer.set_learning_rate("means", position_rate * settings.extent)
+        share = decayed(1.0, settings.final_rate_share, progress)
+        for name, rate in self._attribute_rates().items():
+            self.optimizer.set_learning_rate(name, rate * share)
+        if self.network_optimizer is not None:
+            self.network_optimizer.param_groups[0]["lr"] = settings.network_rate * share
 
     def _update(self, iteration: int, rendering: Rendering, camera: Camera) -> None:
         if self.density is not None and iteration <= self.schedule.stop:

@@ -17,8 +17,8 @@ from stages.scene.gaussians import Gaussians
 FEATURE_RANGE = (0.02, 0.98)
 """Initial features stay inside, where the sigmoid still has a gradient."""
 
-FEATURE_RATE = 2e-2
-"""Of Adam. The released code has 2.5e-3 and 50,000 iterations; a short training cannot wait that long."""
+FEATURE_RATE = 2.5e-3
+"""Of Adam, as in the released code."""
 
 
 class GSHider:

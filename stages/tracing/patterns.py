@@ -1,0 +1,173 @@
+"""Tileable patterns on a square page: noise, courses of bricks or books, stones, marks.
+
+A page has `size` x `size` texels and joins up with itself on all sides. Values are float32 in [0, 1]. Every pattern
+draws from the generator it is given, so that the same seed gives the same page.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Int
+
+Field = Float32[np.ndarray, "size size"]
+Picture = Float32[np.ndarray, "size size 3"]
+
+
+def noise(size: int, period: int, rng: np.random.Generator, period_across: int | None = None) -> Field:
+    """Value noise: random values on a lattice of `period` rows (and `period_across` columns), smoothly joined."""
+    lattice = rng.random((period, period_across or period), dtype=np.float32)
+    return _stretch(_stretch(lattice, size).T, size).T
+
+
+def _stretch(lattice: np.ndarray, size: int) -> np.ndarray:
+    """Interpolate the rows of a periodic lattice to `size` rows with a smooth step."""
+    period = lattice.shape[0]
+    position = np.arange(size, dtype=np.float32) * np.float32(period / size)
+    row = position.astype(np.int64)
+    weight = position - row
+    weight = (weight * weight * (3 - 2 * weight))[:, None]
+    low, high = lattice[row % period], lattice[(row + 1) % period]
+    return np.ascontiguousarray(low + (high - low) * weight)
+
+
+def fractal(size: int, period: int, rng: np.random.Generator, octaves: int = 6, gain: float = 0.6) -> Field:
+    """Octaves of value noise from `period` up, each twice as fine and `gain` times as strong, spread over [0, 1]."""
+    total = np.zeros((size, size), np.float32)
+    strength = 1.0
+    for octave in range(octaves):
+        frequency = period << octave
+        if frequency > size // 2:
+            break
+        total += np.float32(strength) * noise(size, frequency, rng)
+        strength *= gain
+    return spread(total)
+
+
+def spread(field: np.ndarray) -> np.ndarray:
+    """Scale a field so that it fills [0, 1]."""
+    low, high = field.min(), field.max()
+    return (field - low) / (high - low + np.float32(1e-9))
+
+
+def step(field: np.ndarray, start: float, stop: float) -> np.ndarray:
+    """0 below `start`, 1 above `stop`, smooth between."""
+    part = np.clip((field - np.float32(start)) * np.float32(1 / (stop - start)), 0, 1)
+    return part * part * (3 - 2 * part)
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A page divided into cells: which cell a texel is in, and how far from the cell's border, in pages."""
+
+    index: Int[np.ndarray, "size size"]
+    inset: Field
+    count: int
+
+    def tone(self, rng: np.random.Generator) -> Field:
+        """One random value a cell."""
+        return rng.random(self.count, dtype=np.float32)[self.index]
+
+    def color(self, palette: np.ndarray, rng: np.random.Generator) -> Picture:
+        """One colour of the palette [K, 3] a cell."""
+        return palette[rng.integers(len(palette), size=self.count)][self.index].astype(np.float32)
+
+    def body(self, joint: float, edge: float) -> Field:
+        """1 inside the cells, 0 in the joints of half width `joint`, with an edge of width `edge`, in pages."""
+        return step(self.inset, joint, joint + edge)
+
+
+def courses(
+    size: int, rows: int, columns: int, rng: np.random.Generator, variation: float = 0.2, heights: float = 0.0
+) -> Cells:
+    """Rows of cells whose upright joints are shifted from row to row: bricks, planks, tiles, books.
+
+    `variation` and `heights`, in [0, 1), say how unequal the widths in a row and the heights of the rows are.
+    """
+    place = (np.arange(size, dtype=np.float32) + np.float32(0.5)) / size
+    row_edges = (np.arange(rows + 1) + np.r_[0, heights * (rng.random(rows - 1) - 0.5), 0]) / rows
+    row = np.searchsorted(row_edges, place, side="right") - 1
+    upright = np.minimum(place - row_edges[row], row_edges[row + 1] - place).astype(np.float32)
+    index = np.empty((rows, size), np.int64)
+    level = np.empty((rows, size), np.float32)
+    for number in range(rows):
+        shift = (number % 2) / 2 + variation * (rng.random() - 0.5)
+        edges = np.sort((np.arange(columns) + shift + variation * (rng.random(columns) - 0.5)) / columns % 1)
+        edges = np.r_[edges[-1] - 1, edges, edges[0] + 1]
+        column = np.searchsorted(edges, place, side="right") - 1
+        level[number] = np.minimum(place - edges[column], edges[column + 1] - place)
+        index[number] = number * columns + (column - 1) % columns
+    return Cells(index[row], np.minimum(level[row], upright[:, None]), rows * columns)
+
+
+def stones(size: int, count: int, rng: np.random.Generator, regularity: float = 0.0) -> Cells:
+    """Voronoi cells about one jittered seed in each square of a `count` x `count` grid: cobbles, leaves, cracks."""
+    jitter = rng.random((count, count, 2), dtype=np.float32) * np.float32(1 - regularity) + np.float32(regularity / 2)
+    place = (np.arange(size, dtype=np.float32) + np.float32(0.5)) * np.float32(count / size)
+    square = place.astype(np.int64)
+    within = place - square
+    first = np.full((size, size), np.inf, np.float32)
+    second = np.full((size, size), np.inf, np.float32)
+    index = np.zeros((size, size), np.int64)
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            row, column = (square + down) % count, (square + right) % count
+            seeds = jitter[row[:, None], column[None, :]]
+            delta_y = seeds[..., 0] + np.float32(down) - within[:, None]
+            delta_x = seeds[..., 1] + np.float32(right) - within[None, :]
+            distance = np.sqrt(delta_x * delta_x + delta_y * delta_y)
+            nearer = distance < first
+            second = np.where(nearer, first, np.minimum(second, distance))
+            first = np.where(nearer, distance, first)
+            index = np.where(nearer, row[:, None] * count + column[None, :], index)
+    return Cells(index, (second - first) * np.float32(0.5 / count), count * count)
+
+
+def marks(size: int, lines: int, rng: np.random.Generator, fill: float = 0.75) -> Field:
+    """Lines of random glyphs, like writing seen from afar: 1 where there is ink."""
+    rows, columns = 8, 6
+    across = lines * 2
+    glyphs = (rng.random((lines, across, rows - 2, columns - 2)) < 0.5).astype(np.float32)
+    strokes = np.zeros((lines, across, rows, columns), np.float32)
+    strokes[:, :, 1:-1, 1:-1] = glyphs
+    strokes *= (rng.random((lines, across, 1, 1)) < fill).astype(np.float32)
+    page = strokes.transpose(0, 2, 1, 3).reshape(lines * rows, across * columns)
+    row = np.arange(size) * page.shape[0] // size
+    column = np.arange(size) * page.shape[1] // size
+    return page[row[:, None], column[None, :]]
+
+
+def warp(picture: np.ndarray, amount: float, period: int, rng: np.random.Generator) -> np.ndarray:
+    """Push the texels of a page about by up to `amount` pages, as smooth noise says."""
+    size = picture.shape[0]
+    place = np.arange(size)
+    shift = [((fractal(size, period, rng, 3) - 0.5) * (amount * size)).astype(np.int64) for _ in range(2)]
+    return picture[(place[:, None] + shift[0]) % size, (place[None, :] + shift[1]) % size]
+
+
+def relief(height: np.ndarray, strength: float) -> np.ndarray:
+    """How a height field catches light from one corner: a factor about 1 to paint with."""
+    slope = 2 * height - np.roll(height, 1, axis=0) - np.roll(height, 1, axis=1)
+    return np.clip(1 + np.float32(strength) * slope, 0.4, 1.6)
+
+
+def mix(start: np.ndarray, stop: np.ndarray, weight: np.ndarray) -> Picture:
+    """From colour or picture `start` to `stop`, by a field of weights."""
+    part = weight[..., None]
+    return (start * (1 - part) + stop * part).astype(np.float32)
+
+
+def shade(picture: np.ndarray, factor: np.ndarray) -> Picture:
+    """Darken or brighten a picture by a field of factors."""
+    return np.clip(picture * factor[..., None], 0, 1).astype(np.float32)
+
+
+def rgb(code: str) -> np.ndarray:
+    """`rgb("c8a070")` is the colour [3], float32 in [0, 1]."""
+    return np.frombuffer(bytes.fromhex(code), np.uint8).astype(np.float32) / 255
+
+
+def palette(*codes: str) -> np.ndarray:
+    """Several colours, [K, 3]."""
+    return np.stack([rgb(code) for code in codes])

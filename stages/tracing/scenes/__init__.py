@@ -1,0 +1,1 @@
+"""The built-in places: one file a scene, each with a `build(seed)` that returns a `World`."""

@@ -1,0 +1,221 @@
+"""The solids that scenes are made of: where a ray meets them, and what the surface is like there.
+
+Coordinates travel as three separate float32 arrays (x, y, z), because that is how the arithmetic runs fastest. A shape
+answers in its own frame: a rotated, translated frame whose unit is the world's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+Coordinates = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""x, y and z of N points or directions, each float32 and of one shape (or a scalar array that broadcasts)."""
+
+NEAREST = 1e-3
+"""A hit nearer than this, in world units, is the surface that the ray has just left."""
+
+TINY = np.float32(1e-12)
+"""Added to a divisor that may be zero: lost in any other float32."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A shape's place: world = centre + axesᵀ local. The rows of `axes` are the local axes, orthonormal."""
+
+    centre: Float64[np.ndarray, " 3"]
+    axes: Float64[np.ndarray, "3 3"]
+
+    def point_to_local(self, point: Coordinates) -> Coordinates:
+        x, y, z = (coordinate - float(middle) for coordinate, middle in zip(point, self.centre, strict=True))
+        return self.direction_to_local((x, y, z))
+
+    def direction_to_local(self, direction: Coordinates) -> Coordinates:
+        return _rotate(self.axes, direction)
+
+    def direction_to_world(self, direction: Coordinates) -> Coordinates:
+        return _rotate(self.axes.T, direction)
+
+
+def _rotate(matrix: np.ndarray, vector: Coordinates) -> Coordinates:
+    """matrix @ vector, leaving out the products with zero: most shapes only turn about one axis."""
+    return _combine(matrix[0], vector), _combine(matrix[1], vector), _combine(matrix[2], vector)
+
+
+def _combine(factors: np.ndarray, vector: Coordinates) -> np.ndarray:
+    terms = [
+        coordinate if factor == 1 else coordinate * float(factor)
+        for factor, coordinate in zip(factors, vector, strict=True)
+        if abs(factor) > 1e-9
+    ]
+    total = terms[0]
+    for term in terms[1:]:
+        total = total + term
+    return total
+
+
+class Shape(Protocol):
+    """A solid in its own frame."""
+
+    @property
+    def bounding_radius(self) -> float:
+        """Radius of a sphere about the frame's centre that holds the solid."""
+
+    def hit(self, origin: Coordinates, direction: Coordinates) -> Float32[np.ndarray, "*rays"]:
+        """Distance in units of `direction`'s length to the first surface beyond `NEAREST`, infinite where none.
+
+        Seen from inside, that is the far wall: a room is a box that one stands in.
+        """
+
+    def surface(self, point: Coordinates) -> tuple[Coordinates, np.ndarray, np.ndarray]:
+        """At `point` on the surface: the outward normal, and where it lies on the unrolled surface (u, v), in world units."""
+
+
+def _first_in_front(near: np.ndarray, far: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    distance = np.where(near > NEAREST, near, far)
+    return np.where(valid & (distance > NEAREST), distance, np.float32(np.inf))
+
+
+@dataclass(frozen=True)
+class Box:
+    """|x|, |y|, |z| ≤ `half`; `bevel` is how far from an edge, in world units, the normal starts to turn round it."""
+
+    half: tuple[float, float, float]
+    bevel: float = 0.0
+
+    @property
+    def bounding_radius(self) -> float:
+        return float(np.linalg.norm(self.half))
+
+    def hit(self, origin: Coordinates, direction: Coordinates) -> Float32[np.ndarray, "*rays"]:
+        near, far = np.float32(-np.inf), np.float32(np.inf)
+        for start, step, half in zip(origin, direction, self.half, strict=True):
+            inverse = 1 / (step + TINY)
+            middle = start * inverse
+            reach = np.abs(inverse) * half
+            near = np.maximum(near, -middle - reach)
+            far = np.minimum(far, reach - middle)
+        return _first_in_front(near, far, near <= far)
+
+    def surface(self, point: Coordinates) -> tuple[Coordinates, np.ndarray, np.ndarray]:
+        x, y, z = point
+        depth_x, depth_y, depth_z = (
+            half - np.abs(coordinate) for coordinate, half in zip(point, self.half, strict=True)
+        )
+        on_x = (depth_x <= depth_y) & (depth_x <= depth_z)
+        on_y = ~on_x & (depth_y <= depth_z)
+        on_z = ~on_x & ~on_y
+        if self.bevel:
+            turn = [np.maximum(1 - depth / self.bevel, 0) for depth in (depth_x, depth_y, depth_z)]
+        else:
+            turn = [np.zeros_like(depth_x)] * 3
+        normal = tuple(
+            np.copysign(np.where(on_face, 1, amount), coordinate).astype(np.float32)
+            for on_face, amount, coordinate in zip((on_x, on_y, on_z), turn, point, strict=True)
+        )
+        side = np.where(on_x, np.copysign(1, x), np.where(on_y, np.copysign(2, y), np.copysign(3, z)))
+        u = np.where(on_x, y, x) + side.astype(np.float32) * np.float32(0.731)  # no two faces show the same patch
+        v = np.where(on_z, y, z)
+        return _normalise(normal[0], normal[1], normal[2]), u, v
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """(x/a)² + (y/b)² + (z/c)² ≤ 1 with half axes `half` = (a, b, c)."""
+
+    half: tuple[float, float, float]
+
+    @property
+    def bounding_radius(self) -> float:
+        return max(self.half)
+
+    def hit(self, origin: Coordinates, direction: Coordinates) -> Float32[np.ndarray, "*rays"]:
+        start = [coordinate * (1 / half) for coordinate, half in zip(origin, self.half, strict=True)]
+        step = [coordinate * (1 / half) for coordinate, half in zip(direction, self.half, strict=True)]
+        square = step[0] * step[0] + step[1] * step[1] + step[2] * step[2]
+        cross = start[0] * step[0] + start[1] * step[1] + start[2] * step[2]
+        excess = start[0] * start[0] + start[1] * start[1] + start[2] * start[2] - 1
+        discriminant = cross * cross - square * excess
+        root = np.sqrt(np.maximum(discriminant, 0))
+        inverse = 1 / square
+        return _first_in_front((-cross - root) * inverse, (root - cross) * inverse, discriminant > 0)
+
+    def surface(self, point: Coordinates) -> tuple[Coordinates, np.ndarray, np.ndarray]:
+        x, y, z = (coordinate * (1 / half) for coordinate, half in zip(point, self.half, strict=True))
+        a, b, c = self.half
+        normal = _normalise(x * (1 / a), y * (1 / b), z * (1 / c))
+        # The map of a hemisphere about its pole: no seam, and no pinch where one looks down on it.
+        ring = np.sqrt(x * x + y * y)
+        stretch = np.arctan2(ring, z) / (ring + np.float32(1e-6))
+        return normal, x * stretch * a, y * stretch * b
+
+
+@dataclass(frozen=True)
+class Frustum:
+    """|z| ≤ `half_height`, of radius `bottom` at -half_height and `top` at +half_height: a cylinder, a cone, a disc."""
+
+    bottom: float
+    top: float
+    half_height: float
+
+    @property
+    def bounding_radius(self) -> float:
+        return float(np.hypot(max(self.bottom, self.top), self.half_height))
+
+    @property
+    def _middle_radius(self) -> float:
+        return (self.bottom + self.top) / 2
+
+    @property
+    def _slope(self) -> float:
+        return (self.top - self.bottom) / (2 * self.half_height)
+
+    def hit(self, origin: Coordinates, direction: Coordinates) -> Float32[np.ndarray, "*rays"]:
+        (x, y, z), (dx, dy, dz) = origin, direction
+        radius = self._middle_radius + self._slope * z
+        growth = self._slope * dz
+        square = dx * dx + dy * dy - growth * growth + TINY
+        cross = x * dx + y * dy - growth * radius
+        discriminant = cross * cross - square * (x * x + y * y - radius * radius)
+        root = np.sqrt(np.maximum(discriminant, 0))
+        inverse = 1 / square
+        nearest = np.full(discriminant.shape, np.inf, np.float32)
+        for distance in ((-cross - root) * inverse, (root - cross) * inverse):
+            height = z + distance * dz
+            on_side = (np.abs(height) <= self.half_height) & (discriminant > 0) & (distance > NEAREST)
+            nearest = np.where(on_side, np.minimum(nearest, distance), nearest)
+        inverse_height = 1 / (dz + TINY)
+        for end, end_radius in ((-self.half_height, self.bottom), (self.half_height, self.top)):
+            if end_radius == 0:
+                continue
+            distance = (end - z) * inverse_height
+            across_x, across_y = x + distance * dx, y + distance * dy
+            on_cap = (across_x * across_x + across_y * across_y <= end_radius * end_radius) & (distance > NEAREST)
+            nearest = np.where(on_cap, np.minimum(nearest, distance), nearest)
+        return nearest
+
+    def surface(self, point: Coordinates) -> tuple[Coordinates, np.ndarray, np.ndarray]:
+        x, y, z = point
+        ring = np.sqrt(x * x + y * y)
+        off_side = np.abs(ring - (self._middle_radius + self._slope * z))
+        on_cap = (self.half_height - np.abs(z)) < off_side
+        outward = 1 / (ring + np.float32(1e-6))
+        steep = np.float32(-self._slope)
+        normal = _normalise(
+            np.where(on_cap, 0, x * outward).astype(np.float32),
+            np.where(on_cap, 0, y * outward).astype(np.float32),
+            np.where(on_cap, np.copysign(1, z), steep).astype(np.float32),
+        )
+        around = np.arctan2(y, x) * np.float32(max(self.bottom, self.top))
+        return normal, np.where(on_cap, x, around), np.where(on_cap, y + np.float32(0.377), z)
+
+
+def _normalise(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> Coordinates:
+    inverse = 1 / np.sqrt(x * x + y * y + z * z + TINY)
+    return x * inverse, y * inverse, z * inverse
+
+
+normalise = _normalise

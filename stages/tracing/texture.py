@@ -1,0 +1,81 @@
+"""Painted pages in one pyramid, looked up with the right blur for the pixel that asks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float32, Int32
+
+SMALLEST_PAGE = 4
+
+
+class TexturePyramid:
+    """P square pages and all their halvings, for trilinear look-up.
+
+    Pages are pictures in [0, 1] that join up with themselves, all of one size, a power of two. Colours are kept as
+    bytes on a square-root scale and come back as linear light. Raises `ValueError` for other pages.
+    """
+
+    def __init__(self, pages: Sequence[Float32[np.ndarray, "size size 3"]]) -> None:
+        self.size = pages[0].shape[0]
+        if self.size & (self.size - 1) or any(page.shape != (self.size, self.size, 3) for page in pages):
+            raise ValueError(f"pages must be square, of one size, a power of two: {[page.shape for page in pages]}")
+        levels, offsets, offset = [], [], 0
+        linear = np.stack([page.astype(np.float32) ** np.float32(2.2) for page in pages])
+        while linear.shape[1] >= SMALLEST_PAGE:
+            levels.append(_pack(linear))
+            offsets.append(offset)
+            offset += levels[-1].size
+            linear = (linear[:, ::2] + linear[:, 1::2]) / 2
+            linear = (linear[:, :, ::2] + linear[:, :, 1::2]) / 2
+        self._texels = np.concatenate(levels)
+        self._offsets = np.array(offsets, np.int32)
+
+    def lookup(
+        self,
+        page: Int32[np.ndarray, " n"],
+        u: Float32[np.ndarray, " n"],
+        v: Float32[np.ndarray, " n"],
+        texels: Float32[np.ndarray, " n"],
+    ) -> Float32[np.ndarray, "3 n"]:
+        """Linear colours at (u, v), in pages, v upwards, of a spot `texels` wide on the finest level."""
+        level = np.clip(np.log2(np.maximum(texels, 1)), 0, len(self._offsets) - 1.001)
+        lower = level.astype(np.int32)
+        weight = (level - lower).astype(np.float32)
+        fine, coarse = self._bilinear(page, u, v, lower), self._bilinear(page, u, v, lower + 1)
+        root = fine + (coarse - fine) * weight
+        return root * root
+
+    def _bilinear(self, page: np.ndarray, u: np.ndarray, v: np.ndarray, level: np.ndarray) -> np.ndarray:
+        size = np.right_shift(np.int32(self.size), level)
+        column, right = _split(u * size - np.float32(0.5))
+        row, down = _split(-v * size - np.float32(0.5))
+        last = size - 1
+        start = self._offsets[level] + page * (size * size)
+        upper = start + (row & last) * size
+        below = start + ((row + 1) & last) * size
+        column, next_column = column & last, (column + 1) & last
+        colors = np.zeros((3, u.shape[0]), np.float32)
+        for corner, share in (
+            (upper + column, (1 - right) * (1 - down)),
+            (upper + next_column, right * (1 - down)),
+            (below + column, (1 - right) * down),
+            (below + next_column, right * down),
+        ):
+            texel = self._texels[corner]
+            share = share * np.float32(1 / 255)
+            for channel in range(3):
+                colors[channel] += ((texel >> (8 * channel)) & 255).astype(np.float32) * share
+        return colors
+
+
+def _pack(linear: np.ndarray) -> np.ndarray:
+    """Square roots of the colours as bytes, three to a 32-bit word."""
+    root = (np.sqrt(linear) * 255 + np.float32(0.5)).astype(np.int32)
+    return (root[..., 0] | root[..., 1] << 8 | root[..., 2] << 16).reshape(-1)
+
+
+def _split(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    whole = np.floor(position)
+    return whole.astype(np.int32), position - whole
