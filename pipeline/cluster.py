@@ -26,6 +26,8 @@ from pipeline.process import THREADS, KernelCache
 SETTINGS = {
     "distributed.scheduler.allowed-failures": 0,  # else work that kills its worker kills four of them
     "distributed.scheduler.worker-ttl": None,  # a library that holds the interpreter for minutes is not dead
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
     "distributed.scheduler.no-workers-timeout": "60s",  # else work waits for ever when the last worker is gone
     "distributed.worker.multiprocessing-method": "spawn",  # forked OpenCL and OpenMP do not work
     "distributed.nanny.pre-spawn-environ": dict(THREADS),  # dask's own would allow one thread only
@@ -80,7 +82,8 @@ class DaskExecutor:
                 threads_per_worker=1,
                 processes=True,
                 memory_limit=0,
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",  # no dashboard, and no quarrel over its port with another run
+                scheduler_kwargs={"dashboard": False},
                 silence_logs=logging.CRITICAL,
             )
         finally:
