@@ -23,7 +23,7 @@ from pipeline.events import Event, Noted, StageProgressed, StageStarted
 from pipeline.executor import Lost, Tell, Work
 from pipeline.process import THREADS, KernelCache
 
-SETTINGS = {
+SETTINGS: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": 0,  # else work that kills its worker kills four of them
     "distributed.scheduler.worker-ttl": None,  # a library that holds the interpreter for minutes is not dead
     "distributed.scheduler.http.routes": [],
