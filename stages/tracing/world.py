@@ -1,0 +1,191 @@
+"""What a scene is: solids with painted materials, lights and a sky; and the builder that scenes are written with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from stages.tracing.patterns import Picture
+from stages.tracing.shapes import Box, Ellipsoid, Frame, Frustum, Shape
+
+PAGE_SIZE = 1024
+"""Texels on a side of every painted page."""
+
+Vector = Sequence[float]
+
+
+@dataclass(frozen=True)
+class Material:
+    """A painted page that covers `extent` world units and then repeats, and how the surface takes light.
+
+    `gloss` in [0, 1] scales highlights and the mirror image; `glow` in [0, 1] is how much light of its own it gives.
+    """
+
+    page: int
+    extent: float
+    gloss: float = 0.0
+    glow: float = 0.0
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A shape at its place, made of a material: `tint` multiplies the page, `patch` is where on the page it starts."""
+
+    shape: Shape
+    frame: Frame
+    material: Material
+    tint: tuple[float, float, float]
+    patch: tuple[float, float]
+    casts_shadow: bool
+
+
+@dataclass(frozen=True)
+class Sun:
+    """Parallel light from the direction `towards` [3], a unit vector, of a linear colour; it casts shadows."""
+
+    towards: tuple[float, float, float]
+    color: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """Light from a point, of a linear colour, halved at the distance `reach`; it casts no shadow."""
+
+    position: tuple[float, float, float]
+    color: tuple[float, float, float]
+    reach: float
+
+
+@dataclass(frozen=True)
+class Sky:
+    """Diffuse light from all sides: a linear colour from above and one from below."""
+
+    above: tuple[float, float, float]
+    below: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class World:
+    """A scene ready to be photographed. z is up; the floor is at 0; the cameras circle the z axis."""
+
+    solids: tuple[Solid, ...]
+    pages: tuple[Picture, ...]
+    suns: tuple[Sun, ...]
+    lamps: tuple[Lamp, ...]
+    sky: Sky
+    exposure: float
+
+
+def turned(yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> Float64[np.ndarray, "3 3"]:
+    """Local axes, as rows, turned by degrees: `roll` about x, then `pitch` about y, then `yaw` about z."""
+    (cos_z, cos_y, cos_x), (sin_z, sin_y, sin_x) = (f(np.radians([yaw, pitch, roll])) for f in (np.cos, np.sin))
+    about_z = np.array([[cos_z, -sin_z, 0], [sin_z, cos_z, 0], [0, 0, 1]])
+    about_y = np.array([[cos_y, 0, sin_y], [0, 1, 0], [-sin_y, 0, cos_y]])
+    about_x = np.array([[1, 0, 0], [0, cos_x, -sin_x], [0, sin_x, cos_x]])
+    return (about_z @ about_y @ about_x).T
+
+
+def along(direction: Vector) -> Float64[np.ndarray, "3 3"]:
+    """Local axes, as rows, whose z axis points along `direction`."""
+    up = np.asarray(direction, np.float64) / np.linalg.norm(direction)
+    helper = np.array([1.0, 0.0, 0.0]) if abs(up[0]) < 0.8 else np.array([0.0, 1.0, 0.0])
+    right = np.cross(helper, up)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(up, right), up])
+
+
+@dataclass
+class Builder:
+    """Collects pages, solids and lights. `random` decides everything that the scene leaves open."""
+
+    random: np.random.Generator
+    pages: list[Picture] = field(default_factory=list)
+    solids: list[Solid] = field(default_factory=list)
+    suns: list[Sun] = field(default_factory=list)
+    lamps: list[Lamp] = field(default_factory=list)
+
+    def material(self, picture: Picture, extent: float, gloss: float = 0.0, glow: float = 0.0) -> Material:
+        """Add a page, and make a material of it."""
+        self.pages.append(picture)
+        return Material(len(self.pages) - 1, extent, gloss, glow)
+
+    def box(
+        self,
+        centre: Vector,
+        half: Vector,
+        material: Material,
+        *,
+        axes: Float64[np.ndarray, "3 3"] | None = None,
+        bevel: float = 0.0,
+        tint: Vector = (1, 1, 1),
+        patch: Vector | None = None,
+        casts_shadow: bool = True,
+    ) -> None:
+        shape = Box((float(half[0]), float(half[1]), float(half[2])), bevel)
+        self._add(shape, centre, np.eye(3) if axes is None else axes, material, tint, patch, casts_shadow)
+
+    def ball(
+        self,
+        centre: Vector,
+        half: Vector | float,
+        material: Material,
+        *,
+        axes: Float64[np.ndarray, "3 3"] | None = None,
+        tint: Vector = (1, 1, 1),
+        patch: Vector | None = None,
+        casts_shadow: bool = True,
+    ) -> None:
+        a, b, c = (half, half, half) if isinstance(half, int | float) else half
+        shape = Ellipsoid((float(a), float(b), float(c)))
+        self._add(shape, centre, np.eye(3) if axes is None else axes, material, tint, patch, casts_shadow)
+
+    def rod(
+        self,
+        start: Vector,
+        stop: Vector,
+        radius: float,
+        material: Material,
+        *,
+        end_radius: float | None = None,
+        tint: Vector = (1, 1, 1),
+        casts_shadow: bool = True,
+    ) -> None:
+        """A cylinder between two points, or a cone of `radius` at the start and `end_radius` at the end."""
+        begin, end = np.asarray(start, np.float64), np.asarray(stop, np.float64)
+        top = radius if end_radius is None else end_radius
+        shape = Frustum(float(radius), float(top), float(np.linalg.norm(end - begin)) / 2)
+        self._add(shape, (begin + end) / 2, along(end - begin), material, tint, None, casts_shadow)
+
+    def _add(
+        self,
+        shape: Shape,
+        centre: Vector | np.ndarray,
+        axes: np.ndarray,
+        material: Material,
+        tint: Vector,
+        patch: Vector | None,
+        casts_shadow: bool,
+    ) -> None:
+        start = self.random.random(2) if patch is None else patch
+        frame = Frame(np.asarray(centre, np.float64), axes)
+        red, green, blue = (float(part) for part in tint)
+        place = (float(start[0]), float(start[1]))
+        self.solids.append(Solid(shape, frame, material, (red, green, blue), place, casts_shadow))
+
+    def sun(self, towards: Vector, color: Vector) -> None:
+        x, y, z = np.asarray(towards, np.float64) / np.linalg.norm(towards)
+        self.suns.append(Sun((float(x), float(y), float(z)), (color[0], color[1], color[2])))
+
+    def lamp(self, position: Vector, color: Vector, reach: float) -> None:
+        place = (position[0], position[1], position[2])
+        self.lamps.append(Lamp(place, (color[0], color[1], color[2]), reach))
+
+    def tone(self, strength: float = 0.15) -> Float32[np.ndarray, " 3"]:
+        """A random tint about white, so that no two things of one material look alike."""
+        return (1 + strength * (self.random.random(3, dtype=np.float32) * 2 - 1)) / (1 + strength)
+
+    def world(self, sky: Sky, exposure: float = 1.0) -> World:
+        return World(tuple(self.solids), tuple(self.pages), tuple(self.suns), tuple(self.lamps), sky, exposure)
