@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stages.scene.pairing import choose_matching, exhaustive_pairs, in_batches, sequential_pairs
+from stages.scene.pairing import Matching, choose_pairs, exhaustive_pairs, in_batches, sequential_pairs
 
 
 @given(st.permutations(range(40)))
@@ -31,8 +31,20 @@ def test_batches_hold_every_pair_once(photos: int, at_least: int) -> None:
     assert all(len(batch) >= at_least for batch in batches[:-1])
 
 
-def test_automatic_matching() -> None:
-    assert choose_matching("auto", 120, ordered=True) == "exhaustive"
-    assert choose_matching("auto", 121, ordered=True) == "sequential"
-    assert choose_matching("auto", 500, ordered=False) == "exhaustive"
-    assert choose_matching("sequential", 5, ordered=False) == "sequential"
+@pytest.mark.parametrize(
+    ("matching", "photos", "ordered", "sequence", "rescued"),
+    [
+        ("auto", 30, True, False, False),
+        ("auto", 31, True, True, True),
+        ("auto", 31, False, False, False),
+        ("auto", 120, True, True, True),
+        ("auto", 121, True, True, False),
+        ("sequential", 40, False, True, False),
+        ("exhaustive", 40, True, False, False),
+    ],
+)
+def test_what_is_compared(matching: Matching, photos: int, ordered: bool, sequence: bool, rescued: bool) -> None:
+    order, everything = list(range(photos)), exhaustive_pairs(photos)
+    pairs, in_need = choose_pairs(matching, order, ordered)
+    assert pairs == (sequential_pairs(order) if sequence else everything)
+    assert in_need == (everything - pairs if rescued else set())
