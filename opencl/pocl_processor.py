@@ -9,6 +9,7 @@ device; it is replaced there, in this process only, by the closest processor tha
 from __future__ import annotations
 
 import ctypes
+import functools
 import os
 import platform
 import struct
@@ -41,8 +42,12 @@ def closest_known_processor(flags: set[str]) -> str:
     return "haswell" if haswell <= flags else "x86-64"
 
 
+@functools.cache
 def name_processor(device: pyopencl.Device) -> str | None:
-    """Replace the unknown processor's name in PoCL's memory; the new name, or None where that cannot be done safely."""
+    """Replace the unknown processor's name in PoCL's memory; the new name, or None where that cannot be done safely.
+
+    Done once a device: its version keeps saying "generic" after it.
+    """
     if platform.system() != "Linux" or platform.machine() != "x86_64":
         return None
     name = closest_known_processor(_processor_flags())

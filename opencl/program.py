@@ -134,10 +134,11 @@ class Backend:
 
 
 @functools.cache
-def _backend_named(name: str) -> Backend:
-    return Backend(choose_device(name or None))
+def _backend_for(setting: str) -> Backend:
+    """The backend while GS_HIDER_DEVICE is `setting`."""
+    return Backend(choose_device())
 
 
 def default_backend() -> Backend:
     """This process's backend for the device that GS_HIDER_DEVICE names now, or for the default one."""
-    return _backend_named(os.environ.get(DEVICE_VARIABLE, ""))
+    return _backend_for(os.environ.get(DEVICE_VARIABLE, ""))

@@ -1,0 +1,56 @@
+"""The same bits on every run, for any number of threads, and on devices that need copies."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+
+import torch
+
+from opencl.device import choose_device
+from opencl.program import Backend
+from opencl.rasterizer import _rasterize_on
+from tests.opencl.scenes import gradients, make_scene
+
+
+def digest() -> str:
+    """Of a picture and all its gradients."""
+    scene = make_scene(count=2000, feature_dim=16, width=130, height=90, size=0.1, dtype=torch.float32)
+    leaves = tuple(tensor.requires_grad_() for tensor in (*scene.gaussians, scene.background))
+    output = scene.draw()
+    hasher = hashlib.sha256()
+    for tensor in (output.features, output.alphas, output.radii, output.means2d, *gradients(output, leaves)):
+        hasher.update(tensor.detach().numpy().tobytes())
+    return hasher.hexdigest()
+
+
+def test_twenty_runs():
+    assert len({digest() for _ in range(20)}) == 1
+
+
+def test_any_number_of_threads(tmp_path):
+    digests = set()
+    for threads in ("1", "2", "5"):
+        environment = os.environ | {
+            "POCL_MAX_PTHREAD_COUNT": threads,
+            "OMP_NUM_THREADS": threads,
+            "POCL_CACHE_DIR": str(tmp_path),  # one after the other, so they may share it
+        }
+        code = "from tests.opencl.test_determinism import digest; print(digest())"
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        digests.add(done.stdout.strip())
+    digests.add(digest())
+    assert len(digests) == 1
+
+
+def test_copies_give_the_same_bits_as_shared_memory():
+    scene = make_scene(count=100, feature_dim=3, dtype=torch.float32)
+    results = []
+    for shares_memory in (True, False):
+        backend = Backend(choose_device(), shares_memory=shares_memory)
+        leaves = tuple(tensor.clone().requires_grad_() for tensor in (*scene.gaussians, scene.background))
+        output = _rasterize_on(backend, *leaves[:5], *scene.camera, leaves[5], scene.settings)
+        results.append((output.features, output.radii, *gradients(output, leaves)))
+    assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))

@@ -1,0 +1,131 @@
+"""Choosing a device, and directories of compiled kernels for each process."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+
+import pytest
+import torch
+
+from opencl import pocl_processor
+from opencl.__main__ import main
+from opencl.device import DEVICE_VARIABLE, choose_device, list_devices
+from opencl.kernel_cache import reserve_kernel_cache
+from opencl.pocl_processor import closest_known_processor
+from tests.opencl.scenes import make_scene
+
+
+def test_a_device_is_found_by_index_and_by_part_of_its_name(monkeypatch):
+    device = list_devices()[0]
+    assert choose_device(device.index) == device
+    assert choose_device("portable computing").is_cpu
+    monkeypatch.setenv(DEVICE_VARIABLE, device.index)
+    assert choose_device() == device
+
+
+@pytest.mark.parametrize("name", ["no such device", "99:0"])
+def test_an_unknown_device_lists_what_exists(name, monkeypatch):
+    with pytest.raises(ValueError, match="device: found") as caught:
+        choose_device(name)
+    assert list_devices()[0].name in str(caught.value)
+    monkeypatch.setenv(DEVICE_VARIABLE, name)
+    with pytest.raises(ValueError, match=f"{DEVICE_VARIABLE}: found '{name}'"):
+        make_scene().draw()
+
+
+def test_the_description_names_platform_and_device():
+    device = choose_device()
+    assert device.handle.name.strip() in device.describe()
+    assert device.handle.platform.version.strip() in device.describe()
+
+
+def test_commands(capsys, monkeypatch):
+    monkeypatch.setenv(DEVICE_VARIABLE, "")
+    assert main(["devices"]) == 0
+    assert f"* {choose_device().index}" in capsys.readouterr().out
+    assert main(["bench", "--device", "no such device"]) == 2
+    assert "expected an index or part of a name" in capsys.readouterr().err
+
+
+def test_processes_do_not_share_compiled_kernels(tmp_path):
+    first, second = {"XDG_CACHE_HOME": str(tmp_path)}, {"XDG_CACHE_HOME": str(tmp_path)}
+    lock = reserve_kernel_cache(first)
+    other_lock = reserve_kernel_cache(second)
+    assert first["POCL_CACHE_DIR"] != second["POCL_CACHE_DIR"]
+    assert lock is not None
+    assert other_lock is not None
+    lock.release()
+    third = {"XDG_CACHE_HOME": str(tmp_path)}
+    assert reserve_kernel_cache(third) is not None
+    assert third["POCL_CACHE_DIR"] == first["POCL_CACHE_DIR"]
+
+
+def test_a_directory_of_the_user_s_is_respected():
+    environment = {"POCL_CACHE_DIR": "/somewhere"}
+    assert reserve_kernel_cache(environment) is None
+    assert environment == {"POCL_CACHE_DIR": "/somewhere"}
+
+
+def test_an_unwritable_home_is_no_obstacle(tmp_path):
+    obstacle = tmp_path / "file"
+    obstacle.write_text("")
+    environment = {"XDG_CACHE_HOME": str(obstacle)}
+    assert reserve_kernel_cache(environment) is not None
+    assert "gs-hider-kernels" in environment["POCL_CACHE_DIR"]
+
+
+def test_the_closest_processor_has_only_instructions_that_exist():
+    haswell = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "abm", "popcnt", "rdrand", "fsgsbase"}
+    wide = {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl", "adx", "aes", "clwb", "pclmulqdq"}
+    assert closest_known_processor(set()) == "x86-64"
+    assert closest_known_processor(haswell - {"fma"}) == "x86-64"
+    assert closest_known_processor(haswell | {"avx512f"}) == "haswell"
+    assert closest_known_processor(haswell | wide) == "skx"
+    assert all(len(name) <= len("generic") for name in ("x86-64", "haswell", "skx"))
+
+
+def test_a_processor_that_cannot_be_named_is_explained(monkeypatch):
+    device = choose_device()
+    monkeypatch.setattr("opencl.device.lacks_processor", lambda handle: True)
+    monkeypatch.setattr("opencl.device.name_processor", lambda handle: None)
+    with pytest.raises(ValueError, match="does not know the processor"):
+        device.prepare()
+
+
+def test_other_systems_memory_is_left_alone(monkeypatch):
+    monkeypatch.setattr(pocl_processor.platform, "system", lambda: "Darwin")
+    assert pocl_processor.name_processor.__wrapped__(choose_device().handle) is None
+
+
+def test_threads_take_turns():
+    expected = make_scene(count=50, dtype=torch.float32).draw().features
+    pictures = []
+
+    def draw():
+        pictures.extend(make_scene(count=50, dtype=torch.float32).draw().features for _ in range(5))
+
+    threads = [threading.Thread(target=draw) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(pictures) == 20
+    assert all(torch.equal(picture, expected) for picture in pictures)
+
+
+def test_a_forked_process_is_told_so():
+    code = """
+import os
+from tests.opencl.scenes import make_scene
+make_scene().draw()
+if os.fork() == 0:
+    try:
+        make_scene().draw()
+    except RuntimeError as error:
+        os._exit(0 if "spawn" in str(error) else 1)
+    os._exit(2)
+assert os.waitstatus_to_exitcode(os.wait()[1]) == 0
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

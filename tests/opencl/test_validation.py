@@ -1,0 +1,79 @@
+"""Each misuse has one error that names the argument, what was found and what is expected."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from opencl.contract import RasterSettings
+from opencl.rasterizer import rasterize
+from tests.opencl.scenes import make_scene
+
+
+def _arguments(**changes):
+    scene = make_scene(count=5, dtype=torch.float32)
+    return {**vars(scene), **changes}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"means": torch.zeros(5, 2)}, r"means: found shape \(5, 2\), expected \(5, 3\)"),
+        ({"means": torch.tensor(1.0)}, r"found shape"),
+        ({"quats": torch.zeros(4, 4)}, r"quats: found shape \(4, 4\), expected \(5, 4\)"),
+        ({"scales": torch.zeros(5)}, r"scales: found shape \(5,\), expected \(5, 3\)"),
+        ({"opacities": torch.zeros(5, 1)}, r"opacities: found shape \(5, 1\), expected \(5,\)"),
+        ({"features": torch.zeros(5, 0)}, r"features: found shape \(5, 0\), expected \(5, M\)"),
+        ({"features": torch.zeros(5)}, r"features: found shape \(5,\)"),
+        ({"features": torch.zeros(6, 3)}, r"features: found shape \(6, 3\), expected \(5, 3\)"),
+        ({"background": torch.zeros(4)}, r"background: found shape \(4,\), expected \(3,\)"),
+        ({"world_to_camera": torch.eye(3)}, r"world_to_camera: found shape \(3, 3\), expected \(4, 4\)"),
+        ({"intrinsics": torch.eye(4)}, r"intrinsics: found shape \(4, 4\), expected \(3, 3\)"),
+        ({"means": torch.zeros(5, 3, dtype=torch.float16)}, r"means: found torch.float16, expected torch.float32"),
+        ({"scales": torch.zeros(5, 3, dtype=torch.float64)}, r"scales: found torch.float64, expected torch.float32"),
+        ({"intrinsics": torch.eye(3, dtype=torch.float64)}, r"intrinsics: found torch.float64"),
+        ({"features": torch.zeros(5, 3, device="meta")}, r"features: found on meta, expected on cpu"),
+        ({"quats": [[1, 0, 0, 0]]}, r"quats: found list, expected a torch.Tensor"),
+        ({"world_to_camera": torch.full((4, 4), torch.nan)}, r"world_to_camera: found a value that is not finite"),
+        ({"intrinsics": torch.full((3, 3), torch.inf)}, r"intrinsics: found a value that is not finite"),
+        ({"intrinsics": torch.diag(torch.tensor([-1.0, 1, 1]))}, r"intrinsics: found focal lengths -1.0 and 1.0"),
+        ({"intrinsics": torch.ones(3, 3)}, r"intrinsics: found .*, expected a pinhole"),
+        ({"world_to_camera": torch.eye(4).requires_grad_()}, r"world_to_camera: found requires_grad"),
+        ({"width": 0}, r"width: found 0, expected an integer from 1"),
+        ({"height": -3}, r"height: found -3"),
+        ({"width": 3.0}, r"width: found 3.0"),
+        ({"height": True}, r"height: found True"),
+        ({"settings": {}}, r"settings: found dict, expected RasterSettings"),
+    ],
+)
+def test_misuse(changes, message):
+    with pytest.raises(ValueError, match=message):
+        rasterize(**_arguments(**changes))
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"near": 0.0}, "near: found 0.0, expected more than 0"),
+        ({"low_pass": float("nan")}, "low_pass: found nan, expected a finite number"),
+        ({"alpha_maximum": 1.0}, "alpha_maximum: found 1.0"),
+        ({"alpha_maximum": 0.001}, "alpha_maximum: found 0.001, expected at least alpha_minimum"),
+        ({"transmittance_minimum": -0.1}, "transmittance_minimum: found -0.1"),
+        ({"clamp_about": "middle"}, "clamp_about: found 'middle'"),
+    ],
+)
+def test_settings_out_of_range(values, message):
+    with pytest.raises(ValueError, match=message):
+        RasterSettings(**values)
+
+
+def test_tensors_need_not_be_contiguous():
+    scene = make_scene(count=20, dtype=torch.float32)
+    spread = {
+        name: value.repeat_interleave(2, dim=0)[::2]
+        for name, value in vars(scene).items()
+        if name in ("means", "quats")
+    }
+    spread["features"] = scene.features.T.contiguous().T
+    changed = {**vars(scene), **spread}
+    assert torch.equal(rasterize(**changed).features, scene.draw().features)
