@@ -137,9 +137,10 @@ def read_poses(place: Path, sizes: dict[str, tuple[int, int]]) -> tuple[PoseSour
             expected=f"the names of the {len(sizes)} photos, such as {min(sizes)}",
             remedy="Put the photos there, or take the poses out of the folder to have them estimated.",
         )
-    if len(set(matched.values())) < len(posed):
-        raise UserError("a photo is posed twice", where=place, remedy="Keep one pose for every photo.")
     renamed = [PosedPhoto(str(matched[each.name]), each.world_to_camera, each.lens) for each in posed]
+    name, times = Counter(each.name for each in renamed).most_common(1)[0]
+    if times > 1:
+        raise UserError(f"photo {name} is posed twice", where=place, remedy="Keep one pose for every photo.")
     fitted = [PosedPhoto(p.name, p.world_to_camera, _fitted(place, p, sizes[p.name])) for p in renamed]
     return source, sorted(fitted, key=lambda photo: photo.name)
 

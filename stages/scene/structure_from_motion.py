@@ -30,14 +30,15 @@ from stages.scene.undistortion import training_size, undistort
 PROCESS = "stages.scene.reconstruction_process"
 """The module that runs as a process of its own; it is not imported here, for the reasons that it gives."""
 
-PhasesShare = Mapping[str, tuple[float, float]]
-SHARES: PhasesShare = {
+SHARES = {
     "reading": (0.0, 0.05),
     "features": (0.05, 0.25),
     "matching": (0.25, 0.7),
     "mapping": (0.7, 0.95),
     "undistortion": (0.95, 1.0),
 }
+"""From where to where each phase takes the progress of the whole."""
+
 FEWEST_POINTS = 10
 GUESSED_FOCAL_LENGTH = 1.2  # of the longer side, COLMAP's own guess where EXIF says nothing
 POLLING = 0.2  # seconds
@@ -177,6 +178,7 @@ def run_process(job: Job, watcher: Watcher) -> None:
         raise UserError(
             "structure from motion broke off",
             found=f"exit status {process.returncode}: {' | '.join(lines[-3:]) or 'no message'}",
+            expected="exit status 0; -9 is a process killed, mostly for want of memory",
             remedy="Less memory is needed with a smaller matching_size or max_features.",
         )
 

@@ -1,0 +1,175 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pipeline.artifact import Artifact
+from pipeline.errors import UserError
+from pipeline.stage import Services, run_stage
+from stages.imaging.pictures import read_picture
+from stages.photos import PhotosParameters, photos
+from stages.scene.capture import picture_path, read_capture
+from tests.stages.scene.test_colmap import QUATERNION, TRANSLATION, write_binary_model
+from tests.stages.scene.test_transforms import MATRIX
+
+
+def take(
+    path: Path, size: tuple[int, int] = (64, 48), orientation: int | None = None, focal: int | None = None
+) -> None:
+    """A photo of noise, with EXIF data as asked for."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pixels = np.random.default_rng(len(path.name)).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
+    exif = Image.Exif()
+    if orientation is not None:
+        exif[0x0112] = orientation
+    if focal is not None:
+        exif.get_ifd(0x8769)[0xA405] = focal
+    Image.fromarray(pixels).save(path, exif=exif)
+
+
+def capture(folder: Path, directory: Path, log: list[str] | None = None, **parameters: object) -> Artifact:
+    directory.mkdir(exist_ok=True)
+    services = Services(log=(log if log is not None else []).append)
+    return run_stage(photos, PhotosParameters(folder=folder, **parameters), {}, directory, services=services)["capture"]
+
+
+def test_photos_are_kept_as_they_came(tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    take(folder / "IMG_2.jpg")
+    take(folder / "IMG_10.PNG", size=(32, 20))
+    (folder / "notes.txt").write_text("not a photo")
+    (folder / "._IMG_2.jpg").write_bytes(b"left behind by another system")
+    log: list[str] = []
+    artifact = capture(folder, tmp_path / "out", log)
+    found = read_capture(artifact)
+    assert found.names == ("IMG_10.PNG", "IMG_2.jpg")
+    assert found.sizes == ((32, 20), (64, 48))
+    assert found.focal_pixels == (None, None)
+    assert found.ordered
+    assert found.poses is None
+    for name in found.names:
+        assert picture_path(artifact, name).read_bytes() == (folder / name).read_bytes()
+    assert any("2 files" in line for line in log)
+
+
+def test_a_turned_photo_counts_as_it_is_seen(tmp_path: Path) -> None:
+    take(tmp_path / "photos" / "a.jpg", size=(64, 48), orientation=6, focal=36)
+    artifact = capture(tmp_path / "photos", tmp_path / "out")
+    found = read_capture(artifact)
+    assert found.sizes == ((48, 64),)
+    assert read_picture(picture_path(artifact, "a.jpg")).shape == (64, 48, 3)
+    diagonal_of_film = np.hypot(36, 24)
+    assert found.focal_pixels[0] == pytest.approx(36 * np.hypot(48, 64) / diagonal_of_film)
+
+
+@pytest.mark.parametrize(
+    ("names", "order", "expected"),
+    [
+        (("f1.png", "f2.png"), "auto", True),
+        (("left.png", "right.png"), "auto", False),
+        (("left.png", "right.png"), "ordered", True),
+        (("f1.png", "f2.png"), "unordered", False),
+    ],
+)
+def test_order(tmp_path: Path, names: tuple[str, ...], order: str, expected: bool) -> None:
+    for name in names:
+        take(tmp_path / "photos" / name)
+    assert read_capture(capture(tmp_path / "photos", tmp_path / "out", order=order)).ordered is expected
+
+
+def test_photos_in_a_folder_of_their_own_beside_their_poses(tmp_path: Path) -> None:
+    for name in ("a.jpg", "b two.jpg", "unposed.jpg"):
+        take(tmp_path / "scan" / "images" / name, size=(320, 240))
+    write_binary_model(tmp_path / "scan" / "sparse" / "0")
+    found = read_capture(capture(tmp_path / "scan", tmp_path / "out"))
+    assert found.names == ("a.jpg", "b two.jpg")
+    assert found.poses is not None
+    assert found.poses.source == "colmap"
+    lens = found.poses.lenses[0]
+    assert (lens.width, lens.height) == (320, 240)  # the model's cameras are of 640 x 480
+    assert lens.parameters == (250.0, 255.0, 160.0, 120.0, -0.1, 0.02, 0.001, 0.002)
+    np.testing.assert_allclose(found.poses.world_to_camera[0, :3, 3], TRANSLATION)
+    assert np.linalg.norm(QUATERNION) == 1
+
+
+def write_transforms(folder: Path, *names: str) -> None:
+    frames = [{"file_path": f"images/{name}", "transform_matrix": MATRIX} for name in names]
+    (folder / "transforms.json").write_text(json.dumps({"camera_angle_x": 1.0, "frames": frames}))
+
+
+@pytest.mark.parametrize("name", ["a", "a.jpg", "a.png"], ids=["no extension", "the photo's", "another"])
+def test_poses_of_a_transforms_file(tmp_path: Path, name: str) -> None:
+    take(tmp_path / "photos" / "a.jpg")
+    write_transforms(tmp_path / "photos", name)
+    found = read_capture(capture(tmp_path / "photos", tmp_path / "out"))
+    assert found.poses is not None
+    assert found.poses.source == "transforms"
+    assert found.poses.lenses[0].matrix()[0, 0] == pytest.approx(32 / np.tan(0.5))
+
+
+def test_poses_may_lie_elsewhere(tmp_path: Path) -> None:
+    take(tmp_path / "photos" / "a.jpg")
+    write_transforms(tmp_path, "a.jpg")
+    assert read_capture(capture(tmp_path / "photos", tmp_path / "without")).poses is None
+    given = capture(tmp_path / "photos", tmp_path / "with", poses=tmp_path / "transforms.json")
+    assert read_capture(given).poses is not None
+
+
+def expect_refusal(folder: Path, directory: Path, *words: str) -> None:
+    with pytest.raises(UserError) as raised:
+        capture(folder, directory)
+    assert all(word in str(raised.value) for word in words), str(raised.value)
+
+
+def test_a_folder_without_photos_is_refused_with_what_is_there(tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    expect_refusal(folder, tmp_path / "first", "no such folder")
+    folder.mkdir()
+    expect_refusal(folder, tmp_path / "second", "without photos", "an empty folder")
+    (folder / "a.heic").write_bytes(b"1")
+    (folder / "more").mkdir()
+    expect_refusal(folder, tmp_path / "third", "1 files (.heic)", "folders more")
+
+
+@pytest.mark.parametrize("kept", [0, 100, -5])
+def test_a_damaged_photo_is_named(tmp_path: Path, kept: int) -> None:
+    take(tmp_path / "photos" / "a.jpg", size=(300, 200))
+    take(tmp_path / "photos" / "broken.jpg", size=(300, 200))
+    broken = tmp_path / "photos" / "broken.jpg"
+    broken.write_bytes(broken.read_bytes()[: kept if kept >= 0 else broken.stat().st_size // 2])
+    expect_refusal(tmp_path / "photos", tmp_path / "out", "broken.jpg")
+
+
+def test_photos_that_only_extensions_tell_apart_are_refused(tmp_path: Path) -> None:
+    take(tmp_path / "photos" / "same.jpg")
+    take(tmp_path / "photos" / "same.png")
+    expect_refusal(tmp_path / "photos", tmp_path / "out", "same.jpg and same.png")
+
+
+def test_poses_for_other_photos_are_refused(tmp_path: Path) -> None:
+    take(tmp_path / "photos" / "a.jpg")
+    write_transforms(tmp_path / "photos", "a.jpg", "missing.jpg")
+    expect_refusal(tmp_path / "photos", tmp_path / "out", "do not exist", "missing.jpg", "1 of 2")
+
+
+def test_a_photo_posed_twice_is_refused(tmp_path: Path) -> None:
+    take(tmp_path / "photos" / "a.jpg")
+    write_transforms(tmp_path / "photos", "a.jpg", "a.png")
+    expect_refusal(tmp_path / "photos", tmp_path / "out", "posed twice", "a.jpg")
+
+
+def test_no_poses_in_a_file_of_poses_is_refused(tmp_path: Path) -> None:
+    take(tmp_path / "photos" / "a.jpg")
+    write_transforms(tmp_path / "photos")
+    expect_refusal(tmp_path / "photos", tmp_path / "out", "without poses")
+
+
+def test_poses_of_a_cropped_photo_are_refused(tmp_path: Path) -> None:
+    for name in ("a.jpg", "b two.jpg"):
+        take(tmp_path / "photos" / name, size=(320, 320))
+    write_binary_model(tmp_path / "photos")
+    expect_refusal(tmp_path / "photos", tmp_path / "out", "another shape", "640 x 480")

@@ -1,0 +1,191 @@
+"""Structure from motion end to end: on a traced box of noise, and on real captures where they are at hand."""
+
+from __future__ import annotations
+
+import io
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from pipeline.artifact import Artifact, create, load
+from pipeline.errors import Interrupted, UserError
+from pipeline.stage import Services, run_stage
+from stages.photos import PhotosParameters, photos
+from stages.scene.alignment import project
+from stages.scene.cameras import Cameras
+from stages.scene.capture import Capture, KnownPoses, PoseSource, write_capture
+from stages.scene.lens import Lens
+from stages.scene.scene import read_scene
+from stages.sfm import SfmParameters, sfm
+from tests.stages.scene.rigs import arc
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+SIZE = (200, 150)
+VIEWS = 8
+
+
+def walls() -> np.ndarray:
+    """Corners of four textured rectangles that stand at different depths: origin, along, upwards."""
+    return np.array(
+        [
+            [[-0.6, -2.4, -1.5], [0, 3.0, 0.2], [0, 0, 3.0]],
+            [[-1.2, 0.2, -1.6], [0.3, 3.0, 0], [0.2, 0, 3.2]],
+            [[0.4, -1.0, -1.2], [0.2, 1.2, 0], [0, 0.1, 1.1]],
+            [[0.7, 0.3, 0.1], [-0.2, 1.1, 0], [0.1, 0, 1.0]],
+        ]
+    )
+
+
+def photograph(cameras: Cameras) -> list[np.ndarray]:
+    """The walls, papered with blotches, from far to near: each is a plane, which a homography brings into view."""
+    random = np.random.default_rng(5)
+    papers = [
+        cv2.resize(random.integers(0, 256, (80, 80, 3), dtype=np.uint8), (640, 640), interpolation=cv2.INTER_CUBIC)
+        for _ in walls()
+    ]
+    pictures = []
+    for view in range(len(cameras)):
+        pose, intrinsics = cameras.world_to_camera[view], cameras.intrinsics[view]
+        picture = np.full((cameras.height, cameras.width, 3), 90, np.uint8)
+        for paper, (origin, along, up) in zip(papers, walls(), strict=True):
+            plane = np.stack([along / 640, up / 640, origin], axis=1)
+            homography = intrinsics @ (pose[:3, :3] @ plane + np.outer(pose[:3, 3], [0, 0, 1]))
+            seen = cv2.warpPerspective(np.full(paper.shape, 255, np.uint8), homography, SIZE)
+            picture = np.where(seen > 127, cv2.warpPerspective(paper, homography, SIZE), picture)
+        pictures.append(picture)
+    return pictures
+
+
+@pytest.fixture(scope="module")
+def truth() -> Cameras:
+    return arc(np.zeros(3), views=VIEWS, degrees=50, radius=5.0, height=0.8, size=SIZE, focal=240.0)
+
+
+@pytest.fixture(scope="module")
+def synthetic(truth: Cameras, tmp_path_factory: pytest.TempPathFactory) -> Artifact:
+    return write(truth, "synthetic", tmp_path_factory.mktemp("synthetic"))
+
+
+def write(truth: Cameras, source: PoseSource, directory: Path, photographs: list[np.ndarray] | None = None) -> Artifact:
+    names = tuple(f"{view:02d}.png" for view in range(len(truth)))
+    lenses = tuple(Lens.pinhole(matrix, *SIZE) for matrix in truth.intrinsics)
+    poses = KnownPoses(source, truth.world_to_camera, lenses)
+    capture = Capture(names, (SIZE,) * len(names), (None,) * len(names), ordered=True, poses=poses)
+    with create(directory / "capture", "capture") as writer:
+        pictures = dict(zip(names, map(encoded, photographs or photograph(truth)), strict=True))
+        write_capture(writer, capture, pictures)
+    return load(directory / "capture")
+
+
+def encoded(picture: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def run(capture: Artifact, directory: Path, services: Services | None = None, **parameters: object) -> Artifact:
+    directory.mkdir(parents=True, exist_ok=True)
+    chosen = SfmParameters(**{"width": 100, **parameters})
+    return run_stage(sfm, chosen, {"capture": capture}, directory, services=services)["scene"]
+
+
+@pytest.fixture(scope="module")
+def estimated(synthetic: Artifact, tmp_path_factory: pytest.TempPathFactory) -> Artifact:
+    return run(synthetic, tmp_path_factory.mktemp("estimated"))
+
+
+def test_true_cameras_are_recovered(estimated: Artifact) -> None:
+    facts = estimated.attributes
+    assert (facts["registered"], facts["total"], facts["pose_source"]) == (VIEWS, VIEWS, "estimated")
+    assert facts["pose_error_position"] < 0.02
+    assert facts["pose_error_rotation"] < 1.0
+    assert facts["mean_reprojection_error"] < 1.0
+    assert facts["test_names"] == ["00.png"]
+
+
+def test_the_scene_is_whole(estimated: Artifact) -> None:
+    scene = read_scene(estimated)
+    assert scene.pictures.shape == (VIEWS, 74, 100, 3)
+    assert len(scene.points) == len(scene.point_colors) > 50
+    pixels, depth = project(scene.cameras, scene.points.astype(np.float64))
+    assert (depth > 0).all()
+    nearest = pixels.astype(int).clip(0, [99, 73])
+    shown = np.stack([scene.pictures[view, at[:, 1], at[:, 0]] for view, at in enumerate(nearest)]).astype(float)
+    difference = np.abs(np.median(shown, axis=0) - scene.point_colors).mean()
+    assert difference < 30  # of 255: pictures, cameras, points and colours belong together
+
+
+def test_the_same_bits_again(synthetic: Artifact, estimated: Artifact, tmp_path: Path) -> None:
+    assert run(synthetic, tmp_path).digest == estimated.digest
+
+
+@pytest.mark.parametrize("source", ["synthetic", "colmap"])
+def test_given_poses_are_kept(truth: Cameras, source: PoseSource, tmp_path: Path) -> None:
+    capture = write(truth, source, tmp_path)
+    scene = run(capture, tmp_path / "out", poses="given" if source == "synthetic" else "auto")
+    np.testing.assert_allclose(scene.read("world_to_camera"), truth.world_to_camera, atol=1e-9)
+    expected = truth.intrinsics[0, 0, 0] * 100 / SIZE[0]
+    assert scene.read("intrinsics")[0, 0, 0] == pytest.approx(expected, rel=0.02)  # 150 rows do not quite fit in 74
+    assert scene.attributes["pose_source"] == source
+    on_wall = scene.read("points")
+    nearest = np.abs(distances_to_walls(on_wall.astype(np.float64))).min(axis=1)
+    assert np.median(nearest) < 0.02
+
+
+def distances_to_walls(points: np.ndarray) -> np.ndarray:
+    normals = np.cross(walls()[:, 1], walls()[:, 2])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.einsum("pwi,wi->pw", points[:, None] - walls()[None, :, 0], normals)
+
+
+def test_poses_that_do_not_fit_are_found_out(truth: Cameras, tmp_path: Path) -> None:
+    """The commonest mistake: cameras that look down -z, as OpenGL's do, passed off as COLMAP's."""
+    turned = np.diag([1.0, -1.0, -1.0, 1.0]) @ truth.world_to_camera
+    capture = write(replace(truth, world_to_camera=turned), "colmap", tmp_path, photographs=photograph(truth))
+    with pytest.raises(UserError, match=r"points.*set poses to estimate"):
+        run(capture, tmp_path / "out")
+
+
+def test_photos_that_show_nothing_in_common_are_refused_with_advice(tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    names = tuple(f"{view}.png" for view in range(4))
+    pictures = {name: encoded(random.integers(0, 256, (60, 80, 3), dtype=np.uint8)) for name in names}
+    with create(tmp_path / "capture", "capture") as writer:
+        write_capture(writer, Capture(names, ((80, 60),) * 4, (None,) * 4, ordered=False), pictures)
+    with pytest.raises(UserError, match=r"placed 0 of 4 photos.*50%.*overlap.*matching_size.*exhaustive"):
+        run(load(tmp_path / "capture"), tmp_path / "out")
+
+
+def test_a_request_to_stop_ends_the_process_and_what_was_done_is_used_again(
+    synthetic: Artifact, estimated: Artifact, tmp_path: Path
+) -> None:
+    asked = threading.Event()
+    stopping = Services(
+        progress=lambda done, total, figures: asked.set() if done > 25 else None, stop_requested=asked.is_set
+    )
+    with pytest.raises(Interrupted):
+        run(synthetic, tmp_path / "out", stopping)
+    database = tmp_path / "out" / ".scratch" / "reconstruction" / "database.db"
+    written = database.stat().st_size
+    time.sleep(0.5)
+    assert database.stat().st_size == written > 100_000  # nobody writes any more, and the features are there
+    (tmp_path / "out" / ".scene").rename(tmp_path / "abandoned")
+    assert run(synthetic, tmp_path / "out").digest == estimated.digest
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "least", "size"), [("kitchen", 22, 1600), ("fox", 48, 960)])
+def test_real_captures_are_placed(name: str, least: int, size: int, tmp_path: Path) -> None:
+    if not (DATA / name).is_dir():
+        pytest.skip(f"the capture {name} is not at hand in {DATA}")
+    (tmp_path / "photos").mkdir()
+    capture = run_stage(photos, PhotosParameters(folder=DATA / name), {}, tmp_path / "photos")["capture"]
+    scene = run(capture, tmp_path / "out", width=192, matching_size=size)
+    assert scene.attributes["registered"] >= least
+    assert scene.attributes["mean_reprojection_error"] < 1.0
