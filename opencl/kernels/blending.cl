@@ -84,6 +84,15 @@ inline int open_rows_of(const LANES *transmittance, int rows) {
     return open;
 }
 
+// Asks for the Gaussian that is drawn FETCH_AHEAD after this entry.
+inline void fetch_ahead(
+    __global const REAL *records, __global const REAL *features, __global const int *entries, int entry, int end
+) {
+    const int gaussian = entries[entry + FETCH_AHEAD < end ? entry + FETCH_AHEAD : entry];
+    FETCH(records + (size_t)RECORD * gaussian);
+    FETCH(features + (size_t)FEATURE_DIM * gaussian);
+}
+
 // How often finished rows are looked for, in Gaussians.
 #define LOOK_AGAIN 16
 
@@ -108,6 +117,7 @@ __kernel void blend(
     int open_rows = (1 << tile.rows) - 1, entry = tile_starts[index];
     const int end = tile_starts[index + 1];
     for (; entry < end && open_rows; entry++) {
+        fetch_ahead(records, features, entries, entry, end);
         const int gaussian = entries[entry];
         const Splat splat = splat_of(records + (size_t)RECORD * gaussian, tile);
         __global const REAL *feature = features + (size_t)FEATURE_DIM * gaussian;

@@ -11,6 +11,12 @@
 #define SUM_GROUPS ((SUMS + TILE - 1) / TILE)
 #define GRADIENT_ROW (SUM_GROUPS * TILE)
 
+// Asks for the row that is written FETCH_AHEAD after this entry's.
+inline void fetch_row_ahead(__global const REAL *gradient_rows, __global const int *slots, int entry, int end) {
+    const int slot = slots[entry + FETCH_AHEAD < end ? entry + FETCH_AHEAD : entry];
+    for (int group = 0; group < SUM_GROUPS; group++) FETCH(gradient_rows + (size_t)GRADIENT_ROW * slot + group * TILE);
+}
+
 __kernel void blend_backward(
     const int width,
     const int height,
@@ -55,6 +61,8 @@ __kernel void blend_backward(
     const int first = tile_starts[index], end = first + walked[index];
     int open_rows = (1 << tile.rows) - 1;
     for (int entry = first; entry < end; entry++) {
+        fetch_ahead(records, features, entries, entry, end);
+        fetch_row_ahead(gradient_rows, slots, entry, end);
         const int gaussian = entries[entry];
         const Splat splat = splat_of(records + (size_t)RECORD * gaussian, tile);
         __global const REAL *feature = features + (size_t)FEATURE_DIM * gaussian;

@@ -33,6 +33,15 @@ typedef LANES __attribute__((aligned(sizeof(REAL)))) UNALIGNED_LANES;
 #define R(value) ((REAL)(value))
 #define TILE 16
 
+// Fetches what a pointer leads to into the cache. Gaussians lie in memory in no order that tiles could use, and waiting for
+// the memory would take longer than drawing them. PoCL's `prefetch` does nothing, so clang's own is asked for.
+#ifdef POCL_DEVICE_ADDRESS_BITS
+#define FETCH(pointer) __builtin_prefetch((const void *)(size_t)(pointer))
+#else
+#define FETCH(pointer)
+#endif
+#define FETCH_AHEAD 8
+
 // What one Gaussian is on the screen, RECORD values each:
 //   0 1  centre in pixels
 //   2    slope: how far the middle of a row moves right for each row down, cov_xy / cov_yy

@@ -40,42 +40,59 @@ __kernel void sort_by_depth(
         for (int i = 0; i < visible; i++) order[i] = from[i];
 }
 
-// Rows of pixels, or none (first > last), that a Gaussian reaches, before the slack that rounding needs.
-inline void tile_rows_of(__global const REAL *record, int height, int *first, int *last) {
-    const REAL half_height = sqrt((record[6] + REACH_SLACK) / record[4]);
-    REAL low = record[1] - half_height - R(0.51), high = record[1] + half_height - R(0.49);
+// The ellipse of alpha >= ALPHA_MINIMUM, with the slack that rounding needs.
+typedef struct {
+    REAL x, y, slope, down, reach, variance_across, half_height;
+    REAL extreme;  // how far below the centre the rightmost point lies, and above it the leftmost
+    int first_row, last_row;  // of tiles; first > last where there is none
+} Ellipse;
+
+inline Ellipse ellipse_of(__global const REAL *record, int height) {
+    Ellipse e;
+    e.x = record[0];
+    e.y = record[1];
+    e.slope = record[2];
+    e.down = record[4];
+    e.reach = record[6] + REACH_SLACK;
+    e.variance_across = 1 / record[3];
+    const REAL variance_y = 1 / record[4];
+    e.half_height = sqrt(e.reach * variance_y);
+    e.extreme = e.slope * variance_y * sqrt(e.reach / (e.variance_across + e.slope * e.slope * variance_y));
+    REAL low = e.y - e.half_height - R(0.51), high = e.y + e.half_height - R(0.49);
     low = low < 0 ? 0 : low;
     high = high > height - 1 ? height - 1 : high;
-    *first = low > high ? 1 : (int)low / TILE;
-    *last = low > high ? 0 : (int)high / TILE;
+    e.first_row = low > high ? 1 : (int)low / TILE;
+    e.last_row = low > high ? 0 : (int)high / TILE;
+    return e;
 }
 
-// Tiles that a Gaussian reaches in one row of tiles: the ellipse of alpha >= ALPHA_MINIMUM, cut to that strip.
-inline void tile_columns_of(__global const REAL *record, int row, int width, int *first, int *last) {
-    const REAL slope = record[2], reach = record[6] + REACH_SLACK;
-    const REAL variance_across = 1 / record[3], variance_y = 1 / record[4];
-    const REAL half_height = sqrt(reach * variance_y);
-    REAL top = row * TILE - record[1], bottom = top + TILE;
-    top = top < -half_height ? -half_height : top;
-    bottom = bottom > half_height ? half_height : bottom;
+// The columns of tiles that an ellipse reaches in one row of tiles, none where first > last.
+inline void columns_of(const Ellipse e, int row, int width, int *first, int *last) {
+    REAL top = row * TILE - e.y, bottom = top + TILE;
+    top = top < -e.half_height ? -e.half_height : top;
+    bottom = bottom > e.half_height ? e.half_height : bottom;
     *first = 1;
     *last = 0;
     if (top > bottom) return;
     // The rightmost point of the whole ellipse, or what of the strip is nearest to it; the leftmost lies opposite.
-    const REAL extreme = slope * variance_y * sqrt(reach / (variance_across + slope * slope * variance_y));
-    const REAL right = extreme < top ? top : extreme > bottom ? bottom : extreme;
-    const REAL left = -extreme < top ? top : -extreme > bottom ? bottom : -extreme;
-    const REAL over_right = reach - right * right * record[4], over_left = reach - left * left * record[4];
-    const REAL half_right = sqrt(variance_across * (over_right > 0 ? over_right : 0));
-    const REAL half_left = sqrt(variance_across * (over_left > 0 ? over_left : 0));
-    const REAL slack = R(0.51) + R(1e-5) * (half_height * (slope < 0 ? -slope : slope) + half_right);
-    REAL low = record[0] + slope * left - half_left - slack;
-    REAL high = record[0] + slope * right + half_right + slack - 1;
+    const REAL right = e.extreme < top ? top : e.extreme > bottom ? bottom : e.extreme;
+    const REAL left = -e.extreme < top ? top : -e.extreme > bottom ? bottom : -e.extreme;
+    const REAL over_right = e.reach - right * right * e.down, over_left = e.reach - left * left * e.down;
+    const REAL half_right = sqrt(e.variance_across * (over_right > 0 ? over_right : 0));
+    const REAL half_left = sqrt(e.variance_across * (over_left > 0 ? over_left : 0));
+    const REAL slack = R(0.51) + R(1e-5) * (e.half_height * (e.slope < 0 ? -e.slope : e.slope) + half_right);
+    REAL low = e.x + e.slope * left - half_left - slack;
+    REAL high = e.x + e.slope * right + half_right + slack - 1;
     low = low < 0 ? 0 : low;
     high = high > width - 1 ? width - 1 : high;
     if (low > high) return;
     *first = (int)low / TILE;
     *last = (int)high / TILE;
+}
+
+// Asks for the record that is read FETCH_AHEAD after this one.
+inline void fetch_record(__global const REAL *records, __global const int *order, int i, int end) {
+    FETCH(records + (size_t)RECORD * order[i + FETCH_AHEAD < end ? i + FETCH_AHEAD : i]);
 }
 
 inline int run_start(int run, int visible) { return (int)((long)visible * run / TILING_BLOCKS); }
@@ -96,13 +113,14 @@ __kernel void count_tiles(
     __global int *counts = places + (size_t)run * tiles;
     for (int tile = 0; tile < tiles; tile++) counts[tile] = 0;
     long run_total = 0;
-    for (int i = run_start(run, visible); i < run_start(run + 1, visible); i++) {
-        __global const REAL *record = records + (size_t)RECORD * order[i];
-        int first_row, last_row, total = 0;
-        tile_rows_of(record, height, &first_row, &last_row);
-        for (int row = first_row; row <= last_row; row++) {
+    const int end = run_start(run + 1, visible);
+    for (int i = run_start(run, visible); i < end; i++) {
+        fetch_record(records, order, i, end);
+        const Ellipse ellipse = ellipse_of(records + (size_t)RECORD * order[i], height);
+        int total = 0;
+        for (int row = ellipse.first_row; row <= ellipse.last_row; row++) {
             int first, last;
-            tile_columns_of(record, row, width, &first, &last);
+            columns_of(ellipse, row, width, &first, &last);
             for (int column = first; column <= last; column++) counts[row * columns + column]++;
             total += last - first + 1;
         }
@@ -151,14 +169,14 @@ __kernel void fill_tiles(
     const int columns = (width + TILE - 1) / TILE, tiles = columns * ((height + TILE - 1) / TILE);
     __global int *place = places + (size_t)run * tiles;
     int slot = (int)run_totals[run];
-    for (int i = run_start(run, visible); i < run_start(run + 1, visible); i++) {
-        __global const REAL *record = records + (size_t)RECORD * order[i];
+    const int end = run_start(run + 1, visible);
+    for (int i = run_start(run, visible); i < end; i++) {
+        fetch_record(records, order, i, end);
         first_slots[order[i]] = slot;
-        int first_row, last_row;
-        tile_rows_of(record, height, &first_row, &last_row);
-        for (int row = first_row; row <= last_row; row++) {
+        const Ellipse ellipse = ellipse_of(records + (size_t)RECORD * order[i], height);
+        for (int row = ellipse.first_row; row <= ellipse.last_row; row++) {
             int first, last;
-            tile_columns_of(record, row, width, &first, &last);
+            columns_of(ellipse, row, width, &first, &last);
             for (int column = first; column <= last; column++) {
                 const int at = place[row * columns + column]++;
                 entries[at] = order[i];
