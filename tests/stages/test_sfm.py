@@ -131,7 +131,7 @@ def test_given_poses_are_kept(truth: Cameras, source: PoseSource, tmp_path: Path
     scene = run(capture, tmp_path / "out", poses="given" if source == "synthetic" else "auto")
     np.testing.assert_allclose(scene.read("world_to_camera"), truth.world_to_camera, atol=1e-9)
     expected = truth.intrinsics[0, 0, 0] * 100 / SIZE[0]
-    assert scene.read("intrinsics")[0, 0, 0] == pytest.approx(expected, rel=0.02)  # 150 rows do not quite fit in 74
+    assert scene.read("intrinsics")[0, 0, 0] == pytest.approx(expected, rel=1e-6)
     assert scene.attributes["pose_source"] == source
     on_wall = scene.read("points")
     nearest = np.abs(distances_to_walls(on_wall.astype(np.float64))).min(axis=1)
