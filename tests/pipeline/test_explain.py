@@ -2,10 +2,37 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
+from pipeline.explain import changes, key_of, key_parts
+from pipeline.graph import Node, Source
 from tests.pipeline.helpers import Workspace
 from tests.pipeline.test_runner import CHAIN
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda node: replace(node, declaration=replace(node.declaration, version=2)),
+        lambda node: replace(node, declaration=replace(node.declaration, uses="other")),
+        lambda node: replace(node, code={**node.code, "tests.pipeline.toys.scale": "other"}),
+        lambda node: replace(node, parameters={"factor": 2.5}),
+        lambda node: replace(node, external={"file": ("other",)}),
+        lambda node: replace(node, private=True),
+    ],
+)
+def test_every_part_is_in_the_key_and_explained(workspace: Workspace, change: Callable[[Node], Node]) -> None:
+    node = workspace.write(CHAIN).open().graph.nodes["twice"]
+    digests: dict[Source, str | None] = {source: "a" for sources in node.sources.values() for source in sources}
+    before, after = key_parts(node, digests), key_parts(change(node), digests)
+    assert key_of(before) != key_of(after)
+    assert len(changes(node, before, after)) == 1
+    assert changes(node, before, before) == []
 
 
 def test_never_run(workspace: Workspace) -> None:
@@ -51,8 +78,6 @@ def test_changed_files(workspace: Workspace, tmp_path: Path) -> None:
 
 def test_changed_code(workspace: Workspace) -> None:
     """Records hold the digest of each module, so the one that changed can be named."""
-    import json
-
     workspace.write(CHAIN).run()
     for file in (workspace.folder / "store/actions").glob("*/record.json"):
         record = json.loads(file.read_text())

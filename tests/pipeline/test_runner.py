@@ -26,6 +26,26 @@ CHAIN = """
     """
 
 
+class Watched(SerialExecutor):
+    """Remembers which stages were given to it at the same time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.groups: list[set[str]] = []
+        self.given: set[str] = set()
+
+    def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
+        super().start(name, work, subject, urgency)
+        self.given.add(name)
+        self.groups.append(set(self.given))
+
+    def wait(self, tell: Tell, seconds: float) -> tuple[str, object] | None:
+        ended = super().wait(tell, seconds)
+        if ended:
+            self.given.discard(ended[0])
+        return ended
+
+
 def test_a_second_run_executes_nothing(workspace: Workspace) -> None:
     first = workspace.write(CHAIN).run()
     assert set(first.states.values()) == {"ran"}
@@ -64,7 +84,9 @@ def test_a_name_in_the_workflow_does_not_matter(workspace: Workspace) -> None:
 
 def test_equal_stages_run_once(workspace: Workspace) -> None:
     workspace.write("stages:\n  a: {uses: numbers}\n  b: {uses: numbers}\n")
-    assert workspace.run().states == {"a": "ran", "b": "cached"}
+    executor = Watched()
+    assert workspace.run(executor=executor).states == {"a": "ran", "b": "cached"}
+    assert executor.groups == [{"a"}], "b does not hold a worker up with waiting"
 
 
 def test_only_what_the_named_stages_need(workspace: Workspace) -> None:
@@ -105,26 +127,6 @@ def test_a_failure_holds_up_only_its_dependents(workspace: Workspace) -> None:
     assert workspace.plan()["worse"].failed == "ZeroDivisionError: division by zero"
     again = workspace.run("bad.how=silence")
     assert again.states["base"] == again.states["fine"] == "cached"
-
-
-class Watched(SerialExecutor):
-    """Remembers which stages were given to it at the same time."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.groups: list[set[str]] = []
-        self.given: set[str] = set()
-
-    def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
-        super().start(name, work, subject, urgency)
-        self.given.add(name)
-        self.groups.append(set(self.given))
-
-    def wait(self, tell: Tell, seconds: float) -> tuple[str, object] | None:
-        ended = super().wait(tell, seconds)
-        if ended:
-            self.given.discard(ended[0])
-        return ended
 
 
 def test_what_measures_time_runs_alone(workspace: Workspace) -> None:

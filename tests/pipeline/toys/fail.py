@@ -24,4 +24,6 @@ def fail(context: Context, parameters: FailParameters) -> None:
     if parameters.how == "defect":
         raise ZeroDivisionError("division by zero")
     if parameters.how == "death":
+        with (context.scratch / "attempts").open("a") as attempts:
+            attempts.write("x")
         os.kill(os.getpid(), signal.SIGKILL)
