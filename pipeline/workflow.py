@@ -153,6 +153,8 @@ class _Parser:
             if setting not in given and not (dot and stage in stages):
                 known = [*given, *(f"{stage}.PARAMETER" for stage in stages)]
                 hint = nearest(stage, [*given, *stages])
+                if setting in stages:
+                    hint = f"; {setting!r} is a stage: set one of its parameters with --set {setting}.PARAMETER=VALUE"
                 self.problems.add(value.place, f"no such var or stage; known are {', '.join(known) or 'none'}{hint}")
         return scope
 

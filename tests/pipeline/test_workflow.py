@@ -116,6 +116,7 @@ def test_a_circle_is_reported_once(workspace: Workspace) -> None:
     [
         ("widht=3", "--set widht: no such var or stage; known are width, base.PARAMETER; did you mean 'width'?"),
         ("bas.count=3", "--set bas.count: no such var or stage"),
+        ("base=3", "--set base: no such var or stage; known are width, base.PARAMETER; 'base' is a stage: set one of"),
         ("base.cuont=3", "--set base.cuont: unknown parameter 'cuont'"),
         ("base.count=three", "--set base.count: parameter 'count' should be a valid integer"),
         ("width=three", "--set width: parameter 'count' should be a valid integer"),
