@@ -127,7 +127,7 @@ class Backend:
         if kernel is None:
             if program not in self._programs:
                 # PoCL keeps compiled kernels itself; pyopencl's cache of binaries would only come on top of that.
-                built = pyopencl.Program(self.context, program.text()).build(cache_dir=False)
+                built = pyopencl.Program(self.context, program.text()).build(options=["-w"], cache_dir=False)
                 self._programs[program] = built
             kernel = self._kernels[program, name] = pyopencl.Kernel(self._programs[program], name)
         return kernel
