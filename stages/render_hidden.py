@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import torch
@@ -16,11 +17,12 @@ from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method
 from stages.imaging.pictures import tensor_to_picture
-from stages.scene.alignment import Similarity, best, cameras_in_message_world, candidates
+from stages.scene.alignment import best, cameras_in_message_world, candidates
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.message_views import LEGAL_COVERAGE, MessageViews, write_message_views
 from stages.scene.scene import read_scene
+from stages.scene.similarity import Similarity
 
 METHOD = "plain"
 
@@ -30,7 +32,7 @@ class RenderHiddenParameters(Parameters):
 
     name: str = Field(description="The message's name in the secret and in the tables.", min_length=1)
     search_width: int = Field(48, ge=8, description="Picture width at which the candidates for alignment are scored.")
-    threads: int = Field(2, ge=1, description="Threads of torch.")
+    threads: int = Field(1, ge=1, description="Threads of torch.")
 
 
 @stage(
@@ -45,11 +47,12 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     splats = context.input("splats")
     gaussians, method = read_gaussians(splats), read_method(splats)
     message, cover = read_scene(context.input("message")), read_scene(context.input("cover"))
-    choices = candidates(cover.cameras, message.cameras, message.points)
+    choices = candidates(cover.cameras, message.cameras, message.points, cover_points=cover.points)
+    scored = count(1)
 
     def score(similarity: Similarity) -> tuple[int, float]:
         seen = shrunken(cameras_in_message_world(cover.cameras, similarity), parameters.search_width)
-        context.progress(choices.index(similarity), len(choices))
+        context.progress(next(scored), len(choices))
         return coverage_score(coverage_of(gaussians, method, seen))
 
     placed = best(choices, score)
@@ -77,8 +80,11 @@ def coverage_of(gaussians: Gaussians, method: Method, cameras: Cameras) -> Float
 
 
 def coverage_score(coverage: Float32[np.ndarray, " V"]) -> tuple[int, float]:
-    """Legal views first, then mean coverage: higher is better."""
-    return int((coverage >= LEGAL_COVERAGE).sum()), round(float(coverage.mean()), 4)
+    """Legal views first, then how nearly legal the others are, to a hundredth: higher is better.
+
+    Coverage beyond what is legal counts nothing, or the message would be magnified until little of it is seen.
+    """
+    return int((coverage >= LEGAL_COVERAGE).sum()), round(float(coverage.clip(max=LEGAL_COVERAGE).mean()), 2)
 
 
 def photograph_message(name: str, gaussians: Gaussians, method: Method, cameras: Cameras) -> MessageViews:

@@ -35,6 +35,7 @@ class TimeFramesParameters(Parameters):
     outputs={"timings": Output("metrics", privacy="public")},
     version=1,
     modules=lambda parameters: [module_of(parameters.method)],
+    alone=True,
 )
 def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
     """Time what anyone can render: the cover, decoded, and the feature map alone."""

@@ -119,7 +119,7 @@ class Studio:
         """Diffuse light on the surfaces, and the highlights (Blinn and Phong's) to add to what they send back."""
         sky = self._world.sky
         open_sky = self._lighting.sky(point, normal)
-        above, below = np.float32(sky.above)[:, None], np.float32(sky.below)[:, None]
+        above, below = np.array(sky.above, np.float32)[:, None], np.array(sky.below, np.float32)[:, None]
         diffuse = above * open_sky + below * (1 - np.float32(0.5) * normal[2])
         highlight = np.zeros((3, 1), np.float32)
         shiny = bool(gloss.any())
@@ -128,7 +128,7 @@ class Studio:
             x, y, z = sun.towards
             slant = np.maximum(normal[0] * x + normal[1] * y + normal[2] * z, 0)
             lit = slant * shadow.lit((lifted[0], lifted[1], lifted[2]))
-            color = np.float32(sun.color)[:, None]
+            color = np.array(sun.color, np.float32)[:, None]
             diffuse = diffuse + color * lit
             if shiny:
                 half = (x - direction[0], y - direction[1], z - direction[2])
@@ -140,7 +140,7 @@ class Studio:
             square = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]
             slant = normal[0] * offset[0] + normal[1] * offset[1] + normal[2] * offset[2]
             fall = np.maximum(slant, 0) / np.sqrt(square + np.float32(1e-6)) / (1 + square / np.float32(lamp.reach**2))
-            diffuse = diffuse + np.float32(lamp.color)[:, None] * fall
+            diffuse = diffuse + np.array(lamp.color, np.float32)[:, None] * fall
         return diffuse, highlight
 
     def _reflect(
@@ -161,7 +161,9 @@ class Studio:
         twice = 2 * (normal[0][rays] * direction[0][rays] + normal[1][rays] * direction[1][rays])
         twice = twice + 2 * normal[2][rays] * direction[2][rays]
         mirrored = tuple(step[rays] - twice * side[rays] for step, side in zip(direction, normal, strict=True))
-        start = tuple(coordinate[rays] + side[rays] * np.float32(2e-3) for coordinate, side in zip(point, normal, strict=True))
+        start = tuple(
+            coordinate[rays] + side[rays] * np.float32(2e-3) for coordinate, side in zip(point, normal, strict=True)
+        )
         seen = self._trace(
             (start[0], start[1], start[2]), (mirrored[0], mirrored[1], mirrored[2]), footprint * 6, bounces=0
         )
@@ -176,9 +178,7 @@ def _tiles(width: int, height: int, samples: int) -> Iterator[tuple[slice, slice
             yield slice(top, min(top + side, height)), slice(left, min(left + side, width))
 
 
-def _sample_places(
-    rows: slice, columns: slice, strata: int, random: np.random.Generator
-) -> Float32[np.ndarray, "2 n"]:
+def _sample_places(rows: slice, columns: slice, strata: int, random: np.random.Generator) -> Float32[np.ndarray, "2 n"]:
     """Where the samples of a tile's pixels lie, x and y in pixels: one at random in each stratum of each pixel."""
     shape = (rows.stop - rows.start, columns.stop - columns.start, strata, strata)
     jitter = random.random((2, *shape), dtype=np.float32)

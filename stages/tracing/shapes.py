@@ -91,7 +91,7 @@ class Box:
         return float(np.linalg.norm(self.half))
 
     def hit(self, origin: Coordinates, direction: Coordinates) -> Float32[np.ndarray, "*rays"]:
-        near, far = np.float32(-np.inf), np.float32(np.inf)
+        near, far = np.full(1, -np.inf, np.float32), np.full(1, np.inf, np.float32)
         for start, step, half in zip(origin, direction, self.half, strict=True):
             inverse = 1 / (step + TINY)
             middle = start * inverse

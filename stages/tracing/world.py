@@ -14,7 +14,7 @@ from stages.tracing.shapes import Box, Ellipsoid, Frame, Frustum, Shape
 PAGE_SIZE = 1024
 """Texels on a side of every painted page."""
 
-Vector = Sequence[float]
+Vector = Sequence[float] | np.ndarray
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ class TrainingParameters(Parameters):
 
     iterations: int = Field(30_000, ge=1, description="Optimisation steps, one view each; schedules scale with it.")
     seed: int = Field(0, ge=0, description="Of the order of views, of splitting, and of the networks' first weights.")
-    threads: int = Field(2, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
+    threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
     position_rate: float = Field(1.6e-4, gt=0, description="First learning rate of positions, times the rig's extent.")
     final_position_rate: float = Field(1.6e-6, gt=0, description="Last learning rate of positions, likewise.")
     densify_gradient: float = Field(2e-4, gt=0, description="Mean screen-space gradient above which one is refined.")

@@ -20,7 +20,9 @@ def build(seed: int) -> World:
     wood = builder.material(materials.planks(rng, palette("8a5a30", "a06c3c", "6d4526", "b48450"), 9, 2), 1.3)
     blue_wood = builder.material(materials.planks(rng, palette("2f6f8c", "3f86a0", "275a78"), 10, 1), 1.4)
     glaze = builder.material(
-        materials.mosaic(rng, palette("1d4e9e", "2f7fc4", "e0a526", "1b7f76", "c8502e"), rgb("f2ecdc"), 8), 1.9, gloss=0.5
+        materials.mosaic(rng, palette("1d4e9e", "2f7fc4", "e0a526", "1b7f76", "c8502e"), rgb("f2ecdc"), 8),
+        1.9,
+        gloss=0.5,
     )
     water = builder.material(materials.mottled(rng, rgb("1c6f7c"), rgb("8fd6cf"), 12), 1.4, gloss=0.8)
     green = builder.material(materials.leaves(rng, palette("2f6b28", "4a8c32", "7fb04a", "26532a")), 1.0)
@@ -36,7 +38,9 @@ def build(seed: int) -> World:
     return builder.world(Sky(above=(0.42, 0.52, 0.7), below=(0.16, 0.13, 0.09)))
 
 
-def _surround(builder: Builder, rng: np.random.Generator, stone: Material, shutter: Material, flowers: Material) -> None:
+def _surround(
+    builder: Builder, rng: np.random.Generator, stone: Material, shutter: Material, flowers: Material
+) -> None:
     ground = materials.cobbles(rng, palette("9c8a70", "b8a584", "85705a", "a89a8c", "c4a67c"), rgb("4c4034"), 34)
     paving = builder.material(ground, 6.0)
     brick_colors = palette("b4623c", "c87f50", "9c4c30", "d09a6a", "a85a44")
@@ -52,12 +56,16 @@ def _surround(builder: Builder, rng: np.random.Generator, stone: Material, shutt
         middle = outward * WALL
         builder.box(middle + up * height / 2, (0.25, 6.6, height / 2), brick, axes=axes, casts_shadow=False)
         eave = turned(yaw=90 * side, pitch=28)
-        builder.box(middle + outward * 0.2 + up * (height + 0.25), (0.75, 6.6, 0.06), roof, axes=eave, casts_shadow=False)
+        builder.box(
+            middle + outward * 0.2 + up * (height + 0.25), (0.75, 6.6, 0.06), roof, axes=eave, casts_shadow=False
+        )
         for number, offset in enumerate((-4.4, -2.2, 0.0, 2.2, 4.4)):
             face = middle - outward * 0.27 + sideways * (offset + rng.uniform(-0.2, 0.2))
             if (number + side) % 3 == 0:
                 builder.box(face + up * 0.85, (0.1, 0.5, 0.85), stone, axes=axes)
-                builder.box(face - outward * 0.06 + up * 0.78, (0.08, 0.38, 0.74), shutter, axes=axes, tint=builder.tone(0.4))
+                builder.box(
+                    face - outward * 0.06 + up * 0.78, (0.08, 0.38, 0.74), shutter, axes=axes, tint=builder.tone(0.4)
+                )
                 continue
             builder.box(face + up * 1.55, (0.06, 0.42, 0.5), stone, axes=axes)
             tint = builder.tone(0.5)
@@ -126,7 +134,15 @@ def _stall(builder: Builder, rng: np.random.Generator, wood: Material, clay: Mat
 
 def _pots(builder: Builder, clay: Material, green: Material, flowers: Material) -> None:
     for number, (angle, radius, size) in enumerate(
-        ((60, 1.8, 0.24), (75, 2.35, 0.32), (160, 2.75, 0.3), (235, 1.65, 0.2), (250, 2.5, 0.34), (330, 2.7, 0.3), (345, 1.7, 0.2))
+        (
+            (60, 1.8, 0.24),
+            (75, 2.35, 0.32),
+            (160, 2.75, 0.3),
+            (235, 1.65, 0.2),
+            (250, 2.5, 0.34),
+            (330, 2.7, 0.3),
+            (345, 1.7, 0.2),
+        )
     ):
         x, y = radius * np.cos(np.radians(angle)), radius * np.sin(np.radians(angle))
         tint = builder.tone(0.25)
@@ -156,7 +172,7 @@ def _barrels_and_crates(builder: Builder, rng: np.random.Generator, wood: Materi
         builder.box((x, y, z), (half, half, half), wood, axes=turned(yaw=yaw), bevel=0.02, tint=builder.tone(0.25))
     bench = turned(yaw=55)
     forward, sideways, up = bench
-    middle = np.array([0.2, 2.4, 0.0])
-    builder.box(middle + up * 0.38, (0.2, 0.7, 0.035), wood, axes=bench)
+    seat = np.array([0.2, 2.4, 0.0])
+    builder.box(seat + up * 0.38, (0.2, 0.7, 0.035), wood, axes=bench)
     for side in (-0.5, 0.5):
-        builder.box(middle + sideways * side + up * 0.17, (0.16, 0.06, 0.17), stone, axes=bench)
+        builder.box(seat + sideways * side + up * 0.17, (0.16, 0.06, 0.17), stone, axes=bench)
