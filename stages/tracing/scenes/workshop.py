@@ -8,27 +8,12 @@ import numpy as np
 from jaxtyping import Float64, Int
 
 from stages.tracing import materials
-from stages.tracing.patterns import (
-    Field,
-    Picture,
-    courses,
-    fractal,
-    marks,
-    mix,
-    noise,
-    palette,
-    relief,
-    rgb,
-    shade,
-    step,
-    stones,
-    warp,
-)
+from stages.tracing.patterns import Picture, courses, fractal, marks, mix, palette, rgb, shade, step, stones, warp
 from stages.tracing.world import PAGE_SIZE as SIZE
 from stages.tracing.world import Builder, Material, Sky, Vector, World, turned
 
 WALL = 6.2
-CEILING = 3.9
+CEILING = 4.7
 RUST = rgb("8a5232")
 GOODS = palette("d2382c", "e8b622", "1f9ab0", "e7e3d6", "3f8a4c", "e0742a", "3a5aa8", "8d9aa2", "b84a78")
 
@@ -45,7 +30,6 @@ class Paints:
     rubber: Material
     wood: Material
     label: Material
-    hazard: Material
     globe: Material
 
 
@@ -61,33 +45,31 @@ class Group:
     def on_floor(builder: Builder, x: float, y: float, yaw: float) -> Group:
         return Group(builder, np.array([x, y, 0.0]), turned(yaw=yaw))
 
-    def at(self, place: Vector) -> Float64[np.ndarray, " 3"]:
-        return self.place + np.asarray(place, np.float64) @ self.axes
+    def at(self, place: Vector) -> list[float]:
+        return (self.place + np.asarray(place, np.float64) @ self.axes).tolist()
 
-    def box(
-        self, place: Vector, half: Vector, material: Material, turn: tuple[float, float, float] = (0, 0, 0)
-    ) -> None:
+    def box(self, place: Vector, half: Vector, material: Material, turn: Vector = (0, 0, 0)) -> None:
         """A box with a tone of its own, turned in the group by yaw, pitch and roll."""
         axes = turned(*turn) @ self.axes
-        bevel = 0.15 * min(half)
-        self.builder.box(self.at(place), half, material, axes=axes, bevel=bevel, tint=self.builder.tone(0.12))
+        self.builder.box(
+            self.at(place), half, material, axes=axes, bevel=0.15 * min(half), tint=self.builder.tone(0.12).tolist()
+        )
 
     def rod(self, start: Vector, stop: Vector, radius: float, material: Material, end: float | None = None) -> None:
-        tint = self.builder.tone(0.12)
+        tint = self.builder.tone(0.12).tolist()
         self.builder.rod(self.at(start), self.at(stop), radius, material, end_radius=end, tint=tint)
 
     def ball(self, place: Vector, half: Vector | float, material: Material) -> None:
-        self.builder.ball(self.at(place), half, material, axes=self.axes, tint=self.builder.tone(0.12))
+        self.builder.ball(self.at(place), half, material, axes=self.axes, tint=self.builder.tone(0.12).tolist())
 
     def wheel(self, place: Vector, radius: float, width: float, tyre: Material, rim: Material) -> None:
         """A tyre with rounded shoulders and a rim, its axle along the group's y axis."""
-        middle = np.asarray(place, np.float64)
-        side = np.array([0.0, 1.0, 0.0])
-        self.rod(middle - side * width, middle + side * width, radius, tyre)
-        for out in (-side, side):
-            self.rod(middle + out * width, middle + out * 1.4 * width, radius, tyre, end=0.78 * radius)
-        self.rod(middle - side * 1.5 * width, middle + side * 1.5 * width, 0.56 * radius, rim)
-        self.rod(middle - side * 1.75 * width, middle + side * 1.75 * width, 0.2 * radius, rim)
+        x, y, z = place
+        self.rod((x, y - width, z), (x, y + width, z), radius, tyre)
+        for side in (-width, width):
+            self.rod((x, y + side, z), (x, y + 1.4 * side, z), radius, tyre, end=0.78 * radius)
+        for out, part in ((1.5 * width, 0.56), (1.75 * width, 0.2)):
+            self.rod((x, y - out, z), (x, y + out, z), part * radius, rim)
 
 
 def build(seed: int) -> World:
@@ -103,15 +85,14 @@ def build(seed: int) -> World:
         rubber=builder.material(_rubber(rng), 0.9),
         wood=builder.material(materials.planks(rng, palette("a88a60", "c2a878", "8c7450"), 8, 2), 1.0),
         label=builder.material(_goods(rng, 4, 7), 1.3, gloss=0.2),
-        hazard=builder.material(_hazard(rng), 0.8),
         globe=builder.material(materials.mottled(rng, rgb("e0c48c"), rgb("fff4d8"), 10), 0.7, gloss=0.4, glow=0.75),
     )
     _room(builder, rng, paints)
     _walls(builder, rng, paints)
     _tractor(Group.on_floor(builder, 0.05, 0.0, 25), paints)
-    _bench(Group.on_floor(builder, -1.55, 1.3, 140), paints)
-    _motor(Group.on_floor(builder, 1.15, -1.65, -50), paints)
-    _cabinet(Group.on_floor(builder, -1.1, -1.75, 235), paints)
+    _bench(Group.on_floor(builder, -1.4, 1.15, 140), paints)
+    _motor(Group.on_floor(builder, 1.05, -1.5, -50), paints)
+    _cabinet(Group.on_floor(builder, -1.05, -1.68, 235), paints)
     _stores(Group.on_floor(builder, 0.0, 0.0, 0), paints)
     _ladder(Group.on_floor(builder, 0.45, 1.85, 75), paints)
     builder.sun((-0.3, 0.42, 0.86), (1.5, 1.36, 1.1))
@@ -129,7 +110,7 @@ def _machine_paint(rng: np.random.Generator, color: np.ndarray) -> Picture:
     paint = materials.painted_metal(rng, color, RUST, wear=0.35)
     words = marks(SIZE, 22, rng) * step(plates.inset, 0.03, 0.032) * (plates.tone(rng) < 0.25)
     paint = mix(paint, rgb("f4f0e4") if color.mean() < 0.55 else rgb("22262a"), words * 0.8)
-    return shade(paint, (0.55 + 0.45 * body) * (0.8 + 0.3 * plates.tone(rng)) * relief(body, 0.3))
+    return shade(paint, (0.5 + 0.5 * body) * (0.8 + 0.3 * plates.tone(rng)))
 
 
 def _concrete(rng: np.random.Generator) -> Picture:
@@ -149,7 +130,7 @@ def _corrugated(rng: np.random.Generator, colors: np.ndarray, ribs: int) -> Pict
     """Sheets of corrugated metal of several paints, screwed one over the other, with rust that ran down."""
     sheets = courses(SIZE, 3, 6, rng, variation=0.9, heights=0.5)
     metal = materials.painted_metal(rng, rgb("f0f0ee"), RUST, wear=0.6)
-    streaks = step(noise(SIZE, 5, rng, 70) * fractal(SIZE, 4, rng), 0.3, 0.65)
+    streaks = step(fractal(SIZE, 40, rng, octaves=3)[:1] * fractal(SIZE, 4, rng), 0.3, 0.65)
     paint = mix(sheets.color(colors, rng) * metal, RUST * metal, streaks * 0.7)
     words = marks(SIZE, 14, rng) * step(sheets.inset, 0.04, 0.042) * (sheets.tone(rng) < 0.2)
     paint = mix(paint, rgb("2c3238"), words * 0.7)
@@ -159,29 +140,16 @@ def _corrugated(rng: np.random.Generator, colors: np.ndarray, ribs: int) -> Pict
 
 
 def _rubber(rng: np.random.Generator) -> Picture:
-    """Treads full of grey dust, with dried mud and moulded letters."""
+    """Treads full of grey dust, with dried mud."""
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
     bend = np.abs(2 * (4 * place % 1) - 1)[:, None]
-    lugs = step(np.sin(2 * np.pi * (8 * place[None, :] + 0.8 * bend)), -0.5, -0.1)
-    lugs = warp(lugs, 0.03, 8, rng)
+    lugs = warp(step(np.sin(2 * np.pi * (8 * place[None, :] + 0.8 * bend)), -0.5, -0.1), 0.03, 8, rng)
     rubber = mix(rgb("3a3b40"), rgb("7c7a7c"), step(fractal(SIZE, 8, rng, octaves=7, gain=0.7), 0.2, 0.8))
     rubber = mix(rubber, rgb("9c8464"), step(fractal(SIZE, 6, rng, octaves=6), 0.55, 0.8))
-    letters = marks(SIZE, 30, rng) * (stones(SIZE, 6, rng).tone(rng) < 0.2)
-    rubber = mix(rubber, rgb("b4b2a8"), letters * lugs)
-    return shade(rubber, (0.6 + 0.4 * lugs) * relief(lugs, 0.5))
+    return shade(rubber, (0.6 + 0.4 * lugs))
 
 
-def _hazard(rng: np.random.Generator) -> Picture:
-    """Slanting stripes of yellow and black, worn by feet and wheels."""
-    place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
-    stripe = step(np.sin(2 * np.pi * 4 * (place[:, None] + place[None, :])), -0.08, 0.08)
-    paint = mix(rgb("34363a"), rgb("eec022"), stripe)
-    worn = step(fractal(SIZE, 9, rng, octaves=7, gain=0.7), 0.52, 0.68)
-    bare = materials.mottled(rng, rgb("808284"), rgb("b8b8b4"), 8)
-    return shade(mix(paint, bare, worn * 0.85), 0.75 + 0.35 * fractal(SIZE, 20, rng, octaves=5))
-
-
-def _grid(rows: int, columns: int) -> tuple[Field, Field, Int[np.ndarray, "size size"]]:
+def _grid(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray, Int[np.ndarray, "size size"]]:
     """Places within the cells of a grid, x to the right and y up in [-1, 1], and the number of the cell."""
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
     across, down = place * columns, place * rows
@@ -194,7 +162,7 @@ def _pegboard(rng: np.random.Generator, rows: int, columns: int) -> Picture:
     """Hammers, spanners and files, no two alike, over a board full of holes."""
     x, y, cell = _grid(rows, columns)
 
-    def pick() -> Field:
+    def pick() -> np.ndarray:
         return rng.random(rows * columns, dtype=np.float32)[cell]
 
     x = x + (pick() - 0.5) * 0.4 * y + (pick() - 0.5) * 0.3
@@ -208,33 +176,10 @@ def _pegboard(rng: np.random.Generator, rows: int, columns: int) -> Picture:
     hole_x, hole_y, _ = _grid(44, 44)
     board = materials.mottled(rng, rgb("9fa89c"), rgb("dcdccc"), 5)
     board = shade(board, 0.4 + 0.6 * step(np.hypot(hole_x, hole_y), 0.25, 0.4))
-    shadow = np.roll(np.maximum(handle, head), (9, 7), axis=(0, 1))
-    board = shade(board, 1 - 0.5 * shadow)
+    board = shade(board, 1 - 0.5 * np.roll(np.maximum(handle, head), (9, 7), axis=(0, 1)))
     grain = 0.6 + 0.5 * fractal(SIZE, 24, rng, octaves=5, gain=0.75)
     tools = mix(board, shade(GOODS[rng.integers(len(GOODS), size=rows * columns)][cell], grain), handle)
     return mix(tools, shade(np.broadcast_to(rgb("7c868e"), tools.shape), grain), head)
-
-
-def _blueprint(rng: np.random.Generator) -> Picture:
-    """White drawings of wheels and flanges on blue sheets, with notes."""
-    x, y, cell = _grid(4, 4)
-
-    def pick() -> Field:
-        return rng.random(16, dtype=np.float32)[cell]
-
-    radius, angle = np.hypot(x, y), np.arctan2(y, x)
-    teeth = 0.6 + 0.06 * np.sign(np.sin(angle * (8 + (pick() * 12).astype(np.int64))))
-    lines = np.zeros((SIZE, SIZE), np.float32)
-    for edge in (teeth, 0.15 + 0.3 * pick(), 0.08 + 0.1 * pick()):
-        lines = np.maximum(lines, step(0.03 - np.abs(radius - edge), 0, 0.015))
-    cross = step(0.012 - np.minimum(np.abs(x), np.abs(y)), 0, 0.008)
-    frame = step(np.maximum(np.abs(x), np.abs(y)), 0.93, 0.95)
-    notes = marks(SIZE, 60, rng) * (radius > 0.75) * (pick() < 0.7)
-    drawn = np.maximum(np.maximum(lines, 0.6 * cross), np.maximum(frame, 0.8 * notes))
-    sheet = shade(
-        palette("1f5aa0", "2a6cae", "1c4c86")[rng.integers(3, size=16)][cell], 0.75 + 0.4 * fractal(SIZE, 5, rng)
-    )
-    return mix(sheet, rgb("e4eef6"), drawn * 0.9)
 
 
 def _goods(rng: np.random.Generator, rows: int, columns: int) -> Picture:
@@ -262,17 +207,14 @@ def _room(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
         builder.box((x, 0, CEILING - 0.2), (0.11, 6.0, 0.15), (paints.grey, paints.cyan)[number % 2])
     for y in (-4.2, -0.6, 3.0):
         builder.box((0, y, CEILING - 0.4), (6.0, 0.09, 0.1), paints.yellow)
-    for x, y, half_x, half_y, yaw, material in (
-        (0.0, 2.75, 2.6, 0.06, 0, paints.yellow),
-        (-0.3, -2.8, 2.4, 0.06, 3, paints.yellow),
-        (2.75, 0.0, 0.13, 2.2, 0, paints.hazard),
-        (-2.8, 0.1, 0.06, 2.5, 0, paints.yellow),
-        (4.6, 1.0, 0.09, 3.2, 8, paints.hazard),
-        (-4.4, -1.2, 0.8, 0.9, 20, paints.hazard),
+    for x, y, half_x, half_y, material in (
+        (0.0, 2.75, 2.6, 0.06, paints.yellow),
+        (0.0, -2.8, 2.4, 0.06, paints.yellow),
+        (2.75, 0.0, 0.08, 2.2, paints.cyan),
+        (-2.8, 0.1, 0.06, 2.5, paints.yellow),
+        (4.6, 1.0, 0.09, 3.2, paints.red),
     ):
-        builder.box((x, y, 0.0), (half_x, half_y, 0.004), material, axes=turned(yaw=yaw), casts_shadow=False)
-    for x, y, half in ((0.9, 0.95, (0.3, 0.22)), (-0.6, -1.05, (0.25, 0.33)), (2.3, -2.0, (0.35, 0.2))):
-        builder.ball((x, y, 0.0), (*half, 0.008), paints.steel, tint=(0.3, 0.26, 0.2), casts_shadow=False)
+        builder.box((x, y, 0.0), (half_x, half_y, 0.004), material, casts_shadow=False)
 
 
 def _walls(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
@@ -283,22 +225,20 @@ def _walls(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
     pegboards = (builder.material(_pegboard(rng, 4, 8), 2.4), builder.material(_pegboard(rng, 3, 6), 1.9))
     papers = (
         builder.material(materials.writing(rng, rgb("efe8d4"), rgb("2a2c34"), 40), 1.6),
-        builder.material(_blueprint(rng), 1.7),
+        builder.material(materials.writing(rng, rgb("2a66ac"), rgb("eef4fa"), 32), 1.7),
         builder.material(materials.writing(rng, rgb("e8c84c"), rgb("8c1c1c"), 24), 1.5),
     )
-    pane = builder.material(
-        materials.clouds(rng, rgb("6ca4d0"), rgb("c4dce8"), rgb("f4f8fa")), 2.4, gloss=0.4, glow=0.8
-    )
+    sky = materials.clouds(rng, rgb("6ca4d0"), rgb("c4dce8"), rgb("f4f8fa"))
+    pane = builder.material(sky, 2.4, gloss=0.4, glow=0.8)
     goods = builder.material(_goods(rng, 6, 13), 2.4, gloss=0.15)
     for side in range(4):
         axes = turned(yaw=90 * side)
         middle = axes[0] * WALL
-        builder.box(middle + axes[2] * 2, (0.25, 6.5, 2.0), upper[side % 2], axes=axes, casts_shadow=False)
+        builder.box(middle + axes[2] * 2.4, (0.25, 6.5, 2.4), upper[side % 2], axes=axes, casts_shadow=False)
         dado = (paints.yellow, paints.grey, paints.red, paints.cyan)[side]
         builder.box(middle + axes[2] * 0.3, (0.29, 6.5, 0.3), dado, axes=axes, casts_shadow=False)
         wall = Group(builder, middle - axes[0] * 0.27, axes)
-        turn = (-4.4, -2.5, -0.4, 1.7, 3.8)
-        for number, offset in enumerate(turn):
+        for number, offset in enumerate((-4.4, -2.5, -0.4, 1.7, 3.8)):
             kind = (number + 3 * side) % 5
             if kind < 2:
                 _rack(wall, offset, goods, paints)
@@ -311,9 +251,8 @@ def _walls(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
                 place = (-0.03, offset + rng.uniform(-0.3, 0.3) + 1.05, rng.uniform(0.85, 2.5))
                 size = (0.02, rng.uniform(0.16, 0.26), rng.uniform(0.2, 0.32))
                 wall.box(place, size, papers[int(rng.integers(3))], (0, 0, rng.uniform(-8, 8)))
-        wall.rod(
-            (-0.1, -6.2, 2.85), (-0.1, 6.2, 2.85), 0.07, (paints.red, paints.yellow, paints.cyan, paints.steel)[side]
-        )
+        pipe = (paints.red, paints.yellow, paints.cyan, paints.steel)[side]
+        wall.rod((-0.1, -6.2, 2.85), (-0.1, 6.2, 2.85), 0.07, pipe)
 
 
 def _rack(wall: Group, offset: float, goods: Material, paints: Paints) -> None:
@@ -340,8 +279,6 @@ def _window(wall: Group, offset: float, pane: Material, paints: Paints) -> None:
         for height in (1.4, 1.98):
             wall.box((-0.03, offset + shift, height), (0.04, 0.33, 0.25), pane)
     wall.box((-0.15, offset, 1.03), (0.17, 0.85, 0.04), paints.wood)
-    for shift in (-0.4, 0.25):
-        wall.rod((-0.18, offset + shift, 1.07), (-0.18, offset + shift, 1.35), 0.11, paints.label)
 
 
 def _tractor(group: Group, paints: Paints) -> None:
@@ -379,12 +316,9 @@ def _bench(group: Group, paints: Paints) -> None:
     group.box((0.12, -0.55, 0.9), (0.05, 0.1, 0.07), paints.cyan)
     group.box((0.27, -0.55, 0.9), (0.04, 0.1, 0.07), paints.steel)
     group.rod((0.1, -0.55, 0.87), (0.46, -0.55, 0.87), 0.025, paints.steel)
-    group.rod((0.44, -0.67, 0.87), (0.44, -0.43, 0.87), 0.014, paints.steel)
     group.box((-0.1, 0.1, 0.84), (0.13, 0.24, 0.09), paints.red, (15, 0, 0))
-    group.rod((-0.1, -0.1, 0.99), (-0.1, 0.3, 0.99), 0.018, paints.steel)
     for place, radius, height in (((0.12, 0.5), 0.08, 0.2), ((-0.1, 0.62), 0.1, 0.16), ((-0.15, -0.3), 0.07, 0.24)):
         group.rod((*place, 0.745), (*place, 0.745 + height), radius, paints.label)
-    group.rod((0.15, 0.1, 0.76), (0.25, 0.35, 0.76), 0.02, paints.yellow)
     group.box((0.0, -0.2, 0.39), (0.22, 0.3, 0.12), paints.label, (8, 0, 0))
     group.box((0.0, 0.45, 0.37), (0.2, 0.2, 0.1), paints.yellow, (-14, 0, 0))
 
@@ -392,7 +326,7 @@ def _bench(group: Group, paints: Paints) -> None:
 def _motor(group: Group, paints: Paints) -> None:
     """An engine of four cylinders on a stand, with its gears to the front."""
     for side in (-0.3, 0.3):
-        group.box((0, side, 0.05), (0.4, 0.05, 0.05), paints.hazard)
+        group.box((0, side, 0.05), (0.4, 0.05, 0.05), paints.grey)
         group.rod((-0.25, side, 0.08), (0, 0.6 * side, 0.5), 0.035, paints.yellow)
         group.rod((0.25, side, 0.08), (0, 0.6 * side, 0.5), 0.035, paints.yellow)
     group.box((0, 0, 0.52), (0.4, 0.19, 0.07), paints.grey)
@@ -407,21 +341,18 @@ def _motor(group: Group, paints: Paints) -> None:
         group.rod((0.38, y, z), (0.44, y, z), radius, paints.steel)
         group.rod((0.38, y, z), (0.47, y, z), 0.45 * radius, paints.yellow)
         for number in range(6):
-            axes = turned(roll=60 * number + 20)
-            tooth = np.array([0.41, y, z]) + axes[1] * radius
+            angle = np.radians(60 * number + 20)
+            tooth = (0.41, y + radius * float(np.cos(angle)), z + radius * float(np.sin(angle)))
             group.box(tooth, (0.028, 0.03, 0.02), paints.steel, (0, 0, 60 * number + 20))
 
 
 def _cabinet(group: Group, paints: Paints) -> None:
-    """A toolbox on castors, its drawers to the front, and a globe lamp on it."""
-    group.box((0, 0, 0.46), (0.24, 0.4, 0.36), paints.red)
+    """A toolbox, its drawers to the front, and a globe lamp on it."""
+    group.box((0, 0, 0.42), (0.24, 0.4, 0.4), paints.red)
     for number in range(4):
         material = (paints.yellow, paints.cyan, paints.grey, paints.yellow)[number]
         group.box((0.23, 0, 0.22 + 0.165 * number), (0.03, 0.36, 0.07), material)
         group.rod((0.28, -0.2, 0.24 + 0.165 * number), (0.28, 0.2, 0.24 + 0.165 * number), 0.014, paints.steel)
-    for front in (-0.18, 0.18):
-        for side in (-0.32, 0.32):
-            group.rod((front, side - 0.03, 0.05), (front, side + 0.03, 0.05), 0.05, paints.rubber)
     group.rod((-0.08, 0.2, 0.82), (-0.08, 0.2, 1.25), 0.02, paints.steel)
     group.ball((-0.08, 0.2, 1.36), 0.14, paints.globe)
     group.box((0.0, -0.18, 0.88), (0.12, 0.16, 0.06), paints.label, (20, 0, 0))
@@ -432,35 +363,34 @@ def _stores(group: Group, paints: Paints) -> None:
     for x, y, radius, height, material in (
         (1.85, 0.75, 0.27, 0.82, paints.cyan),
         (1.5, 1.3, 0.27, 0.8, paints.yellow),
-        (2.15, 0.15, 0.2, 0.55, paints.red),
-        (-2.2, -0.55, 0.2, 0.6, paints.grey),
-        (-2.2, 0.15, 0.13, 0.36, paints.label),
+        (2.0, 0.25, 0.2, 0.55, paints.red),
+        (-2.1, -0.4, 0.2, 0.6, paints.grey),
+        (-2.15, 0.1, 0.13, 0.36, paints.label),
         (0.15, -2.15, 0.13, 0.34, paints.label),
-        (1.1, 2.2, 0.14, 0.4, paints.red),
+        (1.0, 2.0, 0.14, 0.4, paints.red),
     ):
         group.rod((x, y, 0), (x, y, height), radius, material)
         for part in (0.03, 0.35, 0.68, 0.97):
             group.rod((x, y, height * part - 0.015), (x, y, height * part + 0.015), 1.06 * radius, material)
-    for number, (x, y) in enumerate(((-1.95, -1.0), (-1.9, -1.05), (-1.98, -0.98))):
+    for number, (x, y) in enumerate(((-1.8, -0.95), (-1.76, -0.99), (-1.83, -0.93))):
         lying = Group(group.builder, np.array([x, y, 0.12 + 0.23 * number]), turned(roll=90) @ turned(yaw=50 * number))
-        lying.wheel(
-            (0, 0, 0), 0.3 - 0.015 * number, 0.08, paints.rubber, (paints.cyan, paints.red, paints.steel)[number]
-        )
+        rim = (paints.cyan, paints.red, paints.steel)[number]
+        lying.wheel((0, 0, 0), 0.3 - 0.015 * number, 0.08, paints.rubber, rim)
     for x, y, z, half, yaw, material in (
         (1.95, -0.65, 0.2, 0.2, 25, paints.wood),
         (1.92, -0.62, 0.55, 0.15, 50, paints.label),
         (0.45, -2.2, 0.16, 0.16, 15, paints.wood),
-        (-0.5, 2.2, 0.2, 0.2, 35, paints.label),
-        (-0.15, 2.1, 0.13, 0.13, 70, paints.yellow),
-        (-2.5, 1.2, 0.12, 0.12, 10, paints.red),
+        (-0.45, 2.05, 0.2, 0.2, 35, paints.label),
+        (-0.05, 2.1, 0.13, 0.13, 70, paints.yellow),
+        (1.85, -1.2, 0.12, 0.12, 10, paints.red),
     ):
         group.box((x, y, z), (half, 1.2 * half, half), material, (yaw, 0, 0))
     for number, material in enumerate((paints.steel, paints.cyan, paints.steel, paints.red, paints.yellow)):
         y, z = 1.05 + 0.11 * (number % 3), 0.05 + 0.09 * (number // 3)
         group.rod((-0.75, y - 0.3, z), (0.75, y + 0.14, z), 0.05, material)
-    group.rod((2.3, -0.35, 0.0), (2.3, -0.35, 0.04), 0.17, paints.hazard)
-    group.rod((2.3, -0.35, 0.04), (2.3, -0.35, 1.4), 0.022, paints.cyan)
-    group.ball((2.3, -0.35, 1.53), 0.15, paints.globe)
+    group.rod((2.1, -0.2, 0.0), (2.1, -0.2, 0.04), 0.17, paints.grey)
+    group.rod((2.1, -0.2, 0.04), (2.1, -0.2, 1.4), 0.022, paints.cyan)
+    group.ball((2.1, -0.2, 1.53), 0.15, paints.globe)
 
 
 def _ladder(group: Group, paints: Paints) -> None:
