@@ -77,14 +77,14 @@ def build(seed: int) -> World:
     rng = np.random.default_rng([seed, 4])
     builder = Builder(rng)
     paints = Paints(
-        red=builder.material(_machine_paint(rng, rgb("cc3428")), 1.5, gloss=0.3),
-        yellow=builder.material(_machine_paint(rng, rgb("edb91e")), 1.4, gloss=0.25),
-        cyan=builder.material(_machine_paint(rng, rgb("22a3b8")), 1.5, gloss=0.3),
-        grey=builder.material(_machine_paint(rng, rgb("a4abae")), 1.3, gloss=0.2),
-        steel=builder.material(materials.mottled(rng, rgb("6c747a"), rgb("bcc4c8"), 28, rough=0.9), 0.8, gloss=0.5),
+        red=builder.material(_machine_paint(rng, rgb("cc3428")), 1.5, gloss=0.25),
+        yellow=builder.material(_machine_paint(rng, rgb("edb91e")), 1.4, gloss=0.2),
+        cyan=builder.material(_machine_paint(rng, rgb("22a3b8")), 1.5, gloss=0.25),
+        grey=builder.material(_machine_paint(rng, rgb("a4abae")), 1.3, gloss=0.15),
+        steel=builder.material(materials.mottled(rng, rgb("6c747a"), rgb("bcc4c8"), 28, rough=0.9), 0.8, gloss=0.25),
         rubber=builder.material(_rubber(rng), 0.9),
         wood=builder.material(materials.planks(rng, palette("a88a60", "c2a878", "8c7450"), 8, 2), 1.0),
-        label=builder.material(_goods(rng, 4, 7), 1.3, gloss=0.2),
+        label=builder.material(_goods(rng, 4, 7), 1.3, gloss=0.15),
         globe=builder.material(materials.mottled(rng, rgb("e0c48c"), rgb("fff4d8"), 10), 0.7, gloss=0.4, glow=0.75),
     )
     _room(builder, rng, paints)
@@ -98,8 +98,8 @@ def build(seed: int) -> World:
     builder.sun((-0.3, 0.42, 0.86), (1.5, 1.36, 1.1))
     builder.lamp((-1.9, 0.5, 1.9), (0.75, 0.55, 0.3), 1.6)
     builder.lamp((2.0, -0.6, 2.0), (0.65, 0.5, 0.32), 1.6)
-    for x, y in ((4.3, 4.3), (-4.3, 4.3), (-4.3, -4.3), (4.3, -4.3)):
-        builder.lamp((x, y, 3.0), (0.36, 0.37, 0.38), 2.6)
+    for x, y in ((4.5, 0.5), (-2.5, 4.0), (-2.5, -4.0)):
+        builder.lamp((x, y, 3.0), (0.42, 0.43, 0.44), 3.0)
     return builder.world(Sky(above=(0.27, 0.33, 0.4), below=(0.11, 0.11, 0.115)))
 
 
@@ -196,7 +196,7 @@ def _goods(rng: np.random.Generator, rows: int, columns: int) -> Picture:
 
 
 def _room(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
-    floor = builder.material(_concrete(rng), 5.3, gloss=0.12)
+    floor = builder.material(_concrete(rng), 5.3)
     roof = builder.material(_corrugated(rng, palette("6c7276", "80878a", "5e666c"), 22), 3.0)
     pane = builder.material(materials.mottled(rng, rgb("8cc4e0"), rgb("f0fafc"), 6), 2.0, glow=1.0)
     builder.box((0, 0, -0.5), (9, 9, 0.5), floor, casts_shadow=False)
@@ -230,7 +230,7 @@ def _walls(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
     )
     sky = materials.clouds(rng, rgb("6ca4d0"), rgb("c4dce8"), rgb("f4f8fa"))
     pane = builder.material(sky, 2.4, gloss=0.4, glow=0.8)
-    goods = builder.material(_goods(rng, 6, 13), 2.4, gloss=0.15)
+    goods = builder.material(_goods(rng, 6, 13), 2.4)
     for side in range(4):
         axes = turned(yaw=90 * side)
         middle = axes[0] * WALL
@@ -320,7 +320,6 @@ def _bench(group: Group, paints: Paints) -> None:
     for place, radius, height in (((0.12, 0.5), 0.08, 0.2), ((-0.1, 0.62), 0.1, 0.16), ((-0.15, -0.3), 0.07, 0.24)):
         group.rod((*place, 0.745), (*place, 0.745 + height), radius, paints.label)
     group.box((0.0, -0.2, 0.39), (0.22, 0.3, 0.12), paints.label, (8, 0, 0))
-    group.box((0.0, 0.45, 0.37), (0.2, 0.2, 0.1), paints.yellow, (-14, 0, 0))
 
 
 def _motor(group: Group, paints: Paints) -> None:
@@ -349,8 +348,7 @@ def _motor(group: Group, paints: Paints) -> None:
 def _cabinet(group: Group, paints: Paints) -> None:
     """A toolbox, its drawers to the front, and a globe lamp on it."""
     group.box((0, 0, 0.42), (0.24, 0.4, 0.4), paints.red)
-    for number in range(4):
-        material = (paints.yellow, paints.cyan, paints.grey, paints.yellow)[number]
+    for number, material in enumerate((paints.yellow, paints.cyan, paints.grey, paints.yellow)):
         group.box((0.23, 0, 0.22 + 0.165 * number), (0.03, 0.36, 0.07), material)
         group.rod((0.28, -0.2, 0.24 + 0.165 * number), (0.28, 0.2, 0.24 + 0.165 * number), 0.014, paints.steel)
     group.rod((-0.08, 0.2, 0.82), (-0.08, 0.2, 1.25), 0.02, paints.steel)
@@ -366,11 +364,10 @@ def _stores(group: Group, paints: Paints) -> None:
         (2.0, 0.25, 0.2, 0.55, paints.red),
         (-2.1, -0.4, 0.2, 0.6, paints.grey),
         (-2.15, 0.1, 0.13, 0.36, paints.label),
-        (0.15, -2.15, 0.13, 0.34, paints.label),
         (1.0, 2.0, 0.14, 0.4, paints.red),
     ):
         group.rod((x, y, 0), (x, y, height), radius, material)
-        for part in (0.03, 0.35, 0.68, 0.97):
+        for part in (0.03, 0.5, 0.97):
             group.rod((x, y, height * part - 0.015), (x, y, height * part + 0.015), 1.06 * radius, material)
     for number, (x, y) in enumerate(((-1.8, -0.95), (-1.76, -0.99), (-1.83, -0.93))):
         lying = Group(group.builder, np.array([x, y, 0.12 + 0.23 * number]), turned(roll=90) @ turned(yaw=50 * number))
@@ -381,7 +378,6 @@ def _stores(group: Group, paints: Paints) -> None:
         (1.92, -0.62, 0.55, 0.15, 50, paints.label),
         (0.45, -2.2, 0.16, 0.16, 15, paints.wood),
         (-0.45, 2.05, 0.2, 0.2, 35, paints.label),
-        (-0.05, 2.1, 0.13, 0.13, 70, paints.yellow),
         (1.85, -1.2, 0.12, 0.12, 10, paints.red),
     ):
         group.box((x, y, z), (half, 1.2 * half, half), material, (yaw, 0, 0))
