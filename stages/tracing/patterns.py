@@ -11,6 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Int
 
+STRIP = 32
+"""Rows of a page worked on together, so that their numbers stay in a core's own cache."""
+
 Field = Float32[np.ndarray, "size size"]
 Picture = Float32[np.ndarray, "size size 3"]
 
@@ -18,7 +21,7 @@ Picture = Float32[np.ndarray, "size size 3"]
 def noise(size: int, period: int, rng: np.random.Generator, period_across: int | None = None) -> Field:
     """Value noise: random values on a lattice of `period` rows (and `period_across` columns), smoothly joined."""
     lattice = rng.random((period, period_across or period), dtype=np.float32)
-    return _stretch(_stretch(lattice, size).T, size).T
+    return _stretch(np.ascontiguousarray(_stretch(lattice.T, size).T), size)
 
 
 def _stretch(lattice: np.ndarray, size: int) -> np.ndarray:
@@ -27,9 +30,9 @@ def _stretch(lattice: np.ndarray, size: int) -> np.ndarray:
     position = np.arange(size, dtype=np.float32) * np.float32(period / size)
     row = position.astype(np.int64)
     weight = position - row
-    weight = (weight * weight * (3 - 2 * weight))[:, None]
-    low, high = lattice[row % period], lattice[(row + 1) % period]
-    return np.ascontiguousarray(low + (high - low) * weight)
+    weight = (weight * weight * (3 - 2 * weight))[:, None].astype(np.float32)
+    rise = np.roll(lattice, -1, axis=0) - lattice
+    return lattice[row % period] + rise[row % period] * weight
 
 
 def fractal(size: int, period: int, rng: np.random.Generator, octaves: int = 6, gain: float = 0.6) -> Field:
@@ -106,22 +109,34 @@ def stones(size: int, count: int, rng: np.random.Generator, regularity: float = 
     jitter = rng.random((count, count, 2), dtype=np.float32) * np.float32(1 - regularity) + np.float32(regularity / 2)
     place = (np.arange(size, dtype=np.float32) + np.float32(0.5)) * np.float32(count / size)
     square = place.astype(np.int64)
-    within = place - square
-    first = np.full((size, size), np.inf, np.float32)
-    second = np.full((size, size), np.inf, np.float32)
-    index = np.zeros((size, size), np.int64)
+    index = np.empty((size, size), np.int64)
+    inset = np.empty((size, size), np.float32)
+    for top in range(0, size, STRIP):
+        strip = slice(top, top + STRIP)
+        index[strip], inset[strip] = _nearest_seeds(jitter, place[strip], square[strip], place, square)
+    return Cells(index, inset * np.float32(0.5 / count), count * count)
+
+
+def _nearest_seeds(
+    jitter: np.ndarray, rows: np.ndarray, row_squares: np.ndarray, columns: np.ndarray, column_squares: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of each texel the number of the nearest seed, and how much farther the second nearest is, in squares."""
+    count = len(jitter)
+    first = np.full((len(rows), len(columns)), np.inf, np.float32)
+    second = first.copy()
+    index = np.zeros(first.shape, np.int32)
     for down in (-1, 0, 1):
         for right in (-1, 0, 1):
-            row, column = (square + down) % count, (square + right) % count
-            seeds = jitter[row[:, None], column[None, :]]
-            delta_y = seeds[..., 0] + np.float32(down) - within[:, None]
-            delta_x = seeds[..., 1] + np.float32(right) - within[None, :]
-            distance = np.sqrt(delta_x * delta_x + delta_y * delta_y)
+            row, column = (row_squares + down) % count, (column_squares + right) % count
+            seeds = jitter[row]
+            delta_y = seeds[:, column, 0] - (rows - row_squares - np.float32(down))[:, None]
+            delta_x = seeds[:, column, 1] - (columns - column_squares - np.float32(right))[None]
+            distance = (delta_x * delta_x + delta_y * delta_y).astype(np.float32)
             nearer = distance < first
             second = np.where(nearer, first, np.minimum(second, distance))
-            first = np.where(nearer, distance, first)
-            index = np.where(nearer, row[:, None] * count + column[None, :], index)
-    return Cells(index, (second - first) * np.float32(0.5 / count), count * count)
+            first = np.minimum(first, distance)
+            index = np.where(nearer, (row[:, None] * count + column[None]).astype(np.int32), index)
+    return index, np.sqrt(second) - np.sqrt(first)
 
 
 def marks(size: int, lines: int, rng: np.random.Generator, fill: float = 0.75) -> Field:

@@ -11,7 +11,7 @@ from stages.tracing.shading import Shader
 from stages.tracing.shapes import Coordinates
 from stages.tracing.world import World
 
-TILE_RAYS = 65536
+TILE_RAYS = 147456
 """Rays traced together: enough to make each step worth its call, few enough for a core's own cache."""
 
 FLAT = 0.25

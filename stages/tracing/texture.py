@@ -21,16 +21,17 @@ class TexturePyramid:
         self.size = pages[0].shape[0]
         if self.size & (self.size - 1) or any(page.shape != (self.size, self.size, 3) for page in pages):
             raise ValueError(f"pages must be square, of one size, a power of two: {[page.shape for page in pages]}")
-        levels, offsets, offset = [], [], 0
-        linear = np.stack([page.astype(np.float32) ** np.float32(2.2) for page in pages])
-        while linear.shape[1] >= SMALLEST_PAGE:
-            levels.append(_pack(linear))
-            offsets.append(offset)
-            offset += levels[-1].size
-            linear = (linear[:, ::2] + linear[:, 1::2]) / 2
-            linear = (linear[:, :, ::2] + linear[:, :, 1::2]) / 2
-        self._texels = np.concatenate(levels)
-        self._offsets = np.array(offsets, np.int32)
+        sizes = [self.size >> level for level in range(self.size.bit_length()) if self.size >> level >= SMALLEST_PAGE]
+        lengths = [len(pages) * size * size for size in sizes]
+        self._offsets = np.cumsum([0, *lengths[:-1]]).astype(np.int32)
+        self._texels = np.empty(sum(lengths), np.int32)
+        for number, page in enumerate(pages):
+            linear = page.astype(np.float32) ** np.float32(2.2)
+            for offset, size in zip(self._offsets, sizes, strict=True):
+                start = offset + number * size * size
+                self._texels[start : start + size * size] = _pack(linear)
+                linear = (linear[::2] + linear[1::2]) / 2
+                linear = (linear[:, ::2] + linear[:, 1::2]) / 2
 
     def lookup(
         self,
@@ -72,8 +73,10 @@ class TexturePyramid:
 
 def _pack(linear: np.ndarray) -> np.ndarray:
     """Square roots of the colours as bytes, three to a 32-bit word."""
-    root = (np.sqrt(linear) * 255 + np.float32(0.5)).astype(np.int32)
-    return (root[..., 0] | root[..., 1] << 8 | root[..., 2] << 16).reshape(-1)
+    red, green, blue = (
+        (np.sqrt(linear[..., channel]) * 255 + np.float32(0.5)).astype(np.int32) for channel in range(3)
+    )
+    return (red | green << 8 | blue << 16).reshape(-1)
 
 
 def _split(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
