@@ -20,7 +20,8 @@ from stages.scene.message_views import read_messages
 from stages.scene.scene import read_scene
 from stages.training.loop import Training
 from stages.training.objectives import hiding_terms
-from stages.training.parameters import TrainingParameters, starting_points
+from stages.training.parameters import TrainingParameters
+from stages.training.starting_points import starting_points
 from stages.training.views import observer, training_views
 
 
@@ -66,7 +67,7 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
     cover = read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), cover.cameras.names)
     method = _build(parameters, list(messages))
-    points, colors = starting_points(cover, parameters)
+    points, colors = starting_points(cover, parameters.sparse_points, parameters.random_points, parameters.seed)
     generator = key_generator(context.input_optional("key"), parameters.seed)
     training = Training(
         gaussians_at(points, method.initial_attributes(colors, generator)),

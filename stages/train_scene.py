@@ -17,7 +17,8 @@ from stages.scene.gaussians import gaussians_at
 from stages.scene.scene import read_scene
 from stages.training.loop import Training
 from stages.training.objectives import PictureTerm
-from stages.training.parameters import TrainingParameters, starting_points
+from stages.training.parameters import TrainingParameters
+from stages.training.starting_points import starting_points
 from stages.training.views import observer, training_views
 
 METHOD = "plain"
@@ -41,7 +42,7 @@ def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("scene"))
     method = build_method(METHOD, {"sh_degree": parameters.sh_degree})
-    points, colors = starting_points(scene, parameters)
+    points, colors = starting_points(scene, parameters.sparse_points, parameters.random_points, parameters.seed)
     generator = np.random.default_rng(parameters.seed)
     training = Training(
         gaussians_at(points, method.initial_attributes(colors, generator)),

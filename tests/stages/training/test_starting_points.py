@@ -1,0 +1,58 @@
+"""Random points lie before the cameras, and do not depend on what is hidden."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.errors import UserError
+from stages.scene.cameras import Cameras
+from stages.scene.scene import Scene
+from stages.training.starting_points import FARTHER, NEARER, points_before_cameras, starting_points
+
+
+def scene_with(points: np.ndarray) -> Scene:
+    turn = np.array([[0.0, 0, -1, 0], [0, 1, 0, 0], [1, 0, 0, 2], [0, 0, 0, 1]])
+    intrinsics = np.array([[30.0, 0, 16], [0, 30.0, 12], [0, 0, 1]])
+    cameras = Cameras(("a", "b", "c"), np.stack([np.eye(4), np.eye(4), turn]), np.stack([intrinsics] * 3), 32, 24)
+    colors = np.full((len(points), 3), 200, np.uint8)
+    return Scene(cameras, np.zeros((3, 24, 32, 3), np.uint8), points.astype(np.float32), colors, ("a",))
+
+
+def cloud() -> np.ndarray:
+    return np.random.default_rng(0).uniform([-1, -1, 3], [1, 1, 5], (200, 3))
+
+
+def test_each_point_is_in_the_picture_of_a_training_camera() -> None:
+    scene = scene_with(cloud())
+    points = points_before_cameras(scene, 500, np.random.default_rng(1))
+    seen = np.zeros(500, bool)
+    for pose, intrinsics in zip(scene.cameras.world_to_camera[1:], scene.cameras.intrinsics[1:], strict=True):
+        places = points @ pose[:3, :3].T + pose[:3, 3]
+        pixels = places @ intrinsics.T
+        inside = (pixels[:, :2] >= 0).all(1) & (pixels[:, :2] <= pixels[:, 2:] * (32, 24)).all(1)
+        depths = scene.points @ pose[2, :3] + pose[2, 3]
+        within = (places[:, 2] > NEARER * depths.min()) & (places[:, 2] < FARTHER * depths.max())
+        seen |= inside & within
+    assert seen.all()
+
+
+def test_sparse_points_come_first_with_their_colors() -> None:
+    scene = scene_with(cloud())
+    points, colors = starting_points(scene, sparse=True, random_points=7, seed=0)
+    assert len(points) == 207
+    np.testing.assert_allclose(points[:200], scene.points)
+    np.testing.assert_allclose(colors[:200], 200 / 255)
+    np.testing.assert_allclose(colors[200:], 0.5)
+
+
+def test_the_same_seed_gives_the_same_points() -> None:
+    scene = scene_with(cloud())
+    first, second, other = (starting_points(scene, False, 20, seed)[0] for seed in (3, 3, 4))
+    assert np.array_equal(first, second)
+    assert not np.array_equal(first, other)
+
+
+def test_a_scene_without_points_is_refused() -> None:
+    with pytest.raises(UserError, match="no sparse points"):
+        starting_points(scene_with(np.empty((0, 3))), sparse=True, random_points=0, seed=0)
