@@ -42,7 +42,8 @@ class SynthesizeParameters(Parameters):
 def synthesize(context: Context, parameters: SynthesizeParameters) -> None:
     """Build the scene and walk about it with a camera."""
     size = (parameters.width, parameters.height)
-    studio = Studio(importlib.import_module(f"{SCENES}.{parameters.scene}").build(parameters.seed), parameters.gloss)
+    world = importlib.import_module(f"{SCENES}.{parameters.scene}").build(parameters.seed)
+    studio = Studio(world, parameters.gloss, parameters.threads)
     poses, intrinsics = orbit(parameters.views, *size, parameters.seed)
 
     def photo(view: int) -> bytes:

@@ -23,7 +23,9 @@ from stages.tracing.patterns import (
 from stages.tracing.world import PAGE_SIZE as SIZE
 
 
-def mottled(rng: np.random.Generator, dark: np.ndarray, bright: np.ndarray, period: int = 4, rough: float = 0.5) -> Picture:
+def mottled(
+    rng: np.random.Generator, dark: np.ndarray, bright: np.ndarray, period: int = 4, rough: float = 0.5
+) -> Picture:
     """Plaster, stone, soil: clouds of two colours down to the grain."""
     field = fractal(SIZE, period, rng, octaves=8, gain=0.55 + 0.25 * rough)
     grain = fractal(SIZE, 64, rng, octaves=3, gain=0.8)
@@ -79,7 +81,9 @@ def leaves(rng: np.random.Generator, colors: np.ndarray, count: int = 44, flower
     return shade(picture, 0.7 + 0.45 * fractal(SIZE, 5, rng, octaves=4))
 
 
-def shelves(rng: np.random.Generator, colors: np.ndarray, wood: np.ndarray, rows: int = 6, columns: int = 34) -> Picture:
+def shelves(
+    rng: np.random.Generator, colors: np.ndarray, wood: np.ndarray, rows: int = 6, columns: int = 34
+) -> Picture:
     """Bookshelves: spines of all widths, heights and colours, with bands and gilt titles, on wooden boards."""
     books = courses(SIZE, rows, columns, rng, variation=1.1)
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
@@ -87,12 +91,18 @@ def shelves(rng: np.random.Generator, colors: np.ndarray, wood: np.ndarray, rows
     top = 0.74 + 0.24 * books.tone(rng)
     round_back = step(books.inset, 0.0, 0.008)
     grain = fractal(SIZE, 64, rng, octaves=4, gain=0.8)
-    picture = shade(books.color(colors, rng), (0.5 + 0.5 * books.tone(rng)) * (0.45 + 0.6 * round_back) + 0.25 * (grain - 0.5))
+    picture = shade(
+        books.color(colors, rng), (0.5 + 0.5 * books.tone(rng)) * (0.45 + 0.6 * round_back) + 0.25 * (grain - 0.5)
+    )
     for _ in range(3):
         height = 0.2 + 0.6 * books.tone(rng)
         band = (np.abs(up - height) < 0.012 + 0.03 * books.tone(rng)) & (books.tone(rng) < 0.6)
-        picture = mix(picture, books.color(np.stack([rgb("d8b45c"), rgb("20140c"), rgb("e8dcc0")]), rng), band.astype(np.float32))
-    title = marks(SIZE, 90, rng).T * ((up > 0.3) & (up < 0.62) & (books.tone(rng) < 0.7)) * step(books.inset, 0.003, 0.005)
+        picture = mix(
+            picture, books.color(np.stack([rgb("d8b45c"), rgb("20140c"), rgb("e8dcc0")]), rng), band.astype(np.float32)
+        )
+    title = (
+        marks(SIZE, 90, rng).T * ((up > 0.3) & (up < 0.62) & (books.tone(rng) < 0.7)) * step(books.inset, 0.003, 0.005)
+    )
     picture = mix(picture, rgb("e0c070"), title * 0.8)
     board = mix(wood * 0.5, wood, spread(noise(SIZE, 300, rng, 8)))
     picture = mix(picture, rgb("0c0705"), ((up > top) | (books.tone(rng) < 0.05)).astype(np.float32))
@@ -101,23 +111,27 @@ def shelves(rng: np.random.Generator, colors: np.ndarray, wood: np.ndarray, rows
 
 def mosaic(rng: np.random.Generator, colors: np.ndarray, ground: np.ndarray, count: int) -> Picture:
     """Square glazed tiles, each with a rosette, star or ring of its own drawn from a few."""
-    grid = courses(SIZE, count, count, np.random.default_rng(0), variation=0.0)
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE * count
     row = place.astype(np.int64)
     x = np.broadcast_to(2 * (place % 1) - 1, (SIZE, SIZE))
     y = x.T
     cell = row[:, None] * count + row[None, :]
+
     def pick() -> Field:
         return rng.random(count * count, dtype=np.float32)[cell]
+
     angle, radius = np.arctan2(y, x), np.hypot(x, y)
     petals = 0.55 + 0.3 * np.cos(angle * (2 + (pick() * 5).astype(np.int64)) + 6 * pick())
     inner = step(petals - radius, 0.0, 0.08)
     ring = step(0.09 - np.abs(radius - 0.4 - 0.4 * pick()), 0.0, 0.04)
     corner = step(np.abs(x) + np.abs(y), 1.3 + 0.3 * pick().mean(), 1.4)
-    table = lambda: colors[rng.integers(len(colors), size=count * count)][cell].astype(np.float32)
-    picture = mix(np.broadcast_to(ground, (SIZE, SIZE, 3)), table(), inner)
-    picture = mix(picture, table(), ring * (pick() < 0.7))
-    picture = mix(picture, table(), corner)
+
+    def color() -> Picture:
+        return colors[rng.integers(len(colors), size=count * count)][cell].astype(np.float32)
+
+    picture = mix(np.broadcast_to(ground, (SIZE, SIZE, 3)), color(), inner)
+    picture = mix(picture, color(), ring * (pick() < 0.7))
+    picture = mix(picture, color(), corner)
     edge = 1 - np.maximum(np.abs(x), np.abs(y))
     picture = mix(ground * 0.45, picture, step(edge, 0.02, 0.06))
     glaze = fractal(SIZE, 24, rng, octaves=5, gain=0.7)
@@ -128,7 +142,6 @@ def cloth(rng: np.random.Generator, colors: np.ndarray, stripes: int) -> Picture
     """Woven stripes of unequal widths, faded in places."""
     bands = courses(SIZE, 1, stripes, rng, variation=0.7)
     picture = bands.color(colors, rng)
-    picture = np.concatenate([picture[:, :]])
     weave = 0.5 * noise(SIZE, 340, rng) + 0.5 * noise(SIZE, 128, rng, 512)
     return shade(picture, (0.75 + 0.35 * fractal(SIZE, 4, rng, octaves=6)) * (0.85 + 0.3 * weave))
 

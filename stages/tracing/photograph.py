@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
-from stages.tracing.shading import Shader
+from stages.tracing.shading import Shader, Spots
 from stages.tracing.shapes import Coordinates
 from stages.tracing.world import World
 
@@ -22,11 +23,12 @@ SHARPNESS = 0.7
 
 
 class Studio:
-    """A world with everything that all its pictures share. Raises `ValueError` for a world without a page."""
+    """A world with everything that all its pictures share, prepared by so many `threads`, which changes no bit."""
 
-    def __init__(self, world: World, gloss: float = 1.0) -> None:
+    def __init__(self, world: World, gloss: float = 1.0, threads: int = 1) -> None:
         self._exposure = np.float32(world.exposure)
-        self._shader = Shader(world, gloss)
+        with ThreadPoolExecutor(threads) as pool:
+            self._shader = Shader(world, gloss, pool)
 
     def photograph(
         self,
@@ -64,46 +66,47 @@ class Studio:
     def _pixels(
         self, place: np.ndarray, world_to_camera: np.ndarray, intrinsics: np.ndarray, samples: int
     ) -> Float32[np.ndarray, "3 pixels"]:
-        """Linear light of pixels, each of which has `samples` consecutive places in the picture [2, pixels * samples]."""
+        """Linear light of pixels, of which each has `samples` consecutive places [2, pixels * samples]."""
         direction = _directions(place, world_to_camera, intrinsics)
         origin = _origin(world_to_camera)
         distance, solid = self._shader.tracer.first(origin, direction)
         distance[solid < 0] = 0
         x, y, z = (start + distance * step for start, step in zip(origin, direction, strict=True))
+        point = np.stack([x, y, z])
         width = distance * np.float32(SHARPNESS / intrinsics[0, 0])
 
-        solids = solid.reshape(-1, samples)
-        alike = (solids == solids[:, :1]).all(axis=1)
-        whole = np.flatnonzero(alike)
-        middle = _means((x, y, z), whole, samples)
-        towards = _normalised(tuple(part - start for part, start in zip(middle, origin, strict=True)))
-        spots = self._shader.spots(middle, solids[whole, 0], towards, width.reshape(-1, samples)[whole, 0])
-        off = np.zeros((whole.size, samples), np.float32)
-        for coordinate, centre, side in zip((x, y, z), middle, spots.normal, strict=True):
-            off += (coordinate.reshape(-1, samples)[whole] - centre[:, None]) * side[:, None]
-        flat = np.abs(off).max(axis=1) <= spots.width * np.float32(FLAT)
+        smooth = (solid.reshape(-1, samples) == solid[::samples, None]).all(axis=1)
+        candidates = np.flatnonzero(smooth)
+        middle = point.reshape(3, -1, samples)[:, candidates].mean(axis=2)
+        towards = _normalised(middle - np.stack(origin))
+        first = candidates * samples
+        spots = self._shader.spots(middle, solid[first], towards, width[first])
+        flat = _height(point, spots, candidates, samples) <= spots.width * np.float32(FLAT / SHARPNESS)
+        smooth[candidates[~flat]] = False
 
-        light = np.empty((3, len(solids)), np.float32)
-        light[:, whole] = self._shader.radiance(spots)
-        alike[whole[~flat]] = False
-        rough = (np.flatnonzero(~alike)[:, None] * samples + np.arange(samples)).reshape(-1)
-        if rough.size:
-            point, step = (x[rough], y[rough], z[rough]), tuple(part[rough] for part in direction)
-            narrow = width[rough] * np.float32(samples**-0.5)
-            seen = self._shader.radiance(self._shader.spots(point, solid[rough], (step[0], step[1], step[2]), narrow))
-            light[:, ~alike] = seen.reshape(3, -1, samples).mean(axis=2)
+        rays = (np.flatnonzero(~smooth)[:, None] * samples + np.arange(samples)).reshape(-1)
+        narrow = width[rays] * np.float32(samples**-0.5)
+        rough = self._shader.spots(point[:, rays], solid[rays], np.stack(direction)[:, rays], narrow)
+        seen = self._shader.radiance(spots.select(flat).joined(rough))
+        light = np.empty((3, smooth.size), np.float32)
+        light[:, smooth], single = np.split(seen, [np.count_nonzero(flat)], axis=1)
+        light[:, ~smooth] = single.reshape(3, -1, samples).mean(axis=2)
         return light
 
 
-def _means(point: Coordinates, whole: np.ndarray, samples: int) -> Coordinates:
-    x, y, z = (coordinate.reshape(-1, samples)[whole].mean(axis=1) for coordinate in point)
-    return x, y, z
+def _height(
+    point: Float32[np.ndarray, "3 rays"], spots: Spots, pixels: np.ndarray, samples: int
+) -> Float32[np.ndarray, " n"]:
+    """How far, at most, what a pixel's rays met lies off the plane through the pixel's spot."""
+    off = np.zeros((pixels.size, samples), np.float32)
+    for coordinate, centre, side in zip(point, spots.point, spots.normal, strict=True):
+        off += (coordinate.reshape(-1, samples)[pixels] - centre[:, None]) * side[:, None]
+    return np.abs(off).max(axis=1)
 
 
-def _normalised(vector: tuple[np.ndarray, ...]) -> Coordinates:
+def _normalised(vector: Float32[np.ndarray, "3 n"]) -> Float32[np.ndarray, "3 n"]:
     x, y, z = vector
-    inverse = 1 / np.sqrt(x * x + y * y + z * z + np.float32(1e-12))
-    return x * inverse, y * inverse, z * inverse
+    return vector / np.sqrt(x * x + y * y + z * z + np.float32(1e-12))
 
 
 def _tiles(width: int, height: int, samples: int) -> Iterator[tuple[slice, slice]]:
@@ -134,8 +137,9 @@ def _directions(place: np.ndarray, world_to_camera: np.ndarray, intrinsics: np.n
     """Unit vectors, in the world, through places in the picture."""
     x = (place[0] - np.float32(intrinsics[0, 2])) / np.float32(intrinsics[0, 0])
     y = (place[1] - np.float32(intrinsics[1, 2])) / np.float32(intrinsics[1, 1])
-    right, down, forward = world_to_camera[:3, :3].astype(np.float32)
-    return _normalised(tuple(x * right[k] + y * down[k] + forward[k] for k in range(3)))
+    right, down, forward = world_to_camera[:3, :3, None].astype(np.float32)
+    a, b, c = _normalised(x * right + y * down + forward)
+    return a, b, c
 
 
 def _develop(light: Float32[np.ndarray, "3 pixels"]) -> UInt8[np.ndarray, "3 pixels"]:

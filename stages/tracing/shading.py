@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Bool, Float32, Int32
 
 from stages.tracing.light import Lighting
-from stages.tracing.shapes import Coordinates
 from stages.tracing.texture import TexturePyramid
 from stages.tracing.tracer import Tracer
 from stages.tracing.world import World
 
 FAINTEST_REFLECTION = 0.015
+STRONGEST_REFLECTION = np.float32(0.5)
 REFLECTION_ANGLE = 0.01
 """Mirror images are blurred over so many radians: nothing here is polished glass."""
 
+
+AWAY = 2e-3
+"""Mirrored rays start this far off the surface, lest they meet it again."""
 
 LIFT = 0.02
 """Shadows are asked for this far off the surface, in world units, lest it shadows itself."""
@@ -31,23 +35,32 @@ class Spots:
     else without meaning, where a ray met nothing.
     """
 
-    point: Coordinates
-    normal: Coordinates
+    point: Float32[np.ndarray, "3 n"]
+    normal: Float32[np.ndarray, "3 n"]
     u: Float32[np.ndarray, " n"]
     v: Float32[np.ndarray, " n"]
     solid: Int32[np.ndarray, " n"]
-    direction: Coordinates
+    direction: Float32[np.ndarray, "3 n"]
     width: Float32[np.ndarray, " n"]
+
+    def select(self, chosen: Bool[np.ndarray, " n"]) -> Spots:
+        """The chosen spots, in order."""
+        return Spots(*(part[..., chosen] for part in vars(self).values()))
+
+    def joined(self, others: Spots) -> Spots:
+        """These spots and then the others."""
+        pairs = zip(vars(self).values(), vars(others).values(), strict=True)
+        return Spots(*(np.concatenate(pair, axis=-1) for pair in pairs))
 
 
 class Shader:
-    """Shades spots of one world. `gloss` scales the shine of everything in it."""
+    """Shades spots of one world. `gloss` scales the shine of everything in it; `pool` shares out the preparations."""
 
-    def __init__(self, world: World, gloss: float) -> None:
+    def __init__(self, world: World, gloss: float, pool: Executor) -> None:
         self.tracer = Tracer(world.solids)
         self._world = world
-        self._lighting = Lighting(Tracer([solid for solid in world.solids if solid.casts_shadow]), world.suns)
-        self._pyramid = TexturePyramid(world.pages)
+        self._lighting = Lighting(Tracer([solid for solid in world.solids if solid.casts_shadow]), world.suns, pool)
+        self._pyramid = TexturePyramid(world.pages, pool)
         materials = [solid.material for solid in world.solids]
         self._page = np.array([material.page for material in materials], np.int32)
         self._extent = np.array([material.extent for material in materials], np.float32)
@@ -56,7 +69,11 @@ class Shader:
         self._tint = np.array([solid.tint for solid in world.solids], np.float32).T.copy()
 
     def spots(
-        self, point: Coordinates, solid: np.ndarray, direction: Coordinates, width: Float32[np.ndarray, " n"]
+        self,
+        point: Float32[np.ndarray, "3 n"],
+        solid: Int32[np.ndarray, " n"],
+        direction: Float32[np.ndarray, "3 n"],
+        width: Float32[np.ndarray, " n"],
     ) -> Spots:
         """What N points on the surfaces of N solids are like, seen along `direction`."""
         found = np.zeros((5, solid.size), np.float32)
@@ -72,14 +89,14 @@ class Shader:
                 found[row, chosen] = values
             found[3, chosen] = u * np.float32(1 / body.material.extent) + np.float32(body.patch[0])
             found[4, chosen] = v * np.float32(1 / body.material.extent) + np.float32(body.patch[1])
-        towards = found[0] * direction[0] + found[1] * direction[1] + found[2] * direction[2]
-        x, y, z = found[:3] * np.where(towards > 0, np.float32(-1), np.float32(1))  # rooms are seen from inside
-        return Spots(point, (x, y, z), found[3], found[4], solid, direction, width)
+        normal, (u, v) = found[:3], found[3:]
+        away = (normal * direction).sum(axis=0) > 0
+        normal = normal * np.where(away, np.float32(-1), np.float32(1))  # rooms are seen from inside
+        return Spots(point, normal, u, v, solid, direction, width)
 
     def radiance(self, spots: Spots, bounces: int = 1) -> Float32[np.ndarray, "3 n"]:
         """Linear light that leaves N spots towards the viewer."""
-        facing = -sum(side * step for side, step in zip(spots.normal, spots.direction, strict=True))
-        facing = np.maximum(facing, np.float32(0.02))
+        facing = np.maximum(-(spots.normal * spots.direction).sum(axis=0), np.float32(0.02))
         texels = spots.width * np.float32(self._pyramid.size) / (self._extent[spots.solid] * np.sqrt(facing))
         albedo = self._pyramid.lookup(self._page[spots.solid], spots.u, spots.v, texels) * self._tint[:, spots.solid]
         light, highlight = self._light(spots)
@@ -92,28 +109,30 @@ class Shader:
 
     def _light(self, spots: Spots) -> tuple[np.ndarray, np.ndarray]:
         """Diffuse light on the surfaces, and the highlights (Blinn and Phong's) to add to what they send back."""
-        normal, direction, gloss = spots.normal, spots.direction, self._gloss[spots.solid]
+        point, normal, direction = spots.point, spots.normal, spots.direction
+        gloss = self._gloss[spots.solid]
         sky = self._world.sky
-        above, below = np.float32(sky.above)[:, None], np.float32(sky.below)[:, None]
-        diffuse = above * self._lighting.sky(spots.point, normal) + below * (1 - np.float32(0.5) * normal[2])
+        above, below = _column(sky.above), _column(sky.below)
+        diffuse = above * self._lighting.sky(
+            (point[0], point[1], point[2]), (normal[0], normal[1], normal[2])
+        ) + below * (1 - np.float32(0.5) * normal[2])
         highlight = np.zeros_like(diffuse)
         shiny = np.flatnonzero(gloss)
-        x, y, z = (place + side * np.float32(LIFT) for place, side in zip(spots.point, normal, strict=True))
+        lifted = spots.point + normal * np.float32(LIFT)
         for sun, shadow in self._lighting.suns:
-            color = np.float32(sun.color)[:, None]
-            lit = np.maximum(sum(side * part for side, part in zip(normal, sun.towards, strict=True)), 0)
-            lit = lit * shadow.lit((x, y, z))
+            color, towards = _column(sun.color), _column(sun.towards)
+            lit = np.maximum((normal * towards).sum(axis=0), 0) * shadow.lit((lifted[0], lifted[1], lifted[2]))
             diffuse += color * lit
-            half = [part - step[shiny] for part, step in zip(sun.towards, direction, strict=True)]
-            length = np.sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]) + np.float32(1e-6)
-            match = np.maximum(sum(side[shiny] * part for side, part in zip(normal, half, strict=True)) / length, 0)
+            half = towards - direction[:, shiny]
+            length = np.sqrt((half * half).sum(axis=0)) + np.float32(1e-6)
+            match = np.maximum((normal[:, shiny] * half).sum(axis=0) / length, 0)
             highlight[:, shiny] += color * (match**40 * np.minimum(lit[shiny] * 4, 1) * gloss[shiny])
         for lamp in self._world.lamps:
-            offset = [np.float32(a) - b for a, b in zip(lamp.position, spots.point, strict=True)]
-            square = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2] + np.float32(1e-6)
-            slant = np.maximum(sum(side * part for side, part in zip(normal, offset, strict=True)), 0)
+            offset = _column(lamp.position) - spots.point
+            square = (offset * offset).sum(axis=0) + np.float32(1e-6)
+            slant = np.maximum((normal * offset).sum(axis=0), 0)
             fall = slant / (np.sqrt(square) * (1 + square * np.float32(1 / lamp.reach**2)))
-            diffuse += np.float32(lamp.color)[:, None] * fall
+            diffuse += _column(lamp.color) * fall
         return diffuse, highlight
 
     def _reflect(self, light: np.ndarray, spots: Spots, facing: np.ndarray) -> None:
@@ -123,17 +142,16 @@ class Shader:
         if not chosen.size:
             return
         chosen = chosen[np.argsort(spots.solid[chosen], kind="stable")]  # rays off one surface travel together
-        twice = 2 * facing[chosen]
-        a, b, c = (
-            step[chosen] + twice * side[chosen] for step, side in zip(spots.direction, spots.normal, strict=True)
-        )
-        x, y, z = (
-            place[chosen] + side[chosen] * np.float32(2e-3)
-            for place, side in zip(spots.point, spots.normal, strict=True)
-        )
-        distance, solid = self.tracer.first((x, y, z), (a, b, c))
+        normal, direction = spots.normal[:, chosen], spots.direction[:, chosen]
+        mirrored = direction + 2 * facing[chosen] * normal
+        start = spots.point[:, chosen] + normal * np.float32(AWAY)
+        distance, solid = self.tracer.first((start[0], start[1], start[2]), (mirrored[0], mirrored[1], mirrored[2]))
         distance[solid < 0] = 0
-        point = (x + distance * a, y + distance * b, z + distance * c)
-        seen = self.radiance(self.spots(point, solid, (a, b, c), distance * np.float32(REFLECTION_ANGLE)), bounces=0)
-        part = np.minimum(share[chosen], 0.5)
+        width = distance * np.float32(REFLECTION_ANGLE)
+        seen = self.radiance(self.spots(start + distance * mirrored, solid, mirrored, width), bounces=0)
+        part = np.minimum(share[chosen], STRONGEST_REFLECTION)
         light[:, chosen] = light[:, chosen] * (1 - part) + seen * part
+
+
+def _column(vector: tuple[float, float, float]) -> Float32[np.ndarray, "3 1"]:
+    return np.array(vector, np.float32)[:, None]

@@ -71,7 +71,7 @@ class Shape(Protocol):
         """
 
     def surface(self, point: Coordinates) -> tuple[Coordinates, np.ndarray, np.ndarray]:
-        """At `point` on the surface: the outward normal, and where it lies on the unrolled surface (u, v), in world units."""
+        """The outward normal at `point`, on the surface, and its place on the unrolled surface, in world units."""
 
 
 def _first_in_front(near: np.ndarray, far: np.ndarray, valid: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ BUNDLE = 64
 
 @dataclass(frozen=True)
 class Bundles:
-    """B cones, each of which holds some rays: they start within `spread` of `apex` and lean off `axis` so far at most."""
+    """B cones that hold rays: these start within `spread` of `apex` and lean off `axis` by an angle with `cosine`."""
 
     apex: Float64[np.ndarray, "B 3"]
     spread: Float64[np.ndarray, " B"]
@@ -44,7 +44,7 @@ class Bundles:
         margin = radii[None] + self.spread[:, None] + 1e-3
         cosine = self.cosine[:, None]
         sine = np.sqrt(np.maximum(1 - cosine * cosine, 0)) + 1e-3
-        return (cosine <= 0) | ((forward > -margin) & (across * cosine - forward * sine <= margin))
+        return np.logical_or(cosine <= 0, (forward > -margin) & (across * cosine - forward * sine <= margin))
 
 
 class Tracer:
@@ -67,31 +67,43 @@ class Tracer:
         Rays that share their origin may give it as arrays of one element. Infinite, and -1, where a ray meets nothing.
         """
         rays = direction[0].size
-        distance = np.full(-(-rays // BUNDLE) * BUNDLE, np.inf, np.float32)
-        winner = np.full(distance.size, -1, np.int32)
         starts, steps = _in_bundles(origin), _in_bundles(direction)
+        distance = np.full(steps.shape[1:], np.inf, np.float32)
+        winner = np.full(steps.shape[1:], -1, np.int32)
         bundles = Bundles.around(starts, steps)
         reached = bundles.reach(self._centres, self._radii)
-        starts, steps = starts.reshape(3, -1), steps.reshape(3, -1)
         nearest = np.linalg.norm(self._centres - bundles.apex.mean(axis=0), axis=1) - self._radii
         order = np.argsort(nearest, kind="stable")
-        for number in order[reached.any(axis=0)[order]]:
-            tried = _rays_of(np.flatnonzero(reached[:, number]))
-            tried = tried[self._passes(number, _take(starts, tried), _take(steps, tried), distance[tried])]
-            if not tried.size:
-                continue
-            solid = self.solids[number]
-            start = solid.frame.point_to_local(_take(starts, tried))
-            found = solid.shape.hit(start, solid.frame.direction_to_local(_take(steps, tried)))
-            nearer = found < distance[tried]
-            tried = tried[nearer]
-            distance[tried] = found[nearer]
-            winner[tried] = number
-        return distance[:rays], winner[:rays]
+        for number in order[np.isin(order, np.flatnonzero(reached.any(axis=0)))]:
+            rows = np.flatnonzero(reached[:, number])
+            start, step = _rows(starts, rows), _rows(steps, rows)
+            passing = np.flatnonzero(self._passes(number, start, step, distance[rows]))
+            if passing.size:
+                self._try(number, _rays(start, passing), _rays(step, passing), distance, winner, rows, passing)
+        return distance.reshape(-1)[:rays], winner.reshape(-1)[:rays]
+
+    def _try(
+        self,
+        number: int,
+        start: Coordinates,
+        step: Coordinates,
+        distance: Float32[np.ndarray, "B rays"],
+        winner: Int32[np.ndarray, "B rays"],
+        rows: np.ndarray,
+        passing: np.ndarray,
+    ) -> None:
+        """Meet a solid with the `passing` rays of bundles `rows`; where it is nearer than `distance`, it wins."""
+        solid = self.solids[number]
+        found = solid.shape.hit(solid.frame.point_to_local(start), solid.frame.direction_to_local(step))
+        ray = (rows[:, None] * BUNDLE + np.arange(BUNDLE)).reshape(-1)[passing]
+        nearer = found < distance.reshape(-1)[ray]
+        ray = ray[nearer]
+        distance.reshape(-1)[ray] = found[nearer]
+        winner.reshape(-1)[ray] = number
 
     def _passes(
-        self, number: int, origin: Coordinates, direction: Coordinates, limit: Float32[np.ndarray, " rays"]
-    ) -> Bool[np.ndarray, " rays"]:
+        self, number: int, origin: Coordinates, direction: Coordinates, limit: Float32[np.ndarray, "b rays"]
+    ) -> Bool[np.ndarray, "b rays"]:
         """Which rays pass through a solid's bounding sphere before `limit`."""
         x, y, z = (float(middle) - start for middle, start in zip(self._centres[number], origin, strict=True))
         radius = float(self._radii[number]) + 1e-3
@@ -113,11 +125,13 @@ def _in_bundles(coordinates: Coordinates) -> Float32[np.ndarray, "3 B rays"]:
     return stacked.reshape(3, -1, BUNDLE)
 
 
-def _rays_of(bundles: np.ndarray) -> np.ndarray:
-    return (bundles[:, None] * BUNDLE + np.arange(BUNDLE)).reshape(-1)
+def _rows(coordinates: np.ndarray, rows: np.ndarray) -> Coordinates:
+    """The coordinates of some bundles; a shared value as it is."""
+    x, y, z = coordinates if coordinates.shape[1] == 1 else (part[rows] for part in coordinates)
+    return x, y, z
 
 
-def _take(coordinates: np.ndarray, chosen: np.ndarray) -> Coordinates:
-    """The coordinates of the chosen rays; shared ones as they are."""
-    x, y, z = coordinates if coordinates.shape[1] == 1 else (row[chosen] for row in coordinates)
+def _rays(coordinates: Coordinates, chosen: np.ndarray) -> Coordinates:
+    """The coordinates of some rays; a shared value as it is."""
+    x, y, z = (part.reshape(-1) if part.size == 1 else part.reshape(-1)[chosen] for part in coordinates)
     return x, y, z

@@ -171,7 +171,7 @@ def _barrels_and_crates(builder: Builder, rng: np.random.Generator, wood: Materi
     ):
         builder.box((x, y, z), (half, half, half), wood, axes=turned(yaw=yaw), bevel=0.02, tint=builder.tone(0.25))
     bench = turned(yaw=55)
-    forward, sideways, up = bench
+    _, sideways, up = bench
     seat = np.array([0.2, 2.4, 0.0])
     builder.box(seat + up * 0.38, (0.2, 0.7, 0.035), wood, axes=bench)
     for side in (-0.5, 0.5):
