@@ -1,0 +1,86 @@
+"""A message is photographed from the cover's cameras, paired by name, and placed where it fills the picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.artifact import Artifact, create, load
+from pipeline.errors import UserError
+from pipeline.stage import run_stage
+from stages.hiding.method import build_method
+from stages.hiding.storage import write_container
+from stages.render_hidden import RenderHiddenParameters, coverage_score, render_hidden, shrunken
+from stages.scene.cameras import Cameras
+from stages.scene.gaussians import gaussians_at
+from stages.scene.message_views import read_messages
+from stages.scene.scene import Scene, write_scene
+from stages.tracing.rig import orbit
+
+SIZE = (32, 24)
+
+
+def ring(views: int, scale: float, prefix: str) -> Cameras:
+    poses, intrinsics = orbit(views, *SIZE, seed=1)
+    poses[:, :3, 3] *= scale
+    return Cameras(tuple(f"{prefix}{view}.png" for view in range(views)), poses, intrinsics, *SIZE)
+
+
+def scene_artifact(folder: Path, cameras: Cameras, points: np.ndarray) -> Artifact:
+    pictures = np.zeros((len(cameras), cameras.height, cameras.width, 3), np.uint8)
+    colors = np.full((len(points), 3), 128, np.uint8)
+    with create(folder, "scene") as writer:
+        write_scene(writer, Scene(cameras, pictures, points.astype(np.float32), colors, cameras.names[:1]))
+    return load(folder)
+
+
+def wall_of_splats(folder: Path, points: np.ndarray) -> Artifact:
+    torch.manual_seed(0)
+    method = build_method("plain", {"sh_degree": 0})
+    gaussians = gaussians_at(
+        points, method.initial_attributes(np.full((len(points), 3), 0.7), np.random.default_rng(0))
+    )
+    gaussians.parameters["logit_opacities"] = torch.full((len(points),), 4.0)
+    with create(folder, "splats") as writer:
+        write_container(writer, gaussians, method)
+    return load(folder)
+
+
+def test_views_have_the_covers_names_and_fill_the_picture(tmp_path: Path) -> None:
+    generator = np.random.default_rng(0)
+    directions = generator.standard_normal((4000, 3))
+    shell = 5 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    points = np.concatenate([shell, generator.uniform(-1, 1, (400, 3))])
+    cover = ring(6, scale=3.0, prefix="cover")
+    inputs = {
+        "splats": wall_of_splats(tmp_path / "splats", points),
+        "message": scene_artifact(tmp_path / "message", ring(8, scale=1.0, prefix="message"), points),
+        "cover": scene_artifact(tmp_path / "cover", cover, 3 * points),
+    }
+    made = run_stage(render_hidden, RenderHiddenParameters(name="shell"), inputs, tmp_path / "out")["views"]
+    views = read_messages([made], cover.names)["shell"]
+    assert views.view_names == cover.names
+    assert views.legal.all()
+    assert views.pictures.mean() > 100
+    with pytest.raises(UserError, match="not rendered for all"):
+        read_messages([made], [*cover.names, "another.png"])
+    with pytest.raises(UserError, match="same name"):
+        read_messages([made, made], cover.names)
+    reversed_names = tuple(reversed(cover.names))
+    np.testing.assert_array_equal(read_messages([made], reversed_names)["shell"].pictures, views.pictures[::-1])
+
+
+def test_a_shrunken_camera_sees_the_same() -> None:
+    cameras = ring(2, 1.0, "")
+    small = shrunken(cameras, 16)
+    assert (small.width, small.height) == (16, 12)
+    ray = np.linalg.inv(cameras.intrinsics[0]) @ [32, 24, 1]
+    np.testing.assert_allclose(small.intrinsics[0] @ ray, [16, 12, 1])
+
+
+def test_legal_views_count_before_mean_coverage() -> None:
+    assert coverage_score(np.array([0.95, 0.2])) > coverage_score(np.array([0.89, 0.89]))
+    assert coverage_score(np.array([1.0, 1.0])) == coverage_score(np.array([0.95, 0.91]))
