@@ -24,10 +24,10 @@ class SynthesizeParameters(Parameters):
     """What is photographed, and how."""
 
     scene: Literal["courtyard", "library", "reef", "workshop"] = Field(description="Which of the built-in scenes.")
-    views: int = Field(48, ge=1, description="Photos, on one closed walk about the scene.")
+    views: int = Field(48, ge=1, le=999, description="Photos, on one closed walk about the scene.")
     width: int = Field(512, ge=16, description="Of a photo, in pixels.")
     height: int = Field(384, ge=16, description="Of a photo, in pixels.")
-    samples: int = Field(4, ge=1, description="Rays a pixel, a square number: one in each stratum.")
+    samples: Literal[1, 4, 9, 16] = Field(4, description="Rays a pixel, one in each part of an even grid.")
     gloss: float = Field(1.0, ge=0, le=1, description="Scales highlights and mirror images.")
     seed: int = Field(0, ge=0, description="Of textures, small displacements, the walk and the rays.")
     threads: int = Field(2, ge=1, description="Photos taken at a time; the pictures do not depend on it.")

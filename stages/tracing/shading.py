@@ -79,7 +79,7 @@ class Shader:
         found = np.zeros((5, solid.size), np.float32)
         order = np.argsort(solid.astype(np.int16), kind="stable")
         numbers, starts = np.unique(solid[order], return_index=True)
-        for number, chosen in zip(numbers, np.split(order, starts[1:]), strict=True):
+        for number, chosen in zip(numbers, np.split(order, starts)[1:], strict=True):
             if number < 0:
                 continue
             body = self._world.solids[number]

@@ -179,11 +179,12 @@ class Frustum:
         growth = self._slope * dz
         square = dx * dx + dy * dy - growth * growth + TINY
         cross = x * dx + y * dy - growth * radius
-        discriminant = cross * cross - square * (x * x + y * y - radius * radius)
-        root = np.sqrt(np.maximum(discriminant, 0))
-        inverse = 1 / square
+        excess = x * x + y * y - radius * radius
+        discriminant = cross * cross - square * excess
+        # Of the two forms of each root the one without cancellation: along the slope of a cone, `square` is next to 0.
+        larger = -cross - np.copysign(np.sqrt(np.maximum(discriminant, 0)), cross)
         nearest = np.full(discriminant.shape, np.inf, np.float32)
-        for distance in ((-cross - root) * inverse, (root - cross) * inverse):
+        for distance in (larger / square, excess / (larger + TINY)):
             height = z + distance * dz
             on_side = (np.abs(height) <= self.half_height) & (discriminant > 0) & (distance > NEAREST)
             nearest = np.where(on_side, np.minimum(nearest, distance), nearest)
