@@ -7,7 +7,7 @@ import pytest
 
 from stages.tracing.photograph import Studio
 from stages.tracing.rig import look_at
-from stages.tracing.world import Builder, Sky
+from stages.tracing.world import Builder, Sky, turned
 from tests.stages.tracing.worlds import builder, plain
 
 WIDTH, HEIGHT = 96, 72
@@ -114,3 +114,26 @@ def test_where_nothing_is_met_it_is_dark() -> None:
     shown = picture(studio(build))
     assert shown[0, 0].tolist() == [0, 0, 0]
     assert shown[HEIGHT // 2, WIDTH // 2].min() > 50
+
+
+def test_a_tint_multiplies_the_paint() -> None:
+    build = builder()
+    build.ball((0, 0, 0), 12.0, plain(build, (0.5, 0.5, 0.5), glow=1.0), tint=(1, 0.5, 0))
+    red, green, blue = picture(studio(build))[0, 0]
+    assert red > green > blue == 0
+
+
+def test_an_edge_between_two_faces_of_a_box_is_smooth() -> None:
+    build = builder()
+    build.box((0, 0, 0.5), (1.2, 1.2, 0.7), plain(build, (0.8, 0.8, 0.8)), axes=turned(yaw=20))
+    build.sun((0.3, -0.2, 1.0), (1, 1, 1))
+    taken_in = studio(build)
+    fine = taken_in.photograph(
+        POSE, INTRINSICS * [[4], [4], [1]], 4 * WIDTH, 4 * HEIGHT, 1, np.random.default_rng(0)
+    ).reshape(HEIGHT, 4, WIDTH, 4, 3)
+    inside = (fine > 0).all(axis=(1, 3))
+    contrast = np.ptp(fine.astype(int), axis=(1, 3))
+    edge = inside & (contrast > 15)
+    assert edge[..., 0].sum() > 40
+    apart = np.abs(picture(taken_in, samples=16) - fine.mean(axis=(1, 3)))
+    assert (apart[edge] / contrast[edge]).mean() < 0.18

@@ -54,6 +54,13 @@ def test_blur_grows_steadily() -> None:
     assert spreads == sorted(spreads, reverse=True)
 
 
+def test_between_two_levels_of_blur_lies_a_blend_of_both() -> None:
+    pyramid = TexturePyramid(pages(), Here())
+    u, v = np.random.default_rng(0).random((2, 50))
+    sharp, between, blurred = (np.sqrt(look(pyramid, 0, u, v, texels)) for texels in (2.0, 2.0**1.5, 4.0))
+    assert np.allclose(between, (sharp + blurred) / 2, atol=1e-4)
+
+
 @pytest.mark.parametrize("shape", [(24, 24, 3), (32, 16, 3), (32, 32)])
 def test_other_pages_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="power of two"):
