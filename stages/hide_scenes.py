@@ -35,6 +35,9 @@ class HideScenesParameters(TrainingParameters):
     lambda_message: float = Field(0.5, ge=0, description="λ: the messages' weight in the total loss.")
     ssim_weight_cover: float = Field(0.2, ge=0, le=1, description="γ: SSIM's share of the cover's loss.")
     ssim_weight_message: float = Field(0.2, ge=0, le=1, description="β: SSIM's share of a message's loss.")
+    message_points: int = Field(
+        0, ge=0, description="Start with this many sparse points of each message, too. The paper: none."
+    )
     feature_rate: float = Field(
         5e-2, gt=0, description="Learning rate of features. Released code: 2.5e-3, with 50,000 iterations."
     )
@@ -67,7 +70,7 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
     cover = read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), cover.cameras.names)
     method = _build(parameters, list(messages))
-    points, colors = starting_points(cover, parameters.sparse_points, parameters.random_points, parameters.seed)
+    points, colors = starting_points(cover, messages, parameters.start(parameters.message_points))
     generator = key_generator(context.input_optional("key"), parameters.seed)
     training = Training(
         gaussians_at(points, method.initial_attributes(colors, generator)),

@@ -7,7 +7,7 @@ from itertools import count
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from jaxtyping import Float32, UInt8
 from pydantic import Field
 
 from opencl.device import choose_device
@@ -56,7 +56,10 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
         return coverage_score(coverage_of(gaussians, method, seen))
 
     placed = best(choices, score)
-    views = photograph_message(parameters.name, gaussians, method, cameras_in_message_world(cover.cameras, placed))
+    seen = cameras_in_message_world(cover.cameras, placed)
+    pictures, coverage = photograph_message(gaussians, method, seen)
+    points = placed.points(message.points.astype(np.float64)).astype(np.float32)
+    views = MessageViews(parameters.name, seen.names, pictures, coverage, points, message.point_colors)
     write_message_views(context.output("views"), views)
     context.log(
         f"{int(views.legal.sum())} of {len(views.view_names)} views are legal (coverage {LEGAL_COVERAGE} or more)"
@@ -87,11 +90,13 @@ def coverage_score(coverage: Float32[np.ndarray, " V"]) -> tuple[int, float]:
     return int((coverage >= LEGAL_COVERAGE).sum()), round(float(coverage.clip(max=LEGAL_COVERAGE).mean()), 2)
 
 
-def photograph_message(name: str, gaussians: Gaussians, method: Method, cameras: Cameras) -> MessageViews:
-    """The message's pictures and coverage from every camera."""
+def photograph_message(
+    gaussians: Gaussians, method: Method, cameras: Cameras
+) -> tuple[UInt8[np.ndarray, "V H W 3"], Float32[np.ndarray, "V H W"]]:
+    """The message's pictures over black, and its coverage, from every camera."""
     shots = [
         (tensor_to_picture(view.pictures[COVER].clamp(0, 1)), view.alphas.numpy())
         for view in photographs(gaussians, method, cameras)
     ]
     pictures, coverage = zip(*shots, strict=True)
-    return MessageViews(name, cameras.names, np.stack(pictures), np.stack(coverage).astype(np.float32))
+    return np.stack(pictures), np.stack(coverage).astype(np.float32)

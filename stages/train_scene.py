@@ -42,7 +42,7 @@ def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("scene"))
     method = build_method(METHOD, {"sh_degree": parameters.sh_degree})
-    points, colors = starting_points(scene, parameters.sparse_points, parameters.random_points, parameters.seed)
+    points, colors = starting_points(scene, {}, parameters.start())
     generator = np.random.default_rng(parameters.seed)
     training = Training(
         gaussians_at(points, method.initial_attributes(colors, generator)),

@@ -32,9 +32,9 @@ class Method(Protocol):
     networks: Mapping[str, torch.nn.Module]
 
     def initial_attributes(
-        self, colors: Float[np.ndarray, "N 3"], generator: np.random.Generator
+        self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
     ) -> dict[str, Float[Tensor, "N ..."]]:
-        """Attributes of new Gaussians on points of these sRGB `colors` in [0, 1]."""
+        """Attributes of N new Gaussians that look so in every picture, by its name: sRGB in [0, 1], 0.5 if unknown."""
 
     def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
         """All pictures of one camera; `progress` in [0, 1] is the share of the training that is done."""

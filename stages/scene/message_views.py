@@ -18,12 +18,17 @@ LEGAL_COVERAGE = 0.9
 
 @dataclass(frozen=True)
 class MessageViews:
-    """One message seen by V cameras of the cover: pictures over black, and how much of each pixel it fills."""
+    """One message seen by V cameras of the cover: pictures over black, and how much of each pixel it fills.
+
+    `points` are its sparse points where it was placed, in the cover's world, with their sRGB colours.
+    """
 
     name: str
     view_names: tuple[str, ...]
     pictures: UInt8[np.ndarray, "V H W 3"]
     coverage: Float32[np.ndarray, "V H W"]
+    points: Float32[np.ndarray, "P 3"]
+    point_colors: UInt8[np.ndarray, "P 3"]
 
     @property
     def mean_coverage(self) -> Float32[np.ndarray, " V"]:
@@ -38,6 +43,8 @@ def write_message_views(writer: ArtifactWriter, views: MessageViews) -> None:
     """Write a `views` artifact."""
     writer.write("pictures", views.pictures)
     writer.write("coverage", views.coverage)
+    writer.write("points", views.points)
+    writer.write("point_colors", views.point_colors)
     writer.attributes.update(
         message=views.name,
         names=list(views.view_names),
@@ -69,6 +76,11 @@ def read_messages(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> 
             )
         rows = [index[view] for view in cover_names]
         messages[name] = MessageViews(
-            name, tuple(cover_names), artifact.read("pictures")[rows], artifact.read("coverage")[rows]
+            name,
+            tuple(cover_names),
+            artifact.read("pictures")[rows],
+            artifact.read("coverage")[rows],
+            artifact.read("points"),
+            artifact.read("point_colors"),
         )
     return messages

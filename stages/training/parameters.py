@@ -7,6 +7,7 @@ from pydantic import Field
 from pipeline.stage import Parameters
 from stages.training.density_control import DensitySettings
 from stages.training.loop import TrainingSettings
+from stages.training.starting_points import Start
 
 
 class TrainingParameters(Parameters):
@@ -23,6 +24,10 @@ class TrainingParameters(Parameters):
     random_points: int = Field(
         0, ge=0, description="Start with this many grey ones, too, anywhere in the space before the cameras."
     )
+
+    def start(self, message_points: int = 0) -> Start:
+        """Where the first Gaussians are."""
+        return Start(self.sparse_points, message_points, self.random_points, self.seed)
 
     def settings(self, extent: float) -> TrainingSettings:
         """The loop's settings for a rig of this extent."""

@@ -1,14 +1,26 @@
-"""Where the first Gaussians are: on the sparse points of SfM, and in the space before the cameras."""
+"""Where the first Gaussians are: on sparse points of SfM, and anywhere in the space before the cameras.
+
+3DGS and the paper start on the cover's points. Those say nothing of where the message's things are, and density control
+only grows from what is there: without the message's points it is learnt view by view and not seen from a new one.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from pipeline.errors import UserError
+from stages.hiding.rendering import COVER
+from stages.scene.message_views import MessageViews
 from stages.scene.scene import Scene
 
 GREY = 0.5
+RANDOM = ""
+"""The name under which random points are listed: no picture has it."""
+
 DEPTH_PERCENTILES = (1, 99)
 NEARER, FARTHER = 0.7, 2.0
 """Random points may lie this much nearer and farther than the sparse points that a camera sees."""
@@ -16,11 +28,23 @@ NEARER, FARTHER = 0.7, 2.0
 Points = Float[np.ndarray, "N 3"]
 
 
-def starting_points(scene: Scene, sparse: bool, random_points: int, seed: int) -> tuple[Points, Points]:
-    """Positions in world units, and sRGB colours in [0, 1], of the first Gaussians.
+@dataclass(frozen=True)
+class Start:
+    """Which points: the cover's sparse ones, so many of each message's, and so many random ones."""
 
-    The sparse points with their colours, if wanted, then `random_points` grey ones. Raises `UserError` for a scene
-    without sparse points: without them nothing says how far from the cameras its things are.
+    sparse_points: bool
+    message_points: int
+    random_points: int
+    seed: int
+
+
+def starting_points(
+    scene: Scene, messages: Mapping[str, MessageViews], start: Start
+) -> tuple[Points, dict[str, Points]]:
+    """Positions [N, 3] in world units of the first Gaussians, and their colour [N, 3] in every picture, by its name.
+
+    A point of the cover is grey in the messages, and the other way round; random points are grey everywhere. Raises
+    `UserError` for a scene without sparse points: without them nothing says how far from the cameras its things are.
     """
     if len(scene.points) == 0:
         raise UserError(
@@ -29,12 +53,22 @@ def starting_points(scene: Scene, sparse: bool, random_points: int, seed: int) -
             expected="at least one",
             remedy="check the capture's poses, or photograph with more overlap",
         )
-    scattered = points_before_cameras(scene, random_points, np.random.default_rng(seed))
-    grey = np.full_like(scattered, GREY)
-    if not sparse:
-        return scattered, grey
-    points = np.concatenate([scene.points.astype(np.float64), scattered])
-    return points, np.concatenate([scene.point_colors / 255, grey])
+    generator = np.random.default_rng(start.seed)
+    clouds: list[tuple[str, Points, Points]] = []
+    if start.sparse_points:
+        clouds.append((COVER, scene.points.astype(np.float64), scene.point_colors / 255))
+    for name, views in messages.items():
+        chosen = generator.permutation(len(views.points))[: start.message_points]
+        clouds.append((name, views.points[chosen].astype(np.float64), views.point_colors[chosen] / 255))
+    scattered = points_before_cameras(scene, start.random_points, generator)
+    clouds.append((RANDOM, scattered, np.full_like(scattered, GREY)))
+    positions = np.concatenate([points for _, points, _ in clouds])
+    return positions, {
+        picture: np.concatenate(
+            [colors if name == picture else np.full_like(colors, GREY) for name, _, colors in clouds]
+        )
+        for picture in (COVER, *messages)
+    }
 
 
 def points_before_cameras(scene: Scene, count: int, generator: np.random.Generator) -> Points:

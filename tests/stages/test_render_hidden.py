@@ -12,6 +12,7 @@ from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.hiding.method import build_method
+from stages.hiding.rendering import COVER
 from stages.hiding.storage import write_container
 from stages.render_hidden import RenderHiddenParameters, coverage_score, render_hidden, shrunken
 from stages.scene.cameras import Cameras
@@ -41,7 +42,7 @@ def wall_of_splats(folder: Path, points: np.ndarray) -> Artifact:
     torch.manual_seed(0)
     method = build_method("plain", {"sh_degree": 0})
     gaussians = gaussians_at(
-        points, method.initial_attributes(np.full((len(points), 3), 0.7), np.random.default_rng(0))
+        points, method.initial_attributes({COVER: np.full((len(points), 3), 0.7)}, np.random.default_rng(0))
     )
     gaussians.parameters["logit_opacities"] = torch.full((len(points),), 4.0)
     with create(folder, "splats") as writer:

@@ -56,9 +56,9 @@ class GSHider:
             network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stub omits it
 
     def initial_attributes(
-        self, colors: Float[np.ndarray, "N 3"], generator: np.random.Generator
+        self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
     ) -> dict[str, Float[Tensor, "N ..."]]:
-        """Features that the scene decoder shows as the points' colours; of the messages they say nothing yet.
+        """Features that the decoders show as the points' colours, in the cover and in every message.
 
         The released code starts from zeros and random decoders, which needs tens of thousands of iterations. Here every
         decoder starts as a linear map of its own three channels out of a random orthonormal mixture of all M: each
@@ -69,7 +69,8 @@ class GSHider:
         self.scene_decoder.pass_through(mixture[:3])
         if self.messages:
             self.message_decoder.pass_through(mixture[3:])
-        features = 0.5 + (torch.as_tensor(colors, dtype=torch.float32) - 0.5) @ mixture[:3]
+        shown = torch.as_tensor(np.concatenate([colors[name] for name in (COVER, *self.messages)], axis=1)).float()
+        features = 0.5 + (shown - 0.5) @ mixture
         return {"raw_features": features.clamp(*FEATURE_RANGE).logit()}
 
     def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:

@@ -30,11 +30,11 @@ class Plain:
         self.networks: Mapping[str, torch.nn.Module] = {}
 
     def initial_attributes(
-        self, colors: Float[np.ndarray, "N 3"], generator: np.random.Generator
+        self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
     ) -> dict[str, Float[Tensor, "N ..."]]:
         """The points' colours, the same from everywhere."""
-        base = (torch.as_tensor(colors, dtype=torch.float32) - 0.5) / BASE
-        return {"sh_base": base, "sh_rest": torch.zeros(len(colors), harmonics_count(self.sh_degree) - 1, 3)}
+        base = (torch.as_tensor(colors[COVER], dtype=torch.float32) - 0.5) / BASE
+        return {"sh_base": base, "sh_rest": torch.zeros(len(base), harmonics_count(self.sh_degree) - 1, 3)}
 
     def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
         """The cover's picture over black."""

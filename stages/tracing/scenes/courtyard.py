@@ -100,7 +100,7 @@ def _fountain(builder: Builder, stone: Material, glaze: Material, water: Materia
 
 
 def _columns(builder: Builder, stone: Material, clay: Material, green: Material) -> None:
-    for angle, height in ((20, 1.75), (112, 1.2), (205, 1.9), (290, 0.7)):
+    for angle, height in ((20, 1.75), (112, 0.8), (205, 1.9), (290, 0.7)):
         x, y = 2.35 * np.cos(np.radians(angle)), 2.35 * np.sin(np.radians(angle))
         builder.box((x, y, 0.09), (0.24, 0.24, 0.09), stone, axes=turned(yaw=angle), bevel=0.03)
         builder.rod((x, y, 0.18), (x, y, 0.26), 0.2, stone, end_radius=0.15)

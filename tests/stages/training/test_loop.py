@@ -42,7 +42,9 @@ def trained(method_name: str, iterations: int, seed: int = 0):
         name: torch.tensor(colors[name], dtype=torch.uint8).expand(3, HEIGHT, WIDTH, 3) for name in [COVER, *messages]
     }
     training = Training(
-        gaussians_at(points, method.initial_attributes(np.full((40, 3), 0.5), generator)),
+        gaussians_at(
+            points, method.initial_attributes(dict.fromkeys((COVER, *messages), np.full((40, 3), 0.5)), generator)
+        ),
         method,
         TrainingViews(single_cameras(rig(3)), pictures),
         hiding_terms(messages, 0.5),

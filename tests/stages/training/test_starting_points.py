@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from pipeline.errors import UserError
+from stages.hiding.rendering import COVER
 from stages.scene.cameras import Cameras
+from stages.scene.message_views import MessageViews
 from stages.scene.scene import Scene
-from stages.training.starting_points import FARTHER, NEARER, points_before_cameras, starting_points
+from stages.training.starting_points import FARTHER, NEARER, Start, points_before_cameras, starting_points
 
 
 def scene_with(points: np.ndarray) -> Scene:
@@ -39,20 +41,33 @@ def test_each_point_is_in_the_picture_of_a_training_camera() -> None:
 
 def test_sparse_points_come_first_with_their_colors() -> None:
     scene = scene_with(cloud())
-    points, colors = starting_points(scene, sparse=True, random_points=7, seed=0)
+    points, colors = starting_points(scene, {}, Start(True, 0, 7, seed=0))
     assert len(points) == 207
     np.testing.assert_allclose(points[:200], scene.points)
-    np.testing.assert_allclose(colors[:200], 200 / 255)
-    np.testing.assert_allclose(colors[200:], 0.5)
+    np.testing.assert_allclose(colors[COVER][:200], 200 / 255)
+    np.testing.assert_allclose(colors[COVER][200:], 0.5)
+
+
+def test_points_of_a_message_have_its_colors_and_are_grey_in_the_cover() -> None:
+    scene = scene_with(cloud())
+    pictures, coverage = np.zeros((3, 24, 32, 3), np.uint8), np.ones((3, 24, 32), np.float32)
+    far = (cloud() + 9).astype(np.float32)
+    message = MessageViews("m", ("a", "b", "c"), pictures, coverage, far, np.full((200, 3), 51, np.uint8))
+    points, colors = starting_points(scene, {"m": message}, Start(True, 30, 0, seed=0))
+    assert len(points) == 230
+    assert {tuple(point) for point in points[200:].tolist()} <= {tuple(point) for point in far.astype(float).tolist()}
+    np.testing.assert_allclose(colors["m"][200:], 0.2)
+    np.testing.assert_allclose(colors["m"][:200], 0.5)
+    np.testing.assert_allclose(colors[COVER][200:], 0.5)
 
 
 def test_the_same_seed_gives_the_same_points() -> None:
     scene = scene_with(cloud())
-    first, second, other = (starting_points(scene, False, 20, seed)[0] for seed in (3, 3, 4))
+    first, second, other = (starting_points(scene, {}, Start(False, 0, 20, seed))[0] for seed in (3, 3, 4))
     assert np.array_equal(first, second)
     assert not np.array_equal(first, other)
 
 
 def test_a_scene_without_points_is_refused() -> None:
     with pytest.raises(UserError, match="no sparse points"):
-        starting_points(scene_with(np.empty((0, 3))), sparse=True, random_points=0, seed=0)
+        starting_points(scene_with(np.empty((0, 3))), {}, Start(True, 0, 0, seed=0))
