@@ -45,9 +45,10 @@ def total_loss(
 def hiding_terms(
     messages: Sequence[str], lambda_message: float, ssim_weight_cover: float = 0.2, ssim_weight_message: float = 0.2
 ) -> tuple[PictureTerm, ...]:
-    """The joint objective: the cover with weight 1, each of the L messages with λ / L.
+    """The joint objective: the cover with weight 1, each of the L messages with λ.
 
-    Eq. 7 compares one picture of 3·L channels, whose mean over channels gives each message the weight λ / L.
+    The paper leaves open whether λ is shared by L messages; a weight for each keeps what one message costs and gains
+    the same whatever else is hidden.
     """
     cover = PictureTerm(COVER, 1.0, ssim_weight_cover)
-    return (cover, *(PictureTerm(name, lambda_message / len(messages), ssim_weight_message) for name in messages))
+    return (cover, *(PictureTerm(name, lambda_message, ssim_weight_message) for name in messages))

@@ -48,12 +48,18 @@ class Group:
     def at(self, place: Vector) -> list[float]:
         return (self.place + np.asarray(place, np.float64) @ self.axes).tolist()
 
-    def box(self, place: Vector, half: Vector, material: Material, turn: Vector = (0, 0, 0)) -> None:
+    def box(
+        self,
+        place: Vector,
+        half: Vector,
+        material: Material,
+        turn: Vector = (0, 0, 0),
+        patch: Vector | None = None,
+    ) -> None:
         """A box with a tone of its own, turned in the group by yaw, pitch and roll."""
-        axes = turned(*turn) @ self.axes
-        self.builder.box(
-            self.at(place), half, material, axes=axes, bevel=0.15 * min(half), tint=self.builder.tone(0.12).tolist()
-        )
+        axes, tint = turned(*turn) @ self.axes, self.builder.tone(0.12).tolist()
+        bevel = 0.15 * min(half)
+        self.builder.box(self.at(place), half, material, axes=axes, bevel=bevel, tint=tint, patch=patch)
 
     def rod(self, start: Vector, stop: Vector, radius: float, material: Material, end: float | None = None) -> None:
         tint = self.builder.tone(0.12).tolist()
@@ -173,8 +179,8 @@ def _pegboard(rng: np.random.Generator, rows: int, columns: int) -> Picture:
     bar = step(0.2 - np.abs(above), 0, 0.04) * step(0.3 + 0.5 * pick() - np.abs(x + 0.3 * (pick() - 0.5)), 0, 0.05)
     kind = pick()
     head = np.where(kind < 0.35, ring, np.where(kind < 0.8, bar, 0))
-    hole_x, hole_y, _ = _grid(44, 44)
-    board = materials.mottled(rng, rgb("9fa89c"), rgb("dcdccc"), 5)
+    hole_x, hole_y, _ = _grid(70, 70)
+    board = materials.mottled(rng, rgb("9fa89c"), rgb("dcdccc"), 8)
     board = shade(board, 0.4 + 0.6 * step(np.hypot(hole_x, hole_y), 0.25, 0.4))
     board = shade(board, 1 - 0.5 * np.roll(np.maximum(handle, head), (9, 7), axis=(0, 1)))
     grain = 0.6 + 0.5 * fractal(SIZE, 24, rng, octaves=5, gain=0.75)
@@ -219,10 +225,11 @@ def _room(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
 
 def _walls(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
     upper = (
-        builder.material(_corrugated(rng, palette("b4bcc0", "9aa6ac", "c8ccc8", "84a8b0"), 26), 3.7),
-        builder.material(_corrugated(rng, palette("5fa4b0", "7fb4bc", "a8b8bc", "4c8c9c"), 22), 3.3),
+        builder.material(_corrugated(rng, palette("b4bcc0", "9aa6ac", "c8ccc8", "84a8b0"), 46), 6.6),
+        builder.material(_corrugated(rng, palette("5fa4b0", "7fb4bc", "a8b8bc", "4c8c9c"), 44), 6.6),
     )
-    pegboards = (builder.material(_pegboard(rng, 4, 8), 2.4), builder.material(_pegboard(rng, 3, 6), 1.9))
+    # No two racks and no two boards show the same part of a page: structure from motion would take one for another.
+    pegboards = tuple(builder.material(_pegboard(rng, 6, columns), 3.9) for columns in (13, 12))
     papers = (
         builder.material(materials.writing(rng, rgb("efe8d4"), rgb("2a2c34"), 40), 1.6),
         builder.material(materials.writing(rng, rgb("2a66ac"), rgb("eef4fa"), 32), 1.7),
@@ -230,7 +237,8 @@ def _walls(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
     )
     sky = materials.clouds(rng, rgb("6ca4d0"), rgb("c4dce8"), rgb("f4f8fa"))
     pane = builder.material(sky, 2.4, gloss=0.4, glow=0.8)
-    goods = builder.material(_goods(rng, 6, 13), 2.4)
+    goods = tuple(builder.material(_goods(rng, 12, 26), 4.8) for _ in range(2))
+    racks = boards = 0
     for side in range(4):
         axes = turned(yaw=90 * side)
         middle = axes[0] * WALL
@@ -241,11 +249,14 @@ def _walls(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
         for number, offset in enumerate((-4.4, -2.5, -0.4, 1.7, 3.8)):
             kind = (number + 3 * side) % 5
             if kind < 2:
-                _rack(wall, offset, goods, paints)
+                _rack(wall, offset, goods[racks % 2], (racks // 2 % 2 / 2, racks // 4 / 2), paints)
+                racks += 1
             elif kind == 2:
                 _window(wall, offset, pane, paints)
             else:
-                wall.box((0, offset, 1.55), (0.04, 0.95, 0.62), pegboards[(side + kind) % 2])
+                patch = (boards // 2 % 2 / 2, boards // 4 / 3)
+                wall.box((0, offset, 1.55), (0.04, 0.95, 0.62), pegboards[boards % 2], patch=patch)
+                boards += 1
                 wall.box((0, offset, 2.22), (0.08, 1.0, 0.05), paints.wood)
             for _ in range(2):
                 place = (-0.03, offset + rng.uniform(-0.3, 0.3) + 1.05, rng.uniform(0.85, 2.5))
@@ -255,10 +266,10 @@ def _walls(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
         wall.rod((-0.1, -6.2, 2.85), (-0.1, 6.2, 2.85), 0.07, pipe)
 
 
-def _rack(wall: Group, offset: float, goods: Material, paints: Paints) -> None:
+def _rack(wall: Group, offset: float, goods: Material, patch: Vector, paints: Paints) -> None:
     """A rack of shelves against the wall, full behind, with cans and boxes in front."""
     random = wall.builder.random
-    wall.box((-0.1, offset, 1.0), (0.12, 0.8, 1.0), goods)
+    wall.box((-0.1, offset, 1.0), (0.12, 0.8, 1.0), goods, patch=patch)
     for height in (0.12, 0.75, 1.4, 2.02):
         wall.box((-0.3, offset, height), (0.3, 0.85, 0.025), paints.steel)
     for height in (0.775, 1.425):
