@@ -11,7 +11,7 @@ from pydantic import Field
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, stage
 from stages.hiding.key import key_generator
-from stages.hiding.method import build_method, module_of
+from stages.hiding.method import Method, build_method, module_of
 from stages.hiding.storage import write_container, write_secret
 from stages.imaging.metric_table import write_rows
 from stages.scene.cameras import rig_extent
@@ -96,7 +96,7 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
     context.record(device=choose_device().describe(), gaussians=len(training.gaussians))
 
 
-def _build(parameters: HideScenesParameters, messages: list[str]):  # type: ignore[no-untyped-def]
+def _build(parameters: HideScenesParameters, messages: list[str]) -> Method:
     settings = parameters.model_dump(include={"feature_dim", "layers", "decoder_width", "precision"})
     with torch.random.fork_rng():
         torch.manual_seed(parameters.seed)

@@ -20,10 +20,12 @@ SECRET_NETWORKS = ("message_decoder",)
 def write_container(writer: ArtifactWriter, gaussians: Gaussians, method: Method) -> None:
     """Write Gaussians, the method's name and settings, and its public networks: all that a renderer needs.
 
-    Nothing of a message is written: not its decoder, nor its name, nor how many there are.
+    Nothing of a message is written: not its decoder, nor its name, nor how many there are. Rows are sorted by position,
+    since the order in which Gaussians were made would tell which of them started as a message's.
     """
+    order = np.lexsort(gaussians.means.detach().numpy().T)
     for parameter, tensor in gaussians.parameters.items():
-        writer.write(parameter, tensor.detach().numpy())
+        writer.write(parameter, tensor.detach().numpy()[order])
     writer.attributes.update(method=method.name, settings=dict(method.settings), gaussians=len(gaussians))
     _write_networks(writer, method, PUBLIC_NETWORKS)
 

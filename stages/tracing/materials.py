@@ -85,11 +85,12 @@ def shelves(
     rng: np.random.Generator, colors: np.ndarray, wood: np.ndarray, rows: int = 6, columns: int = 34
 ) -> Picture:
     """Bookshelves: spines of all widths, heights and colours, with bands and gilt titles, on wooden boards."""
+    size = 6 / rows
     books = courses(SIZE, rows, columns, rng, variation=1.1)
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
     up = np.broadcast_to((1 - (place * rows) % 1)[:, None], (SIZE, SIZE))
     top = 0.74 + 0.24 * books.tone(rng)
-    round_back = step(books.inset, 0.0, 0.008)
+    round_back = step(books.inset, 0.0, 0.008 * size)
     grain = fractal(SIZE, 64, rng, octaves=4, gain=0.8)
     picture = shade(
         books.color(colors, rng), (0.5 + 0.5 * books.tone(rng)) * (0.45 + 0.6 * round_back) + 0.25 * (grain - 0.5)
@@ -100,9 +101,8 @@ def shelves(
         picture = mix(
             picture, books.color(np.stack([rgb("d8b45c"), rgb("20140c"), rgb("e8dcc0")]), rng), band.astype(np.float32)
         )
-    title = (
-        marks(SIZE, 90, rng).T * ((up > 0.3) & (up < 0.62) & (books.tone(rng) < 0.7)) * step(books.inset, 0.003, 0.005)
-    )
+    written = (up > 0.3) & (up < 0.62) & (books.tone(rng) < 0.7)
+    title = marks(SIZE, 15 * rows, rng).T * written * step(books.inset, 0.003 * size, 0.005 * size)
     picture = mix(picture, rgb("e0c070"), title * 0.8)
     board = mix(wood * 0.5, wood, spread(noise(SIZE, 300, rng, 8)))
     picture = mix(picture, rgb("0c0705"), ((up > top) | (books.tone(rng) < 0.05)).astype(np.float32))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import torch
 from jaxtyping import Int
@@ -62,7 +62,7 @@ class GaussianOptimizer:
         """Replace a parameter's values and forget its moments: 3DGS's opacity reset."""
         self._replace(name, values.detach(), torch.zeros_like)
 
-    def _replace(self, name: str, values: Tensor, transform) -> None:  # type: ignore[no-untyped-def]
+    def _replace(self, name: str, values: Tensor, transform: Callable[[Tensor], Tensor]) -> None:
         group = self._group(name)
         state = self.adam.state.pop(group["params"][0], None)
         parameter = values.clone().requires_grad_()

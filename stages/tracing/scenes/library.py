@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class Stuff:
     glass: Material
     map: Material
     cases: tuple[Material, ...]
+    low_cases: Material
 
 
 def build(seed: int) -> World:
@@ -53,7 +54,8 @@ def build(seed: int) -> World:
         marble=builder.material(materials.mottled(rng, rgb("9c8c74"), rgb("ece0c8"), 7), 1.1, gloss=0.2),
         glass=builder.material(_stained_glass(rng), 1.5, gloss=0.4, glow=0.6),
         map=builder.material(_chart(rng), 1.3, gloss=0.3),
-        cases=tuple(builder.material(materials.shelves(rng, colors, rgb("7a4826")), 2.7) for colors in spines),
+        cases=tuple(builder.material(materials.shelves(rng, colors, rgb("7a4826"), 15, 85), 6.75) for colors in spines),
+        low_cases=builder.material(materials.shelves(rng, spines[2], rgb("7a4826")), 1.86),
     )
     _room(builder, rng, stuff)
     _walls(builder, rng, stuff)
@@ -128,6 +130,9 @@ def _walls(builder: Builder, rng: np.random.Generator, stuff: Stuff) -> None:
     oils = materials.leaves(rng, palette("a8322a", "2f6b48", "c8963c", "33507e", "d8c490"), 24)
     painting = builder.material(warp(oils, 0.08, 6, rng), 2.0, gloss=0.2)
     windows = {(0, 1), (1, 3), (2, 2), (3, 0), (3, 3)}
+    # Each bookcase shows another sixth of a page: structure from motion would take equal ones for each other.
+    parts = [(case, column / 3, row * 7 / 15) for case in stuff.cases for column in range(3) for row in range(2)]
+    order = iter(rng.permutation(len(parts)))
     for side in range(4):
         axes = turned(yaw=90 * side)
         outward, sideways, up = axes
@@ -140,8 +145,8 @@ def _walls(builder: Builder, rng: np.random.Generator, stuff: Stuff) -> None:
             if (side, number) in windows:
                 _window(builder, middle, axes, stuff)
                 continue
-            case = stuff.cases[int(rng.integers(3))]
-            patch = (rng.random(), (rng.integers(SHELF_ROWS) + 0.1) / SHELF_ROWS + 1.6 / case.extent)
+            case, across, up_page = parts[next(order)]
+            patch = (across, up_page + 0.1 / 15 + 1.6 / case.extent)
             half, tint = (0.28, 1.1, 1.6), builder.tone(0.25)
             builder.box(middle + up * 1.6, half, case, axes=axes, patch=patch, tint=tint, casts_shadow=False)
             if number % 2:
@@ -282,9 +287,8 @@ def _furniture(builder: Builder, rng: np.random.Generator, stuff: Stuff) -> None
     for x, y, yaw, base in ((1.75, 1.2, 215, 0.7), (-2.05, -1.05, 30, 0.6), (0.7, -2.2, 100, 0.45)):
         _bust(builder, stuff, x, y, yaw, base)
     for x, y, yaw, number in ((1.95, -1.15, 62, 0), (-0.75, 2.1, 20, 1)):
-        case = replace(stuff.cases[number], extent=1.86)
-        patch = (rng.random(), (number + 0.1) / SHELF_ROWS + 0.31 / case.extent)
-        builder.box((x, y, 0.33), (0.5, 0.17, 0.31), case, axes=turned(yaw=yaw), patch=patch)
+        patch = (0.6 * number, (3 * number + 0.1) / SHELF_ROWS + 0.31 / stuff.low_cases.extent)
+        builder.box((x, y, 0.33), (0.5, 0.17, 0.31), stuff.low_cases, axes=turned(yaw=yaw), patch=patch)
         for height in (0.02, 0.66):
             builder.box((x, y, height), (0.55, 0.2, 0.025), stuff.wood, axes=turned(yaw=yaw), bevel=0.01)
     _cat(builder, stuff, (1.95, -1.15, 0.685), 160)

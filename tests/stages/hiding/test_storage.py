@@ -13,7 +13,7 @@ from pipeline.errors import UserError
 from stages.hiding.method import build_method
 from stages.hiding.storage import published_bytes, read_gaussians, read_method, write_container, write_secret
 from stages.scene.cameras import Camera
-from stages.scene.gaussians import gaussians_at
+from stages.scene.gaussians import Gaussians, gaussians_at
 
 SETTINGS = {"feature_dim": 5, "layers": 3, "decoder_width": 8, "precision": "float32"}
 MESSAGE = "a-name-that-must-not-be-published"
@@ -44,6 +44,14 @@ def test_cover_and_message_come_back_bit_for_bit(tmp_path: Path, camera: Camera)
     assert set(after.pictures) == {"cover", MESSAGE}
     for name, picture in before.pictures.items():
         assert torch.equal(picture, after.pictures[name])
+
+
+def test_the_order_of_rows_tells_nothing(tmp_path: Path) -> None:
+    gaussians, method, container, _ = hidden(tmp_path)
+    backwards = Gaussians({name: tensor.flip(0) for name, tensor in gaussians.parameters.items()})
+    with create(tmp_path / "backwards", "container") as writer:
+        write_container(writer, backwards, method)
+    assert load(tmp_path / "backwards").digest == container.digest
 
 
 def test_without_the_secret_only_the_cover_is_rendered(tmp_path: Path, camera: Camera) -> None:
