@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import torch
 from jaxtyping import Int
@@ -52,11 +53,7 @@ class GaussianOptimizer:
         for name in list(self.gaussians.parameters):
             old = self.gaussians.parameters[name]
             new_rows = added[name].detach()
-            self._replace(
-                name,
-                torch.cat([old.detach()[kept], new_rows]),
-                lambda moment, new_rows=new_rows: torch.cat([moment[kept], torch.zeros_like(new_rows)]),
-            )
+            self._replace(name, torch.cat([old.detach()[kept], new_rows]), partial(_extended, kept, len(new_rows)))
 
     def overwrite(self, name: str, values: Tensor) -> None:
         """Replace a parameter's values and forget its moments: 3DGS's opacity reset."""
@@ -74,3 +71,8 @@ class GaussianOptimizer:
 
     def _group(self, name: str) -> dict:
         return next(group for group in self.adam.param_groups if group["name"] == name)
+
+
+def _extended(kept: Int[Tensor, " K"], added: int, moment: Tensor) -> Tensor:
+    """The moments of the kept rows, then none for the added ones."""
+    return torch.cat([moment[kept], moment.new_zeros(added, *moment.shape[1:])])
