@@ -13,7 +13,9 @@ from stages.tracing.texture import TexturePyramid
 from stages.tracing.tracer import Tracer
 from stages.tracing.world import World
 
-FAINTEST_REFLECTION = 0.015
+FAINTEST_REFLECTION = np.float32(0.03)
+"""Mirror images are fainter by this share, and left out where nothing remains of them."""
+
 STRONGEST_REFLECTION = np.float32(0.5)
 REFLECTION_ANGLE = 0.01
 """Mirror images are blurred over so many radians: nothing here is polished glass."""
@@ -138,7 +140,8 @@ class Shader:
     def _reflect(self, light: np.ndarray, spots: Spots, facing: np.ndarray) -> None:
         """Add to `light` what glossy surfaces mirror, by Schlick's share of it."""
         share = self._gloss[spots.solid] * (np.float32(0.05) + np.float32(0.95) * (1 - facing) ** 5)
-        chosen = np.flatnonzero(share > FAINTEST_REFLECTION)
+        share -= FAINTEST_REFLECTION
+        chosen = np.flatnonzero(share > 0)
         if not chosen.size:
             return
         chosen = chosen[np.argsort(spots.solid[chosen], kind="stable")]  # rays off one surface travel together
