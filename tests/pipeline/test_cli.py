@@ -106,6 +106,7 @@ def test_two_runs_at_once_do_each_action_once(workspace: Workspace) -> None:
 def test_workers_may_use_every_core(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
     """dask's nanny would set OMP_NUM_THREADS=1; ours only tells idle threads to sleep."""
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
     workspace.write("stages:\n  a: {uses: environment}\n")
     status, out, _ = call(workspace, "run", "--json", "--workers", "1")
     found = json.loads((Path(json.loads(out.splitlines()[0])["outputs"]["page"]) / "report.html").read_text())
