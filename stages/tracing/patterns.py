@@ -161,6 +161,19 @@ def warp(picture: np.ndarray, amount: float, period: int, rng: np.random.Generat
     return picture[(place[:, None] + shift[0]) % size, (place[None, :] + shift[1]) % size]
 
 
+def soften(picture: Picture, block: int, strength: float) -> Picture:
+    """Keep only `strength` of the contrast that is finer than `block` texels, a divisor of the page's size."""
+    size = picture.shape[0]
+    coarse = picture.reshape(size // block, block, size // block, block, 3).mean(axis=(1, 3))
+    for axis in (0, 1):
+        place = (np.arange(size) + 0.5) / block - 0.5
+        start = np.floor(place).astype(np.int64)
+        weight = np.expand_dims((place - start).astype(np.float32), (1 - axis, 2))
+        low, high = (np.take(coarse, number % (size // block), axis) for number in (start, start + 1))
+        coarse = low + (high - low) * weight
+    return np.clip(coarse + np.float32(strength) * (picture - coarse), 0, 1).astype(np.float32)
+
+
 def relief(height: np.ndarray, strength: float) -> np.ndarray:
     """How a height field catches light from one corner: a factor about 1 to paint with."""
     slope = 2 * height - np.roll(height, 1, axis=0) - np.roll(height, 1, axis=1)

@@ -8,11 +8,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from stages.tracing.patterns import Picture
+from stages.tracing.patterns import Picture, soften
 from stages.tracing.shapes import Box, Ellipsoid, Frame, Frustum, Shape
 
 PAGE_SIZE = 1024
 """Texels on a side of every painted page."""
+
+FINE = 0.3
+FINE_CONTRAST = 0.5
+"""Contrast finer than `FINE` world units is painted at this part of its strength, as in most real places.
+
+In pictures of 192 pixels such detail has the size of a pixel or two, which splats are slow to learn.
+"""
 
 Vector = Sequence[float] | np.ndarray
 
@@ -109,7 +116,8 @@ class Builder:
 
     def material(self, picture: Picture, extent: float, gloss: float = 0.0, glow: float = 0.0) -> Material:
         """Add a page, and make a material of it."""
-        self.pages.append(picture)
+        block = 1 << round(np.log2(min(max(FINE / extent * len(picture), 1), len(picture) / 4)))
+        self.pages.append(soften(picture, block, FINE_CONTRAST))
         return Material(len(self.pages) - 1, extent, gloss, glow)
 
     def box(

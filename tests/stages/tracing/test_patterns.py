@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.tracing.patterns import courses, fractal, marks, noise, stones
+from stages.tracing.patterns import courses, fractal, marks, noise, soften, stones
 
 SIZE = 128
 
@@ -68,6 +68,19 @@ def test_courses_have_their_rows_and_columns_and_tones_differ() -> None:
     assert len(np.unique(tone)) == 32
     for number in range(wall.count):
         assert len(np.unique(tone[wall.index == number])) == 1
+
+
+def test_softening_keeps_the_coarse_and_fades_the_fine() -> None:
+    page = np.random.default_rng(0).random((SIZE, SIZE, 3), dtype=np.float32) * np.float32(0.4) + np.float32(0.3)
+    page[: SIZE // 2] += np.float32(0.2)
+    soft = soften(page, 8, 0.5)
+    assert np.allclose(soft.mean(axis=(0, 1)), page.mean(axis=(0, 1)), atol=1e-4)
+    inner = slice(16, SIZE // 2 - 16)
+    assert soft[inner].std() == pytest.approx(0.5 * page[inner].std(), rel=0.05)
+    assert soft[inner].mean() - soft[SIZE // 2 + 16 : -16].mean() == pytest.approx(0.2, abs=0.01)
+    assert np.allclose(soften(page, 8, 1.0), page, atol=1e-6)
+    rolled = soften(np.roll(page, (8, 16), axis=(0, 1)), 8, 0.5)
+    assert np.allclose(rolled, np.roll(soft, (8, 16), axis=(0, 1)), atol=1e-6)
 
 
 def test_marks_are_ink_on_paper() -> None:
