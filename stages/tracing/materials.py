@@ -34,9 +34,10 @@ def mottled(
 
 def bricks(rng: np.random.Generator, colors: np.ndarray, mortar: np.ndarray, rows: int, columns: int) -> Picture:
     """Courses of bricks, no two of one tone, some sooty, with chipped edges."""
+    size = 30 / rows
     wall = courses(SIZE, rows, columns, rng, variation=0.35, heights=0.3)
     rough = fractal(SIZE, 32, rng, octaves=4, gain=0.75)
-    body = step(wall.inset + (rough - 0.5) * 0.004, 0.002, 0.0045)
+    body = step(wall.inset + (rough - 0.5) * (0.004 * size), 0.002 * size, 0.0045 * size)
     brick = shade(wall.color(colors, rng), 0.7 + 0.35 * wall.tone(rng) + 0.25 * (rough - 0.5))
     stain = fractal(SIZE, 3, rng, octaves=5)
     picture = mix(mortar * (0.7 + 0.4 * rough[..., None]), brick, body)

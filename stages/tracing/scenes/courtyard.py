@@ -41,10 +41,11 @@ def build(seed: int) -> World:
 def _surround(
     builder: Builder, rng: np.random.Generator, stone: Material, shutter: Material, flowers: Material
 ) -> None:
-    ground = materials.cobbles(rng, palette("9c8a70", "b8a584", "85705a", "a89a8c", "c4a67c"), rgb("4c4034"), 34)
-    paving = builder.material(ground, 6.0)
+    ground = materials.cobbles(rng, palette("9c8a70", "b8a584", "85705a", "a89a8c", "c4a67c"), rgb("4c4034"), 51)
+    paving = builder.material(ground, 9.0)
     brick_colors = palette("b4623c", "c87f50", "9c4c30", "d09a6a", "a85a44")
-    brick = builder.material(materials.bricks(rng, brick_colors, rgb("cdbb98"), 30, 11), 3.6)
+    # One page for all four walls, no part of it seen twice: structure from motion would take one wall for another.
+    brick = builder.material(materials.bricks(rng, brick_colors, rgb("cdbb98"), 108, 40), 13.2)
     roof = builder.material(materials.bricks(rng, palette("c05a30", "a8452a", "d87c48"), rgb("4a2016"), 22, 22), 3.0)
     sky = builder.material(materials.clouds(rng, rgb("3f7fd0"), rgb("b4d8f0"), rgb("ffffff")), 80.0, glow=1.0)
     builder.ball((0, 0, 0), 14.0, sky, patch=(0.5, 0.5), casts_shadow=False)
@@ -54,7 +55,8 @@ def _surround(
         outward, sideways, up = axes
         height = (2.9, 2.3, 3.3, 2.6)[side]
         middle = outward * WALL
-        builder.box(middle + up * height / 2, (0.25, 6.6, height / 2), brick, axes=axes, casts_shadow=False)
+        half, patch = (0.25, 6.6, height / 2), (0.0, side / 4)
+        builder.box(middle + up * height / 2, half, brick, axes=axes, patch=patch, casts_shadow=False)
         eave = turned(yaw=90 * side, pitch=28)
         builder.box(
             middle + outward * 0.2 + up * (height + 0.25), (0.75, 6.6, 0.06), roof, axes=eave, casts_shadow=False
