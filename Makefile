@@ -12,7 +12,7 @@ STORE ?= store
 .DEFAULT_GOAL := demo
 
 demo: $(INSTALLED)
-	@echo "Hiding two scenes in a third: workflows/hide_multi.yaml (about ten minutes on two cores)"
+	@echo "Hiding two scenes in a third: workflows/hide_multi.yaml (about a quarter of an hour on two cores)"
 	@$(BIN)/python -m pipeline run workflows/hide_multi.yaml --store $(STORE)
 
 test: $(INSTALLED)

@@ -59,25 +59,30 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
     perceptual = _perceptual(parameters)
     container, reference = context.input("container"), context.input_optional("reference")
+    secret = context.input_optional("secret")
+    if messages and secret is None:
+        raise UserError(
+            "messages cannot be scored",
+            found="messages without a secret",
+            expected="the message decoder",
+            remedy="give evaluate the input secret: hide.secret",
+        )
     passes = 1 if reference is None else 2
 
     def scored(splats: Artifact, name: str, hidden: Mapping[str, MessageViews], finished: int) -> Scores:
         def progress(done: int, total: int) -> None:
             context.progress(finished * total + done, passes * total)
 
-        secret = context.input_optional("secret") if hidden else None
-        method, gaussians = read_method(splats, secret), read_gaussians(splats)
+        method, gaussians = read_method(splats, secret if hidden else None), read_gaussians(splats)
         shown = parameters.shown_train_views
         scores = score(gaussians, method, name, scene, hidden, perceptual, shown, progress)
-        scores.rows += _sizes(splats, name)
+        # For the reference, which has never seen a message, this is the control: what chance gives.
+        scores.rows += _sizes(splats, name) + leakage_rows(scores, messages)
         return scores
 
     every = [scored(container, parameters.method, messages, 0)]
-    every[0].rows += leakage_rows(every[0], messages)
     if reference is not None:
         every.append(scored(reference, REFERENCE_METHOD, {}, 1))
-        # The control of the control: what plain 3DGS, which has never seen the message, gets wrong.
-        every[1].rows += leakage_rows(every[1], messages)
     _write(context, every, scene)
     context.record(device=choose_device().describe())
 

@@ -5,19 +5,22 @@ from __future__ import annotations
 
 import statistics
 import time
+from collections.abc import Callable, Sequence
 
 import torch
 from pydantic import Field
 
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.hiding.method import Method, module_of
-from stages.hiding.rendering import splat
+from stages.hiding.method import module_of
+from stages.hiding.rendering import Rendering, splat
 from stages.hiding.storage import read_gaussians, read_method
 from stages.imaging.metric_table import MetricRow, write_rows
 from stages.scene.cameras import Camera, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import read_scene
+
+Draw = Callable[[Camera], Rendering]
 
 
 class TimeFramesParameters(Parameters):
@@ -44,12 +47,14 @@ def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
     gaussians, method = read_gaussians(container), read_method(container)
     scene = read_scene(context.input("cover"))
     cameras = single_cameras(scene.cameras.select(scene.test_names or scene.cameras.names))
-    decoded = [_seconds(gaussians, method, camera) for camera in _cycled(cameras, parameters)]
     features = torch.zeros(len(gaussians), feature_dim(gaussians))
-    blended = [_seconds(gaussians, None, camera, features) for camera in _cycled(cameras, parameters)]
+    drawings: dict[str, Draw] = {
+        "seconds_per_frame": lambda camera: method.render(gaussians, camera),
+        "seconds_per_feature_map": lambda camera: splat(gaussians, features, camera),
+    }
     rows = [
-        MetricRow("seconds_per_frame", statistics.median(decoded[parameters.warmup :]), "s"),
-        MetricRow("seconds_per_feature_map", statistics.median(blended[parameters.warmup :]), "s"),
+        MetricRow(quantity, median_seconds(draw, cameras, parameters.warmup, parameters.frames), "s")
+        for quantity, draw in drawings.items()
     ]
     write_rows(context.output("timings"), rows)
     context.record(device=choose_device().describe(), threads=parameters.threads)
@@ -60,17 +65,12 @@ def feature_dim(gaussians: Gaussians) -> int:
     return gaussians["raw_features"].shape[1] if "raw_features" in gaussians.parameters else 3
 
 
-def _cycled(cameras: tuple[Camera, ...], parameters: TimeFramesParameters) -> list[Camera]:
-    return [cameras[frame % len(cameras)] for frame in range(parameters.warmup + parameters.frames)]
-
-
-def _seconds(
-    gaussians: Gaussians, method: Method | None, camera: Camera, features: torch.Tensor | None = None
-) -> float:
-    start = time.perf_counter()
-    with torch.no_grad():
-        if method is not None:
-            method.render(gaussians, camera)
-        elif features is not None:
-            splat(gaussians, features, camera)
-    return time.perf_counter() - start
+def median_seconds(draw: Draw, cameras: Sequence[Camera], warmup: int, frames: int) -> float:
+    """The median time to draw one picture, over `frames` of them after `warmup` untimed ones, camera after camera."""
+    seconds = []
+    for frame in range(warmup + frames):
+        start = time.perf_counter()
+        with torch.no_grad():
+            draw(cameras[frame % len(cameras)])
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds[warmup:])
