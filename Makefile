@@ -7,6 +7,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 STORE ?= store
+TEST_REPORT ?= build/tests.html
 
 .PHONY: demo test environment clean
 .DEFAULT_GOAL := demo
@@ -20,7 +21,8 @@ test: $(INSTALLED)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
-	@OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE $(BIN)/python -m pytest -n 2 --dist loadscope
+	@OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE $(BIN)/python -m pytest -n 2 --dist loadscope \
+		--html=$(TEST_REPORT) --self-contained-html
 
 environment: $(INSTALLED)
 

@@ -23,6 +23,7 @@ from stages.scene.capture import Capture, KnownPoses, PoseSource, write_capture
 from stages.scene.lens import Lens
 from stages.scene.scene import read_scene
 from stages.sfm import SfmParameters, sfm
+from stages.synthesize import SynthesizeParameters, synthesize
 from tests.stages.scene.rigs import arc
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -189,3 +190,15 @@ def test_real_captures_are_placed(name: str, least: int, size: int, tmp_path: Pa
     scene = run(capture, tmp_path / "out", width=192, matching_size=size)
     assert scene.attributes["registered"] >= least
     assert scene.attributes["mean_reprojection_error"] < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["courtyard", "library", "reef", "workshop"])
+def test_the_cameras_of_built_in_scenes_are_recovered(scene: str, tmp_path: Path) -> None:
+    """As the main job uses them. A wall that looks like another one once put cameras on the wrong side of it."""
+    (tmp_path / "photos").mkdir()
+    capture = run_stage(synthesize, SynthesizeParameters(scene=scene), {}, tmp_path / "photos")["capture"]
+    facts = run(capture, tmp_path / "out", width=192).attributes
+    assert facts["registered"] == facts["total"] == 48
+    assert facts["pose_error_position"] < 0.01
+    assert facts["pose_error_rotation"] < 1.0
