@@ -16,7 +16,7 @@ from stages.analysis.comparisons import write_comparisons
 from stages.analysis.fidelity import Perceptual
 from stages.analysis.scoring import Scores, leakage_rows, score
 from stages.hiding.method import module_of
-from stages.hiding.storage import published_bytes, read_gaussians, read_method
+from stages.hiding.storage import check_method, published_bytes, read_gaussians, read_method
 from stages.imaging.lpips import load_lpips
 from stages.imaging.lpips_weights import HOW_TO_INSTALL
 from stages.imaging.metric_table import MetricRow, write_rows
@@ -60,6 +60,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     perceptual = _perceptual(parameters)
     container, reference = context.input("container"), context.input_optional("reference")
     secret = context.input_optional("secret")
+    check_method(container, parameters.method)
     if messages and secret is None:
         raise UserError(
             "messages cannot be scored",

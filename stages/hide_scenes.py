@@ -28,7 +28,9 @@ from stages.training.views import observer, training_views
 class HideScenesParameters(TrainingParameters):
     """The paper's symbols: M is `feature_dim`, λ `lambda_message`, γ and β the two SSIM weights."""
 
-    method: Literal["gs_hider"] = Field("gs_hider", description="How Gaussians become pictures.")
+    method: Literal["gs_hider", "homogeneous"] = Field(
+        "gs_hider", description="How Gaussians become pictures: as in the paper, or with features divided by shares."
+    )
     feature_dim: int = Field(16, ge=1, description="M: channels of the coupled feature of each Gaussian.")
     layers: int = Field(5, ge=2, description="Convolutions in each decoder.")
     decoder_width: int = Field(64, ge=1, description="Channels between the decoders' convolutions.")
@@ -36,7 +38,7 @@ class HideScenesParameters(TrainingParameters):
     ssim_weight_cover: float = Field(0.2, ge=0, le=1, description="γ: SSIM's share of the cover's loss.")
     ssim_weight_message: float = Field(0.2, ge=0, le=1, description="β: SSIM's share of a message's loss.")
     message_points: int = Field(
-        0, ge=0, description="Start with this many sparse points of each message, too. The paper: none."
+        0, ge=0, description="Start with this many points of each message, too. The paper: none."
     )
     feature_rate: float = Field(
         5e-2, gt=0, description="Learning rate of features. Released code: 2.5e-3, with 50,000 iterations."

@@ -23,8 +23,10 @@ from stages.scene.gaussians import Gaussians
 from stages.scene.message_views import LEGAL_COVERAGE, MessageViews, write_message_views
 from stages.scene.scene import read_scene
 from stages.scene.similarity import Similarity
+from stages.scene.spherical_harmonics import BASE
 
 METHOD = "plain"
+"""Of the message's splats."""
 
 
 class RenderHiddenParameters(Parameters):
@@ -32,13 +34,14 @@ class RenderHiddenParameters(Parameters):
 
     name: str = Field(description="The message's name in the secret and in the tables.", min_length=1)
     search_width: int = Field(48, ge=8, description="Picture width at which the candidates for alignment are scored.")
+    seed: int = Field(0, ge=0, description="Of the order in which the message's points are listed.")
     threads: int = Field(1, ge=1, description="Threads of torch.")
 
 
 @stage(
     inputs={"splats": Input("splats"), "message": Input("scene"), "cover": Input("scene")},
     outputs={"views": Output("views")},
-    version=1,
+    version=2,
     modules=lambda parameters: [module_of(METHOD)],
 )
 def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
@@ -58,8 +61,9 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     placed = best(choices, score)
     seen = cameras_in_message_world(cover.cameras, placed)
     pictures, coverage = photograph_message(gaussians, method, seen)
-    points = placed.points(message.points.astype(np.float64)).astype(np.float32)
-    views = MessageViews(parameters.name, seen.names, pictures, coverage, points, message.point_colors)
+    points, colors = visible_points(gaussians, parameters.seed)
+    points = placed.points(points.astype(np.float64)).astype(np.float32)
+    views = MessageViews(parameters.name, seen.names, pictures, coverage, points, colors)
     write_message_views(context.output("views"), views)
     context.log(
         f"{int(views.legal.sum())} of {len(views.view_names)} views are legal (coverage {LEGAL_COVERAGE} or more)"
@@ -88,6 +92,19 @@ def coverage_score(coverage: Float32[np.ndarray, " V"]) -> tuple[int, float]:
     Coverage beyond what is legal counts nothing, or the message would be magnified until little of it is seen.
     """
     return int((coverage >= LEGAL_COVERAGE).sum()), round(float(coverage.clip(max=LEGAL_COVERAGE).mean()), 2)
+
+
+def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray, "N 3"], UInt8[np.ndarray, "N 3"]]:
+    """Centres and colours of 3DGS's Gaussians, shuffled so that any first few are a fair sample of what is seen.
+
+    Each is drawn in proportion to its opacity times its width, without replacement (Efraimidis and Spirakis, 2006): the
+    sparse points of structure from motion lie where there is texture, these lie wherever there is a surface.
+    """
+    width = gaussians.scales.sort(dim=1).values[:, 1:].prod(dim=1).sqrt()
+    weight = (gaussians.opacities * width).detach().numpy().clip(np.finfo(np.float32).tiny)
+    order = np.argsort(np.random.default_rng(seed).exponential(size=len(weight)) / weight, kind="stable")
+    colors = (gaussians["sh_base"].detach() * BASE + 0.5).clamp(0, 1)
+    return gaussians.means.detach().numpy()[order], (colors * 255).round().to(torch.uint8).numpy()[order]
 
 
 def photograph_message(

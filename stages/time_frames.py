@@ -14,7 +14,7 @@ from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.method import module_of
 from stages.hiding.rendering import Rendering, splat
-from stages.hiding.storage import read_gaussians, read_method
+from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.imaging.metric_table import MetricRow, write_rows
 from stages.scene.cameras import Camera, single_cameras
 from stages.scene.gaussians import Gaussians
@@ -44,6 +44,7 @@ def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
     """Time what anyone can render: the cover, decoded, and the feature map alone."""
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
+    check_method(container, parameters.method)
     gaussians, method = read_gaussians(container), read_method(container)
     scene = read_scene(context.input("cover"))
     cameras = single_cameras(scene.cameras.select(scene.test_names or scene.cameras.names))

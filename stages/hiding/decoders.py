@@ -25,8 +25,8 @@ class Decoder(torch.nn.Sequential):
             modules += [torch.nn.Conv2d(inputs, outputs, KERNEL_SIZE, padding=KERNEL_SIZE // 2), torch.nn.ReLU()]
         super().__init__(*modules[:-1])
 
-    def pass_through(self, rows: Float[Tensor, "C M"]) -> None:
-        """Start as a linear map: output channel k is rows[k]·(f - 0.5) + 0.5, and training goes on from there.
+    def pass_through(self, rows: Float[Tensor, "C M"], neutral: float = 0.5) -> None:
+        """Start as a linear map: output channel k is rows[k]·(f - neutral) + 0.5, and training goes on from there.
 
         Not in the paper. From the usual random weights, five layers must first learn to carry a picture at all; with
         this start they carry one at once, and what other channels add to it begins at zero. Raises `ValueError` where
@@ -43,7 +43,7 @@ class Decoder(torch.nn.Sequential):
                 convolution.bias[:channels] = 0  # type: ignore[index]  # these convolutions all have a bias
                 taps = rows if position == 0 else torch.eye(channels, convolution.in_channels)
                 convolution.weight[:channels, :, centre, centre] = taps
-            convolutions[0].bias[:channels] = 0.5 - 0.5 * rows.sum(dim=1)  # type: ignore[index]  # likewise
+            convolutions[0].bias[:channels] = 0.5 - neutral * rows.sum(dim=1)  # type: ignore[index]  # likewise
 
 
 def decode(

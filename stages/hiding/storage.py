@@ -59,6 +59,22 @@ def read_method(container: Artifact, secret: Artifact | None = None) -> Method:
     return method
 
 
+def check_method(container: Artifact, declared: str) -> None:
+    """Raise `UserError` unless the container was made by the method that a stage declared.
+
+    The declaration decides whose code the stage's results depend on, and under which name they appear.
+    """
+    found = string(container, "method")
+    if found != declared:
+        raise UserError(
+            "the container was made by another method",
+            where=str(container.path),
+            found=found,
+            expected=declared,
+            remedy=f"set the stage's method to {found}",
+        )
+
+
 def published_bytes(container: Artifact) -> int:
     """Bytes of everything that is published, uncompressed: the Gaussians' values and the public networks' weights."""
     return sum(int(np.prod(array.shape)) * array.dtype.itemsize for array in map(container.open, container.names))

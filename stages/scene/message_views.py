@@ -20,7 +20,8 @@ LEGAL_COVERAGE = 0.9
 class MessageViews:
     """One message seen by V cameras of the cover: pictures over black, and how much of each pixel it fills.
 
-    `points` are its sparse points where it was placed, in the cover's world, with their sRGB colours.
+    `points` lie on its surfaces where it was placed, in the cover's world, with their sRGB colours, in an order of
+    which any first few are a fair sample.
     """
 
     name: str

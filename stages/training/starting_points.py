@@ -30,7 +30,7 @@ Points = Float[np.ndarray, "N 3"]
 
 @dataclass(frozen=True)
 class Start:
-    """Which points: the cover's sparse ones, so many of each message's, and so many random ones."""
+    """Which points: the cover's sparse ones, the first so many of each message's, and so many random ones."""
 
     sparse_points: bool
     message_points: int
@@ -58,8 +58,8 @@ def starting_points(
     if start.sparse_points:
         clouds.append((COVER, scene.points.astype(np.float64), scene.point_colors / 255))
     for name, views in messages.items():
-        chosen = generator.permutation(len(views.points))[: start.message_points]
-        clouds.append((name, views.points[chosen].astype(np.float64), views.point_colors[chosen] / 255))
+        first = slice(start.message_points)
+        clouds.append((name, views.points[first].astype(np.float64), views.point_colors[first] / 255))
     scattered = points_before_cameras(scene, start.random_points, generator)
     clouds.append((RANDOM, scattered, np.full_like(scattered, GREY)))
     positions = np.concatenate([points for _, points, _ in clouds])

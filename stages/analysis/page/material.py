@@ -23,7 +23,13 @@ PUBLIC_ROLES = frozenset({"cover"})
 PUBLIC_FACTS = frozenset({"device"})
 
 PLAIN = "plain"
-METHOD_TITLES = {PLAIN: "3DGS", "gs_hider": "GS-Hider", "sh": "3DGS+SH", "decoder": "3DGS+Decoder"}  # as in the paper
+METHOD_TITLES = {  # the paper's, and ours
+    PLAIN: "3DGS",
+    "gs_hider": "GS-Hider",
+    "homogeneous": "Homogeneous GS-Hider",
+    "sh": "3DGS+SH",
+    "decoder": "3DGS+Decoder",
+}
 
 Inputs = Mapping[str, Sequence[Artifact]]
 """Artifacts by the names `scores`, `public_scores`, `curves`, `timings`, `pictures`, `public_pictures`."""

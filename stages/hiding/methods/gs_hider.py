@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from stages.hiding.decoders import Decoder, decode
+from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER, Rendering, splat
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
@@ -81,15 +82,6 @@ class GSHider:
             decoded = decode(self.message_decoder, rendering.feature_map, self.precision)
             rendering.pictures.update(zip(self.messages, decoded.split(3, dim=-1), strict=True))
         return rendering
-
-
-def orthonormal_rows(count: int, size: int, generator: np.random.Generator) -> Float[Tensor, "count size"]:
-    """Random directions at right angles to each other; where count > size, as many as fit at a time."""
-    blocks = []
-    for start in range(0, count, size):
-        rotation, _ = np.linalg.qr(generator.standard_normal((size, size)))
-        blocks.append(rotation[: min(size, count - start)])
-    return torch.from_numpy(np.concatenate(blocks)).float()
 
 
 def build(settings: Mapping[str, object]) -> GSHider:

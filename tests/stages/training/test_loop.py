@@ -31,9 +31,9 @@ def trained(method_name: str, iterations: int, seed: int = 0):
     torch.manual_seed(seed)
     settings: dict[str, object] = {"sh_degree": 1}
     messages = []
-    if method_name == "gs_hider":
+    if method_name != "plain":
         messages = [MESSAGE]
-        settings = {"feature_dim": 4, "layers": 2, "decoder_width": 8, "precision": "float32", "messages": messages}
+        settings = {"feature_dim": 8, "layers": 2, "decoder_width": 8, "precision": "float32", "messages": messages}
     method = build_method(method_name, settings)
     generator = np.random.default_rng(seed)
     points = np.random.default_rng(seed).uniform([-1, -1, 2], [1, 1, 4], (40, 3))
@@ -53,7 +53,7 @@ def trained(method_name: str, iterations: int, seed: int = 0):
     return training, training.run(lambda iteration, figures: None)
 
 
-@pytest.mark.parametrize(("method", "iterations"), [("plain", 200), ("gs_hider", 60)])
+@pytest.mark.parametrize(("method", "iterations"), [("plain", 200), ("gs_hider", 60), ("homogeneous", 60)])
 def test_it_learns(method: str, iterations: int) -> None:
     _, rows = trained(method, iterations)
     losses = [row.value for row in rows if row.quantity == "loss"]
@@ -61,7 +61,7 @@ def test_it_learns(method: str, iterations: int) -> None:
     assert {row.message for row in rows} == ({None} if method == "plain" else {None, MESSAGE})
 
 
-@pytest.mark.parametrize("method", ["plain", "gs_hider"])
+@pytest.mark.parametrize("method", ["plain", "gs_hider", "homogeneous"])
 def test_the_same_seed_gives_the_same_bits(method: str) -> None:
     (first, first_rows), (second, second_rows) = trained(method, 12), trained(method, 12)
     assert first_rows == second_rows

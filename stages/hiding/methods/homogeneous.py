@@ -1,0 +1,136 @@
+"""Homogeneous features: GS-Hider in which each picture is blended from the Gaussians that belong to it, whatever else
+stands before them. A method of ours, not of the paper.
+
+In GS-Hider all pictures share one opacity, so that a message's surface hides what of the cover lies behind it, and the
+other way round. Its decoders can only guess from the feature map how much is hidden; with few small photos they learn
+the training views by heart and fail on others. Here a feature says, along a direction u_k that only decoder k knows,
+how much its Gaussian belongs to picture k. Blended like the rest, these shares tell each decoder by how much its
+picture was weakened, and it divides by them, as homogeneous coordinates are divided by their weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.hiding.decoders import Decoder, decode
+from stages.hiding.mixture import orthonormal_rows
+from stages.hiding.rendering import COVER, Rendering, splat
+from stages.scene.cameras import Camera
+from stages.scene.gaussians import Gaussians
+
+FEATURE_RANGE = (0.02, 0.98)
+"""Initial features stay inside, where the sigmoid still has a gradient."""
+
+BELONGING = 0.48
+"""A Gaussian starts with a share of 0.5 + this in its own picture, and 0.5 - this in the others."""
+
+SMALLEST_SHARE = 0.05
+"""Added to what is divided by: pixels in which a picture has hardly any share come out grey instead of noisy."""
+
+FEATURE_RATE = 5e-2
+
+
+class HomogeneousDecoder(torch.nn.Module):
+    """Features divided by the share of each of the P pictures that this decoder shows, then convolutions.
+
+    `directions [P, M]` are u_k. What the convolutions see, P·(M+1) channels, for each picture: the divided features and
+    the share itself, without which nothing would tell black from grey.
+    """
+
+    def __init__(self, feature_dim: int, pictures: int, layers: int, width: int):
+        super().__init__()
+        self.directions = torch.nn.Parameter(torch.zeros(pictures, feature_dim))
+        self.convolutions = Decoder(pictures * (feature_dim + 1), 3 * pictures, layers, width)
+
+    def start(self, directions: Float[Tensor, "P M"], rows: Float[Tensor, "P 3 M"]) -> None:
+        """Start by showing each picture as rows[k]·(divided features) + 0.5."""
+        pictures, feature_dim = directions.shape
+        taps = torch.zeros(pictures, 3, pictures, feature_dim + 1)
+        for picture in range(pictures):
+            taps[picture, :, picture, :feature_dim] = rows[picture]
+        self.convolutions.pass_through(taps.reshape(3 * pictures, -1), neutral=0.0)
+        with torch.no_grad():
+            self.directions.copy_(directions)
+
+    def divided(
+        self, feature_map: Float[Tensor, "H W M"], alphas: Float[Tensor, "H W"]
+    ) -> Float[Tensor, "H W P*(M+1)"]:
+        """For each picture (F - A/2) / (E_k + ε) and E_k, its blended share: u_k·(F - A/2) + A/2, at least 0."""
+        centred = feature_map - alphas[..., None] / 2
+        shares = (centred @ self.directions.T + alphas[..., None] / 2).clamp_min(0)
+        channels = []
+        for share in shares.split(1, dim=-1):
+            channels += [centred / (share + SMALLEST_SHARE), share]
+        return torch.cat(channels, dim=-1)
+
+
+class Homogeneous:
+    """`raw_features [N,M]`, a public scene decoder and a secret message decoder, as in GS-Hider; both divide first.
+
+    Without messages (L = 0), or where the secret is not at hand, only the cover is decoded.
+    """
+
+    name = "homogeneous"
+
+    def __init__(self, feature_dim: int, layers: int, decoder_width: int, precision: str, messages: Sequence[str] = ()):
+        self.feature_dim = feature_dim
+        self.messages = tuple(messages)
+        self.precision = getattr(torch, precision)
+        self.settings: Mapping[str, int | float | str] = {
+            "feature_dim": feature_dim,
+            "layers": layers,
+            "decoder_width": decoder_width,
+            "precision": precision,
+        }
+        self.learning_rates: Mapping[str, float] = {"raw_features": FEATURE_RATE}
+        self.scene_decoder = HomogeneousDecoder(feature_dim, 1, layers, decoder_width)
+        self.networks: dict[str, torch.nn.Module] = {"scene_decoder": self.scene_decoder}
+        if self.messages:
+            self.message_decoder = HomogeneousDecoder(feature_dim, len(self.messages), layers, decoder_width)
+            self.networks["message_decoder"] = self.message_decoder
+        for network in self.networks.values():
+            network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stub omits it
+
+    def initial_attributes(
+        self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
+    ) -> dict[str, Float[Tensor, "N ..."]]:
+        """Features that the decoders show as the points' colours; a point belongs to the pictures where it is not grey.
+
+        One that is grey everywhere belongs to all by half. Four random directions a picture, its share's and three
+        colours', all at right angles while 4 (1 + L) ≤ M. Those of the messages follow from `generator`, that is, from
+        the key.
+        """
+        pictures = (COVER, *self.messages)
+        mixture = orthonormal_rows(4 * len(pictures), self.feature_dim, generator).reshape(len(pictures), 4, -1)
+        directions, rows = mixture[:, 0], mixture[:, 1:]
+        self.scene_decoder.start(directions[:1], rows[:1])
+        if self.messages:
+            self.message_decoder.start(directions[1:], rows[1:])
+        centred = torch.stack([torch.as_tensor(colors[name]).float() - 0.5 for name in pictures], dim=1)
+        known = (centred != 0).any(dim=-1)
+        belongs = torch.where(known, BELONGING, -BELONGING) * known.any(dim=-1, keepdim=True)
+        features = 0.5 + belongs @ directions + torch.einsum("npc,pcm->nm", centred, rows)
+        return {"raw_features": features.clamp(*FEATURE_RANGE).logit()}
+
+    def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
+        """F_coup (Eq. 4), divided for each picture, and what the decoders make of it."""
+        rendering = splat(gaussians, gaussians["raw_features"].sigmoid(), camera)
+        rendering.pictures[COVER] = self._decode(self.scene_decoder, rendering)
+        if self.messages:
+            decoded = self._decode(self.message_decoder, rendering)
+            rendering.pictures.update(zip(self.messages, decoded.split(3, dim=-1), strict=True))
+        return rendering
+
+    def _decode(self, decoder: HomogeneousDecoder, rendering: Rendering) -> Float[Tensor, "H W C"]:
+        divided = decoder.divided(rendering.feature_map, rendering.alphas)
+        return decode(decoder.convolutions, divided, self.precision)
+
+
+def build(settings: Mapping[str, object]) -> Homogeneous:
+    """The method from its settings; `messages` may be absent where the secret is not at hand."""
+    return Homogeneous(**settings)  # type: ignore[arg-type]  # a missing or unknown setting raises TypeError by its name

@@ -1,0 +1,17 @@
+"""Random mixtures: which part of a feature is whose follows from the key, and no channel is anybody's own."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+def orthonormal_rows(count: int, size: int, generator: np.random.Generator) -> Float[Tensor, "count size"]:
+    """Random directions at right angles to each other; where count > size, as many as fit at a time."""
+    blocks = []
+    for start in range(0, count, size):
+        rotation, _ = np.linalg.qr(generator.standard_normal((size, size)))
+        blocks.append(rotation[: min(size, count - start)])
+    return torch.from_numpy(np.concatenate(blocks)).float()

@@ -1,0 +1,91 @@
+"""Homogeneous features: what belongs to one picture leaves the others as they are, wherever it stands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from stages.hiding.methods.homogeneous import SMALLEST_SHARE, Homogeneous, HomogeneousDecoder
+from stages.hiding.mixture import orthonormal_rows
+from stages.hiding.photographs import photographs
+from stages.hiding.rendering import COVER
+from stages.scene.cameras import Cameras, single_cameras
+from stages.scene.gaussians import Gaussians, gaussians_at
+
+MESSAGE = "message"
+SIZE = 24
+RED, BLUE = np.array([0.8, 0.3, 0.2]), np.array([0.1, 0.3, 0.9])
+
+
+def wall(depth: float) -> np.ndarray:
+    across = np.linspace(-1, 1, 12) * depth
+    return np.stack([*map(np.ravel, np.meshgrid(across, across)), np.full(144, depth)], axis=1)
+
+
+def camera() -> Cameras:
+    intrinsics = np.array([[[SIZE, 0, SIZE / 2], [0, SIZE, SIZE / 2], [0, 0, 1]]], dtype=float)
+    return Cameras(("a",), np.eye(4)[None], intrinsics, SIZE, SIZE)
+
+
+def method(feature_dim: int = 16) -> Homogeneous:
+    torch.manual_seed(0)
+    return Homogeneous(feature_dim, layers=2, decoder_width=8, precision="float32", messages=[MESSAGE])
+
+
+def scene(hider: Homogeneous, opacity: float) -> Gaussians:
+    """A red wall of the cover, and before it a blue one of the message."""
+    grey = np.full((144, 3), 0.5)
+    colors = {COVER: np.concatenate([grey + RED - 0.5, grey]), MESSAGE: np.concatenate([grey, grey + BLUE - 0.5])}
+    points = np.concatenate([wall(4.0), wall(2.0)])
+    gaussians = gaussians_at(points, hider.initial_attributes(colors, np.random.default_rng(0)))
+    gaussians.parameters["logit_opacities"] = torch.logit(torch.full((288,), opacity))
+    return gaussians
+
+
+@pytest.mark.parametrize("opacity", [0.03, 0.1])
+def test_each_picture_is_seen_through_the_other(opacity: float) -> None:
+    hider = method()
+    (view,) = photographs(scene(hider, opacity), hider, camera())
+    middle = slice(8, 16)
+    cover = view.pictures[COVER][middle, middle].mean(dim=(0, 1)).numpy()
+    message = view.pictures[MESSAGE][middle, middle].mean(dim=(0, 1)).numpy()
+    np.testing.assert_allclose(cover, RED, atol=0.12)
+    np.testing.assert_allclose(message, BLUE, atol=0.12)
+
+
+def test_dividing_undoes_any_veil() -> None:
+    """Σ w f over Σ w e: a veil of Gaussians without a share scales both alike."""
+    decoder = HomogeneousDecoder(8, 1, layers=2, width=8)
+    mixture = orthonormal_rows(4, 8, np.random.default_rng(1))
+    decoder.start(mixture[:1], mixture[None, 1:])
+    color = torch.tensor([0.3, -0.2, 0.1])
+    own, veil = 0.5 + 0.5 * mixture[0] + color @ mixture[1:], 0.5 - 0.5 * mixture[0]
+    for veiled in (0.0, 0.4, 0.9):
+        feature_map = (veiled * veil + (1 - veiled) * own)[None, None]
+        with torch.no_grad():
+            divided = decoder.divided(feature_map, torch.ones(1, 1))[0, 0]
+        share = 1 - veiled
+        torch.testing.assert_close(divided[-1], torch.tensor(share))
+        torch.testing.assert_close(mixture[1:] @ divided[:8] * (share + SMALLEST_SHARE) / share, color)
+
+
+def test_nothing_at_all_gives_finite_pictures_and_gradients() -> None:
+    hider = method()
+    empty = scene(hider, 0.1)
+    empty.parameters["means"] = empty.means - torch.tensor([0.0, 0.0, 100.0])
+    empty.parameters["raw_features"].requires_grad_()
+    rendering = hider.render(empty, single_cameras(camera())[0])
+    sum(picture.sum() for picture in rendering.pictures.values()).backward()
+    assert all(torch.isfinite(picture).all() for picture in rendering.pictures.values())
+    assert all(torch.isfinite(weight.grad).all() for weight in hider.scene_decoder.parameters())
+
+
+def test_more_messages_than_channels_have_room_for() -> None:
+    names = [f"message {number}" for number in range(5)]
+    torch.manual_seed(0)
+    hider = Homogeneous(8, layers=2, decoder_width=16, precision="float32", messages=names)
+    colors = {name: np.full((3, 3), 0.4) for name in (COVER, *names)}
+    attributes = hider.initial_attributes(colors, np.random.default_rng(0))
+    assert attributes["raw_features"].shape == (3, 8)
+    assert torch.isfinite(attributes["raw_features"]).all()
