@@ -14,7 +14,7 @@ from pipeline.stage import run_stage
 from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import write_container
-from stages.render_hidden import RenderHiddenParameters, coverage_score, render_hidden, shrunken
+from stages.render_hidden import RenderHiddenParameters, coverage_score, render_hidden, shrunken, visible_points
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import gaussians_at
 from stages.scene.message_views import read_messages
@@ -85,3 +85,18 @@ def test_a_shrunken_camera_sees_the_same() -> None:
 def test_legal_views_count_before_mean_coverage() -> None:
     assert coverage_score(np.array([0.95, 0.2])) > coverage_score(np.array([0.89, 0.89]))
     assert coverage_score(np.array([1.0, 1.0])) == coverage_score(np.array([0.95, 0.91]))
+
+
+def test_any_first_few_points_are_a_fair_sample_of_what_is_seen(tmp_path: Path) -> None:
+    """Half of the Gaussians are a hundred times fainter: hardly any of them among the first quarter."""
+    points = np.random.default_rng(0).uniform(-1, 1, (400, 3))
+    method = build_method("plain", {"sh_degree": 0})
+    colors = np.repeat([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], 200, axis=0)
+    gaussians = gaussians_at(points, method.initial_attributes({COVER: colors}, np.random.default_rng(0)))
+    gaussians.parameters["logit_opacities"] = torch.logit(torch.tensor([0.9] * 200 + [0.009] * 200))
+    chosen, shown = visible_points(gaussians, seed=3)
+    assert len(chosen) == len(shown) == 400
+    assert (shown[:100] == [255, 0, 0]).all(axis=1).mean() > 0.9
+    np.testing.assert_array_equal(visible_points(gaussians, seed=3)[0], chosen)
+    assert not np.array_equal(visible_points(gaussians, seed=4)[0], chosen)
+    np.testing.assert_array_equal(np.sort(chosen, axis=0), np.sort(points.astype(np.float32), axis=0))

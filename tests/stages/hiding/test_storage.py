@@ -11,7 +11,14 @@ import torch
 from pipeline.artifact import create, load
 from pipeline.errors import UserError
 from stages.hiding.method import build_method
-from stages.hiding.storage import published_bytes, read_gaussians, read_method, write_container, write_secret
+from stages.hiding.storage import (
+    check_method,
+    published_bytes,
+    read_gaussians,
+    read_method,
+    write_container,
+    write_secret,
+)
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians, gaussians_at
 
@@ -74,6 +81,13 @@ def test_a_secret_of_another_method_is_refused(tmp_path: Path) -> None:
         write_secret(writer, other, [MESSAGE])
     with pytest.raises(UserError, match="message_decoder"):
         read_method(container, load(tmp_path / "other"))
+
+
+def test_a_container_of_another_method_than_declared_is_refused(tmp_path: Path) -> None:
+    _, _, container, _ = hidden(tmp_path)
+    check_method(container, "gs_hider")
+    with pytest.raises(UserError, match=r"gs_hider.*homogeneous"):
+        check_method(container, "homogeneous")
 
 
 def test_published_bytes_counts_values_and_weights(tmp_path: Path) -> None:
