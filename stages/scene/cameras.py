@@ -96,3 +96,11 @@ def single_cameras(cameras: Cameras) -> tuple[Camera, ...]:
         )
         for view in range(len(cameras))
     )
+
+
+def pixel_directions(camera: Camera) -> Float[Tensor, "H W 3"]:
+    """Unit vectors in world coordinates from the camera through the middle of each pixel."""
+    x, y = torch.meshgrid(torch.arange(camera.width) + 0.5, torch.arange(camera.height) + 0.5, indexing="xy")
+    pixels = torch.stack([x, y, torch.ones_like(x)], dim=-1)
+    local = pixels @ torch.linalg.inv(camera.intrinsics).T
+    return torch.nn.functional.normalize(local @ camera.world_to_camera[:3, :3], dim=-1)

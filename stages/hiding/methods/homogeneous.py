@@ -6,6 +6,8 @@ other way round. Its decoders can only guess from the feature map how much is hi
 the training views by heart and fail on others. Here a feature says, along a direction u_k that only decoder k knows,
 how much its Gaussian belongs to picture k. Blended like the rest, these shares tell each decoder by how much its
 picture was weakened, and it divides by them, as homogeneous coordinates are divided by their weight.
+
+The decoders also see from where a pixel is looked at, which the paper names as what its own decoders lack.
 """
 
 from __future__ import annotations
@@ -20,8 +22,9 @@ from torch import Tensor
 from stages.hiding.decoders import Decoder, decode
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER, Rendering, splat
-from stages.scene.cameras import Camera
+from stages.scene.cameras import Camera, pixel_directions
 from stages.scene.gaussians import Gaussians
+from stages.scene.spherical_harmonics import harmonics, harmonics_count
 
 FEATURE_RANGE = (0.02, 0.98)
 """Initial features stay inside, where the sigmoid still has a gradient."""
@@ -32,28 +35,33 @@ BELONGING = 0.48
 SMALLEST_SHARE = 0.05
 """Added to what is divided by: pixels in which a picture has hardly any share come out grey instead of noisy."""
 
+VIEW_DEGREE = 2
+"""Of the spherical harmonics by which the decoders are told a pixel's direction of view."""
+
 FEATURE_RATE = 5e-2
 
 
 class HomogeneousDecoder(torch.nn.Module):
     """Features divided by the share of each of the P pictures that this decoder shows, then convolutions.
 
-    `directions [P, M]` are u_k. What the convolutions see, P·(M+1) channels, for each picture: the divided features and
-    the share itself, without which nothing would tell black from grey.
+    `directions [P, M]` are u_k. What the convolutions see: for each picture the divided features and the share itself,
+    without which nothing would tell black from grey, and 8 harmonics of the direction of view.
     """
 
     def __init__(self, feature_dim: int, pictures: int, layers: int, width: int):
         super().__init__()
         self.directions = torch.nn.Parameter(torch.zeros(pictures, feature_dim))
-        self.convolutions = Decoder(pictures * (feature_dim + 1), 3 * pictures, layers, width)
+        self.channels = pictures * (feature_dim + 1) + harmonics_count(VIEW_DEGREE) - 1
+        self.convolutions = Decoder(self.channels, 3 * pictures, layers, width)
 
     def start(self, directions: Float[Tensor, "P M"], rows: Float[Tensor, "P 3 M"]) -> None:
         """Start by showing each picture as rows[k]·(divided features) + 0.5."""
         pictures, feature_dim = directions.shape
-        taps = torch.zeros(pictures, 3, pictures, feature_dim + 1)
+        taps = torch.zeros(pictures, 3, self.channels)
         for picture in range(pictures):
-            taps[picture, :, picture, :feature_dim] = rows[picture]
-        self.convolutions.pass_through(taps.reshape(3 * pictures, -1), neutral=0.0)
+            first = picture * (feature_dim + 1)
+            taps[picture, :, first : first + feature_dim] = rows[picture]
+        self.convolutions.pass_through(taps.flatten(0, 1), neutral=0.0)
         with torch.no_grad():
             self.directions.copy_(directions)
 
@@ -120,15 +128,18 @@ class Homogeneous:
     def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
         """F_coup (Eq. 4), divided for each picture, and what the decoders make of it."""
         rendering = splat(gaussians, gaussians["raw_features"].sigmoid(), camera)
-        rendering.pictures[COVER] = self._decode(self.scene_decoder, rendering)
+        view = harmonics(pixel_directions(camera), VIEW_DEGREE)[..., 1:]
+        rendering.pictures[COVER] = self._decode(self.scene_decoder, rendering, view)
         if self.messages:
-            decoded = self._decode(self.message_decoder, rendering)
+            decoded = self._decode(self.message_decoder, rendering, view)
             rendering.pictures.update(zip(self.messages, decoded.split(3, dim=-1), strict=True))
         return rendering
 
-    def _decode(self, decoder: HomogeneousDecoder, rendering: Rendering) -> Float[Tensor, "H W C"]:
+    def _decode(
+        self, decoder: HomogeneousDecoder, rendering: Rendering, view: Float[Tensor, "H W K"]
+    ) -> Float[Tensor, "H W C"]:
         divided = decoder.divided(rendering.feature_map, rendering.alphas)
-        return decode(decoder.convolutions, divided, self.precision)
+        return decode(decoder.convolutions, torch.cat([divided, view], dim=-1), self.precision)
 
 
 def build(settings: Mapping[str, object]) -> Homogeneous:
