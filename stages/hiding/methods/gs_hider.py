@@ -9,52 +9,24 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from stages.hiding.coupled import FEATURE_RANGE, CoupledFeatures
 from stages.hiding.decoders import Decoder, decode
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER, Rendering, splat
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 
-FEATURE_RANGE = (0.02, 0.98)
-"""Initial features stay inside, where the sigmoid still has a gradient."""
 
-FEATURE_RATE = 2.5e-3
-"""Of Adam, as in the released code."""
-
-
-class GSHider:
-    """`raw_features [N,M]`, a scene decoder that is public, and a message decoder with 3·L channels that is not.
-
-    Without messages (L = 0), or where the secret is not at hand, only the cover is decoded.
-    """
+class GSHider(CoupledFeatures[Decoder]):
+    """The paper's method: both decoders see the feature map as it is."""
 
     name = "gs_hider"
 
-    def __init__(
-        self,
-        feature_dim: int,
-        layers: int,
-        decoder_width: int,
-        precision: str,
-        messages: Sequence[str] = (),
-    ):
-        self.feature_dim = feature_dim
-        self.messages = tuple(messages)
-        self.precision = getattr(torch, precision)
-        self.settings: Mapping[str, int | float | str] = {
-            "feature_dim": feature_dim,
-            "layers": layers,
-            "decoder_width": decoder_width,
-            "precision": precision,
-        }
-        self.learning_rates: Mapping[str, float] = {"raw_features": FEATURE_RATE}
-        self.scene_decoder = Decoder(feature_dim, 3, layers, decoder_width)
-        self.networks: dict[str, torch.nn.Module] = {"scene_decoder": self.scene_decoder}
-        if self.messages:
-            self.message_decoder = Decoder(feature_dim, 3 * len(self.messages), layers, decoder_width)
-            self.networks["message_decoder"] = self.message_decoder
-        for network in self.networks.values():
-            network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stub omits it
+    def __init__(self, feature_dim: int, layers: int, decoder_width: int, precision: str, messages: Sequence[str] = ()):
+        def make_decoder(pictures: int) -> Decoder:
+            return Decoder(feature_dim, 3 * pictures, layers, decoder_width)
+
+        super().__init__(make_decoder, feature_dim, layers, decoder_width, precision, messages)
 
     def initial_attributes(
         self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator

@@ -19,15 +19,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from stages.hiding.coupled import FEATURE_RANGE, CoupledFeatures
 from stages.hiding.decoders import Decoder, decode
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER, Rendering, splat
 from stages.scene.cameras import Camera, pixel_directions
 from stages.scene.gaussians import Gaussians
 from stages.scene.spherical_harmonics import harmonics, harmonics_count
-
-FEATURE_RANGE = (0.02, 0.98)
-"""Initial features stay inside, where the sigmoid still has a gradient."""
 
 BELONGING = 0.48
 """A Gaussian starts with a share of 0.5 + this in its own picture, and 0.5 - this in the others."""
@@ -37,8 +35,6 @@ SMALLEST_SHARE = 0.05
 
 VIEW_DEGREE = 2
 """Of the spherical harmonics by which the decoders are told a pixel's direction of view."""
-
-FEATURE_RATE = 5e-2
 
 
 class HomogeneousDecoder(torch.nn.Module):
@@ -77,32 +73,16 @@ class HomogeneousDecoder(torch.nn.Module):
         return torch.cat(channels, dim=-1)
 
 
-class Homogeneous:
-    """`raw_features [N,M]`, a public scene decoder and a secret message decoder, as in GS-Hider; both divide first.
-
-    Without messages (L = 0), or where the secret is not at hand, only the cover is decoded.
-    """
+class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
+    """As in GS-Hider, but both decoders divide first."""
 
     name = "homogeneous"
 
     def __init__(self, feature_dim: int, layers: int, decoder_width: int, precision: str, messages: Sequence[str] = ()):
-        self.feature_dim = feature_dim
-        self.messages = tuple(messages)
-        self.precision = getattr(torch, precision)
-        self.settings: Mapping[str, int | float | str] = {
-            "feature_dim": feature_dim,
-            "layers": layers,
-            "decoder_width": decoder_width,
-            "precision": precision,
-        }
-        self.learning_rates: Mapping[str, float] = {"raw_features": FEATURE_RATE}
-        self.scene_decoder = HomogeneousDecoder(feature_dim, 1, layers, decoder_width)
-        self.networks: dict[str, torch.nn.Module] = {"scene_decoder": self.scene_decoder}
-        if self.messages:
-            self.message_decoder = HomogeneousDecoder(feature_dim, len(self.messages), layers, decoder_width)
-            self.networks["message_decoder"] = self.message_decoder
-        for network in self.networks.values():
-            network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stub omits it
+        def make_decoder(pictures: int) -> HomogeneousDecoder:
+            return HomogeneousDecoder(feature_dim, pictures, layers, decoder_width)
+
+        super().__init__(make_decoder, feature_dim, layers, decoder_width, precision, messages)
 
     def initial_attributes(
         self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
