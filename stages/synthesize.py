@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import importlib
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
+from pipeline.companion import Said, work_together
 from pipeline.errors import Interrupted
 from pipeline.stage import Context, Output, Parameters, stage
 from stages.imaging.pictures import encode_png
 from stages.scene.capture import Capture, KnownPoses, Lens, write_capture
-from stages.tracing.photograph import Studio
+from stages.tracing.photograph_process import SCENES, Job, read_picture_file
 from stages.tracing.rig import orbit
 
-SCENES = "stages.tracing.scenes"
+PROCESS = "stages.tracing.photograph_process"
 
 
 class SynthesizeParameters(Parameters):
@@ -30,35 +28,32 @@ class SynthesizeParameters(Parameters):
     samples: Literal[1, 4, 9, 16] = Field(4, description="Rays a pixel, one in each part of an even grid.")
     gloss: float = Field(1.0, ge=0, le=1, description="Scales highlights and mirror images.")
     seed: int = Field(0, ge=0, description="Of textures, small displacements, the walk and the rays.")
-    threads: int = Field(2, ge=1, description="Photos taken at a time; the pictures do not depend on it.")
+    processes: int = Field(2, ge=1, description="Photos taken at a time; the pictures do not depend on it.")
 
 
 @stage(
     inputs={},
     outputs={"capture": Output("capture")},
     version=1,
-    modules=lambda parameters: [f"{SCENES}.{parameters.scene}"],
+    modules=lambda parameters: [PROCESS, f"{SCENES}.{parameters.scene}"],
 )
 def synthesize(context: Context, parameters: SynthesizeParameters) -> None:
-    """Build the scene and walk about it with a camera."""
+    """Walk about the scene with a camera; processes share the photos among them."""
     size = (parameters.width, parameters.height)
-    world = importlib.import_module(f"{SCENES}.{parameters.scene}").build(parameters.seed)
-    studio = Studio(world, parameters.gloss, parameters.threads)
     poses, intrinsics = orbit(parameters.views, *size, parameters.seed)
-
-    def photo(view: int) -> bytes:
-        if context.stop_requested():
-            raise Interrupted
-        random = np.random.default_rng([parameters.seed, view])
-        picture = studio.photograph(poses[view], intrinsics[view], *size, parameters.samples, random)
-        return encode_png(picture)
-
     names = [f"{view:03d}.png" for view in range(parameters.views)]
     pictures: dict[str, bytes | Path] = {}
-    with ThreadPoolExecutor(parameters.threads) as pool:
-        for name, encoded in zip(names, pool.map(photo, range(parameters.views)), strict=True):
-            pictures[name] = encoded
-            context.progress(len(pictures), len(names))
+
+    def develop(said: Said) -> None:
+        view: int = said["view"]
+        pictures[names[view]] = encode_png(read_picture_file(context.scratch, view))
+        context.progress(len(pictures), len(names))
+
+    def watch() -> None:
+        if context.stop_requested():
+            raise Interrupted
+
+    work_together("ray tracing", PROCESS, write_jobs(parameters, context.scratch), develop, watch)
     capture = Capture(
         names=tuple(names),
         sizes=(size,) * len(names),
@@ -67,3 +62,13 @@ def synthesize(context: Context, parameters: SynthesizeParameters) -> None:
         poses=KnownPoses("synthetic", poses, tuple(Lens.pinhole(matrix, *size) for matrix in intrinsics)),
     )
     write_capture(context.output("capture"), capture, pictures)
+
+
+def write_jobs(parameters: SynthesizeParameters, folder: Path) -> list[Path]:
+    """A file for each process, which says what it is to photograph: every so many-th view."""
+    common = parameters.model_dump(exclude={"processes"})
+    count = min(parameters.processes, parameters.views)
+    jobs = [folder / f"photos-{number}.json" for number in range(count)]
+    for number, job in enumerate(jobs):
+        Job(chosen=tuple(range(number, parameters.views, count)), **common).write(job)
+    return jobs

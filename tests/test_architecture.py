@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 ENGINE = [
     "errors canonical",
-    "located external events provenance process stagelog drawing manifest",
+    "companion located external events provenance process stagelog drawing manifest",
     "matrix artifact executor progress fingerprint",
     "stage store workflow cluster",
     "declaration checkpoint",
@@ -26,7 +26,7 @@ ENGINE = [
     "cli",
     "__main__",
 ]
-STAGE_FACING = {"pipeline.stage", "pipeline.artifact", "pipeline.errors", "pipeline.drawing"}
+STAGE_FACING = {"pipeline.stage", "pipeline.artifact", "pipeline.errors", "pipeline.drawing", "pipeline.companion"}
 LIBRARY_FLOORS = ["imaging", "scene", "tracing", "hiding", "training", "analysis"]
 RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device"}
 

@@ -12,7 +12,7 @@ from jaxtyping import Float32, Float64, UInt8
 from stages.scene.lens import Lens
 from stages.scene.pairing import Pair
 
-JOB, FACTS, ARRAYS, LOG = "job.json", "facts.json", "arrays.npz", "reconstruction.log"
+JOB, FACTS, ARRAYS = "job.json", "facts.json", "arrays.npz"
 PHASES = ("features", "matching", "mapping")
 
 

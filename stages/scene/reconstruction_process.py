@@ -1,17 +1,12 @@
-"""Structure from motion, alone in its process: `python -m stages.scene.reconstruction_process JOB`.
+"""Structure from motion, alone in a companion of `sfm`: `python -m stages.scene.reconstruction_process JOB`.
 
 pycolmap brings a zlib of its own which breaks the one of a process that meets pycolmap first; it holds the
 interpreter for minutes; and a crash of it must not take a worker along. Nothing else may import this module.
-
-Says what it does in JSON lines on the standard output, and ends when its standard input does: with its parent.
 """
 
 from __future__ import annotations
 
-import json
-import os
 import sys
-import threading
 import time
 import zlib  # noqa: F401 - loaded before pycolmap, for the reason above
 from collections.abc import Iterator, Sequence
@@ -22,6 +17,7 @@ import numpy as np
 import pycolmap
 from jaxtyping import Float64
 
+from pipeline.companion import end_with_stage, say
 from stages.scene.lens import Lens
 from stages.scene.pairing import Pair, in_batches
 from stages.scene.reconstruction_job import PHASES, Job, Reconstruction, read_job, working_name
@@ -34,7 +30,7 @@ ENOUGH = 0.9  # share of photos placed below which the pairs in need are compare
 
 
 def main() -> None:
-    threading.Thread(target=end_with_parent, daemon=True).start()
+    end_with_stage()
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.WARNING)
     job = read_job(Path(sys.argv[1]))
     pycolmap.set_random_seed(job.seed)
@@ -62,16 +58,6 @@ def reconstruct(job: Job, pairs: Sequence[Pair], seconds: dict[str, float]) -> p
         return estimate(job) if job.poses is None else triangulate(job, np.array(job.poses))
 
 
-def end_with_parent() -> None:
-    while os.read(sys.stdin.fileno(), 1024):  # unbuffered: a buffer's lock would abort the interpreter's end
-        pass
-    os._exit(1)
-
-
-def say(phase: str, done: float, total: float) -> None:
-    print(json.dumps({"phase": phase, "done": done, "total": total}), flush=True)
-
-
 def extract(job: Job) -> None:
     """SIFT features of every picture; those of an interrupted run are kept.
 
@@ -86,7 +72,7 @@ def extract(job: Job) -> None:
         path.with_suffix(".new").rename(path)
     step = 4 * job.threads
     for start in range(0, len(names), step):
-        say("features", start, len(names))
+        say(phase="features", done=start, total=len(names))
         pycolmap.extract_features(
             path, job.folder, names[start : start + step], extraction_options=options, device=pycolmap.Device.cpu
         )
@@ -129,7 +115,7 @@ def match(job: Job, pairs: Sequence[Pair]) -> None:
     verification.ransac.random_seed = job.seed
     listed, done = job.folder / "pairs.txt", 0
     for batch in in_batches(set(pairs)):
-        say("matching", done, len(pairs))
+        say(phase="matching", done=done, total=len(pairs))
         listed.write_text("".join(f"{working_name(one)} {working_name(other)}\n" for one, other in batch))
         pycolmap.match_image_pairs(
             job.folder / DATABASE,
@@ -157,9 +143,9 @@ def estimate(job: Job) -> pycolmap.Reconstruction | None:
     def count() -> None:
         nonlocal registered
         registered += 1
-        say("mapping", min(registered, len(job.lenses)), len(job.lenses))
+        say(phase="mapping", done=min(registered, len(job.lenses)), total=len(job.lenses))
 
-    say("mapping", 0, len(job.lenses))
+    say(phase="mapping", done=0, total=len(job.lenses))
     output = job.folder / "models"
     output.mkdir(exist_ok=True)
     models = pycolmap.incremental_mapping(
@@ -170,7 +156,7 @@ def estimate(job: Job) -> pycolmap.Reconstruction | None:
 
 def triangulate(job: Job, poses: Float64[np.ndarray, "V 4 4"]) -> pycolmap.Reconstruction:
     """Points from known poses and lenses, which stay as they are."""
-    say("mapping", 0, len(job.lenses))
+    say(phase="mapping", done=0, total=len(job.lenses))
     model, output = pycolmap.Reconstruction(), job.folder / "models"
     output.mkdir(exist_ok=True)
     with pycolmap.Database.open(job.folder / DATABASE) as database:

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import os
-import queue
-import subprocess
-import sys
-import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 import cv2
 import numpy as np
 
+from pipeline.companion import Said, work_together
 from pipeline.errors import Interrupted, UserError
 from stages.imaging.pictures import read_picture, resize_picture
 from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, KnownPoses, in_order_of_numbers
 from stages.scene.lens import MODELS, Lens
 from stages.scene.pairing import Matching, choose_pairs
-from stages.scene.reconstruction_job import ARRAYS, FACTS, LOG, Job, Reconstruction, read_reconstruction, working_name
+from stages.scene.reconstruction_job import ARRAYS, FACTS, Job, Reconstruction, read_reconstruction, working_name
 from stages.scene.scene import Scene, held_out_names
 from stages.scene.undistortion import training_size, undistort
 
@@ -41,7 +36,6 @@ SHARES = {
 
 FEWEST_POINTS = 10
 GUESSED_FOCAL_LENGTH = 1.2  # of the longer side, COLMAP's own guess where EXIF says nothing
-POLLING = 0.2  # seconds
 
 
 @dataclass(frozen=True)
@@ -155,60 +149,24 @@ def run_process(job: Job, watcher: Watcher) -> None:
     """Run the process to its end; it is killed where the watcher asks to stop."""
     for name in (FACTS, ARRAYS):
         (job.folder / name).unlink(missing_ok=True)
-    path = job.write()
-    root = Path(__file__).resolve().parents[2]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")])}
-    with (job.folder / LOG).open("wb") as log:
-        process = subprocess.Popen(
-            [sys.executable, "-m", PROCESS, str(path)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=log,
-            env=environment,
-            start_new_session=True,  # Ctrl-C reaches the engine, which asks to stop
-        )
-        try:
-            follow(process, watcher)
-        finally:
-            process.kill()
-            process.wait()
-    if process.returncode != 0 or not (job.folder / FACTS).is_file():
-        lines = (job.folder / LOG).read_text(errors="replace").strip().splitlines()
-        lines = [line for line in lines if not line.lstrip().startswith("@")]  # without the stack of a crash
-        raise UserError(
-            "structure from motion broke off",
-            found=f"exit status {process.returncode}: {' | '.join(lines[-3:]) or 'no message'}",
-            expected="exit status 0; -9 is a process killed, mostly for want of memory",
-            remedy="Less memory is needed with a smaller matching_size or max_features.",
-        )
+    at: tuple[str, float, float] = ("features", 0.0, 1.0)
 
-
-def follow(process: subprocess.Popen[bytes], watcher: Watcher) -> None:
-    """Pass on what the process says, until it ends."""
-    lines: queue.Queue[bytes | None] = queue.Queue()
-    assert process.stdout is not None
-    threading.Thread(target=listen, args=(process.stdout, lines), daemon=True).start()
-    phase, done, total = "features", 0.0, 1.0
-    while True:
-        try:
-            line = lines.get(timeout=POLLING)
-        except queue.Empty:
-            watcher.phase(phase, done, total)
-            continue
-        if line is None:
-            process.wait()
-            return
-        said = json.loads(line)
-        if said["phase"] != phase:
-            watcher.log(f"{said['phase']} of {int(said['total'])}")
+    def heard(said: Said) -> None:
+        nonlocal at
         phase, done, total = said["phase"], said["done"], said["total"]
-        watcher.phase(phase, done, total)
+        if phase != at[0]:
+            watcher.log(f"{phase} of {total}")
+        at = (phase, done, total)
+        watcher.phase(*at)
 
-
-def listen(stream: IO[bytes], lines: queue.Queue[bytes | None]) -> None:
-    for line in stream:
-        lines.put(line)
-    lines.put(None)
+    work_together(
+        "structure from motion",
+        PROCESS,
+        [job.write()],
+        heard,
+        watch=lambda: watcher.phase(*at),
+        remedy="Less memory is needed with a smaller matching_size or max_features.",
+    )
 
 
 def refuse_few(capture: Capture, result: Reconstruction, settings: Settings, given: bool) -> None:

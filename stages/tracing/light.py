@@ -6,8 +6,6 @@ agrees about them, as pictures of a real place do.
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
-
 import numpy as np
 from jaxtyping import Float32
 
@@ -94,19 +92,15 @@ class SkyLight:
     Four numbers a corner: the constant and the three linear parts of the visible sky as a function of the normal.
     """
 
-    def __init__(self, casters: Tracer, pool: Executor) -> None:
+    def __init__(self, casters: Tracer) -> None:
         self._shape = (round(2 * REACH / SKY_STEP) + 1, round(2 * REACH / SKY_STEP) + 1, round(5.0 / SKY_STEP) + 1)
         axes = [np.arange(count, dtype=np.float32) * np.float32(SKY_STEP) for count in self._shape]
         x, y, z = np.meshgrid(axes[0] - REACH, axes[1] - REACH, axes[2], indexing="ij")
         point = (x.ravel(), y.ravel(), z.ravel())
         total = np.zeros((4, point[0].size), np.float32)
         weights = 0.0
-        directions = _sky_directions()
-
-        def lit_from(towards: tuple[float, float, float]) -> np.ndarray:
-            return ShadowMap(casters, towards, SKY_RESOLUTION).lit_at_nearest(point)
-
-        for towards, lit in zip(directions, pool.map(lit_from, directions), strict=True):
+        for towards in _sky_directions():
+            lit = ShadowMap(casters, towards, SKY_RESOLUTION).lit_at_nearest(point)
             total[0] += lit
             for axis in range(3):
                 total[axis + 1] += lit * np.float32(towards[axis])
@@ -150,6 +144,6 @@ def _sky_directions() -> list[tuple[float, float, float]]:
 class Lighting:
     """All light in a scene: one shadow map for each sun, and the sky."""
 
-    def __init__(self, casters: Tracer, suns: tuple[Sun, ...], pool: Executor) -> None:
+    def __init__(self, casters: Tracer, suns: tuple[Sun, ...]) -> None:
         self.suns = tuple((sun, ShadowMap(casters, sun.towards, SHADOW_RESOLUTION)) for sun in suns)
-        self.sky = SkyLight(casters, pool)
+        self.sky = SkyLight(casters)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
@@ -23,12 +22,11 @@ SHARPNESS = 0.7
 
 
 class Studio:
-    """A world with everything that all its pictures share, prepared by so many `threads`, which changes no bit."""
+    """A world with everything that all its pictures share. `gloss` scales the shine of everything in it."""
 
-    def __init__(self, world: World, gloss: float = 1.0, threads: int = 1) -> None:
+    def __init__(self, world: World, gloss: float = 1.0) -> None:
         self._exposure = np.float32(world.exposure)
-        with ThreadPoolExecutor(threads) as pool:
-            self._shader = Shader(world, gloss, pool)
+        self._shader = Shader(world, gloss)
 
     def photograph(
         self,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,13 +55,13 @@ class Spots:
 
 
 class Shader:
-    """Shades spots of one world. `gloss` scales the shine of everything in it; `pool` shares out the preparations."""
+    """Shades spots of one world. `gloss` scales the shine of everything in it."""
 
-    def __init__(self, world: World, gloss: float, pool: Executor) -> None:
+    def __init__(self, world: World, gloss: float) -> None:
         self.tracer = Tracer(world.solids)
         self._world = world
-        self._lighting = Lighting(Tracer([solid for solid in world.solids if solid.casts_shadow]), world.suns, pool)
-        self._pyramid = TexturePyramid(world.pages, pool)
+        self._lighting = Lighting(Tracer([solid for solid in world.solids if solid.casts_shadow]), world.suns)
+        self._pyramid = TexturePyramid(world.pages)
         materials = [solid.material for solid in world.solids]
         self._page = np.array([material.page for material in materials], np.int32)
         self._extent = np.array([material.extent for material in materials], np.float32)

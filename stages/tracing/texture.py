@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
 
 import numpy as np
 from jaxtyping import Float32, Int32
@@ -18,7 +17,7 @@ class TexturePyramid:
     bytes on a square-root scale and come back as linear light. Raises `ValueError` for other pages.
     """
 
-    def __init__(self, pages: Sequence[Float32[np.ndarray, "size size 3"]], pool: Executor) -> None:
+    def __init__(self, pages: Sequence[Float32[np.ndarray, "size size 3"]]) -> None:
         self.size = pages[0].shape[0]
         if self.size & (self.size - 1) or any(page.shape != (self.size, self.size, 3) for page in pages):
             raise ValueError(f"pages must be square, of one size, a power of two: {[page.shape for page in pages]}")
@@ -27,15 +26,13 @@ class TexturePyramid:
         self._offsets = np.cumsum([0, *lengths[:-1]]).astype(np.int32)
         self._texels = np.empty(sum(lengths), np.int32)
 
-        def pack(number: int) -> None:
-            linear = pages[number].astype(np.float32) ** np.float32(2.2)
+        for number, page in enumerate(pages):
+            linear = page.astype(np.float32) ** np.float32(2.2)
             for offset, size in zip(self._offsets, sizes, strict=True):
                 start = offset + number * size * size
                 self._texels[start : start + size * size] = _pack(linear)
                 linear = (linear[::2] + linear[1::2]) / 2
                 linear = (linear[:, ::2] + linear[:, 1::2]) / 2
-
-        list(pool.map(pack, range(len(pages))))
 
     def lookup(
         self,

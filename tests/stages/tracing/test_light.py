@@ -8,7 +8,7 @@ import pytest
 from stages.tracing.light import SHADOW_RESOLUTION, ShadowMap, SkyLight
 from stages.tracing.shapes import Coordinates
 from stages.tracing.tracer import Tracer
-from tests.stages.tracing.worlds import Here, builder, plain
+from tests.stages.tracing.worlds import builder, plain
 
 
 def table() -> Tracer:
@@ -46,7 +46,7 @@ def test_the_edge_of_a_shadow_is_soft() -> None:
 
 
 def test_open_ground_has_the_whole_sky_and_a_nook_half() -> None:
-    sky = SkyLight(table(), Here())
+    sky = SkyLight(table())
     places = points((4, 3, 0), (0, 0, 0), (1.05, 0, 0), (0, 0, 1.05))
     up = points(*[(0, 0, 1)] * 4)
     open_ground, nook, rim, top = sky(places, up)
@@ -60,7 +60,7 @@ def test_open_ground_has_the_whole_sky_and_a_nook_half() -> None:
 def test_light_from_above_falls_off_as_a_surface_turns_down() -> None:
     build = builder()
     build.box((0, 0, -0.5), (9, 9, 0.5), plain(build))
-    sky = SkyLight(Tracer(build.solids), Here())
+    sky = SkyLight(Tracer(build.solids))
     places, normals = points(*[(2, 2, 2)] * 3), points((0, 0, 1), (1, 0, 0), (0, 0, -1))
     ground, wall, ceiling = sky(places, normals)
     assert ground > 1.4 * wall > 2 * ceiling > 0

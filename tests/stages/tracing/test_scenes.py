@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from stages.synthesize import SCENES, SynthesizeParameters
+from stages.synthesize import SynthesizeParameters
 from stages.tracing.photograph import Studio
+from stages.tracing.photograph_process import SCENES
 from stages.tracing.rig import orbit
 
 NAMES = get_args(SynthesizeParameters.model_fields["scene"].annotation)
@@ -21,7 +22,7 @@ WIDTH, HEIGHT = 256, 192
 
 @cache
 def place(name: str) -> Studio:
-    return Studio(importlib.import_module(f"{SCENES}.{name}").build(0), threads=2)
+    return Studio(importlib.import_module(f"{SCENES}.{name}").build(0))
 
 
 @cache

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, Future
-from typing import Any
-
 import numpy as np
 
 from stages.tracing.world import Builder, Material
@@ -19,12 +16,3 @@ def builder(seed: int = 0) -> Builder:
 def plain(build: Builder, color: tuple[float, float, float] = (0.5, 0.5, 0.5), **properties: float) -> Material:
     """A material of one colour."""
     return build.material(np.full((PAGE, PAGE, 3), color, np.float32), 1.0, **properties)
-
-
-class Here(Executor):
-    """Does everything at once, in the calling thread."""
-
-    def submit(self, function: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        future.set_result(function(*arguments, **named))
-        return future

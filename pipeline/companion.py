@@ -1,0 +1,117 @@
+"""Companions: processes that work for a stage, `python -m MODULE JOB`, and say how far they are in JSON lines.
+
+A stage takes companions where its own process will not do: for a library that would harm it, or for work in Python on
+more than one core. The process of a stage may be a daemon, which `multiprocessing` forbids children; and what passes
+between a stage and its companions are plain files, not pickles.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO, Any
+
+from pipeline.canonical import Json
+from pipeline.errors import UserError
+
+POLLING = 0.2  # seconds
+ROOT = Path(__file__).resolve().parents[1]
+
+Said = Mapping[str, Any]
+
+
+def work_together(
+    what: str,
+    module: str,
+    jobs: Sequence[Path],
+    heard: Callable[[Said], None],
+    watch: Callable[[], None],
+    remedy: str | None = None,
+) -> None:
+    """Run `module` once for each of the files `jobs`, all at the same time, to their ends.
+
+    `heard` takes each object that a companion says; `watch` is called several times a second besides. Where either
+    raises, or a companion breaks off, all are killed. What a companion writes to its standard error goes to a file
+    beside its job, with the suffix `.log`. Raises `UserError`, which calls the work `what`, where an exit status is
+    not 0.
+    """
+    lines: queue.Queue[tuple[int, bytes | None]] = queue.Queue()
+    with ExitStack() as ends:
+        companions = [_start(module, job, ends) for job in jobs]
+        for number, companion in enumerate(companions):
+            assert companion.stdout is not None
+            threading.Thread(target=_listen, args=(number, companion.stdout, lines), daemon=True).start()
+        working = len(companions)
+        while working:
+            watch()
+            try:
+                number, line = lines.get(timeout=POLLING)
+            except queue.Empty:
+                continue
+            if line is not None:
+                heard(json.loads(line))
+                continue
+            working -= 1
+            status = companions[number].wait()
+            if status != 0:
+                raise _broken_off(what, status, jobs[number].with_suffix(".log"), remedy)
+
+
+def _start(module: str, job: Path, ends: ExitStack) -> subprocess.Popen[bytes]:
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    log = ends.enter_context(job.with_suffix(".log").open("wb"))
+    companion = subprocess.Popen(
+        [sys.executable, "-m", module, str(job)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=log,
+        env=environment,
+        start_new_session=True,  # Ctrl-C reaches the engine, which asks to stop
+    )
+
+    def end() -> None:
+        companion.kill()
+        companion.wait()
+
+    ends.callback(end)
+    return companion
+
+
+def _listen(number: int, stream: IO[bytes], lines: queue.Queue[tuple[int, bytes | None]]) -> None:
+    for line in stream:
+        lines.put((number, line))
+    lines.put((number, None))
+
+
+def _broken_off(what: str, status: int, log: Path, remedy: str | None) -> UserError:
+    lines = log.read_text(errors="replace").strip().splitlines()
+    lines = [line for line in lines if not line.lstrip().startswith("@")]  # without the stack of a crash
+    return UserError(
+        f"{what} broke off",
+        found=f"exit status {status}: {' | '.join(lines[-3:]) or 'no message'}",
+        expected="exit status 0; -9 is a process killed, mostly for want of memory",
+        remedy=remedy,
+    )
+
+
+def say(**facts: Json) -> None:
+    """In a companion: tell the stage."""
+    print(json.dumps(facts), flush=True)
+
+
+def end_with_stage() -> None:
+    """In a companion, first of all: end when the stage's process does, which closes the standard input."""
+    threading.Thread(target=_await_end, daemon=True).start()
+
+
+def _await_end() -> None:
+    while os.read(sys.stdin.fileno(), 1024):  # unbuffered: a buffer's lock would abort the interpreter's end
+        pass
+    os._exit(1)
