@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from itertools import count
-
 import numpy as np
 import torch
 from jaxtyping import Float32, UInt8
@@ -14,15 +11,15 @@ from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.method import Method, module_of
 from stages.hiding.photographs import photographs
+from stages.hiding.placing import place
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method
 from stages.imaging.pictures import tensor_to_picture
-from stages.scene.alignment import best, cameras_in_message_world, candidates
+from stages.scene.alignment import cameras_in_message_world
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.message_views import LEGAL_COVERAGE, MessageViews, write_message_views
 from stages.scene.scene import read_scene
-from stages.scene.similarity import Similarity
 from stages.scene.spherical_harmonics import BASE
 
 METHOD = "plain"
@@ -41,7 +38,7 @@ class RenderHiddenParameters(Parameters):
 @stage(
     inputs={"splats": Input("splats"), "message": Input("scene"), "cover": Input("scene")},
     outputs={"views": Output("views")},
-    version=2,
+    version=3,
     modules=lambda parameters: [module_of(METHOD)],
 )
 def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
@@ -50,15 +47,7 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     splats = context.input("splats")
     gaussians, method = read_gaussians(splats), read_method(splats)
     message, cover = read_scene(context.input("message")), read_scene(context.input("cover"))
-    choices = candidates(cover.cameras, message.cameras, message.points, cover_points=cover.points)
-    scored = count(1)
-
-    def score(similarity: Similarity) -> tuple[int, float]:
-        seen = shrunken(cameras_in_message_world(cover.cameras, similarity), parameters.search_width)
-        context.progress(next(scored), len(choices))
-        return coverage_score(coverage_of(gaussians, method, seen))
-
-    placed = best(choices, score)
+    placed = place(gaussians, message, cover, parameters.search_width, context.progress)
     seen = cameras_in_message_world(cover.cameras, placed)
     pictures, coverage = photograph_message(gaussians, method, seen)
     points, colors = visible_points(gaussians, parameters.seed)
@@ -71,27 +60,6 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     context.record(
         device=choose_device().describe(), legal_views=int(views.legal.sum()), scale=round(float(placed.scale), 4)
     )
-
-
-def shrunken(cameras: Cameras, width: int) -> Cameras:
-    """The same cameras with pictures `width` pixels wide, for a quick look; never wider than they were."""
-    factor = min(1.0, width / cameras.width)
-    size = (max(1, round(cameras.width * factor)), max(1, round(cameras.height * factor)))
-    scaling = np.diag([size[0] / cameras.width, size[1] / cameras.height, 1.0])
-    return replace(cameras, intrinsics=scaling @ cameras.intrinsics, width=size[0], height=size[1])
-
-
-def coverage_of(gaussians: Gaussians, method: Method, cameras: Cameras) -> Float32[np.ndarray, " V"]:
-    """The share of each camera's picture that the message fills."""
-    return np.array([float(view.alphas.mean()) for view in photographs(gaussians, method, cameras)], np.float32)
-
-
-def coverage_score(coverage: Float32[np.ndarray, " V"]) -> tuple[int, float]:
-    """Legal views first, then how nearly legal the others are, to a hundredth: higher is better.
-
-    Coverage beyond what is legal counts nothing, or the message would be magnified until little of it is seen.
-    """
-    return int((coverage >= LEGAL_COVERAGE).sum()), round(float(coverage.clip(max=LEGAL_COVERAGE).mean()), 2)
 
 
 def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray, "N 3"], UInt8[np.ndarray, "N 3"]]:

@@ -28,6 +28,7 @@ UPRIGHT_GUARD = 0.005  # weight of the mean camera's up direction against level 
 GRID = 8  # cells a side, for the quick estimate of coverage
 SAMPLED_VIEWS = 12
 SAMPLED_POINTS = 2000
+NEAREST = 0.02  # quantile of depths that counts as the nearest
 
 
 class Comparable(Protocol):
@@ -92,14 +93,27 @@ def median_depth(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> float:
 
     Where no camera sees a point: twice the distance of the outermost camera from the mean of them, or 1 for one camera.
     """
-    sampled = points[sample(len(points), SAMPLED_POINTS)]
-    pixels, depth = project(cameras, sampled)
-    size = np.array([cameras.width, cameras.height])
-    seen = (depth > 0) & (pixels >= 0).all(axis=-1) & (pixels < size).all(axis=-1)
-    if seen.any():
-        return float(np.median(depth[seen]))
+    depths = depths_seen(cameras, points)
+    if len(depths):
+        return float(np.median(depths))
     centres = cameras.centres()
     return 2 * float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max()) or 1.0
+
+
+def nearest_depth(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> float:
+    """How near the cameras' pictures show anything: a low quantile of the depths of points, as a few points err.
+
+    0 where no camera sees a point.
+    """
+    depths = depths_seen(cameras, points)
+    return float(np.quantile(depths, NEAREST)) if len(depths) else 0.0
+
+
+def depths_seen(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, " n"]:
+    """Depths of the points, of many a sample, that lie within each camera's picture."""
+    pixels, depth = project(cameras, points[sample(len(points), SAMPLED_POINTS)])
+    size = np.array([cameras.width, cameras.height])
+    return depth[(depth > 0) & (pixels >= 0).all(axis=-1) & (pixels < size).all(axis=-1)]
 
 
 def up_direction(right: Float[np.ndarray, "V 3"], down: Float[np.ndarray, "V 3"]) -> Float[np.ndarray, " 3"]:

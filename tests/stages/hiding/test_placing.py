@@ -1,0 +1,66 @@
+"""Messages are placed where they fill the pictures, and not so close that nothing of them can be made out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from stages.hiding.method import build_method
+from stages.hiding.placing import clear_coverage, coverage_score, shrunken
+from stages.hiding.rendering import COVER
+from stages.scene.alignment import nearest_depth
+from stages.scene.cameras import Cameras
+from stages.scene.gaussians import Gaussians, gaussians_at
+
+SIZE = (32, 24)
+
+
+def camera_at(z: float) -> Cameras:
+    """One camera that looks down +z."""
+    pose = np.eye(4)
+    pose[2, 3] = -z
+    intrinsics = np.array([[[30.0, 0, 16], [0, 30, 12], [0, 0, 1]]])
+    return Cameras(("0.png",), pose[None], intrinsics, *SIZE)
+
+
+def wall(depth: float) -> np.ndarray:
+    across, down = np.meshgrid(np.linspace(-6, 6, 60), np.linspace(-6, 6, 60))
+    return np.stack([across.ravel(), down.ravel(), np.full(across.size, depth)], axis=1)
+
+
+def opaque(points: np.ndarray) -> Gaussians:
+    method = build_method("plain", {"sh_degree": 0})
+    attributes = method.initial_attributes({COVER: np.full((len(points), 3), 0.7)}, np.random.default_rng(0))
+    gaussians = gaussians_at(points, attributes)
+    gaussians.parameters["logit_opacities"] = torch.full((len(points),), 5.0)
+    return gaussians
+
+
+def test_a_shrunken_camera_sees_the_same() -> None:
+    cameras = camera_at(0)
+    small = shrunken(cameras, 16)
+    assert (small.width, small.height) == (16, 12)
+    ray = np.linalg.inv(cameras.intrinsics[0]) @ [32, 24, 1]
+    np.testing.assert_allclose(small.intrinsics[0] @ ray, [16, 12, 1])
+
+
+def test_what_stands_too_close_hides_and_counts_nothing() -> None:
+    scene = opaque(wall(5.0))
+    far, near = (float(clear_coverage(scene, camera_at(z), clear_from=2.0)[0]) for z in (0.0, 4.0))
+    assert far > 0.95
+    assert near == 0
+    behind = opaque(np.concatenate([wall(5.0), wall(9.0)]))
+    assert float(clear_coverage(behind, camera_at(4.0), clear_from=2.0)[0]) < 0.05
+
+
+def test_legal_views_count_before_mean_coverage() -> None:
+    assert coverage_score(np.array([0.95, 0.2])) > coverage_score(np.array([0.89, 0.89]))
+    assert coverage_score(np.array([1.0, 1.0])) == coverage_score(np.array([0.95, 0.91]))
+
+
+def test_the_nearest_depth_is_that_of_what_pictures_show() -> None:
+    camera = camera_at(0)
+    points = np.concatenate([wall(5.0), wall(-1.0)])  # the second wall is behind the camera
+    assert nearest_depth(camera, points) == pytest.approx(5.0)
+    assert nearest_depth(camera, np.empty((0, 3))) == 0
