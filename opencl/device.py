@@ -94,9 +94,9 @@ def choose_device(name: str | None = None) -> Device:
     for device in devices:
         if device.index == wanted if by_index else wanted.lower() in device.name.lower():
             return device
-    existing = "\n".join(f"  {device.index}  {device.name}" for device in devices)
+    existing = "; ".join(f"{device.index} {device.name}" for device in devices)
     asked_by = "device" if name is not None else DEVICE_VARIABLE
-    raise ValueError(f"{asked_by}: found {wanted!r}, expected an index or part of a name of one of:\n{existing}")
+    raise ValueError(f"{asked_by}: found {wanted!r}, expected an index or part of a name of one of: {existing}")
 
 
 def _preference(device: Device) -> tuple[bool, bool, list[int]]:
