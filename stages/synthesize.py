@@ -12,10 +12,9 @@ from pipeline.errors import Interrupted
 from pipeline.stage import Context, Output, Parameters, stage
 from stages.imaging.pictures import encode_png
 from stages.scene.capture import Capture, KnownPoses, Lens, write_capture
+from stages.tracing import photograph_process
 from stages.tracing.photograph_process import SCENES, Job, read_picture_file
 from stages.tracing.rig import orbit
-
-PROCESS = "stages.tracing.photograph_process"
 
 
 class SynthesizeParameters(Parameters):
@@ -35,7 +34,7 @@ class SynthesizeParameters(Parameters):
     inputs={},
     outputs={"capture": Output("capture")},
     version=1,
-    modules=lambda parameters: [PROCESS, f"{SCENES}.{parameters.scene}"],
+    modules=lambda parameters: [f"{SCENES}.{parameters.scene}"],
 )
 def synthesize(context: Context, parameters: SynthesizeParameters) -> None:
     """Walk about the scene with a camera; processes share the photos among them."""
@@ -53,7 +52,7 @@ def synthesize(context: Context, parameters: SynthesizeParameters) -> None:
         if context.stop_requested():
             raise Interrupted
 
-    work_together("ray tracing", PROCESS, write_jobs(parameters, context.scratch), develop, watch)
+    work_together("ray tracing", photograph_process.__name__, write_jobs(parameters, context.scratch), develop, watch)
     capture = Capture(
         names=tuple(names),
         sizes=(size,) * len(names),

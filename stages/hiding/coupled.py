@@ -1,11 +1,18 @@
-"""What all methods with coupled features have in common: their settings, and a public and a secret decoder."""
+"""What all methods with coupled features have in common: their settings, a public and a secret decoder, rendering."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import Generic, TypeVar
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.hiding.rendering import COVER, Rendering, splat
+from stages.scene.cameras import Camera
+from stages.scene.gaussians import Gaussians
 
 FEATURE_RANGE = (0.02, 0.98)
 """Initial features stay inside, where the sigmoid still has a gradient."""
@@ -16,22 +23,14 @@ FEATURE_RATE = 2.5e-3
 DecoderType = TypeVar("DecoderType", bound=torch.nn.Module)
 
 
-class CoupledFeatures(Generic[DecoderType]):
+class CoupledFeatures(ABC, Generic[DecoderType]):
     """`raw_features [N,M]`, a scene decoder that is public, and a message decoder with 3·L channels that is not.
 
-    Without messages (L = 0), or where the secret is not at hand, there is no message decoder. `make_decoder` makes one
-    for so many pictures; weights come from torch's generator, the scene decoder's first.
+    Without messages (L = 0), or where the secret is not at hand, there is no message decoder. Weights come from torch's
+    generator, the scene decoder's first.
     """
 
-    def __init__(
-        self,
-        make_decoder: Callable[[int], DecoderType],
-        feature_dim: int,
-        layers: int,
-        decoder_width: int,
-        precision: str,
-        messages: Sequence[str],
-    ):
+    def __init__(self, feature_dim: int, layers: int, decoder_width: int, precision: str, messages: Sequence[str] = ()):
         self.feature_dim = feature_dim
         self.messages = tuple(messages)
         self.precision = getattr(torch, precision)
@@ -42,10 +41,27 @@ class CoupledFeatures(Generic[DecoderType]):
             "precision": precision,
         }
         self.learning_rates: Mapping[str, float] = {"raw_features": FEATURE_RATE}
-        self.scene_decoder = make_decoder(1)
+        self.scene_decoder = self.make_decoder(1, layers, decoder_width)
+        self.decoders = [self.scene_decoder]
         self.networks: dict[str, torch.nn.Module] = {"scene_decoder": self.scene_decoder}
         if self.messages:
-            self.message_decoder = make_decoder(len(self.messages))
+            self.message_decoder = self.make_decoder(len(self.messages), layers, decoder_width)
+            self.decoders.append(self.message_decoder)
             self.networks["message_decoder"] = self.message_decoder
         for network in self.networks.values():
             network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stub omits it
+
+    @abstractmethod
+    def make_decoder(self, pictures: int, layers: int, width: int) -> DecoderType:
+        """A decoder for so many pictures."""
+
+    @abstractmethod
+    def decoded(self, rendering: Rendering, camera: Camera) -> list[Float[Tensor, "H W C"]]:
+        """What each of `decoders` makes of a feature map: three channels for each of its pictures."""
+
+    def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
+        """F_coup (Eq. 4) and what the decoders make of it (Eq. 5)."""
+        rendering = splat(gaussians, gaussians["raw_features"].sigmoid(), camera)
+        pictures = [picture for channels in self.decoded(rendering, camera) for picture in channels.split(3, dim=-1)]
+        rendering.pictures.update(zip((COVER, *self.messages), pictures, strict=True))
+        return rendering

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import torch
@@ -12,9 +12,8 @@ from torch import Tensor
 from stages.hiding.coupled import FEATURE_RANGE, CoupledFeatures
 from stages.hiding.decoders import Decoder, decode
 from stages.hiding.mixture import orthonormal_rows
-from stages.hiding.rendering import COVER, Rendering, splat
+from stages.hiding.rendering import COVER, Rendering
 from stages.scene.cameras import Camera
-from stages.scene.gaussians import Gaussians
 
 
 class GSHider(CoupledFeatures[Decoder]):
@@ -22,11 +21,9 @@ class GSHider(CoupledFeatures[Decoder]):
 
     name = "gs_hider"
 
-    def __init__(self, feature_dim: int, layers: int, decoder_width: int, precision: str, messages: Sequence[str] = ()):
-        def make_decoder(pictures: int) -> Decoder:
-            return Decoder(feature_dim, 3 * pictures, layers, decoder_width)
-
-        super().__init__(make_decoder, feature_dim, layers, decoder_width, precision, messages)
+    def make_decoder(self, pictures: int, layers: int, width: int) -> Decoder:
+        """Five convolutions in the paper."""
+        return Decoder(self.feature_dim, 3 * pictures, layers, width)
 
     def initial_attributes(
         self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
@@ -46,14 +43,9 @@ class GSHider(CoupledFeatures[Decoder]):
         features = 0.5 + (shown - 0.5) @ mixture
         return {"raw_features": features.clamp(*FEATURE_RANGE).logit()}
 
-    def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
-        """F_coup (Eq. 4) and what the decoders make of it (Eq. 5)."""
-        rendering = splat(gaussians, gaussians["raw_features"].sigmoid(), camera)
-        rendering.pictures[COVER] = decode(self.scene_decoder, rendering.feature_map, self.precision)
-        if self.messages:
-            decoded = decode(self.message_decoder, rendering.feature_map, self.precision)
-            rendering.pictures.update(zip(self.messages, decoded.split(3, dim=-1), strict=True))
-        return rendering
+    def decoded(self, rendering: Rendering, camera: Camera) -> list[Float[Tensor, "H W C"]]:
+        """The feature map through each decoder (Eq. 5)."""
+        return [decode(decoder, rendering.feature_map, self.precision) for decoder in self.decoders]
 
 
 def build(settings: Mapping[str, object]) -> GSHider:

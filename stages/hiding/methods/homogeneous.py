@@ -12,7 +12,7 @@ The decoders also see from where a pixel is looked at, which the paper names as 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import torch
@@ -22,9 +22,8 @@ from torch import Tensor
 from stages.hiding.coupled import FEATURE_RANGE, CoupledFeatures
 from stages.hiding.decoders import Decoder, decode
 from stages.hiding.mixture import orthonormal_rows
-from stages.hiding.rendering import COVER, Rendering, splat
+from stages.hiding.rendering import COVER, Rendering
 from stages.scene.cameras import Camera, pixel_directions
-from stages.scene.gaussians import Gaussians
 from stages.scene.spherical_harmonics import harmonics, harmonics_count
 
 BELONGING = 0.48
@@ -78,11 +77,9 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
 
     name = "homogeneous"
 
-    def __init__(self, feature_dim: int, layers: int, decoder_width: int, precision: str, messages: Sequence[str] = ()):
-        def make_decoder(pictures: int) -> HomogeneousDecoder:
-            return HomogeneousDecoder(feature_dim, pictures, layers, decoder_width)
-
-        super().__init__(make_decoder, feature_dim, layers, decoder_width, precision, messages)
+    def make_decoder(self, pictures: int, layers: int, width: int) -> HomogeneousDecoder:
+        """A decoder that divides by the shares of so many pictures."""
+        return HomogeneousDecoder(self.feature_dim, pictures, layers, width)
 
     def initial_attributes(
         self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
@@ -105,21 +102,14 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         features = 0.5 + belongs @ directions + torch.einsum("npc,pcm->nm", centred, rows)
         return {"raw_features": features.clamp(*FEATURE_RANGE).logit()}
 
-    def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
-        """F_coup (Eq. 4), divided for each picture, and what the decoders make of it."""
-        rendering = splat(gaussians, gaussians["raw_features"].sigmoid(), camera)
+    def decoded(self, rendering: Rendering, camera: Camera) -> list[Float[Tensor, "H W C"]]:
+        """The feature map divided for each picture, beside the direction of view, through each decoder."""
         view = harmonics(pixel_directions(camera), VIEW_DEGREE)[..., 1:]
-        rendering.pictures[COVER] = self._decode(self.scene_decoder, rendering, view)
-        if self.messages:
-            decoded = self._decode(self.message_decoder, rendering, view)
-            rendering.pictures.update(zip(self.messages, decoded.split(3, dim=-1), strict=True))
-        return rendering
-
-    def _decode(
-        self, decoder: HomogeneousDecoder, rendering: Rendering, view: Float[Tensor, "H W K"]
-    ) -> Float[Tensor, "H W C"]:
-        divided = decoder.divided(rendering.feature_map, rendering.alphas)
-        return decode(decoder.convolutions, torch.cat([divided, view], dim=-1), self.precision)
+        outputs = []
+        for decoder in self.decoders:
+            divided = decoder.divided(rendering.feature_map, rendering.alphas)
+            outputs.append(decode(decoder.convolutions, torch.cat([divided, view], dim=-1), self.precision))
+        return outputs
 
 
 def build(settings: Mapping[str, object]) -> Homogeneous:
