@@ -6,9 +6,9 @@ import argparse
 import os
 import sys
 
+from opencl.backend import default_backend
 from opencl.benchmark import WORKLOADS, measure, peak_memory
 from opencl.device import DEVICE_VARIABLE, choose_device, list_devices
-from opencl.program import default_backend
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -12,8 +12,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from opencl.backend import Backend
 from opencl.contract import RasterSettings
-from opencl.program import TILE, Backend
+from opencl.program import TILE
 from opencl.projection import Project, pack_camera
 from opencl.rasterizer import rasterize
 from opencl.tiling import TileLists, sort_into_tiles

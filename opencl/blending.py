@@ -8,8 +8,9 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from opencl.backend import Backend
 from opencl.contract import RasterSettings
-from opencl.program import BLENDING, Backend, ProgramKey
+from opencl.program import ProgramKey
 from opencl.tiling import TileLists
 
 LARGEST_FEATURE_DIM = 64
@@ -45,7 +46,7 @@ class Blend(torch.autograd.Function):
         feature_map = features.new_empty(height, width, features.shape[1])
         alphas = features.new_empty(height, width)
         walked = torch.empty(lists.tiles, dtype=torch.int32)
-        program = ProgramKey(BLENDING, features.dtype, settings, features.shape[1])
+        program = ProgramKey("blending", backend.schedule, features.dtype, settings, features.shape[1])
         outputs = (feature_map, alphas, walked)
         with backend.session() as session:
             inputs = (records, features, background, lists.starts, lists.entries)

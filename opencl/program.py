@@ -1,48 +1,57 @@
-"""Building the kernels and launching them on torch's tensors."""
+"""The text of OpenCL programs: which sources, with which constants."""
 
 from __future__ import annotations
 
-import functools
-import os
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
-import numpy as np
-import pyopencl
 import torch
-from torch import Tensor
 
 from opencl.contract import RasterSettings
-from opencl.device import DEVICE_VARIABLE, Device, choose_device
 
-RESOURCES = ("kernels/*.cl",)
+RESOURCES = ("kernels/*.cl", "kernels/cpu/*.cl")
 """Files beside this module that decide what it computes."""
 
 TILE = 16
 """Side of a tile in pixels, as in real.cl."""
-TILING_RUNS = 32
-"""Parts of the depth order that are counted into tiles side by side."""
 
+Schedule = Literal["cpu", "gpu"]
+"""How work is cut: a tile for each work-item, or a tile for each work-group and a pixel for each of its work-items."""
+
+Part = Literal["geometry", "blending"]
+"""Two programs draw a picture: what happens to Gaussians does not depend on how many features they have."""
+
+_SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
+    ("cpu", "geometry"): ("real.cl", "projection.cl", "cpu/lanes.cl", "cpu/tiling.cl"),
+    ("cpu", "blending"): ("real.cl", "cpu/lanes.cl", "cpu/blending.cl", "cpu/blending_backward.cl"),
+    ("gpu", "geometry"): ("real.cl", "projection.cl", "gpu/sorting.cl", "gpu/tiling.cl"),
+    ("gpu", "blending"): ("real.cl", "gpu/blending.cl", "gpu/blending_backward.cl"),
+}
 _KERNELS = Path(__file__).parent / "kernels"
-GEOMETRY = ("real.cl", "projection.cl", "tiling.cl")
-BLENDING = ("real.cl", "blending.cl", "blending_backward.cl")
+
+PROJECTION_CHUNK: dict[Schedule, int] = {"cpu": 128, "gpu": 1}
+"""Gaussians that a work-item of the projection takes."""
+GROUP_SIZE: dict[Schedule, int] = {"cpu": 1, "gpu": 256}
+"""Work-items of a group; on the GPU schedule that is one for each pixel of a tile."""
+TILING_RUNS = 32
+"""Parts of the depth order that the CPU schedule counts into tiles side by side."""
 
 
 @dataclass(frozen=True)
 class ProgramKey:
-    """What a program is compiled for."""
+    """What a program is compiled for. `options` are names that its sources test with `#ifdef`."""
 
-    sources: tuple[str, ...]
+    part: Part
+    schedule: Schedule
     dtype: torch.dtype
     settings: RasterSettings
     feature_dim: int = 1
+    options: tuple[str, ...] = ()
 
     def text(self) -> str:
         """The whole source. Joined here, as drivers that cache programs do not see edits of included files."""
-        constants = {
+        reals = {
             "ALPHA_MINIMUM": self.settings.alpha_minimum,
             "ALPHA_MAXIMUM": self.settings.alpha_maximum,
             "TRANSMITTANCE_MINIMUM": self.settings.transmittance_minimum,
@@ -50,95 +59,16 @@ class ProgramKey:
             "LOW_PASS": self.settings.low_pass,
             "RADIUS_SIGMAS": self.settings.radius_sigmas,
         }
-        lines = [f"#define {name} ((REAL){value!r})" for name, value in constants.items()]
-        lines += [f"#define FEATURE_DIM {self.feature_dim}", f"#define TILING_BLOCKS {TILING_RUNS}"]
+        integers = {
+            "FEATURE_DIM": self.feature_dim,
+            "PROJECTION_CHUNK": PROJECTION_CHUNK[self.schedule],
+            "GROUP_SIZE": GROUP_SIZE[self.schedule],
+            "TILING_RUNS": TILING_RUNS,
+        }
+        lines = [f"#define {name} ((REAL){value!r})" for name, value in reals.items()]
+        lines += [f"#define {name} {value}" for name, value in integers.items()]
+        lines += [f"#define {option}" for option in self.options]
         if self.dtype == torch.float64:
             lines.append("#define REAL_IS_DOUBLE")
-        return "\n".join([*lines, *((_KERNELS / source).read_text(encoding="utf-8") for source in self.sources)])
-
-
-class Session:
-    """Launches in order on one queue. Tensors are contiguous CPU tensors; results are there after `finish`."""
-
-    def __init__(self, backend: Backend) -> None:
-        self._backend = backend
-        self._buffers: dict[tuple[int, int], tuple[Tensor, pyopencl.Buffer]] = {}
-
-    def launch(self, program: ProgramKey, kernel: str, work_items: int, *arguments: Tensor | int) -> None:
-        """Queue `work_items` of a kernel of `program`; integers are passed as int32, tensors as buffers."""
-        if work_items == 0:
-            return
-        prepared = [np.int32(value) if isinstance(value, int) else self._buffer(value) for value in arguments]
-        self._backend.kernel(program, kernel)(self._backend.queue, (work_items,), (1,), *prepared)
-
-    def _buffer(self, tensor: Tensor) -> pyopencl.Buffer | None:
-        if tensor.numel() == 0:
-            return None
-        place = (tensor.data_ptr(), tensor.nbytes)
-        held = self._buffers.get(place)
-        if held is not None:
-            return held[1]
-        flags = pyopencl.mem_flags
-        placement = flags.USE_HOST_PTR if self._backend.shares_memory else flags.COPY_HOST_PTR
-        buffer = pyopencl.Buffer(self._backend.context, flags.READ_WRITE | placement, hostbuf=tensor.detach().numpy())
-        self._buffers[place] = (tensor, buffer)
-        return buffer
-
-    def finish(self, *results: Tensor) -> None:
-        """Wait until all is done and `results` hold what the kernels wrote."""
-        if not self._backend.shares_memory:
-            for tensor in results:
-                buffer = self._buffer(tensor)
-                if buffer is not None:
-                    pyopencl.enqueue_copy(self._backend.queue, tensor.detach().numpy(), buffer, is_blocking=False)
-        self._backend.queue.finish()
-
-
-class Backend:
-    """A device with its queue and the programs built for it. Safe to use from several threads, one after another."""
-
-    def __init__(self, device: Device, shares_memory: bool | None = None) -> None:
-        """`shares_memory=False` copies everything to the device and back, as is needed where it has its own memory."""
-        device.prepare()
-        self.device = device
-        self.shares_memory = device.shares_memory if shares_memory is None else shares_memory
-        self.context = pyopencl.Context([device.handle])
-        self.queue = pyopencl.CommandQueue(self.context)
-        self._programs: dict[ProgramKey, pyopencl.Program] = {}
-        self._kernels: dict[tuple[ProgramKey, str], pyopencl.Kernel] = {}
-        self._lock = threading.RLock()
-        self._process = os.getpid()
-
-    @contextmanager
-    def session(self) -> Iterator[Session]:
-        """The backend for one thread: setting a kernel's arguments is not safe from two."""
-        if os.getpid() != self._process:
-            raise RuntimeError("OpenCL was set up before this process was forked and would hang: start it by spawn")
-        with self._lock:
-            session = Session(self)
-            try:
-                yield session
-            finally:
-                self.queue.finish()
-
-    def kernel(self, program: ProgramKey, name: str) -> pyopencl.Kernel:
-        """A kernel, built on first use."""
-        kernel = self._kernels.get((program, name))
-        if kernel is None:
-            if program not in self._programs:
-                # PoCL keeps compiled kernels itself; pyopencl's cache of binaries would only come on top of that.
-                built = pyopencl.Program(self.context, program.text()).build(options=["-w"], cache_dir=False)
-                self._programs[program] = built
-            kernel = self._kernels[program, name] = pyopencl.Kernel(self._programs[program], name)
-        return kernel
-
-
-@functools.cache
-def _backend_for(setting: str) -> Backend:
-    """The backend while GS_HIDER_DEVICE is `setting`."""
-    return Backend(choose_device())
-
-
-def default_backend() -> Backend:
-    """This process's backend for the device that GS_HIDER_DEVICE names now, or for the default one."""
-    return _backend_for(os.environ.get(DEVICE_VARIABLE, ""))
+        sources = _SOURCES[self.schedule, self.part]
+        return "\n".join([*lines, *((_KERNELS / source).read_text(encoding="utf-8") for source in sources)])

@@ -9,13 +9,12 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from opencl.backend import Backend
 from opencl.contract import RasterSettings, half_fields_of_view
-from opencl.program import GEOMETRY, Backend, ProgramKey
+from opencl.program import GROUP_SIZE, PROJECTION_CHUNK, ProgramKey
 
 RECORD = 8
 """Values that describe a Gaussian on the screen, as in real.cl."""
-_CHUNK = 128
-"""Gaussians a work-item takes, as in projection.cl."""
 
 
 def pack_camera(
@@ -31,6 +30,12 @@ def pack_camera(
     values += [calibration[0][0], calibration[1][1], calibration[0][2], calibration[1][2]]
     values += half_fields_of_view(intrinsics, width, height, settings)
     return torch.tensor(values, dtype=world_to_camera.dtype)
+
+
+def _launch_size(backend: Backend, count: int) -> tuple[int, int]:
+    """Work-groups and their size for `count` Gaussians."""
+    group_size = GROUP_SIZE[backend.schedule]
+    return -(-count // (group_size * PROJECTION_CHUNK[backend.schedule])), group_size
 
 
 class Project(torch.autograd.Function):
@@ -58,12 +63,13 @@ class Project(torch.autograd.Function):
         means2d, records = means.new_empty(count, 2), means.new_empty(count, RECORD)
         radii = torch.empty(count, dtype=torch.int32)
         depth_keys = torch.empty(count, dtype=torch.int32 if means.dtype == torch.float32 else torch.int64)
-        program = ProgramKey(GEOMETRY, means.dtype, settings)
+        program = ProgramKey("geometry", backend.schedule, means.dtype, settings)
         inputs = (means, quats, scales, opacities, features, camera)
         outputs = (means2d, records, radii, depth_keys)
         with backend.session() as session:
-            work_items = -(-count // _CHUNK)
-            session.launch(program, "project", work_items, count, feature_dim, width, height, *inputs, *outputs)
+            sizes = (count, feature_dim, width, height)
+            groups, group_size = _launch_size(backend, count)
+            session.launch(program, "project", groups, *sizes, *inputs, *outputs, group_size=group_size)
             session.finish(*outputs)
         ctx.save_for_backward(means, quats, scales, camera, radii, records)
         ctx.backend, ctx.program = backend, program
@@ -82,9 +88,11 @@ class Project(torch.autograd.Function):
             means.new_empty(len(means)),
         )
         with ctx.backend.session() as session:
+            groups, group_size = _launch_size(ctx.backend, len(means))
             session.launch(
-                *(ctx.program, "project_backward", -(-len(means) // _CHUNK), len(means)),
+                *(ctx.program, "project_backward", groups, len(means)),
                 *(means, quats, scales, camera, radii, records, grad_means2d, grad_records, *results),
+                group_size=group_size,
             )
             session.finish(*results)
         return (None, None, None, None, *results, None)

@@ -6,9 +6,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from opencl.backend import Backend, default_backend
 from opencl.blending import LARGEST_FEATURE_DIM, Blend
 from opencl.contract import RasterOutput, RasterSettings
-from opencl.program import Backend, default_backend
 from opencl.projection import Project, pack_camera
 from opencl.tiling import sort_into_tiles
 from opencl.validation import check_arguments

@@ -8,8 +8,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from opencl.backend import Backend
 from opencl.contract import RasterSettings
-from opencl.program import GEOMETRY, TILE, TILING_RUNS, Backend, ProgramKey
+from opencl.program import TILE, TILING_RUNS, ProgramKey
 
 _LARGEST = 2**31 - 1
 
@@ -46,7 +47,7 @@ def sort_into_tiles(
     """Lists for every tile; `RuntimeError` where they would hold more than 2^31 - 1 entries."""
     count = len(radii)
     tiles = -(-width // TILE) * -(-height // TILE)
-    program = ProgramKey(GEOMETRY, records.dtype, settings)
+    program = ProgramKey("geometry", backend.schedule, records.dtype, settings)
 
     def integers(size: int) -> Tensor:
         return torch.empty(size, dtype=torch.int32)

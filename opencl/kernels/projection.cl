@@ -1,9 +1,7 @@
 // From the world to the screen, one Gaussian at a time, and back.
 //
 // camera: 0..8 rotation by rows, 9..11 translation, 12 fx, 13 fy, 14 cx, 15 cy, 16..19 clamp of x/z (low, high) and
-// y/z (low, high). Each work-item takes CHUNK Gaussians in a row.
-
-#define CHUNK 128
+// y/z (low, high). Each work-item takes PROJECTION_CHUNK Gaussians in a row.
 
 typedef struct {
     REAL x, y, z;              // in the camera's frame
@@ -101,8 +99,8 @@ __kernel void project(
     __global int *radii,
     __global DEPTH_KEY *depth_keys
 ) {
-    const int first = get_global_id(0) * CHUNK;
-    const int last = first + CHUNK < count ? first + CHUNK : count;
+    const int first = get_global_id(0) * PROJECTION_CHUNK;
+    const int last = first + PROJECTION_CHUNK < count ? first + PROJECTION_CHUNK : count;
     for (int i = first; i < last; i++) {
         __global REAL *record = records + (size_t)RECORD * i;
         for (int k = 0; k < RECORD; k++) record[k] = 0;
@@ -176,8 +174,8 @@ __kernel void project_backward(
     __global REAL *grad_scales,
     __global REAL *grad_opacities
 ) {
-    const int first = get_global_id(0) * CHUNK;
-    const int last = first + CHUNK < count ? first + CHUNK : count;
+    const int first = get_global_id(0) * PROJECTION_CHUNK;
+    const int last = first + PROJECTION_CHUNK < count ? first + PROJECTION_CHUNK : count;
     for (int i = first; i < last; i++) {
         if (radii[i] == 0) {
             for (int k = 0; k < 3; k++) grad_means[(size_t)3 * i + k] = grad_scales[(size_t)3 * i + k] = 0;

@@ -9,8 +9,8 @@ import sys
 
 import torch
 
+from opencl.backend import Backend
 from opencl.device import choose_device
-from opencl.program import Backend
 from opencl.rasterizer import _rasterize_on
 from tests.opencl.scenes import gradients, make_scene
 

@@ -1,7 +1,7 @@
 // Which Gaussians each tile of 16 x 16 pixels draws, nearest first.
 //
 // Gaussians are sorted by depth once; a counting sort by tile, stable and therefore keeping that order, makes the
-// lists. It runs in TILING_BLOCKS runs of the depth order: each counts its own, one scan gives every (run, tile) its
+// lists. It runs in TILING_RUNS runs of the depth order: each counts its own, one scan gives every (run, tile) its
 // place, each writes its own. What comes out does not depend on how many run at once.
 
 #define DIGIT_BITS 11
@@ -95,7 +95,7 @@ inline void fetch_record(__global const REAL *records, __global const int *order
     FETCH(records + (size_t)RECORD * order[i + FETCH_AHEAD < end ? i + FETCH_AHEAD : i]);
 }
 
-inline int run_start(int run, int visible) { return (int)((long)visible * run / TILING_BLOCKS); }
+inline int run_start(int run, int visible) { return (int)((long)visible * run / TILING_RUNS); }
 
 // How many Gaussians of its run fall on each tile, and in all.
 __kernel void count_tiles(
@@ -133,17 +133,17 @@ __kernel void count_tiles(
 // Counts become places: tile by tile, and in each tile run by run.
 __kernel void place_tiles(const int tiles, __global int *places, __global int *tile_starts, __global long *run_totals) {
     long total = 0;
-    for (int run = 0; run < TILING_BLOCKS; run++) {
+    for (int run = 0; run < TILING_RUNS; run++) {
         const long run_total = run_totals[run];
         run_totals[run] = total;
         total += run_total;
     }
-    run_totals[TILING_BLOCKS] = total;
+    run_totals[TILING_RUNS] = total;
     if (total > INT_MAX) return;
     int place = 0;
     for (int tile = 0; tile < tiles; tile++) {
         tile_starts[tile] = place;
-        for (int run = 0; run < TILING_BLOCKS; run++) {
+        for (int run = 0; run < TILING_RUNS; run++) {
             const int count = places[(size_t)run * tiles + tile];
             places[(size_t)run * tiles + tile] = place;
             place += count;

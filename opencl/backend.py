@@ -1,0 +1,121 @@
+"""Building programs and launching their kernels on torch's tensors."""
+
+from __future__ import annotations
+
+import functools
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pyopencl
+from torch import Tensor
+
+from opencl.device import DEVICE_VARIABLE, Device, choose_device
+from opencl.program import ProgramKey, Schedule
+
+
+class Session:
+    """Launches in order on one queue. Tensors are contiguous CPU tensors; results are there after `finish`."""
+
+    def __init__(self, backend: Backend) -> None:
+        self._backend = backend
+        self._buffers: dict[tuple[int, int], tuple[Tensor, pyopencl.Buffer]] = {}
+
+    def launch(
+        self, program: ProgramKey, kernel: str, groups: int, *arguments: Tensor | int, group_size: int = 1
+    ) -> None:
+        """Queue `groups` work-groups of a kernel; integers are passed as int32, tensors as buffers (empty: null)."""
+        if groups == 0:
+            return
+        prepared = [np.int32(value) if isinstance(value, int) else self._buffer(value) for value in arguments]
+        sizes = ((groups * group_size,), (group_size,))
+        event = self._backend.kernel(program, kernel)(self._backend.queue, *sizes, *prepared)
+        if self._backend.profiled is not None:
+            self._backend.profiled.append((kernel, event))
+
+    def _buffer(self, tensor: Tensor) -> pyopencl.Buffer | None:
+        if tensor.numel() == 0:
+            return None
+        place = (tensor.data_ptr(), tensor.nbytes)
+        held = self._buffers.get(place)
+        if held is not None:
+            return held[1]
+        flags = pyopencl.mem_flags
+        placement = flags.USE_HOST_PTR if self._backend.shares_memory else flags.COPY_HOST_PTR
+        buffer = pyopencl.Buffer(self._backend.context, flags.READ_WRITE | placement, hostbuf=tensor.detach().numpy())
+        self._buffers[place] = (tensor, buffer)
+        return buffer
+
+    def finish(self, *results: Tensor) -> None:
+        """Wait until all is done and `results` hold what the kernels wrote."""
+        if not self._backend.shares_memory:
+            for tensor in results:
+                buffer = self._buffer(tensor)
+                if buffer is not None:
+                    pyopencl.enqueue_copy(self._backend.queue, tensor.detach().numpy(), buffer, is_blocking=False)
+        self._backend.queue.finish()
+
+
+class Backend:
+    """A device with its queue and the programs built for it. Safe to use from several threads, one after another."""
+
+    def __init__(
+        self,
+        device: Device,
+        schedule: Schedule | None = None,
+        shares_memory: bool | None = None,
+        profile: bool = False,
+    ) -> None:
+        """What is not given follows from the device.
+
+        `shares_memory=False` copies everything to the device and back, as is needed where it has its own memory.
+        With `profile`, every launch is kept in `profiled`: the kernel's name and its event.
+        """
+        device.prepare()
+        self.device = device
+        self.schedule: Schedule = schedule or ("cpu" if device.is_cpu else "gpu")
+        self.profiled: list[tuple[str, pyopencl.Event]] | None = [] if profile else None
+        self.shares_memory = device.shares_memory if shares_memory is None else shares_memory
+        self.context = pyopencl.Context([device.handle])
+        properties = pyopencl.command_queue_properties.PROFILING_ENABLE if profile else 0
+        self.queue = pyopencl.CommandQueue(self.context, properties=properties)
+        self._programs: dict[ProgramKey, pyopencl.Program] = {}
+        self._kernels: dict[tuple[ProgramKey, str], pyopencl.Kernel] = {}
+        self._lock = threading.RLock()
+        self._process = os.getpid()
+
+    @contextmanager
+    def session(self) -> Iterator[Session]:
+        """The backend for one thread: setting a kernel's arguments is not safe from two."""
+        if os.getpid() != self._process:
+            raise RuntimeError("OpenCL was set up before this process was forked and would hang: start it by spawn")
+        with self._lock:
+            session = Session(self)
+            try:
+                yield session
+            finally:
+                self.queue.finish()
+
+    def kernel(self, program: ProgramKey, name: str) -> pyopencl.Kernel:
+        """A kernel, built on first use."""
+        kernel = self._kernels.get((program, name))
+        if kernel is None:
+            if program not in self._programs:
+                # PoCL keeps compiled kernels itself; pyopencl's cache of binaries would only come on top of that.
+                built = pyopencl.Program(self.context, program.text()).build(options=["-w"], cache_dir=False)
+                self._programs[program] = built
+            kernel = self._kernels[program, name] = pyopencl.Kernel(self._programs[program], name)
+        return kernel
+
+
+@functools.cache
+def _backend_for(setting: str) -> Backend:
+    """The backend while GS_HIDER_DEVICE is `setting`."""
+    return Backend(choose_device())
+
+
+def default_backend() -> Backend:
+    """This process's backend for the device that GS_HIDER_DEVICE names now, or for the default one."""
+    return _backend_for(os.environ.get(DEVICE_VARIABLE, ""))
