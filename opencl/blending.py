@@ -10,6 +10,7 @@ from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
+from opencl.memory import empty
 from opencl.program import ProgramKey
 from opencl.tiling import TileLists
 
@@ -21,7 +22,7 @@ _SUM_CHUNK = 128
 
 def _gradient_row(feature_dim: int) -> int:
     """Length of a (tile, Gaussian)'s gradient row, as in blending_backward.cl."""
-    return -(-(6 + feature_dim) // 16) * 16
+    return 8 + -(-feature_dim // 8) * 8
 
 
 class Blend(torch.autograd.Function):
@@ -43,8 +44,8 @@ class Blend(torch.autograd.Function):
         background: Tensor,
     ) -> tuple[Tensor, Tensor]:
         width, height = size
-        feature_map = features.new_empty(height, width, features.shape[1])
-        alphas = features.new_empty(height, width)
+        feature_map = empty(height, width, features.shape[1], dtype=features.dtype)
+        alphas = empty(height, width, dtype=features.dtype)
         walked = torch.empty(lists.tiles, dtype=torch.int32)
         program = ProgramKey("blending", backend.schedule, features.dtype, settings, features.shape[1])
         outputs = (feature_map, alphas, walked)

@@ -24,7 +24,7 @@ Part = Literal["geometry", "blending"]
 
 _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
     ("cpu", "geometry"): ("real.cl", "projection.cl", "cpu/lanes.cl", "cpu/tiling.cl"),
-    ("cpu", "blending"): ("real.cl", "cpu/lanes.cl", "cpu/blending.cl", "cpu/blending_backward.cl"),
+    ("cpu", "blending"): ("real.cl", "cpu/lanes.cl", "cpu/blocks.cl", "cpu/blending.cl", "cpu/blending_backward.cl"),
     ("gpu", "geometry"): ("real.cl", "projection.cl", "gpu/sorting.cl", "gpu/tiling.cl"),
     ("gpu", "blending"): ("real.cl", "gpu/blending.cl", "gpu/blending_backward.cl"),
 }

@@ -1,100 +1,87 @@
 // Front-to-back alpha blending, one work-item a tile, for processors that run one work-item a core.
-//
-// The 16 pixels of a tile's row are the lanes. Nothing in a row depends on how many of them a Gaussian reaches:
-// a branch on that would be mispredicted at nearly every row and cost more than the arithmetic that it saves.
 
-// The part of the picture that a tile covers.
-typedef struct {
-    int left, top, columns, rows;
-} Tile;
+// Adds the features of `count` Gaussians, each times its weights, to some channels' sums from the channel on.
+#define LOAD_SUM(k) sum[k] = sums[k];
+#define ADD_FEATURE(k) sum[k] += weight * feature[k];
+#define STORE_SUM(k) sums[k] = sum[k];
+#define DEFINE_ADD_FEATURES(channels)                                                                      \
+    inline void add_##channels##_features(                                                                 \
+        LANES *sums, __global const REAL *features, const int *gaussians, const LANES *weights, int count  \
+    ) {                                                                                                    \
+        LANES sum[channels];                                                                               \
+        EACH_##channels(LOAD_SUM, 0)                                                                       \
+        for (int i = 0; i < count; i++) {                                                                  \
+            __global const REAL *feature = features + (size_t)FEATURE_DIM * gaussians[i];                  \
+            const LANES weight = weights[i];                                                               \
+            EACH_##channels(ADD_FEATURE, 0)                                                                \
+        }                                                                                                  \
+        EACH_##channels(STORE_SUM, 0)                                                                      \
+    }
+DEFINE_ADD_FEATURES(1)
+DEFINE_ADD_FEATURES(2)
+DEFINE_ADD_FEATURES(4)
+DEFINE_ADD_FEATURES(8)
+DEFINE_ADD_FEATURES(16)
 
-inline Tile tile_of(int index, int width, int height) {
-    const int across = (width + TILE - 1) / TILE;
-    Tile tile;
-    tile.left = index % across * TILE;
-    tile.top = index / across * TILE;
-    tile.columns = width - tile.left < TILE ? width - tile.left : TILE;
-    tile.rows = height - tile.top < TILE ? height - tile.top : TILE;
-    return tile;
-}
-
-inline LANES lane_numbers() {
-    return (LANES)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-}
-
-// A Gaussian as the tile sees it, and the rows that it may reach.
-typedef struct {
-    REAL x, y, slope, across, down, opacity;
-    int first_row, last_row;
-} Splat;
-
-inline Splat splat_of(__global const REAL *record, Tile tile) {
-    Splat s;
-    s.x = record[0] - tile.left;
-    s.y = record[1] - tile.top;
-    s.slope = record[2];
-    s.across = record[3] * R(-0.72134752044448170368);  // -1/2 log2(e): exponents are of 2
-    s.down = record[4] * R(-0.72134752044448170368);
-    s.opacity = record[5];
-    const REAL half_height = sqrt((record[6] + REACH_SLACK) / record[4]);
-    const REAL low = s.y - half_height + R(0.49), high = s.y + half_height - R(0.49);
-    s.first_row = low < 0 ? 0 : low > TILE ? TILE : (int)low;
-    s.last_row = high < 0 ? -1 : high > tile.rows - 1 ? tile.rows - 1 : (int)high;
-    return s;
-}
-
-// One row of a Gaussian: the pixels' distances from its centre, down and along the row from its middle there, and
-// alpha before the clamp.
-typedef struct {
-    REAL down;
-    LANES across, alpha;
-} SplatRow;
-
-// `middle` is the row's number and a half. It is counted in REAL: converting the integer in every row makes LLVM 14 wait
-// for the row before (the conversion keeps the rest of its register, which that row writes).
-inline SplatRow splat_row_of(const Splat s, REAL middle) {
-    SplatRow r;
-    r.down = middle - s.y;
-    r.across = lane_numbers() + (R(0.5) - s.x - s.slope * r.down);
-    r.alpha = exp2_of_lanes(r.across * r.across * s.across + s.down * r.down * r.down) * s.opacity;
-    return r;
-}
-
-// Transmittance of the pixels. Negative once a pixel is finished: its size is then what was left.
-inline LANES fresh_transmittance(int columns) {
-    return lane_numbers() < (LANES)(columns) ? (LANES)(R(1)) : (LANES)(R(-1));
-}
-
-// Blends a row's alphas (clamped) into its transmittance and returns their weights, 0 where nothing is drawn.
-inline LANES weights_of(LANES alpha, LANES *transmittance) {
-    const LANES before = *transmittance;
-    const LANES weight = alpha * before;
-    const LANES after = before - weight;
-    const LANES_MASK seen = alpha >= ALPHA_MINIMUM;
-    const LANES_MASK drawn = seen & (after >= TRANSMITTANCE_MINIMUM);
-    const LANES finished = before < R(0) ? before : -before;
-    *transmittance = drawn ? after : (seen ? finished : before);
-    return drawn ? weight : (LANES)(R(0));
-}
-
-// Rows of the tile that still have an unfinished pixel, a bit each.
-inline int open_rows_of(const LANES *transmittance, int rows) {
-    int open = 0;
-    for (int row = 0; row < rows; row++) open |= any_lane(transmittance[row] > R(0)) << row;
-    return open;
-}
-
-// Asks for the Gaussian that is drawn FETCH_AHEAD after this entry.
-inline void fetch_ahead(
-    __global const REAL *records, __global const REAL *features, __global const int *entries, int entry, int end
+// As many channels at a time as there are registers for.
+inline void add_features(
+    LANES *sums, __global const REAL *features, const int *gaussians, const LANES *weights, int count
 ) {
-    const int gaussian = entries[entry + FETCH_AHEAD < end ? entry + FETCH_AHEAD : entry];
-    FETCH(records + (size_t)RECORD * gaussian);
-    FETCH(features + (size_t)FEATURE_DIM * gaussian);
+    int k = 0;
+#ifdef __AVX512F__
+    for (; k + 16 <= FEATURE_DIM; k += 16) add_16_features(sums + k, features + k, gaussians, weights, count);
+    if (FEATURE_DIM & 8) add_8_features(sums + k, features + k, gaussians, weights, count), k += 8;
+    if (FEATURE_DIM & 4) add_4_features(sums + k, features + k, gaussians, weights, count), k += 4;
+#else
+    for (; k + 4 <= FEATURE_DIM; k += 4) add_4_features(sums + k, features + k, gaussians, weights, count);
+#endif
+    if (FEATURE_DIM & 2) add_2_features(sums + k, features + k, gaussians, weights, count), k += 2;
+    if (FEATURE_DIM & 1) add_1_features(sums + k, features + k, gaussians, weights, count);
 }
 
-// How often finished rows are looked for, in Gaussians.
-#define LOOK_AGAIN 16
+// Blends the chunk's Gaussians into one block.
+inline void blend_block(
+    const Chunk *chunk, int index, __global const REAL *features, Transmittance *transmittance, LANES *sums
+) {
+    const Block block = block_of(index);
+    LANES weights[CHUNK];
+    int gaussians[CHUNK], count = 0;
+    Transmittance t = *transmittance;
+    for (ulong left = chunk->reaching[index]; left; left &= left - 1, count++) {
+        const Splat *splat = chunk->splats + FIRST_BIT(left);
+        const LANES alpha = spread_of(splat, block).alpha;
+        weights[count] = weights_of(alpha > ALPHA_MAXIMUM ? (LANES)(ALPHA_MAXIMUM) : alpha, &t);
+        gaussians[count] = splat->gaussian;
+    }
+    *transmittance = t;
+    add_features(sums, features, gaussians, weights, count);
+}
+
+// Writes a block's pixels: features over the background, and alphas.
+inline void write_block(
+    Tile tile, int index, int width, LANES left, LANES *sums, __global const REAL *background,
+    __global REAL *feature_map, __global REAL *alphas
+) {
+    const Block block = block_of(index);
+    const LANES covered = R(1) - left;
+    for (int lane = 0; lane < SIDE * SIDE; lane++)
+        if (in_picture(tile, block, lane)) alphas[pixel_of(tile, block, lane, width)] = ((const REAL *)&covered)[lane];
+    for (int k = 0; k < FEATURE_DIM; k++) sums[k] += left * background[k];
+    for (int channel = 0; channel < FEATURE_DIM; channel += 16) {
+        LANES pixels[16];
+#define TAKE_CHANNEL(k) pixels[k] = channel + (k) < FEATURE_DIM ? sums[channel + (k)] : (LANES)(R(0));
+        EACH_16(TAKE_CHANNEL, 0)
+        transpose(pixels);
+        for (int lane = 0; lane < SIDE * SIDE; lane++) {
+            if (!in_picture(tile, block, lane)) continue;
+            __global REAL *pixel = feature_map + pixel_of(tile, block, lane, width) * FEATURE_DIM + channel;
+            if (channel + 16 <= FEATURE_DIM)
+                *(__global UNALIGNED_LANES *)pixel = pixels[lane];
+            else
+                for (int k = 0; k < FEATURE_DIM - channel; k++) pixel[k] = ((const REAL *)(pixels + lane))[k];
+        }
+    }
+}
 
 __kernel void blend(
     const int width,
@@ -110,37 +97,32 @@ __kernel void blend(
 ) {
     const int index = get_global_id(0);
     const Tile tile = tile_of(index, width, height);
-    LANES transmittance[TILE], blended[TILE * FEATURE_DIM];
-    for (int row = 0; row < TILE; row++) transmittance[row] = fresh_transmittance(tile.columns);
-    for (int k = 0; k < TILE * FEATURE_DIM; k++) blended[k] = (LANES)(R(0));
+    Transmittance transmittance[BLOCKS];
+    LANES sums[BLOCKS * FEATURE_DIM];
+    for (int block = 0; block < BLOCKS; block++) {
+        transmittance[block].product = fresh_transmittance(tile, block_of(block));
+        transmittance[block].counted = (LANES)(R(1));
+        for (int k = 0; k < FEATURE_DIM; k++) sums[block * FEATURE_DIM + k] = (LANES)(R(0));
+    }
 
-    int open_rows = (1 << tile.rows) - 1, entry = tile_starts[index];
+    Chunk chunk;
+    int entry = tile_starts[index], open = 1;
     const int end = tile_starts[index + 1];
-    for (; entry < end && open_rows; entry++) {
-        fetch_ahead(records, features, entries, entry, end);
-        const int gaussian = entries[entry];
-        const Splat splat = splat_of(records + (size_t)RECORD * gaussian, tile);
-        __global const REAL *feature = features + (size_t)FEATURE_DIM * gaussian;
-        REAL middle = splat.first_row + R(0.5);
-        for (int row = splat.first_row; row <= splat.last_row; row++, middle += 1) {
-            if (!(open_rows >> row & 1)) continue;
-            const LANES alpha = splat_row_of(splat, middle).alpha;
-            const LANES weights = weights_of(alpha > ALPHA_MAXIMUM ? (LANES)(ALPHA_MAXIMUM) : alpha, transmittance + row);
-            for (int k = 0; k < FEATURE_DIM; k++) blended[row * FEATURE_DIM + k] += weights * feature[k];
+    while (entry < end && open) {
+        const int count = end - entry < CHUNK ? end - entry : CHUNK;
+        read_chunk(&chunk, tile, records, features, entries, entry, count, end);
+        open = 0;
+        for (int block = 0; block < BLOCKS; block++) {
+            if (all_finished(transmittance[block])) continue;
+            blend_block(&chunk, block, features, transmittance + block, sums + block * FEATURE_DIM);
+            open = 1;
         }
-        if ((entry & (LOOK_AGAIN - 1)) == LOOK_AGAIN - 1) open_rows = open_rows_of(transmittance, tile.rows);
+        entry += count;
     }
     walked[index] = entry - tile_starts[index];
 
-    for (int row = 0; row < tile.rows; row++) {
-        const LANES left = transmittance[row] < R(0) ? -transmittance[row] : transmittance[row];
-        const REAL *left_values = (const REAL *)&left, *values = (const REAL *)(blended + row * FEATURE_DIM);
-        const size_t at = (size_t)(tile.top + row) * width + tile.left;
-        for (int column = 0; column < tile.columns; column++) {
-            alphas[at + column] = 1 - left_values[column];
-            for (int k = 0; k < FEATURE_DIM; k++)
-                feature_map[(at + column) * FEATURE_DIM + k] = values[k * TILE + column]
-                    + left_values[column] * background[k];
-        }
-    }
+    for (int block = 0; block < BLOCKS; block++)
+        write_block(
+            tile, block, width, transmittance[block].counted, sums + block * FEATURE_DIM, background, feature_map, alphas
+        );
 }

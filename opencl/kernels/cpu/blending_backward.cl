@@ -3,18 +3,228 @@
 // Walks front to back as `blend` does. With a pixel's gradient g and what is blended behind Gaussian i, `rest`:
 // dL/dalpha_i = T_i (c_i . g) - rest_i / (1 - alpha_i), where rest starts as (out . g) and loses w_i (c_i . g) at each
 // step. Alpha counts as one more channel, of value 1, over a background of 0.
+//
+// Sums over a block's pixels are products of matrices: a Gaussian's weights with the pixels' gradients, channels side
+// by side in the lanes, and s = dL/dpower with 1, x, y, x^2, xy, y^2 of the pixels. No lane is ever added to another.
 
-// A gradient row, sums over the pixels: of s = dL/dpower with u = dx - slope dy: s, s u, s dy, s u^2, s u dy, s dy^2,
-// and of the gradients of the features; then padding.
-#define MOMENTS 6
-#define SUMS (MOMENTS + FEATURE_DIM)
-#define SUM_GROUPS ((SUMS + TILE - 1) / TILE)
-#define GRADIENT_ROW (SUM_GROUPS * TILE)
+// A gradient row, sums over the tile's pixels: with u = dx - slope dy of s, s u, s dy, s u^2, s u dy, s dy^2, then
+// |dL/dx| and |dL/dy| of the centre where ABSOLUTE_GRADIENTS are wanted, then the gradients of the features.
+#define MOMENTS 8
+#define GRADIENT_ROW (MOMENTS + (FEATURE_DIM + 7) / 8 * 8)
+#define CHANNEL_GROUPS ((FEATURE_DIM + 15) / 16)
 
-// Asks for the row that is written FETCH_AHEAD after this entry's.
-inline void fetch_row_ahead(__global const REAL *gradient_rows, __global const int *slots, int entry, int end) {
-    const int slot = slots[entry + FETCH_AHEAD < end ? entry + FETCH_AHEAD : entry];
-    for (int group = 0; group < SUM_GROUPS; group++) FETCH(gradient_rows + (size_t)GRADIENT_ROW * slot + group * TILE);
+// A block's pixels in the tile's gradients: of each channel, and of all channels of each pixel.
+typedef struct {
+    LANES channels[CHANNEL_GROUPS * 16], pixels[CHANNEL_GROUPS * 16];
+    LANES alpha, rest;
+    REAL8 powers[SIDE * SIDE];  // of each pixel: 1, x, y, x^2, xy, y^2
+} BlockGradients;
+
+// A chunk's gradient rows while they are summed; the moments are those of x and y yet.
+typedef struct {
+    REAL8 moments;
+    LANES features[CHANNEL_GROUPS];
+} Row;
+
+// Up to 16 values from an address on; zeros beyond `count`.
+inline LANES read_lanes(__global const REAL *values, int count) {
+    if (count >= 16) return *(__global const UNALIGNED_LANES *)values;
+    LANES read = (LANES)(R(0));
+    for (int k = 0; k < count; k++) ((REAL *)&read)[k] = values[k];
+    return read;
+}
+
+// Reads what comes from behind for one block; adds to the background's gradient.
+inline void read_gradients(
+    BlockGradients *g,
+    LANES *behind,
+    Tile tile,
+    int index,
+    int width,
+    __global const REAL *feature_map,
+    __global const REAL *alphas,
+    __global const REAL *grad_feature_map,
+    __global const REAL *grad_alphas
+) {
+    const Block block = block_of(index);
+    LANES products[16];
+#define NO_PRODUCT(lane) products[lane] = (LANES)(R(0));
+    EACH_16(NO_PRODUCT, 0)
+    REAL *grad_alpha = (REAL *)&g->alpha, *rest = (REAL *)&g->rest;
+    for (int lane = 0; lane < SIDE * SIDE; lane++) {
+        const REAL x = ((const REAL *)&block.x)[lane], y = ((const REAL *)&block.y)[lane];
+        g->powers[lane] = (REAL8)(R(1), x, y, x * x, x * y, y * y, R(0), R(0));
+        const int inside = in_picture(tile, block, lane);
+        const size_t at = inside ? pixel_of(tile, block, lane, width) : 0;
+        const REAL alpha = inside ? alphas[at] : R(0);
+        grad_alpha[lane] = inside ? grad_alphas[at] : R(0);
+        rest[lane] = alpha * grad_alpha[lane];
+        for (int group = 0; group < CHANNEL_GROUPS; group++) {
+            const int count = inside ? FEATURE_DIM - group * 16 : 0;
+            const size_t from = at * FEATURE_DIM + group * 16;
+            const LANES grad = read_lanes(grad_feature_map + from, count);
+            products[lane] += read_lanes(feature_map + from, count) * grad;
+            behind[group] += (1 - alpha) * grad;
+            g->pixels[group * 16 + lane] = grad;
+        }
+    }
+    for (int group = 0; group < CHANNEL_GROUPS; group++) {
+        LANES turned[16];
+#define TAKE_PIXEL(lane) turned[lane] = g->pixels[group * 16 + (lane)];
+#define PUT_CHANNEL(k) g->channels[group * 16 + (k)] = turned[k];
+        EACH_16(TAKE_PIXEL, 0)
+        transpose(turned);
+        EACH_16(PUT_CHANNEL, 0)
+    }
+    transpose(products);
+#define ADD_PRODUCT(k) g->rest += products[k];
+    EACH_16(ADD_PRODUCT, 0)
+}
+
+// The chunk's Gaussians that reach a block: their numbers in the chunk, and for each the pixels' c . g, weight and s.
+typedef struct {
+    int count, numbers[CHUNK], gaussians[CHUNK];
+    LANES products[CHUNK], weights[CHUNK], slopes[CHUNK];
+} Reaching;
+
+// c . g, from the gradient of alpha on, channels by as many as there are registers for.
+#define LOAD_GRADIENT(k) grad[k] = g->channels[channel + (k)];
+#define ADD_CHANNEL(k) product += grad[k] * feature[k];
+#define DEFINE_MULTIPLY_FEATURES(number)                                                                              \
+    inline void multiply_##number##_features(                                                                         \
+        Reaching *reaching, __global const REAL *features, const BlockGradients *g, int channel                       \
+    ) {                                                                                                               \
+        LANES grad[number];                                                                                           \
+        EACH_##number(LOAD_GRADIENT, 0)                                                                               \
+        for (int i = 0; i < reaching->count; i++) {                                                                   \
+            __global const REAL *feature = features + (size_t)FEATURE_DIM * reaching->gaussians[i] + channel;         \
+            LANES product = channel ? reaching->products[i] : g->alpha;                                               \
+            EACH_##number(ADD_CHANNEL, 0)                                                                             \
+            reaching->products[i] = product;                                                                          \
+        }                                                                                                             \
+    }
+DEFINE_MULTIPLY_FEATURES(1)
+DEFINE_MULTIPLY_FEATURES(2)
+DEFINE_MULTIPLY_FEATURES(4)
+DEFINE_MULTIPLY_FEATURES(8)
+DEFINE_MULTIPLY_FEATURES(16)
+
+inline void multiply_features(Reaching *reaching, __global const REAL *features, const BlockGradients *g) {
+    int k = 0;
+#ifdef __AVX512F__
+    for (; k + 16 <= FEATURE_DIM; k += 16) multiply_16_features(reaching, features, g, k);
+    if (FEATURE_DIM & 8) multiply_8_features(reaching, features, g, k), k += 8;
+    if (FEATURE_DIM & 4) multiply_4_features(reaching, features, g, k), k += 4;
+#else
+    for (; k + 4 <= FEATURE_DIM; k += 4) multiply_4_features(reaching, features, g, k);
+#endif
+    if (FEATURE_DIM & 2) multiply_2_features(reaching, features, g, k), k += 2;
+    if (FEATURE_DIM & 1) multiply_1_features(reaching, features, g, k);
+}
+
+inline REAL sum_of_lanes(LANES v) {
+    REAL sum = 0;
+    for (int lane = 0; lane < 16; lane++) sum += ((const REAL *)&v)[lane];
+    return sum;
+}
+
+// Blends the chunk's Gaussians again, for the weights and for s.
+inline void differentiate_block(
+    const Chunk *chunk, Block block, Transmittance *transmittance, BlockGradients *g, Reaching *reaching, Row *rows
+) {
+    Transmittance t = *transmittance;
+    LANES rest = g->rest;
+    for (int i = 0; i < reaching->count; i++) {
+        const Splat *splat = chunk->splats + reaching->numbers[i];
+        const Spread r = spread_of(splat, block);
+        const LANES_MASK clamped = r.alpha > ALPHA_MAXIMUM;
+        const LANES alpha = clamped ? (LANES)(ALPHA_MAXIMUM) : r.alpha;
+        const LANES before = t.product, product = reaching->products[i];
+        const LANES weights = weights_of(alpha, &t);
+        rest -= weights * product;
+        const LANES grad = before * product - rest / (R(1) - alpha);
+        const LANES s = (weights > R(0)) & ~clamped ? grad * alpha : (LANES)(R(0));
+        reaching->weights[i] = weights;
+        reaching->slopes[i] = s;
+#ifdef ABSOLUTE_GRADIENTS
+        const REAL squares = R(-1.38629436111989061883);  // undoes the exponents' factor
+        const LANES by_x = s * (r.across * (splat->across * squares));
+        const LANES by_y = s * (r.down * (splat->down * squares)) - splat->slope * by_x;
+        Row *row = rows + reaching->numbers[i];
+        row->moments.s6 += sum_of_lanes(by_x < R(0) ? -by_x : by_x);
+        row->moments.s7 += sum_of_lanes(by_y < R(0) ? -by_y : by_y);
+#endif
+    }
+    *transmittance = t;
+    g->rest = rest;
+}
+
+// Adds one block's sums to the rows.
+inline void add_to_rows(const Reaching *reaching, const BlockGradients *g, Row *rows) {
+    for (int i = 0; i < reaching->count; i++) {
+        const REAL *slopes = (const REAL *)(reaching->slopes + i);
+        REAL8 moments = rows[reaching->numbers[i]].moments;
+#define ADD_POWERS(lane) moments += slopes[lane] * g->powers[lane];
+        EACH_16(ADD_POWERS, 0)
+        rows[reaching->numbers[i]].moments = moments;
+    }
+    for (int group = 0; group < CHANNEL_GROUPS; group++) {
+        LANES pixels[16];
+#define LOAD_PIXEL(lane) pixels[lane] = g->pixels[group * 16 + (lane)];
+        EACH_16(LOAD_PIXEL, 0)
+        for (int i = 0; i < reaching->count; i++) {
+            const REAL *weights = (const REAL *)(reaching->weights + i);
+            LANES sum = rows[reaching->numbers[i]].features[group];
+#define ADD_PIXEL(lane) sum += weights[lane] * pixels[lane];
+            EACH_16(ADD_PIXEL, 0)
+            rows[reaching->numbers[i]].features[group] = sum;
+        }
+    }
+}
+
+inline void blend_block_backward(
+    const Chunk *chunk,
+    int index,
+    __global const REAL *features,
+    Transmittance *transmittance,
+    BlockGradients *g,
+    Row *rows
+) {
+    Reaching reaching;
+    int count = 0;
+    for (ulong left = chunk->reaching[index]; left; left &= left - 1, count++) {
+        reaching.numbers[count] = FIRST_BIT(left);
+        reaching.gaussians[count] = chunk->splats[FIRST_BIT(left)].gaussian;
+    }
+    reaching.count = count;
+    multiply_features(&reaching, features, g);
+    differentiate_block(chunk, block_of(index), transmittance, g, &reaching, rows);
+    add_to_rows(&reaching, g, rows);
+}
+
+// Writes a row, its moments turned from x and y into u = x - slope y - offset and y - s.y.
+inline void write_row(const Splat *s, const Row *row, __global REAL *gradient) {
+    const REAL8 m = row->moments;
+    const REAL offset = s->x - s->slope * s->y;
+    const REAL along = m.s1 - s->slope * m.s2;
+    const REAL su = along - offset * m.s0;
+    const REAL square = m.s3 - s->slope * (2 * m.s4 - s->slope * m.s5);
+    gradient[0] = m.s0;
+    gradient[1] = su;
+    gradient[2] = m.s2 - s->y * m.s0;
+    gradient[3] = square - offset * (along + su);
+    gradient[4] = m.s4 - s->slope * m.s5 - offset * m.s2 - s->y * su;
+    gradient[5] = m.s5 - s->y * (2 * m.s2 - s->y * m.s0);
+    gradient[6] = m.s6;
+    gradient[7] = m.s7;
+    for (int k = 0; k < GRADIENT_ROW - MOMENTS; k++) gradient[MOMENTS + k] = ((const REAL *)row->features)[k];
+}
+
+inline Row empty_row() {
+    Row row;
+    row.moments = (REAL8)(R(0));
+    for (int group = 0; group < CHANNEL_GROUPS; group++) row.features[group] = (LANES)(R(0));
+    return row;
 }
 
 __kernel void blend_backward(
@@ -35,69 +245,35 @@ __kernel void blend_backward(
 ) {
     const int index = get_global_id(0);
     const Tile tile = tile_of(index, width, height);
-    LANES transmittance[TILE], rest[TILE], grad_alpha[TILE], by_channel[TILE * FEATURE_DIM];
-    REAL behind[FEATURE_DIM];
-    for (int k = 0; k < FEATURE_DIM; k++) behind[k] = 0;
-    for (int row = 0; row < TILE; row++) {
-        transmittance[row] = fresh_transmittance(tile.columns);
-        rest[row] = grad_alpha[row] = (LANES)(R(0));
-        for (int k = 0; k < FEATURE_DIM; k++) by_channel[row * FEATURE_DIM + k] = (LANES)(R(0));
-        for (int column = 0; column < tile.columns && row < tile.rows; column++) {
-            const size_t at = (size_t)(tile.top + row) * width + tile.left + column;
-            const REAL left = 1 - alphas[at];
-            REAL product = alphas[at] * grad_alphas[at];
-            for (int k = 0; k < FEATURE_DIM; k++) {
-                const REAL grad = grad_feature_map[at * FEATURE_DIM + k];
-                product += feature_map[at * FEATURE_DIM + k] * grad;
-                behind[k] += grad * left;
-                ((REAL *)(by_channel + row * FEATURE_DIM + k))[column] = grad;
-            }
-            ((REAL *)(rest + row))[column] = product;
-            ((REAL *)(grad_alpha + row))[column] = grad_alphas[at];
-        }
+    BlockGradients gradients[BLOCKS];
+    Transmittance transmittance[BLOCKS];
+    LANES behind[CHANNEL_GROUPS];
+    for (int group = 0; group < CHANNEL_GROUPS; group++) behind[group] = (LANES)(R(0));
+    for (int block = 0; block < BLOCKS; block++) {
+        read_gradients(
+            gradients + block, behind, tile, block, width, feature_map, alphas, grad_feature_map, grad_alphas
+        );
+        transmittance[block].product = fresh_transmittance(tile, block_of(block));
+        transmittance[block].counted = (LANES)(R(1));
     }
-    for (int k = 0; k < FEATURE_DIM; k++) background_rows[(size_t)index * FEATURE_DIM + k] = behind[k];
+    for (int k = 0; k < FEATURE_DIM; k++)
+        background_rows[(size_t)index * FEATURE_DIM + k] = ((const REAL *)behind)[k];
 
+    Chunk chunk;
+    Row rows[CHUNK];
     const int first = tile_starts[index], end = first + walked[index];
-    int open_rows = (1 << tile.rows) - 1;
-    for (int entry = first; entry < end; entry++) {
-        fetch_ahead(records, features, entries, entry, end);
-        fetch_row_ahead(gradient_rows, slots, entry, end);
-        const int gaussian = entries[entry];
-        const Splat splat = splat_of(records + (size_t)RECORD * gaussian, tile);
-        __global const REAL *feature = features + (size_t)FEATURE_DIM * gaussian;
-        const LANES zero = (LANES)(R(0));
-        LANES sums[SUM_GROUPS * TILE];
-        for (int k = 0; k < SUM_GROUPS * TILE; k++) sums[k] = zero;
-        REAL middle = splat.first_row + R(0.5);
-        for (int row = splat.first_row; row <= splat.last_row; row++, middle += 1) {
-            if (!(open_rows >> row & 1)) continue;
-            const SplatRow r = splat_row_of(splat, middle);
-            const LANES_MASK clamped = r.alpha > ALPHA_MAXIMUM;
-            const LANES alpha = clamped ? (LANES)(ALPHA_MAXIMUM) : r.alpha;
-            const LANES before = transmittance[row];
-            const LANES weights = weights_of(alpha, transmittance + row);
-            LANES product = grad_alpha[row];
-            for (int k = 0; k < FEATURE_DIM; k++) {
-                const LANES grad = by_channel[row * FEATURE_DIM + k];
-                product += grad * feature[k];
-                sums[MOMENTS + k] += grad * weights;
-            }
-            rest[row] -= weights * product;
-            const LANES grad = before * product - rest[row] / (R(1) - alpha);
-            const LANES s = (weights > R(0)) & ~clamped ? grad * alpha : zero;
-            const LANES su = s * r.across;
-            sums[0] += s;
-            sums[1] += su;
-            sums[2] += s * r.down;
-            sums[3] += su * r.across;
-            sums[4] += su * r.down;
-            sums[5] += s * (r.down * r.down);
+    for (int entry = first; entry < end; entry += CHUNK) {
+        const int count = end - entry < CHUNK ? end - entry : CHUNK;
+        read_chunk(&chunk, tile, records, features, entries, entry, count, end);
+        for (int i = 0; i < count; i++) {
+            rows[i] = empty_row();
+            FETCH(gradient_rows + (size_t)GRADIENT_ROW * slots[entry + i]);
         }
-        __global REAL *gradient = gradient_rows + (size_t)GRADIENT_ROW * slots[entry];
-        for (int group = 0; group < SUM_GROUPS; group++)
-            *(__global UNALIGNED_LANES *)(gradient + group * TILE) = sums_of_lanes(sums + group * TILE);
-        if ((entry & (LOOK_AGAIN - 1)) == LOOK_AGAIN - 1) open_rows = open_rows_of(transmittance, tile.rows);
+        for (int block = 0; block < BLOCKS; block++)
+            if (!all_finished(transmittance[block]))
+                blend_block_backward(&chunk, block, features, transmittance + block, gradients + block, rows);
+        for (int i = 0; i < count; i++)
+            write_row(chunk.splats + i, rows + i, gradient_rows + (size_t)GRADIENT_ROW * slots[entry + i]);
     }
     for (int entry = end; entry < tile_starts[index + 1]; entry++) {
         __global REAL *gradient = gradient_rows + (size_t)GRADIENT_ROW * slots[entry];

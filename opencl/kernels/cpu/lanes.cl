@@ -4,13 +4,17 @@
 // than it compiles kernels for, and 16 wide built-ins then abort the process.
 
 #ifdef REAL_IS_DOUBLE
+typedef double8 REAL8;
 typedef double16 LANES;
 typedef long16 LANES_MASK;
+typedef long LANES_INDEX;
 #define AS_MASK as_long16
 #define AS_LANES as_double16
 #else
+typedef float8 REAL8;
 typedef float16 LANES;
 typedef int16 LANES_MASK;
+typedef int LANES_INDEX;
 #define AS_MASK as_int16
 #define AS_LANES as_float16
 #endif
@@ -18,39 +22,69 @@ typedef int16 LANES_MASK;
 // Anywhere in an array of REAL.
 typedef LANES __attribute__((aligned(sizeof(REAL)))) UNALIGNED_LANES;
 
+// Written out, not looped: what an array holds stays in registers only where each index is a constant, and compilers do
+// not unroll loops before they decide on that.
+#define EACH_1(step, k) step(k)
+#define EACH_2(step, k) EACH_1(step, k) EACH_1(step, (k) + 1)
+#define EACH_4(step, k) EACH_2(step, k) EACH_2(step, (k) + 2)
+#define EACH_8(step, k) EACH_4(step, k) EACH_4(step, (k) + 4)
+#define EACH_16(step, k) EACH_8(step, k) EACH_8(step, (k) + 8)
+
 // Fetches what a pointer leads to into the cache. Gaussians lie in memory in no order that tiles could use, and waiting for
 // the memory would take longer than drawing them. PoCL's `prefetch` does nothing, so clang's own is asked for.
 #ifdef POCL_DEVICE_ADDRESS_BITS
 #define FETCH(pointer) __builtin_prefetch((const void *)(size_t)(pointer))
+#define FIRST_BIT(bits) __builtin_ctzl(bits)
 #else
 #define FETCH(pointer)
+#define FIRST_BIT(bits) (63 - (int)clz((bits) & -(bits)))
 #endif
-#define FETCH_AHEAD 8
+#define FETCH_AHEAD 24
 
-// Steps of sums_of_lanes: each adds halves, quarters ... of two values and leaves the sums of both in one.
-inline LANES add_halves(LANES a, LANES b) { return (LANES)(a.lo, b.lo) + (LANES)(a.hi, b.hi); }
-
-inline LANES add_quarters(LANES a, LANES b) {
-    return (LANES)(a.s0123, a.s89ab, b.s0123, b.s89ab) + (LANES)(a.s4567, a.scdef, b.s4567, b.scdef);
+// Steps of `transpose`: two values' lanes side by side, by runs of 8, 4, 2 and 1: the even runs, or the odd ones. (As
+// functions of vectors: LLVM keeps to half registers where no argument is as wide as a whole one.)
+inline LANES even_8(LANES a, LANES b) {
+    return (LANES)(a.s01234567, b.s01234567);
+}
+inline LANES odd_8(LANES a, LANES b) {
+    return (LANES)(a.s89abcdef, b.s89abcdef);
+}
+inline LANES even_4(LANES a, LANES b) {
+    return (LANES)(a.s0123, b.s0123, a.s89ab, b.s89ab);
+}
+inline LANES odd_4(LANES a, LANES b) {
+    return (LANES)(a.s4567, b.s4567, a.scdef, b.scdef);
+}
+inline LANES even_2(LANES a, LANES b) {
+    return (LANES)(a.s01, b.s01, a.s45, b.s45, a.s89, b.s89, a.scd, b.scd);
+}
+inline LANES odd_2(LANES a, LANES b) {
+    return (LANES)(a.s23, b.s23, a.s67, b.s67, a.sab, b.sab, a.sef, b.sef);
+}
+inline LANES even_1(LANES a, LANES b) {
+    return (LANES)(a.s0, b.s0, a.s2, b.s2, a.s4, b.s4, a.s6, b.s6, a.s8, b.s8, a.sa, b.sa, a.sc, b.sc, a.se, b.se);
+}
+inline LANES odd_1(LANES a, LANES b) {
+    return (LANES)(a.s1, b.s1, a.s3, b.s3, a.s5, b.s5, a.s7, b.s7, a.s9, b.s9, a.sb, b.sb, a.sd, b.sd, a.sf, b.sf);
 }
 
-inline LANES add_pairs(LANES a, LANES b) {
-    return (LANES)(a.s01, b.s01, a.s45, b.s45, a.s89, b.s89, a.scd, b.scd)
-        + (LANES)(a.s23, b.s23, a.s67, b.s67, a.sab, b.sab, a.sef, b.sef);
-}
+#define EXCHANGE(run, i)                                                                          \
+    {                                                                                             \
+        const LANES even = even_##run(v[i], v[(i) + run]), odd = odd_##run(v[i], v[(i) + run]);   \
+        v[i] = even;                                                                              \
+        v[(i) + run] = odd;                                                                       \
+    }
+#define EXCHANGE_8(i) EXCHANGE(8, i)
+#define EXCHANGE_4(i) EXCHANGE(4, i)
+#define EXCHANGE_2(i) EXCHANGE(2, i)
+#define EXCHANGE_1(i) EXCHANGE(1, i)
 
-inline LANES add_neighbours(LANES a, LANES b) {
-    return (LANES)(a.s02, b.s02, a.s46, b.s46, a.s8a, b.s8a, a.sce, b.sce)
-        + (LANES)(a.s13, b.s13, a.s57, b.s57, a.s9b, b.s9b, a.sdf, b.sdf);
-}
-
-// The sums over the lanes of 16 values, in the order of the values: 15 steps for all of them together.
-inline LANES sums_of_lanes(const LANES *v) {
-    const LANES a = add_quarters(add_halves(v[0], v[4]), add_halves(v[8], v[12]));
-    const LANES b = add_quarters(add_halves(v[1], v[5]), add_halves(v[9], v[13]));
-    const LANES c = add_quarters(add_halves(v[2], v[6]), add_halves(v[10], v[14]));
-    const LANES d = add_quarters(add_halves(v[3], v[7]), add_halves(v[11], v[15]));
-    return add_neighbours(add_pairs(a, b), add_pairs(c, d));
+// 16 values of 16 lanes as a matrix, turned about its diagonal: lane l of value v becomes lane v of value l.
+inline void transpose(LANES *v) {
+    EACH_8(EXCHANGE_8, 0)
+    EACH_4(EXCHANGE_4, 0) EACH_4(EXCHANGE_4, 8)
+    EACH_2(EXCHANGE_2, 0) EACH_2(EXCHANGE_2, 4) EACH_2(EXCHANGE_2, 8) EACH_2(EXCHANGE_2, 12)
+    EXCHANGE_1(0) EXCHANGE_1(2) EXCHANGE_1(4) EXCHANGE_1(6) EXCHANGE_1(8) EXCHANGE_1(10) EXCHANGE_1(12) EXCHANGE_1(14)
 }
 
 // Whether the sign bit of any lane is set, as comparisons leave it.
