@@ -64,10 +64,11 @@ class Blend(torch.autograd.Function):
         lists: TileLists = ctx.lists
         count, feature_dim = features.shape
         height, width = alphas.shape
-        gradient_rows = features.new_empty(len(lists.entries), _gradient_row(feature_dim))
-        background_rows = features.new_empty(lists.tiles, feature_dim)
-        grad_means2d, grad_records = features.new_empty(count, 2), torch.empty_like(records)
-        grad_features, grad_background = torch.empty_like(features), features.new_empty(feature_dim)
+        dtype = features.dtype
+        gradient_rows = empty(len(lists.entries), _gradient_row(feature_dim), dtype=dtype)
+        background_rows = empty(lists.tiles, feature_dim, dtype=dtype)
+        grad_means2d, grad_records = empty(count, 2, dtype=dtype), empty(*records.shape, dtype=dtype)
+        grad_features, grad_background = empty(count, feature_dim, dtype=dtype), empty(feature_dim, dtype=dtype)
         with ctx.backend.session() as session:
             session.launch(
                 *(ctx.program, "blend_backward", lists.tiles, width, height, records, features),

@@ -11,6 +11,7 @@ from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings, half_fields_of_view
+from opencl.memory import empty
 from opencl.program import GROUP_SIZE, PROJECTION_CHUNK, ProgramKey
 
 RECORD = 8
@@ -60,9 +61,9 @@ class Project(torch.autograd.Function):
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         count, feature_dim = features.shape
         width, height = size
-        means2d, records = means.new_empty(count, 2), means.new_empty(count, RECORD)
-        radii = torch.empty(count, dtype=torch.int32)
-        depth_keys = torch.empty(count, dtype=torch.int32 if means.dtype == torch.float32 else torch.int64)
+        means2d, records = empty(count, 2, dtype=means.dtype), empty(count, RECORD, dtype=means.dtype)
+        radii = empty(count, dtype=torch.int32)
+        depth_keys = empty(count, dtype=torch.int32 if means.dtype == torch.float32 else torch.int64)
         program = ProgramKey("geometry", backend.schedule, means.dtype, settings)
         inputs = (means, quats, scales, opacities, features, camera)
         outputs = (means2d, records, radii, depth_keys)
@@ -83,10 +84,7 @@ class Project(torch.autograd.Function):
         means, quats, scales, camera, radii, records = ctx.saved_tensors
         grad_means2d = means.new_zeros(len(means), 2) if grad_means2d is None else grad_means2d.contiguous()
         grad_records = torch.zeros_like(records) if grad_records is None else grad_records.contiguous()
-        results = (
-            *(torch.empty_like(means), torch.empty_like(quats), torch.empty_like(scales)),
-            means.new_empty(len(means)),
-        )
+        results = [empty(len(means), *shape, dtype=means.dtype) for shape in ((3,), (4,), (3,), ())]
         with ctx.backend.session() as session:
             groups, group_size = _launch_size(ctx.backend, len(means))
             session.launch(

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
+from opencl.memory import empty
 from opencl.program import TILE, TILING_RUNS, ProgramKey
 
 _LARGEST = 2**31 - 1
@@ -50,10 +51,10 @@ def sort_into_tiles(
     program = ProgramKey("geometry", backend.schedule, records.dtype, settings)
 
     def integers(size: int) -> Tensor:
-        return torch.empty(size, dtype=torch.int32)
+        return empty(size, dtype=torch.int32)
 
     order, spare_order, visible = integers(count), integers(count), integers(1)
-    tile_counts, first_slots, starts = torch.zeros(count, dtype=torch.int32), integers(count), integers(tiles + 1)
+    tile_counts, first_slots, starts = integers(count).zero_(), integers(count), integers(tiles + 1)
     places, run_totals = integers(TILING_RUNS * tiles), torch.empty(TILING_RUNS + 1, dtype=torch.int64)
     with backend.session() as session:
         session.launch(program, "sort_by_depth", 1, count, radii, depth_keys, order, spare_order, visible)
