@@ -33,12 +33,17 @@ class RasterSettings:
     """A pixel is finished before its transmittance would fall under this."""
     radius_sigmas: float = 3.0
     """`radii` are this many standard deviations of the longest axis, rounded up."""
+    antialiased: bool = False
+    """Whether opacities fall by what `low_pass` adds to an ellipse's area, so that small Gaussians do not grow brighter
+    when seen from afar (Mip-Splatting, Yu et al. 2024; gsplat's "antialiased")."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name != "clamp_about" and not math.isfinite(value):
+            if isinstance(value, float) and not math.isfinite(value):
                 raise ValueError(f"RasterSettings.{field.name}: found {value}, expected a finite number")
+        if not isinstance(self.antialiased, bool):
+            raise ValueError(f"RasterSettings.antialiased: found {self.antialiased!r}, expected True or False")
         if self.clamp_about not in ("optical_axis", "principal_point"):
             raise ValueError(
                 f"RasterSettings.clamp_about: found {self.clamp_about!r}, expected 'optical_axis' or 'principal_point'"

@@ -32,6 +32,8 @@ _KERNELS = Path(__file__).parent / "kernels"
 
 PROJECTION_CHUNK: dict[Schedule, int] = {"cpu": 128, "gpu": 1}
 """Gaussians that a work-item of the projection takes."""
+AT_ONCE: dict[Schedule, int] = {"cpu": 8, "gpu": 1}
+"""Gaussians that it takes at a time, as a vector."""
 GROUP_SIZE: dict[Schedule, int] = {"cpu": 1, "gpu": 256}
 """Work-items of a group; on the GPU schedule that is one for each pixel of a tile."""
 TILING_RUNS = 32
@@ -62,12 +64,15 @@ class ProgramKey:
         integers = {
             "FEATURE_DIM": self.feature_dim,
             "PROJECTION_CHUNK": PROJECTION_CHUNK[self.schedule],
+            "AT_ONCE": AT_ONCE[self.schedule],
             "GROUP_SIZE": GROUP_SIZE[self.schedule],
             "TILING_RUNS": TILING_RUNS,
         }
         lines = [f"#define {name} ((REAL){value!r})" for name, value in reals.items()]
         lines += [f"#define {name} {value}" for name, value in integers.items()]
         lines += [f"#define {option}" for option in self.options]
+        if self.settings.antialiased:
+            lines.append("#define ANTIALIASED")
         if self.dtype == torch.float64:
             lines.append("#define REAL_IS_DOUBLE")
         sources = _SOURCES[self.schedule, self.part]

@@ -72,7 +72,7 @@ class Project(torch.autograd.Function):
             groups, group_size = _launch_size(backend, count)
             session.launch(program, "project", groups, *sizes, *inputs, *outputs, group_size=group_size)
             session.finish(*outputs)
-        ctx.save_for_backward(means, quats, scales, camera, radii, records)
+        ctx.save_for_backward(means, quats, scales, opacities, camera, radii, records)
         ctx.backend, ctx.program = backend, program
         ctx.mark_non_differentiable(radii, depth_keys)
         ctx.set_materialize_grads(False)
@@ -81,7 +81,7 @@ class Project(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, grad_means2d: Tensor | None, grad_records: Tensor | None, *_: None) -> tuple[Any, ...]:
-        means, quats, scales, camera, radii, records = ctx.saved_tensors
+        means, quats, scales, opacities, camera, radii, records = ctx.saved_tensors
         grad_means2d = means.new_zeros(len(means), 2) if grad_means2d is None else grad_means2d.contiguous()
         grad_records = torch.zeros_like(records) if grad_records is None else grad_records.contiguous()
         results = [empty(len(means), *shape, dtype=means.dtype) for shape in ((3,), (4,), (3,), ())]
@@ -89,7 +89,7 @@ class Project(torch.autograd.Function):
             groups, group_size = _launch_size(ctx.backend, len(means))
             session.launch(
                 *(ctx.program, "project_backward", groups, len(means)),
-                *(means, quats, scales, camera, radii, records, grad_means2d, grad_records, *results),
+                *(means, quats, scales, opacities, camera, radii, records, grad_means2d, grad_records, *results),
                 group_size=group_size,
             )
             session.finish(*results)
