@@ -39,7 +39,7 @@ typedef LANES __attribute__((aligned(sizeof(REAL)))) UNALIGNED_LANES;
 #define FETCH(pointer)
 #define FIRST_BIT(bits) (63 - (int)clz((bits) & -(bits)))
 #endif
-#define FETCH_AHEAD 24
+#define FETCH_AHEAD 10
 
 // Steps of `transpose`: two values' lanes side by side, by runs of 8, 4, 2 and 1: the even runs, or the odd ones. (As
 // functions of vectors: LLVM keeps to half registers where no argument is as wide as a whole one.)
