@@ -16,6 +16,8 @@ from opencl.tiling import TileLists
 
 LARGEST_FEATURE_DIM = 64
 """Channels of one pass; more are blended in several, so that a tile's sums stay within the processor's caches."""
+_CACHED = 2**24
+"""Bytes of a picture that stays in the processor's caches until it is read."""
 _SUM_CHUNK = 128
 """Gaussians a work-item of sum_gradients takes, as in blending_backward.cl."""
 
@@ -47,7 +49,8 @@ class Blend(torch.autograd.Function):
         feature_map = empty(height, width, features.shape[1], dtype=features.dtype)
         alphas = empty(height, width, dtype=features.dtype)
         walked = torch.empty(lists.tiles, dtype=torch.int32)
-        program = ProgramKey("blending", backend.schedule, features.dtype, settings, features.shape[1])
+        options = ("LARGE_PICTURE",) if feature_map.nbytes > _CACHED else ()
+        program = ProgramKey("blending", backend.schedule, features.dtype, settings, features.shape[1], options)
         outputs = (feature_map, alphas, walked)
         with backend.session() as session:
             inputs = (records, features, background, lists.starts, lists.entries)

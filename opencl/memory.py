@@ -20,6 +20,8 @@ _SMALLEST = 2**18
 """Bytes below which torch's own allocation does as well."""
 _KEPT = 2**29
 """Bytes that are kept for later at most."""
+_ALIGNMENT = 64
+"""Bytes of a cache line: vectors that begin with one are read and written in one step."""
 
 
 class _Pool:
@@ -36,7 +38,8 @@ class _Pool:
                 if size <= block.nbytes <= size + size // 4:
                     self._remove(block)
                     return block
-        return np.empty(size, np.uint8)
+        unaligned = np.empty(size + _ALIGNMENT, np.uint8)
+        return unaligned[-unaligned.ctypes.data % _ALIGNMENT :][:size]
 
     def release(self, block: np.ndarray) -> None:
         with self._lock:

@@ -50,9 +50,10 @@ inline void blend_block(
     for (ulong left = chunk->reaching[index]; left; left &= left - 1, count++) {
         const Splat *splat = chunk->splats + FIRST_BIT(left);
         const LANES alpha = spread_of(splat, block).alpha;
-        weights[count] = weights_of(alpha > ALPHA_MAXIMUM ? (LANES)(ALPHA_MAXIMUM) : alpha, &t);
+        weights[count] = alpha > ALPHA_MAXIMUM ? (LANES)(ALPHA_MAXIMUM) : alpha;
         gaussians[count] = splat->gaussian;
     }
+    for (int i = 0; i < count; i++) weights[i] = weights_of(weights[i], &t);
     *transmittance = t;
     add_features(sums, features, gaussians, weights, count);
 }
@@ -75,10 +76,14 @@ inline void write_block(
         for (int lane = 0; lane < SIDE * SIDE; lane++) {
             if (!in_picture(tile, block, lane)) continue;
             __global REAL *pixel = feature_map + pixel_of(tile, block, lane, width) * FEATURE_DIM + channel;
+#if defined(LARGE_PICTURE) && FEATURE_DIM % 16 == 0
+            STREAM(pixel, pixels[lane]);
+#else
             if (channel + 16 <= FEATURE_DIM)
                 *(__global UNALIGNED_LANES *)pixel = pixels[lane];
             else
                 for (int k = 0; k < FEATURE_DIM - channel; k++) pixel[k] = ((const REAL *)(pixels + lane))[k];
+#endif
         }
     }
 }

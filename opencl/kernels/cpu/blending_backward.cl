@@ -34,6 +34,21 @@ inline LANES read_lanes(__global const REAL *values, int count) {
     return read;
 }
 
+// Asks for the picture and its gradient at the block that is read SIDE blocks later, below this one.
+inline void fetch_block_below(
+    Tile tile, Block block, int width, __global const REAL *feature_map, __global const REAL *grad_feature_map
+) {
+    block.row += SIDE;
+    for (int lane = 0; lane < SIDE * SIDE; lane++) {
+        if (!in_picture(tile, block, lane)) continue;
+        const size_t from = pixel_of(tile, block, lane, width) * FEATURE_DIM;
+        for (int k = 0; k < FEATURE_DIM; k += 16) {
+            FETCH(feature_map + from + k);
+            FETCH(grad_feature_map + from + k);
+        }
+    }
+}
+
 // Reads what comes from behind for one block; adds to the background's gradient.
 inline void read_gradients(
     BlockGradients *g,
@@ -47,6 +62,7 @@ inline void read_gradients(
     __global const REAL *grad_alphas
 ) {
     const Block block = block_of(index);
+    fetch_block_below(tile, block, width, feature_map, grad_feature_map);
     LANES products[16];
 #define NO_PRODUCT(lane) products[lane] = (LANES)(R(0));
     EACH_16(NO_PRODUCT, 0)

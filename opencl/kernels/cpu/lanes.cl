@@ -34,12 +34,15 @@ typedef LANES __attribute__((aligned(sizeof(REAL)))) UNALIGNED_LANES;
 // the memory would take longer than drawing them. PoCL's `prefetch` does nothing, so clang's own is asked for.
 #ifdef POCL_DEVICE_ADDRESS_BITS
 #define FETCH(pointer) __builtin_prefetch((const void *)(size_t)(pointer))
+#define STREAM(pointer, lanes) __builtin_nontemporal_store(lanes, (__global LANES *)(pointer))
 #define FIRST_BIT(bits) __builtin_ctzl(bits)
 #else
 #define FETCH(pointer)
+#define STREAM(pointer, lanes) *(__global LANES *)(pointer) = lanes
 #define FIRST_BIT(bits) (63 - (int)clz((bits) & -(bits)))
 #endif
 #define FETCH_AHEAD 10
+// STREAM writes past the caches to an aligned address, for what is too large to stay in them: it need not be read first.
 
 // Steps of `transpose`: two values' lanes side by side, by runs of 8, 4, 2 and 1: the even runs, or the odd ones. (As
 // functions of vectors: LLVM keeps to half registers where no argument is as wide as a whole one.)
