@@ -5,7 +5,7 @@
 #define ADD_FEATURE(k) sum[k] += weight * feature[k];
 #define STORE_SUM(k) sums[k] = sum[k];
 #define DEFINE_ADD_FEATURES(channels)                                                                      \
-    inline void add_##channels##_features(                                                                 \
+    WHOLE_REGISTERS inline void add_##channels##_features(                                                                 \
         LANES *sums, __global const REAL *features, const int *gaussians, const LANES *weights, int count  \
     ) {                                                                                                    \
         LANES sum[channels];                                                                               \
@@ -24,7 +24,7 @@ DEFINE_ADD_FEATURES(8)
 DEFINE_ADD_FEATURES(16)
 
 // As many channels at a time as there are registers for.
-inline void add_features(
+WHOLE_REGISTERS inline void add_features(
     LANES *sums, __global const REAL *features, const int *gaussians, const LANES *weights, int count
 ) {
     int k = 0;
@@ -40,7 +40,7 @@ inline void add_features(
 }
 
 // Blends the chunk's Gaussians into one block.
-inline void blend_block(
+WHOLE_REGISTERS inline void blend_block(
     const Chunk *chunk, int index, __global const REAL *features, Transmittance *transmittance, LANES *sums
 ) {
     const Block block = block_of(index);
@@ -59,7 +59,7 @@ inline void blend_block(
 }
 
 // Writes a block's pixels: features over the background, and alphas.
-inline void write_block(
+WHOLE_REGISTERS inline void write_block(
     Tile tile, int index, int width, LANES left, LANES *sums, __global const REAL *background,
     __global REAL *feature_map, __global REAL *alphas
 ) {
@@ -88,7 +88,7 @@ inline void write_block(
     }
 }
 
-__kernel void blend(
+WHOLE_REGISTERS __kernel void blend(
     const int width,
     const int height,
     __global const REAL *records,

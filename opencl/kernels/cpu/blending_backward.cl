@@ -49,8 +49,17 @@ inline void fetch_block_below(
     }
 }
 
+WHOLE_REGISTERS inline void read_powers(REAL8 *powers, Block block) {
+    const LANES none = (LANES)(R(0));
+    LANES v[16] = {(LANES)(R(1)), block.x, block.y, block.x * block.x, block.x * block.y, block.y * block.y, none, none,
+                   none, none, none, none, none, none, none, none};
+    transpose(v);
+#define PUT_POWERS(lane) powers[lane] = v[lane].lo;
+    EACH_16(PUT_POWERS, 0)
+}
+
 // Reads what comes from behind for one block; adds to the background's gradient.
-inline void read_gradients(
+WHOLE_REGISTERS inline void read_gradients(
     BlockGradients *g,
     LANES *behind,
     Tile tile,
@@ -63,13 +72,12 @@ inline void read_gradients(
 ) {
     const Block block = block_of(index);
     fetch_block_below(tile, block, width, feature_map, grad_feature_map);
+    read_powers(g->powers, block);
     LANES products[16];
 #define NO_PRODUCT(lane) products[lane] = (LANES)(R(0));
     EACH_16(NO_PRODUCT, 0)
     REAL *grad_alpha = (REAL *)&g->alpha, *rest = (REAL *)&g->rest;
     for (int lane = 0; lane < SIDE * SIDE; lane++) {
-        const REAL x = ((const REAL *)&block.x)[lane], y = ((const REAL *)&block.y)[lane];
-        g->powers[lane] = (REAL8)(R(1), x, y, x * x, x * y, y * y, R(0), R(0));
         const int inside = in_picture(tile, block, lane);
         const size_t at = inside ? pixel_of(tile, block, lane, width) : 0;
         const REAL alpha = inside ? alphas[at] : R(0);
@@ -107,7 +115,7 @@ typedef struct {
 #define LOAD_GRADIENT(k) grad[k] = g->channels[channel + (k)];
 #define ADD_CHANNEL(k) product += grad[k] * feature[k];
 #define DEFINE_MULTIPLY_FEATURES(number)                                                                              \
-    inline void multiply_##number##_features(                                                                         \
+    WHOLE_REGISTERS inline void multiply_##number##_features(                                                                         \
         Reaching *reaching, __global const REAL *features, const BlockGradients *g, int channel                       \
     ) {                                                                                                               \
         LANES grad[number];                                                                                           \
@@ -125,7 +133,7 @@ DEFINE_MULTIPLY_FEATURES(4)
 DEFINE_MULTIPLY_FEATURES(8)
 DEFINE_MULTIPLY_FEATURES(16)
 
-inline void multiply_features(Reaching *reaching, __global const REAL *features, const BlockGradients *g) {
+WHOLE_REGISTERS inline void multiply_features(Reaching *reaching, __global const REAL *features, const BlockGradients *g) {
     int k = 0;
 #ifdef __AVX512F__
     for (; k + 16 <= FEATURE_DIM; k += 16) multiply_16_features(reaching, features, g, k);
@@ -144,39 +152,52 @@ inline REAL sum_of_lanes(LANES v) {
     return sum;
 }
 
-// Blends the chunk's Gaussians again, for the weights and for s.
-inline void differentiate_block(
-    const Chunk *chunk, Block block, Transmittance *transmittance, BlockGradients *g, Reaching *reaching, Row *rows
+// Blends the chunk's Gaussians again, for the weights and for s = alpha dL/dalpha, where alpha is not clamped. What does
+// not wait for the Gaussian before is computed first, for all of them.
+WHOLE_REGISTERS inline void differentiate_block(
+    const Chunk *chunk, Block block, Transmittance *transmittance, BlockGradients *g, Reaching *reaching
 ) {
+    for (int i = 0; i < reaching->count; i++)
+        reaching->weights[i] = spread_of(chunk->splats + reaching->numbers[i], block).alpha;
     Transmittance t = *transmittance;
     LANES rest = g->rest;
     for (int i = 0; i < reaching->count; i++) {
-        const Splat *splat = chunk->splats + reaching->numbers[i];
-        const Spread r = spread_of(splat, block);
-        const LANES_MASK clamped = r.alpha > ALPHA_MAXIMUM;
-        const LANES alpha = clamped ? (LANES)(ALPHA_MAXIMUM) : r.alpha;
-        const LANES before = t.product, product = reaching->products[i];
+        const LANES_MASK clamped = reaching->weights[i] > ALPHA_MAXIMUM;
+        const LANES alpha = clamped ? (LANES)(ALPHA_MAXIMUM) : reaching->weights[i];
+        const LANES odds = alpha / (R(1) - alpha);
         const LANES weights = weights_of(alpha, &t);
-        rest -= weights * product;
-        const LANES grad = before * product - rest / (R(1) - alpha);
-        const LANES s = (weights > R(0)) & ~clamped ? grad * alpha : (LANES)(R(0));
+        const LANES own = weights * reaching->products[i];
+        rest -= own;
         reaching->weights[i] = weights;
-        reaching->slopes[i] = s;
-#ifdef ABSOLUTE_GRADIENTS
-        const REAL squares = R(-1.38629436111989061883);  // undoes the exponents' factor
-        const LANES by_x = s * (r.across * (splat->across * squares));
-        const LANES by_y = s * (r.down * (splat->down * squares)) - splat->slope * by_x;
-        Row *row = rows + reaching->numbers[i];
-        row->moments.s6 += sum_of_lanes(by_x < R(0) ? -by_x : by_x);
-        row->moments.s7 += sum_of_lanes(by_y < R(0) ? -by_y : by_y);
-#endif
+        reaching->slopes[i] = (weights > R(0)) & ~clamped ? own - rest * odds : (LANES)(R(0));
     }
     *transmittance = t;
     g->rest = rest;
 }
 
+#ifdef ABSOLUTE_GRADIENTS
+inline REAL sum_of_sizes(LANES v) {
+    REAL sum = 0;
+    for (int lane = 0; lane < 16; lane++) sum += fabs(((const REAL *)&v)[lane]);
+    return sum;
+}
+
+// Adds the pixels' |dL/dx| and |dL/dy| of the centres.
+inline void add_absolute_gradients(const Chunk *chunk, Block block, const Reaching *reaching, Row *rows) {
+    for (int i = 0; i < reaching->count; i++) {
+        const Splat *splat = chunk->splats + reaching->numbers[i];
+        const Spread r = spread_of(splat, block);
+        const REAL squares = R(-1.38629436111989061883);  // undoes the exponents' factor
+        const LANES by_x = reaching->slopes[i] * (r.across * (splat->across * squares));
+        const LANES by_y = reaching->slopes[i] * (r.down * (splat->down * squares)) - splat->slope * by_x;
+        rows[reaching->numbers[i]].moments.s6 += sum_of_sizes(by_x);
+        rows[reaching->numbers[i]].moments.s7 += sum_of_sizes(by_y);
+    }
+}
+#endif
+
 // Adds one block's sums to the rows.
-inline void add_to_rows(const Reaching *reaching, const BlockGradients *g, Row *rows) {
+WHOLE_REGISTERS inline void add_to_rows(const Reaching *reaching, const BlockGradients *g, Row *rows) {
     for (int i = 0; i < reaching->count; i++) {
         const REAL *slopes = (const REAL *)(reaching->slopes + i);
         REAL8 moments = rows[reaching->numbers[i]].moments;
@@ -198,7 +219,7 @@ inline void add_to_rows(const Reaching *reaching, const BlockGradients *g, Row *
     }
 }
 
-inline void blend_block_backward(
+WHOLE_REGISTERS inline void blend_block_backward(
     const Chunk *chunk,
     int index,
     __global const REAL *features,
@@ -214,7 +235,10 @@ inline void blend_block_backward(
     }
     reaching.count = count;
     multiply_features(&reaching, features, g);
-    differentiate_block(chunk, block_of(index), transmittance, g, &reaching, rows);
+    differentiate_block(chunk, block_of(index), transmittance, g, &reaching);
+#ifdef ABSOLUTE_GRADIENTS
+    add_absolute_gradients(chunk, block_of(index), &reaching, rows);
+#endif
     add_to_rows(&reaching, g, rows);
 }
 
@@ -243,7 +267,7 @@ inline Row empty_row() {
     return row;
 }
 
-__kernel void blend_backward(
+WHOLE_REGISTERS __kernel void blend_backward(
     const int width,
     const int height,
     __global const REAL *records,

@@ -79,7 +79,7 @@ inline void fetch_ahead(
 // For all blocks at once, whether the ellipse of alpha >= ALPHA_MINIMUM reaches a pixel's centre, or all but does.
 // The least squared Mahalanobis distance in a rectangle lies on the side that faces the centre, left or right, or on
 // the one above or below; along each it is a parabola's lowest point, clamped.
-inline LANES_MASK reaching_blocks(__global const REAL *record, REAL x, REAL y) {
+WHOLE_REGISTERS inline LANES_MASK reaching_blocks(__global const REAL *record, REAL x, REAL y) {
     const REAL slope = record[2], across = record[3], down = record[4];
     const REAL lean = across * slope / (across * slope * slope + down);  // y of the lowest point for each x
     const LANES left = lane_columns() * SIDE + (R(0.5) - R(0.5) * TILE - x), right = left + (SIDE - 1);
@@ -99,7 +99,7 @@ inline LANES_MASK reaching_blocks(__global const REAL *record, REAL x, REAL y) {
 }
 
 // Reads `count` entries, at most CHUNK.
-inline void read_chunk(
+WHOLE_REGISTERS inline void read_chunk(
     Chunk *chunk,
     Tile tile,
     __global const REAL *records,

@@ -44,8 +44,17 @@ typedef LANES __attribute__((aligned(sizeof(REAL)))) UNALIGNED_LANES;
 #define FETCH_AHEAD 10
 // STREAM writes past the caches to an aligned address, for what is too large to stay in them: it need not be read first.
 
-// Steps of `transpose`: two values' lanes side by side, by runs of 8, 4, 2 and 1: the even runs, or the odd ones. (As
-// functions of vectors: LLVM keeps to half registers where no argument is as wide as a whole one.)
+// For functions of pointers to LANES: LLVM keeps to half registers where no argument is as wide as a whole one.
+#if defined(__has_attribute) && !defined(REAL_IS_DOUBLE)
+#if __has_attribute(min_vector_width)
+#define WHOLE_REGISTERS __attribute__((min_vector_width(512)))
+#endif
+#endif
+#ifndef WHOLE_REGISTERS
+#define WHOLE_REGISTERS
+#endif
+
+// Steps of `transpose`: two values' lanes side by side, by runs of 8, 4, 2 and 1: the even runs, or the odd ones.
 inline LANES even_8(LANES a, LANES b) {
     return (LANES)(a.s01234567, b.s01234567);
 }
@@ -83,7 +92,7 @@ inline LANES odd_1(LANES a, LANES b) {
 #define EXCHANGE_1(i) EXCHANGE(1, i)
 
 // 16 values of 16 lanes as a matrix, turned about its diagonal: lane l of value v becomes lane v of value l.
-inline void transpose(LANES *v) {
+WHOLE_REGISTERS inline void transpose(LANES *v) {
     EACH_8(EXCHANGE_8, 0)
     EACH_4(EXCHANGE_4, 0) EACH_4(EXCHANGE_4, 8)
     EACH_2(EXCHANGE_2, 0) EACH_2(EXCHANGE_2, 4) EACH_2(EXCHANGE_2, 8) EACH_2(EXCHANGE_2, 12)
