@@ -36,12 +36,22 @@ inline LANES read_lanes(__global const REAL *values, int count) {
 
 // Asks for the picture and its gradient at the block that is read SIDE blocks later, below this one.
 inline void fetch_block_below(
-    Tile tile, Block block, int width, __global const REAL *feature_map, __global const REAL *grad_feature_map
+    Tile tile,
+    Block block,
+    int width,
+    __global const REAL *feature_map,
+    __global const REAL *alphas,
+    __global const REAL *grad_feature_map,
+    __global const REAL *grad_alphas
 ) {
     block.row += SIDE;
     for (int lane = 0; lane < SIDE * SIDE; lane++) {
         if (!in_picture(tile, block, lane)) continue;
-        const size_t from = pixel_of(tile, block, lane, width) * FEATURE_DIM;
+        const size_t at = pixel_of(tile, block, lane, width), from = at * FEATURE_DIM;
+        if (lane % SIDE == 0) {
+            FETCH(alphas + at);
+            FETCH(grad_alphas + at);
+        }
         for (int k = 0; k < FEATURE_DIM; k += 16) {
             FETCH(feature_map + from + k);
             FETCH(grad_feature_map + from + k);
@@ -71,7 +81,7 @@ WHOLE_REGISTERS inline void read_gradients(
     __global const REAL *grad_alphas
 ) {
     const Block block = block_of(index);
-    fetch_block_below(tile, block, width, feature_map, grad_feature_map);
+    fetch_block_below(tile, block, width, feature_map, alphas, grad_feature_map, grad_alphas);
     read_powers(g->powers, block);
     LANES products[16];
 #define NO_PRODUCT(lane) products[lane] = (LANES)(R(0));
@@ -111,9 +121,10 @@ typedef struct {
     LANES products[CHUNK], weights[CHUNK], slopes[CHUNK];
 } Reaching;
 
-// c . g, from the gradient of alpha on, channels by as many as there are registers for.
+// c . g, from the gradient of alpha on, channels by as many as there are registers for. (Here and below, two sums at a
+// time: one alone would wait for itself.)
 #define LOAD_GRADIENT(k) grad[k] = g->channels[channel + (k)];
-#define ADD_CHANNEL(k) product += grad[k] * feature[k];
+#define ADD_CHANNEL(k) product[(k) & 1] += grad[k] * feature[k];
 #define DEFINE_MULTIPLY_FEATURES(number)                                                                              \
     WHOLE_REGISTERS inline void multiply_##number##_features(                                                                         \
         Reaching *reaching, __global const REAL *features, const BlockGradients *g, int channel                       \
@@ -122,9 +133,9 @@ typedef struct {
         EACH_##number(LOAD_GRADIENT, 0)                                                                               \
         for (int i = 0; i < reaching->count; i++) {                                                                   \
             __global const REAL *feature = features + (size_t)FEATURE_DIM * reaching->gaussians[i] + channel;         \
-            LANES product = channel ? reaching->products[i] : g->alpha;                                               \
+            LANES product[2] = {channel ? reaching->products[i] : g->alpha, (LANES)(R(0))};                           \
             EACH_##number(ADD_CHANNEL, 0)                                                                             \
-            reaching->products[i] = product;                                                                          \
+            reaching->products[i] = product[0] + product[1];                                                          \
         }                                                                                                             \
     }
 DEFINE_MULTIPLY_FEATURES(1)
@@ -200,10 +211,10 @@ inline void add_absolute_gradients(const Chunk *chunk, Block block, const Reachi
 WHOLE_REGISTERS inline void add_to_rows(const Reaching *reaching, const BlockGradients *g, Row *rows) {
     for (int i = 0; i < reaching->count; i++) {
         const REAL *slopes = (const REAL *)(reaching->slopes + i);
-        REAL8 moments = rows[reaching->numbers[i]].moments;
-#define ADD_POWERS(lane) moments += slopes[lane] * g->powers[lane];
+        REAL8 moments[2] = {rows[reaching->numbers[i]].moments, (REAL8)(R(0))};
+#define ADD_POWERS(lane) moments[(lane) & 1] += slopes[lane] * g->powers[lane];
         EACH_16(ADD_POWERS, 0)
-        rows[reaching->numbers[i]].moments = moments;
+        rows[reaching->numbers[i]].moments = moments[0] + moments[1];
     }
     for (int group = 0; group < CHANNEL_GROUPS; group++) {
         LANES pixels[16];
@@ -211,10 +222,10 @@ WHOLE_REGISTERS inline void add_to_rows(const Reaching *reaching, const BlockGra
         EACH_16(LOAD_PIXEL, 0)
         for (int i = 0; i < reaching->count; i++) {
             const REAL *weights = (const REAL *)(reaching->weights + i);
-            LANES sum = rows[reaching->numbers[i]].features[group];
-#define ADD_PIXEL(lane) sum += weights[lane] * pixels[lane];
+            LANES sum[2] = {rows[reaching->numbers[i]].features[group], (LANES)(R(0))};
+#define ADD_PIXEL(lane) sum[(lane) & 1] += weights[lane] * pixels[lane];
             EACH_16(ADD_PIXEL, 0)
-            rows[reaching->numbers[i]].features[group] = sum;
+            rows[reaching->numbers[i]].features[group] = sum[0] + sum[1];
         }
     }
 }
