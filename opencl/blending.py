@@ -10,7 +10,7 @@ from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
-from opencl.memory import empty
+from opencl.pool import empty
 from opencl.program import ProgramKey
 from opencl.tiling import TileLists
 

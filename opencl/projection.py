@@ -11,7 +11,7 @@ from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings, half_fields_of_view
-from opencl.memory import empty
+from opencl.pool import empty
 from opencl.program import GROUP_SIZE, PROJECTION_CHUNK, ProgramKey
 
 RECORD = 8

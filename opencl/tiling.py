@@ -10,7 +10,7 @@ from torch import Tensor
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
-from opencl.memory import empty
+from opencl.pool import empty
 from opencl.program import TILE, TILING_RUNS, ProgramKey
 
 _LARGEST = 2**31 - 1
