@@ -10,14 +10,17 @@ from contextlib import contextmanager
 
 import numpy as np
 import pyopencl
+import torch
 from torch import Tensor
 
 from opencl.device import DEVICE_VARIABLE, Device, choose_device
+from opencl.memory import BufferMemory, SharedMemory
 from opencl.program import ProgramKey, Schedule
+from opencl.staging import StagedMemory
 
 
 class Session:
-    """Launches in order on one queue. Tensors are contiguous CPU tensors; results are there after `finish`."""
+    """Launches in order on one queue. Tensors are contiguous, on the backend's tensor device."""
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
@@ -38,28 +41,36 @@ class Session:
     def _buffer(self, tensor: Tensor) -> pyopencl.Buffer | None:
         if tensor.numel() == 0:
             return None
+        resident = self._backend.memory.resident(tensor)
+        if resident is not None:
+            return resident
         place = (tensor.data_ptr(), tensor.nbytes)
-        held = self._buffers.get(place)
-        if held is not None:
-            return held[1]
-        flags = pyopencl.mem_flags
-        placement = flags.USE_HOST_PTR if self._backend.shares_memory else flags.COPY_HOST_PTR
-        buffer = pyopencl.Buffer(self._backend.context, flags.READ_WRITE | placement, hostbuf=tensor.detach().numpy())
-        self._buffers[place] = (tensor, buffer)
-        return buffer
+        if place not in self._buffers:
+            self._buffers[place] = (tensor, self._backend.memory.place(tensor))
+        return self._buffers[place][1]
 
     def finish(self, *results: Tensor) -> None:
-        """Wait until all is done and `results` hold what the kernels wrote."""
-        if not self._backend.shares_memory:
-            for tensor in results:
-                buffer = self._buffer(tensor)
-                if buffer is not None:
-                    pyopencl.enqueue_copy(self._backend.queue, tensor.detach().numpy(), buffer, is_blocking=False)
+        """Wait until all is done and torch may read in `results` what the kernels wrote; they stay the rasterizer's."""
+        for tensor in results:
+            buffer = self._buffer(tensor)
+            if buffer is not None:
+                self._backend.memory.fetch(tensor, buffer)
         self._backend.queue.finish()
+
+    def give(self, *results: Tensor) -> tuple[Tensor, ...]:
+        """Wait until all is done; what the kernels wrote, for the caller to keep and to change."""
+        given = []
+        for tensor in results:
+            buffer = self._buffer(tensor)
+            given.append(tensor if buffer is None else self._backend.memory.give(tensor, buffer))
+        self._backend.queue.finish()
+        return tuple(given)
 
 
 class Backend:
     """A device with its queue and the programs built for it. Safe to use from several threads, one after another."""
+
+    memory: BufferMemory
 
     def __init__(
         self,
@@ -70,7 +81,7 @@ class Backend:
     ) -> None:
         """What is not given follows from the device.
 
-        `shares_memory=False` copies everything to the device and back, as is needed where it has its own memory.
+        `shares_memory=False` keeps tensors' contents on the device, as is needed where it has its own memory.
         With `profile`, every launch is kept in `profiled`: the kernel's name and its event.
         """
         device.prepare()
@@ -81,10 +92,16 @@ class Backend:
         self.context = pyopencl.Context([device.handle])
         properties = pyopencl.command_queue_properties.PROFILING_ENABLE if profile else 0
         self.queue = pyopencl.CommandQueue(self.context, properties=properties)
+        self.memory = SharedMemory(self.context) if self.shares_memory else StagedMemory(self.context, self.queue)
         self._programs: dict[ProgramKey, pyopencl.Program] = {}
         self._kernels: dict[tuple[ProgramKey, str], pyopencl.Kernel] = {}
         self._lock = threading.RLock()
         self._process = os.getpid()
+
+    @property
+    def tensor_device(self) -> torch.device:
+        """Where the tensors are that kernels are given."""
+        return self.memory.tensor_device
 
     @contextmanager
     def session(self) -> Iterator[Session]:
@@ -96,16 +113,20 @@ class Backend:
             try:
                 yield session
             finally:
-                self.queue.finish()
+                if self.shares_memory:  # until then the kernels work on tensors that torch may free
+                    self.queue.finish()
+
+    def build(self, program: ProgramKey) -> pyopencl.Program:
+        """Compile a program."""
+        # PoCL keeps compiled kernels itself; pyopencl's cache of binaries would only come on top of that.
+        return pyopencl.Program(self.context, program.text()).build(options=["-w"], cache_dir=False)
 
     def kernel(self, program: ProgramKey, name: str) -> pyopencl.Kernel:
         """A kernel, built on first use."""
         kernel = self._kernels.get((program, name))
         if kernel is None:
             if program not in self._programs:
-                # PoCL keeps compiled kernels itself; pyopencl's cache of binaries would only come on top of that.
-                built = pyopencl.Program(self.context, program.text()).build(options=["-w"], cache_dir=False)
-                self._programs[program] = built
+                self._programs[program] = self.build(program)
             kernel = self._kernels[program, name] = pyopencl.Kernel(self._programs[program], name)
         return kernel
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import torch
@@ -43,18 +44,18 @@ class Blend(torch.autograd.Function):
         background: Tensor,
     ) -> tuple[Tensor, Tensor]:
         width, height = size
-        feature_map = features.new_empty(height, width, features.shape[1])
-        alphas = features.new_empty(height, width)
-        walked = torch.empty(lists.tiles, dtype=torch.int32)
+        feature_map = backend.memory.empty(height, width, features.shape[1], dtype=features.dtype)
+        alphas = backend.memory.empty(height, width, dtype=features.dtype)
+        walked = backend.memory.empty(lists.tiles, dtype=torch.int32)
         program = ProgramKey("blending", backend.schedule, features.dtype, settings, features.shape[1])
         outputs = (feature_map, alphas, walked)
         with backend.session() as session:
             inputs = (records, features, background, lists.starts, lists.entries)
             session.launch(program, "blend", lists.tiles, width, height, *inputs, *outputs)
-            session.finish(*outputs)
+            given_map, given_alphas = session.give(feature_map, alphas)
         ctx.save_for_backward(records, features, feature_map, alphas)
         ctx.backend, ctx.program, ctx.lists, ctx.walked = backend, program, lists, walked
-        return feature_map, alphas
+        return given_map, given_alphas
 
     @staticmethod
     @once_differentiable
@@ -63,10 +64,11 @@ class Blend(torch.autograd.Function):
         lists: TileLists = ctx.lists
         count, feature_dim = features.shape
         height, width = alphas.shape
-        gradient_rows = features.new_empty(len(lists.entries), _gradient_row(feature_dim))
-        background_rows = features.new_empty(lists.tiles, feature_dim)
-        grad_means2d, grad_records = features.new_empty(count, 2), torch.empty_like(records)
-        grad_features, grad_background = torch.empty_like(features), features.new_empty(feature_dim)
+        reals = functools.partial(ctx.backend.memory.empty, dtype=features.dtype)
+        gradient_rows = reals(len(lists.entries), _gradient_row(feature_dim))
+        background_rows = reals(lists.tiles, feature_dim)
+        grad_means2d, grad_records = reals(count, 2), reals(*records.shape)
+        grad_features, grad_background = reals(count, feature_dim), reals(feature_dim)
         with ctx.backend.session() as session:
             session.launch(
                 *(ctx.program, "blend_backward", lists.tiles, width, height, records, features),
@@ -78,5 +80,6 @@ class Blend(torch.autograd.Function):
                 *(lists.first_slots, gradient_rows, grad_means2d, grad_records, grad_features),
             )
             session.launch(ctx.program, "sum_background", 1, lists.tiles, background_rows, grad_background)
-            session.finish(grad_means2d, grad_records, grad_features, grad_background)
+            session.finish(grad_records)  # torch sums those of several passes
+            grad_means2d, grad_features, grad_background = session.give(grad_means2d, grad_features, grad_background)
         return (None, None, None, None, grad_means2d, grad_records, grad_features, grad_background)

@@ -101,8 +101,8 @@ def _replace_environment(text: str) -> str:
         if value is None:
             kernel = [one[1] for one in _FUNCTION.finditer(text, 0, found.start())][-1:] or ["before any kernel"]
             raise ValueError(
-                f"kernel {kernel[0]}: found the register {found['register']}, whose meaning is not known here, expected "
-                f"only {', '.join(_ENVIRONMENT)}: write the kernel without what reads it"
+                f"kernel {kernel[0]}: found the register {found['register']}, whose meaning is not known here, "
+                f"expected only {', '.join(_ENVIRONMENT)}: write the kernel without what reads it"
             )
         return f"mov.u32{found['target']}{value}" if found["target"] else value
 

@@ -82,9 +82,9 @@ def _rasterize_on(
 ) -> RasterOutput:
     device, size = means.device, (width, height)
     means, quats, scales, opacities, features, background = (
-        tensor.cpu().contiguous() for tensor in (means, quats, scales, opacities, features, background)
+        backend.memory.receive(tensor) for tensor in (means, quats, scales, opacities, features, background)
     )
-    camera = pack_camera(world_to_camera, intrinsics, width, height, settings)
+    camera = backend.memory.receive(pack_camera(world_to_camera, intrinsics, width, height, settings))
     means2d, records, radii, depth_keys = Project.apply(
         backend, settings, camera, size, means, quats, scales, opacities, features
     )
@@ -92,11 +92,16 @@ def _rasterize_on(
     means2d_out = means2d.to(device)
     if means2d_out.requires_grad:
         means2d_out.retain_grad()
+    parts, behinds = [features], [background]
+    if features.shape[1] > LARGEST_FEATURE_DIM:
+        parts = [backend.memory.receive(part) for part in features.split(LARGEST_FEATURE_DIM, dim=1)]
+        behinds = [backend.memory.receive(part) for part in background.split(LARGEST_FEATURE_DIM)]
+    centres = means2d_out.to(backend.tensor_device)
     passes = [
-        Blend.apply(backend, settings, lists, size, means2d_out.cpu(), records, part.contiguous(), behind.contiguous())
-        for part, behind in zip(
-            features.split(LARGEST_FEATURE_DIM, dim=1), background.split(LARGEST_FEATURE_DIM), strict=True
-        )
+        Blend.apply(backend, settings, lists, size, centres, records, part, behind)
+        for part, behind in zip(parts, behinds, strict=True)
     ]
     feature_map = passes[0][0] if len(passes) == 1 else torch.cat([one[0] for one in passes], dim=-1)
+    with backend.session() as session:
+        (radii,) = session.give(radii)
     return RasterOutput(feature_map.to(device), passes[0][1].to(device), radii.to(device), means2d_out)

@@ -98,7 +98,7 @@ def test_a_register_read_without_mov():
 
 @pytest.mark.parametrize("space", ["shared", "local"])
 def test_local_memory_among_the_arguments_is_refused(space):
-    with pytest.raises(ValueError, match="kernel draw: .*declare it inside the kernel"):
+    with pytest.raises(ValueError, match=r"kernel draw: .*declare it inside the kernel"):
         rewrite_for_cuda(kernel(parameters=f".param .u64 .ptr .{space} .align 4 draw_param_0"))
 
 
@@ -115,7 +115,7 @@ def test_what_is_no_text_is_refused(binary):
 
 
 def test_a_program_without_kernels_is_refused():
-    with pytest.raises(ValueError, match="no .entry"):
+    with pytest.raises(ValueError, match=r"no \.entry"):
         rewrite_for_cuda(b".version 8.7\n.target sm_90\n")
 
 
