@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from opencl.device import DEVICE_VARIABLE, Device, choose_device
-from opencl.memory import BufferMemory, SharedMemory
+from opencl.memory import BufferMemory, Memory, SharedMemory
 from opencl.program import ProgramKey, Schedule
 from opencl.staging import StagedMemory
 
@@ -22,8 +22,8 @@ from opencl.staging import StagedMemory
 class Session:
     """Launches in order on one queue. Tensors are contiguous, on the backend's tensor device."""
 
-    def __init__(self, backend: Backend) -> None:
-        self._backend = backend
+    def __init__(self, backend: Backend, memory: BufferMemory) -> None:
+        self._backend, self._memory = backend, memory
         self._buffers: dict[tuple[int, int], tuple[Tensor, pyopencl.Buffer]] = {}
 
     def launch(
@@ -41,12 +41,12 @@ class Session:
     def _buffer(self, tensor: Tensor) -> pyopencl.Buffer | None:
         if tensor.numel() == 0:
             return None
-        resident = self._backend.memory.resident(tensor)
+        resident = self._memory.resident(tensor)
         if resident is not None:
             return resident
         place = (tensor.data_ptr(), tensor.nbytes)
         if place not in self._buffers:
-            self._buffers[place] = (tensor, self._backend.memory.place(tensor))
+            self._buffers[place] = (tensor, self._memory.place(tensor))
         return self._buffers[place][1]
 
     def finish(self, *results: Tensor) -> None:
@@ -54,7 +54,7 @@ class Session:
         for tensor in results:
             buffer = self._buffer(tensor)
             if buffer is not None:
-                self._backend.memory.fetch(tensor, buffer)
+                self._memory.fetch(tensor, buffer)
         self._backend.queue.finish()
 
     def give(self, *results: Tensor) -> tuple[Tensor, ...]:
@@ -62,15 +62,13 @@ class Session:
         given = []
         for tensor in results:
             buffer = self._buffer(tensor)
-            given.append(tensor if buffer is None else self._backend.memory.give(tensor, buffer))
+            given.append(tensor if buffer is None else self._memory.give(tensor, buffer))
         self._backend.queue.finish()
         return tuple(given)
 
 
 class Backend:
     """A device with its queue and the programs built for it. Safe to use from several threads, one after another."""
-
-    memory: BufferMemory
 
     def __init__(
         self,
@@ -92,7 +90,10 @@ class Backend:
         self.context = pyopencl.Context([device.handle])
         properties = pyopencl.command_queue_properties.PROFILING_ENABLE if profile else 0
         self.queue = pyopencl.CommandQueue(self.context, properties=properties)
-        self.memory = SharedMemory(self.context) if self.shares_memory else StagedMemory(self.context, self.queue)
+        self._buffers: BufferMemory = (
+            SharedMemory(self.context) if self.shares_memory else StagedMemory(self.context, self.queue)
+        )
+        self.memory: Memory = self._buffers
         self._programs: dict[ProgramKey, pyopencl.Program] = {}
         self._kernels: dict[tuple[ProgramKey, str], pyopencl.Kernel] = {}
         self._lock = threading.RLock()
@@ -108,13 +109,16 @@ class Backend:
         """The backend for one thread: setting a kernel's arguments is not safe from two."""
         if os.getpid() != self._process:
             raise RuntimeError("OpenCL was set up before this process was forked and would hang: start it by spawn")
-        with self._lock:
-            session = Session(self)
-            try:
-                yield session
-            finally:
-                if self.shares_memory:  # until then the kernels work on tensors that torch may free
-                    self.queue.finish()
+        with self._lock, self._launching() as session:
+            yield session
+
+    @contextmanager
+    def _launching(self) -> Iterator[Session]:
+        try:
+            yield Session(self, self._buffers)
+        finally:
+            if self.shares_memory:  # until then the kernels work on tensors that torch may free
+                self.queue.finish()
 
     def build(self, program: ProgramKey) -> pyopencl.Program:
         """Compile a program."""

@@ -75,7 +75,7 @@ def _decode(binary: bytes) -> str:
     if b"\0" in text or b".version" not in text:
         raise ValueError(
             f"binary of NVIDIA's OpenCL compiler: found {len(binary)} bytes that begin with {binary[:16]!r}, expected "
-            "PTX text; this driver gives none, so that torch's CUDA tensors can only be drawn by copying them"
+            "PTX text; with this driver, draw tensors of the CPU instead: they are copied to the GPU"
         )
     return text.decode("utf-8", errors="replace")
 

@@ -6,10 +6,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from opencl.backend import Backend, default_backend
+from opencl.backend import Backend
 from opencl.blending import LARGEST_FEATURE_DIM, Blend
 from opencl.contract import RasterOutput, RasterSettings
 from opencl.projection import Project, pack_camera
+from opencl.routes import backend_for
 from opencl.tiling import sort_into_tiles
 from opencl.validation import check_arguments
 
@@ -49,8 +50,9 @@ def rasterize(
         quats, scales, opacities, features and background, from features, alphas and means2d. A Gaussian with a value
         that is not finite, or a zero quaternion, is not visible and gets no gradient.
 
-    The same inputs on the same device give the same bits, forward and backward, for any number of threads. The device
-    is `opencl.device.choose_device()`'s. Tensors on other devices than the CPU are copied there and back.
+    The same inputs on the same device give the same bits, forward and backward, for any number of threads. Tensors of
+    the CPU are drawn by `opencl.device.choose_device()`'s device, CUDA tensors of an NVIDIA GPU by that GPU, in place;
+    which device draws others, and when tensors are copied, `opencl.routes.backend_for` says.
 
     Raises:
         ValueError: shapes, types, devices or a camera that do not fit; no OpenCL device, or not the one asked for.
@@ -61,7 +63,7 @@ def rasterize(
     )
     background = features.new_zeros(features.shape[1]) if background is None else background
     return _rasterize_on(
-        *(default_backend(), means, quats, scales, opacities, features),
+        *(backend_for(means.device), means, quats, scales, opacities, features),
         *(world_to_camera, intrinsics, width, height, background, settings),
     )
 

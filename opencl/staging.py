@@ -99,8 +99,8 @@ class StagedMemory:
         if not kept.on_host and (is_part or is_changed):
             found = "a part" if is_part else "a change on the CPU"
             raise RuntimeError(
-                f"tensor of shape {tuple(tensor.shape)}: found {found} of what only the device holds, expected it whole "
-                "and untouched: fetch it first, by the session's finish"
+                f"tensor of shape {tuple(tensor.shape)}: found {found} of what only the device holds, expected it "
+                "whole and untouched: fetch it first, by the session's finish"
             )
         if is_part:
             return None
