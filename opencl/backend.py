@@ -22,8 +22,12 @@ from opencl.staging import StagedMemory
 class Session:
     """Launches in order on one queue. Tensors are contiguous, on the backend's tensor device."""
 
+    memory: Memory
+    """The backend's."""
+
     def __init__(self, backend: Backend, memory: BufferMemory) -> None:
         self._backend, self._memory = backend, memory
+        self.memory = memory
         self._buffers: dict[tuple[int, int], tuple[Tensor, pyopencl.Buffer]] = {}
 
     def launch(

@@ -68,6 +68,7 @@ class CudaSession(Session):
 
     def __init__(self, backend: CudaBackend) -> None:
         self._cuda = backend
+        self.memory = backend.memory
 
     def launch(
         self, program: ProgramKey, kernel: str, groups: int, *arguments: Tensor | int, group_size: int = 1

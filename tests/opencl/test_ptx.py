@@ -119,6 +119,13 @@ def test_a_program_without_kernels_is_refused():
         rewrite_for_cuda(b".version 8.7\n.target sm_90\n")
 
 
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.stem)
+def test_nothing_of_opencl_s_is_left(path):
+    text = rewrite_for_cuda(path.read_bytes()).text
+    assert not re.search(r"envreg|\.ptr|texmode_independent", text)
+    assert len(re.findall(r"\.visible \.entry", text)) == len(re.findall(r"^\.entry", path.read_text(), re.MULTILINE))
+
+
 @pytest.mark.skipif(shutil.which("ptxas") is None, reason="NVIDIA's assembler is not installed")
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.stem)
 def test_nvidia_s_assembler_takes_it(path, tmp_path):
