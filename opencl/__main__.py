@@ -9,6 +9,7 @@ import sys
 from opencl.backend import default_backend
 from opencl.benchmark import WORKLOADS, measure, peak_memory
 from opencl.device import DEVICE_VARIABLE, choose_device, list_devices
+from opencl.routes import describe_route, missing_pieces
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -35,10 +36,13 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _list() -> None:
     used = choose_device()
-    for device in list_devices():
+    devices = list_devices()
+    for device in devices:
         mark = "*" if device.index == used.index else " "
-        print(f"{mark} {device.index}  {device.describe()}")
-    print(f"* is used; choose another with {DEVICE_VARIABLE}=<index or part of the name>")
+        print(f"{mark} {device.index}  {device.describe()}\n      {describe_route(device)}")
+    print(f"* is used for tensors of the CPU; choose another with {DEVICE_VARIABLE}=<index or part of the name>")
+    for piece in missing_pieces(devices):
+        print(piece)
 
 
 def _bench(repetitions: int) -> None:

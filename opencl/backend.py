@@ -10,17 +10,24 @@ from contextlib import contextmanager
 
 import numpy as np
 import pyopencl
+import torch
 from torch import Tensor
 
 from opencl.device import DEVICE_VARIABLE, Device, choose_device
+from opencl.memory import BufferMemory, Memory, SharedMemory
 from opencl.program import ProgramKey, Schedule
+from opencl.staging import StagedMemory
 
 
 class Session:
-    """Launches in order on one queue. Tensors are contiguous CPU tensors; results are there after `finish`."""
+    """Launches in order on one queue. Tensors are contiguous, on the backend's tensor device."""
 
-    def __init__(self, backend: Backend) -> None:
-        self._backend = backend
+    memory: Memory
+    """The backend's."""
+
+    def __init__(self, backend: Backend, memory: BufferMemory) -> None:
+        self._backend, self._memory = backend, memory
+        self.memory = memory
         self._buffers: dict[tuple[int, int], tuple[Tensor, pyopencl.Buffer]] = {}
 
     def launch(
@@ -38,24 +45,30 @@ class Session:
     def _buffer(self, tensor: Tensor) -> pyopencl.Buffer | None:
         if tensor.numel() == 0:
             return None
+        resident = self._memory.resident(tensor)
+        if resident is not None:
+            return resident
         place = (tensor.data_ptr(), tensor.nbytes)
-        held = self._buffers.get(place)
-        if held is not None:
-            return held[1]
-        flags = pyopencl.mem_flags
-        placement = flags.USE_HOST_PTR if self._backend.shares_memory else flags.COPY_HOST_PTR
-        buffer = pyopencl.Buffer(self._backend.context, flags.READ_WRITE | placement, hostbuf=tensor.detach().numpy())
-        self._buffers[place] = (tensor, buffer)
-        return buffer
+        if place not in self._buffers:
+            self._buffers[place] = (tensor, self._memory.place(tensor))
+        return self._buffers[place][1]
 
     def finish(self, *results: Tensor) -> None:
-        """Wait until all is done and `results` hold what the kernels wrote."""
-        if not self._backend.shares_memory:
-            for tensor in results:
-                buffer = self._buffer(tensor)
-                if buffer is not None:
-                    pyopencl.enqueue_copy(self._backend.queue, tensor.detach().numpy(), buffer, is_blocking=False)
+        """Wait until all is done and torch may read in `results` what the kernels wrote; they stay the rasterizer's."""
+        for tensor in results:
+            buffer = self._buffer(tensor)
+            if buffer is not None:
+                self._memory.fetch(tensor, buffer)
         self._backend.queue.finish()
+
+    def give(self, *results: Tensor) -> tuple[Tensor, ...]:
+        """Wait until all is done; what the kernels wrote, for the caller to keep and to change."""
+        given = []
+        for tensor in results:
+            buffer = self._buffer(tensor)
+            given.append(tensor if buffer is None else self._memory.give(tensor, buffer))
+        self._backend.queue.finish()
+        return tuple(given)
 
 
 class Backend:
@@ -70,7 +83,7 @@ class Backend:
     ) -> None:
         """What is not given follows from the device.
 
-        `shares_memory=False` copies everything to the device and back, as is needed where it has its own memory.
+        `shares_memory=False` keeps tensors' contents on the device, as is needed where it has its own memory.
         With `profile`, every launch is kept in `profiled`: the kernel's name and its event.
         """
         device.prepare()
@@ -81,31 +94,47 @@ class Backend:
         self.context = pyopencl.Context([device.handle])
         properties = pyopencl.command_queue_properties.PROFILING_ENABLE if profile else 0
         self.queue = pyopencl.CommandQueue(self.context, properties=properties)
+        self._buffers: BufferMemory = (
+            SharedMemory(self.context) if self.shares_memory else StagedMemory(self.context, self.queue)
+        )
+        self.memory: Memory = self._buffers
         self._programs: dict[ProgramKey, pyopencl.Program] = {}
         self._kernels: dict[tuple[ProgramKey, str], pyopencl.Kernel] = {}
         self._lock = threading.RLock()
         self._process = os.getpid()
+
+    @property
+    def tensor_device(self) -> torch.device:
+        """Where the tensors are that kernels are given."""
+        return self.memory.tensor_device
 
     @contextmanager
     def session(self) -> Iterator[Session]:
         """The backend for one thread: setting a kernel's arguments is not safe from two."""
         if os.getpid() != self._process:
             raise RuntimeError("OpenCL was set up before this process was forked and would hang: start it by spawn")
-        with self._lock:
-            session = Session(self)
-            try:
-                yield session
-            finally:
+        with self._lock, self._launching() as session:
+            yield session
+
+    @contextmanager
+    def _launching(self) -> Iterator[Session]:
+        try:
+            yield Session(self, self._buffers)
+        finally:
+            if self.shares_memory:  # until then the kernels work on tensors that torch may free
                 self.queue.finish()
+
+    def build(self, program: ProgramKey) -> pyopencl.Program:
+        """Compile a program."""
+        # PoCL keeps compiled kernels itself; pyopencl's cache of binaries would only come on top of that.
+        return pyopencl.Program(self.context, program.text()).build(options=["-w"], cache_dir=False)
 
     def kernel(self, program: ProgramKey, name: str) -> pyopencl.Kernel:
         """A kernel, built on first use."""
         kernel = self._kernels.get((program, name))
         if kernel is None:
             if program not in self._programs:
-                # PoCL keeps compiled kernels itself; pyopencl's cache of binaries would only come on top of that.
-                built = pyopencl.Program(self.context, program.text()).build(options=["-w"], cache_dir=False)
-                self._programs[program] = built
+                self._programs[program] = self.build(program)
             kernel = self._kernels[program, name] = pyopencl.Kernel(self._programs[program], name)
         return kernel
 

@@ -89,9 +89,13 @@ def evaluated_pixels(records: Float[Tensor, "N 8"], lists: TileLists, width: int
 
 def _tile_lists(backend: Backend, workload: Workload, gaussians: Gaussians) -> tuple[Float[Tensor, "N 8"], TileLists]:
     settings, size = RasterSettings(), (workload.width, workload.height)
-    camera = pack_camera(gaussians.world_to_camera, gaussians.intrinsics, *size, settings)
-    _, records, radii, depth_keys = Project.apply(backend, settings, camera, size, *gaussians.trained)
-    return records, sort_into_tiles(backend, settings, *size, records, radii, depth_keys)
+    receive = backend.memory.receive
+    camera = receive(pack_camera(gaussians.world_to_camera, gaussians.intrinsics, *size, settings))
+    _, records, radii, depth_keys = Project.apply(backend, settings, camera, size, *map(receive, gaussians.trained))
+    lists = sort_into_tiles(backend, settings, *size, records, radii, depth_keys)
+    with backend.session() as session:
+        session.finish(records, lists.starts, lists.entries)
+    return records, lists
 
 
 def _draw(workload: Workload, gaussians: Gaussians, trained: Sequence[Tensor]) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import torch
@@ -10,7 +11,6 @@ from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
-from opencl.pool import empty
 from opencl.program import ProgramKey
 from opencl.tiling import TileLists
 
@@ -46,19 +46,19 @@ class Blend(torch.autograd.Function):
         background: Tensor,
     ) -> tuple[Tensor, Tensor]:
         width, height = size
-        feature_map = empty(height, width, features.shape[1], dtype=features.dtype)
-        alphas = empty(height, width, dtype=features.dtype)
-        walked = torch.empty(lists.tiles, dtype=torch.int32)
+        feature_map = backend.memory.empty(height, width, features.shape[1], dtype=features.dtype)
+        alphas = backend.memory.empty(height, width, dtype=features.dtype)
+        walked = backend.memory.empty(lists.tiles, dtype=torch.int32)
         options = ("LARGE_PICTURE",) if feature_map.nbytes > _CACHED else ()
         program = ProgramKey("blending", backend.schedule, features.dtype, settings, features.shape[1], options)
         outputs = (feature_map, alphas, walked)
         with backend.session() as session:
             inputs = (records, features, background, lists.starts, lists.entries)
             session.launch(program, "blend", lists.tiles, width, height, *inputs, *outputs)
-            session.finish(*outputs)
+            given_map, given_alphas = session.give(feature_map, alphas)
         ctx.save_for_backward(records, features, feature_map, alphas)
         ctx.backend, ctx.program, ctx.lists, ctx.walked = backend, program, lists, walked
-        return feature_map, alphas
+        return given_map, given_alphas
 
     @staticmethod
     @once_differentiable
@@ -67,11 +67,11 @@ class Blend(torch.autograd.Function):
         lists: TileLists = ctx.lists
         count, feature_dim = features.shape
         height, width = alphas.shape
-        dtype = features.dtype
-        gradient_rows = empty(len(lists.entries), _gradient_row(feature_dim), dtype=dtype)
-        background_rows = empty(lists.tiles, feature_dim, dtype=dtype)
-        grad_means2d, grad_records = empty(count, 2, dtype=dtype), empty(*records.shape, dtype=dtype)
-        grad_features, grad_background = empty(count, feature_dim, dtype=dtype), empty(feature_dim, dtype=dtype)
+        reals = functools.partial(ctx.backend.memory.empty, dtype=features.dtype)
+        gradient_rows = reals(len(lists.entries), _gradient_row(feature_dim))
+        background_rows = reals(lists.tiles, feature_dim)
+        grad_means2d, grad_records = reals(count, 2), reals(*records.shape)
+        grad_features, grad_background = reals(count, feature_dim), reals(feature_dim)
         with ctx.backend.session() as session:
             session.launch(
                 *(ctx.program, "blend_backward", lists.tiles, width, height, records, features),
@@ -83,5 +83,6 @@ class Blend(torch.autograd.Function):
                 *(lists.first_slots, gradient_rows, grad_means2d, grad_records, grad_features),
             )
             session.launch(ctx.program, "sum_background", 1, lists.tiles, background_rows, grad_background)
-            session.finish(grad_means2d, grad_records, grad_features, grad_background)
+            session.finish(grad_records)  # torch sums those of several passes
+            grad_means2d, grad_features, grad_background = session.give(grad_means2d, grad_features, grad_background)
         return (None, None, None, None, grad_means2d, grad_records, grad_features, grad_background)

@@ -42,6 +42,10 @@ class Device:
         """Whether kernels work on torch's own memory. PoCL's CPU devices do; elsewhere data are copied."""
         return self.is_cpu and self.handle.platform.name == _POCL
 
+    def answers_to(self, name: str) -> bool:
+        """Whether `name` is its index or part of its name; every device answers to an empty one."""
+        return self.index == name if re.fullmatch(r"\d+:\d+", name) else name.lower() in self.name.lower()
+
     def describe(self) -> str:
         """One line for a log or a provenance record."""
         kind = "CPU" if self.is_cpu else "GPU" if self.handle.type & pyopencl.device_type.GPU else "accelerator"
@@ -90,9 +94,8 @@ def choose_device(name: str | None = None) -> Device:
     devices = sorted(list_devices(), key=_preference)
     if not devices:
         raise ValueError("no OpenCL device found: install one, for a CPU with: pip install 'pyopencl[pocl]'")
-    by_index = re.fullmatch(r"\d+:\d+", wanted)
     for device in devices:
-        if device.index == wanted if by_index else wanted.lower() in device.name.lower():
+        if device.answers_to(wanted):
             return device
     existing = "; ".join(f"{device.index} {device.name}" for device in devices)
     asked_by = "device" if name is not None else DEVICE_VARIABLE

@@ -11,7 +11,6 @@ from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings, half_fields_of_view
-from opencl.pool import empty
 from opencl.program import GROUP_SIZE, PROJECTION_CHUNK, ProgramKey
 
 RECORD = 8
@@ -61,9 +60,10 @@ class Project(torch.autograd.Function):
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         count, feature_dim = features.shape
         width, height = size
-        means2d, records = empty(count, 2, dtype=means.dtype), empty(count, RECORD, dtype=means.dtype)
-        radii = empty(count, dtype=torch.int32)
-        depth_keys = empty(count, dtype=torch.int32 if means.dtype == torch.float32 else torch.int64)
+        memory = backend.memory
+        means2d, records = memory.empty(count, 2, dtype=means.dtype), memory.empty(count, RECORD, dtype=means.dtype)
+        radii = memory.empty(count, dtype=torch.int32)
+        depth_keys = memory.empty(count, dtype=torch.int32 if means.dtype == torch.float32 else torch.int64)
         program = ProgramKey("geometry", backend.schedule, means.dtype, settings)
         inputs = (means, quats, scales, opacities, features, camera)
         outputs = (means2d, records, radii, depth_keys)
@@ -71,20 +71,22 @@ class Project(torch.autograd.Function):
             sizes = (count, feature_dim, width, height)
             groups, group_size = _launch_size(backend, count)
             session.launch(program, "project", groups, *sizes, *inputs, *outputs, group_size=group_size)
-            session.finish(*outputs)
+            (means2d,) = session.give(means2d)
         ctx.save_for_backward(means, quats, scales, opacities, camera, radii, records)
         ctx.backend, ctx.program = backend, program
         ctx.mark_non_differentiable(radii, depth_keys)
         ctx.set_materialize_grads(False)
-        return outputs
+        return means2d, records, radii, depth_keys
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, grad_means2d: Tensor | None, grad_records: Tensor | None, *_: None) -> tuple[Any, ...]:
         means, quats, scales, opacities, camera, radii, records = ctx.saved_tensors
-        grad_means2d = means.new_zeros(len(means), 2) if grad_means2d is None else grad_means2d.contiguous()
-        grad_records = torch.zeros_like(records) if grad_records is None else grad_records.contiguous()
-        results = [empty(len(means), *shape, dtype=means.dtype) for shape in ((3,), (4,), (3,), ())]
+        memory, dtype = ctx.backend.memory, means.dtype
+        grad_means2d = memory.zeros(len(means), 2, dtype=dtype) if grad_means2d is None else grad_means2d.contiguous()
+        grad_records = memory.zeros(*records.shape, dtype=dtype) if grad_records is None else grad_records.contiguous()
+        shapes = (means.shape, quats.shape, scales.shape, means.shape[:1])
+        results = tuple(memory.empty(*shape, dtype=dtype) for shape in shapes)
         with ctx.backend.session() as session:
             groups, group_size = _launch_size(ctx.backend, len(means))
             session.launch(
@@ -92,5 +94,5 @@ class Project(torch.autograd.Function):
                 *(means, quats, scales, opacities, camera, radii, records, grad_means2d, grad_records, *results),
                 group_size=group_size,
             )
-            session.finish(*results)
+            results = session.give(*results)
         return (None, None, None, None, *results, None)

@@ -6,10 +6,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from opencl.backend import Backend, default_backend
+from opencl.backend import Backend
 from opencl.blending import LARGEST_FEATURE_DIM, Blend
 from opencl.contract import RasterOutput, RasterSettings
 from opencl.projection import Project, pack_camera
+from opencl.routes import backend_for
 from opencl.tiling import sort_into_tiles
 from opencl.validation import check_arguments
 
@@ -49,8 +50,9 @@ def rasterize(
         quats, scales, opacities, features and background, from features, alphas and means2d. A Gaussian with a value
         that is not finite, or a zero quaternion, is not visible and gets no gradient.
 
-    The same inputs on the same device give the same bits, forward and backward, for any number of threads. The device
-    is `opencl.device.choose_device()`'s. Tensors on other devices than the CPU are copied there and back.
+    The same inputs on the same device give the same bits, forward and backward, for any number of threads. Tensors of
+    the CPU are drawn by `opencl.device.choose_device()`'s device, CUDA tensors of an NVIDIA GPU by that GPU, in place;
+    which device draws others, and when tensors are copied, `opencl.routes.backend_for` says.
 
     Raises:
         ValueError: shapes, types, devices or a camera that do not fit; no OpenCL device, or not the one asked for.
@@ -61,7 +63,7 @@ def rasterize(
     )
     background = features.new_zeros(features.shape[1]) if background is None else background
     return _rasterize_on(
-        *(default_backend(), means, quats, scales, opacities, features),
+        *(backend_for(means.device), means, quats, scales, opacities, features),
         *(world_to_camera, intrinsics, width, height, background, settings),
     )
 
@@ -82,9 +84,9 @@ def _rasterize_on(
 ) -> RasterOutput:
     device, size = means.device, (width, height)
     means, quats, scales, opacities, features, background = (
-        tensor.cpu().contiguous() for tensor in (means, quats, scales, opacities, features, background)
+        backend.memory.receive(tensor) for tensor in (means, quats, scales, opacities, features, background)
     )
-    camera = pack_camera(world_to_camera, intrinsics, width, height, settings)
+    camera = backend.memory.receive(pack_camera(world_to_camera, intrinsics, width, height, settings))
     means2d, records, radii, depth_keys = Project.apply(
         backend, settings, camera, size, means, quats, scales, opacities, features
     )
@@ -92,11 +94,16 @@ def _rasterize_on(
     means2d_out = means2d.to(device)
     if means2d_out.requires_grad:
         means2d_out.retain_grad()
+    parts, behinds = [features], [background]
+    if features.shape[1] > LARGEST_FEATURE_DIM:
+        parts = [backend.memory.receive(part) for part in features.split(LARGEST_FEATURE_DIM, dim=1)]
+        behinds = [backend.memory.receive(part) for part in background.split(LARGEST_FEATURE_DIM)]
+    centres = means2d_out.to(backend.tensor_device)
     passes = [
-        Blend.apply(backend, settings, lists, size, means2d_out.cpu(), records, part.contiguous(), behind.contiguous())
-        for part, behind in zip(
-            features.split(LARGEST_FEATURE_DIM, dim=1), background.split(LARGEST_FEATURE_DIM), strict=True
-        )
+        Blend.apply(backend, settings, lists, size, centres, records, part, behind)
+        for part, behind in zip(parts, behinds, strict=True)
     ]
     feature_map = passes[0][0] if len(passes) == 1 else torch.cat([one[0] for one in passes], dim=-1)
+    with backend.session() as session:
+        (radii,) = session.give(radii)
     return RasterOutput(feature_map.to(device), passes[0][1].to(device), radii.to(device), means2d_out)

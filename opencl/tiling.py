@@ -10,7 +10,6 @@ from torch import Tensor
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
-from opencl.pool import empty
 from opencl.program import TILE, TILING_RUNS, ProgramKey
 
 _LARGEST = 2**31 - 1
@@ -51,11 +50,12 @@ def sort_into_tiles(
     program = ProgramKey("geometry", backend.schedule, records.dtype, settings)
 
     def integers(size: int) -> Tensor:
-        return empty(size, dtype=torch.int32)
+        return backend.memory.empty(size, dtype=torch.int32)
 
     order, spare_order, visible = integers(count), integers(count), integers(1)
-    tile_counts, first_slots, starts = integers(count).zero_(), integers(count), integers(tiles + 1)
-    places, run_totals = integers(TILING_RUNS * tiles), torch.empty(TILING_RUNS + 1, dtype=torch.int64)
+    tile_counts = backend.memory.zeros(count, dtype=torch.int32)
+    first_slots, starts, places = integers(count), integers(tiles + 1), integers(TILING_RUNS * tiles)
+    run_totals = backend.memory.empty(TILING_RUNS + 1, dtype=torch.int64)
     with backend.session() as session:
         session.launch(program, "sort_by_depth", 1, count, radii, depth_keys, order, spare_order, visible)
         shared = (width, height, visible, order, records)
@@ -72,5 +72,4 @@ def sort_into_tiles(
         session.launch(
             program, "fill_tiles", TILING_RUNS if total else 0, *shared, places, run_totals, first_slots, entries, slots
         )
-        session.finish(starts, entries, slots, tile_counts, first_slots)
     return TileLists(starts, entries, slots, tile_counts, first_slots)

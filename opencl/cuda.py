@@ -1,0 +1,184 @@
+"""Kernels on torch's CUDA tensors: compiled by NVIDIA's OpenCL, launched by the CUDA driver on torch's stream.
+
+Nothing is copied. OpenCL gives the PTX; it is loaded into the context that torch works in, so that torch's addresses
+are valid in it, and launched on torch's current stream, so that kernels run after what torch queued before and before
+what it queues after. Nobody waits but for the one number that torch reads to make room for the tiles' lists.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import pyopencl
+import torch
+from torch import Tensor
+
+from opencl.backend import Backend, Session
+from opencl.cuda_driver import CudaDriver
+from opencl.device import Device
+from opencl.memory import TorchMemory
+from opencl.program import ProgramKey
+from opencl.ptx import CudaProgram, Parameter, rewrite_for_cuda
+
+
+@dataclass(frozen=True)
+class CudaKernel:
+    """A kernel as the driver knows it."""
+
+    function: int
+    parameters: tuple[Parameter, ...]
+    largest_group: int
+    """Work-items that a group may have."""
+
+
+class LaunchTiming:
+    """When a kernel began and ended, read as that of an OpenCL event: `.profile.start`, `.profile.end`, nanoseconds."""
+
+    def __init__(self, stream: torch.cuda.Stream) -> None:
+        self._stream = stream
+        self._began, self._ended = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
+        self._began.record(stream)
+
+    def stop(self) -> None:
+        self._ended.record(self._stream)
+
+    def wait(self) -> None:
+        self._ended.synchronize()
+
+    @property
+    def profile(self) -> LaunchTiming:
+        self.wait()
+        return self
+
+    @property
+    def start(self) -> int:
+        """Counted from the kernel's own beginning."""
+        return 0
+
+    @property
+    def end(self) -> int:
+        return round(self._began.elapsed_time(self._ended) * 1e6)
+
+
+class CudaSession(Session):
+    """Launches in order on torch's current stream. Tensors are contiguous, on the backend's CUDA device."""
+
+    def __init__(self, backend: CudaBackend) -> None:
+        self._cuda = backend
+        self.memory = backend.memory
+
+    def launch(
+        self, program: ProgramKey, kernel: str, groups: int, *arguments: Tensor | int, group_size: int = 1
+    ) -> None:
+        """Queue `groups` work-groups of a kernel; integers are passed as int32, tensors as addresses (empty: null).
+
+        `ValueError` for arguments that are not what the kernel was compiled for, `RuntimeError` where the driver
+        refuses.
+        """
+        if groups == 0:
+            return
+        loaded = self._cuda.cuda_kernel(program, kernel)
+        if group_size > loaded.largest_group:
+            raise ValueError(
+                f"kernel {kernel}: found groups of {group_size} work-items, expected at most {loaded.largest_group}, "
+                "as its registers and local memory leave room for: compile it with less of either"
+            )
+        packed = [self._pack(kernel, position, *pair) for position, pair in self._pairs(kernel, loaded, arguments)]
+        stream = torch.cuda.current_stream(self._cuda.tensor_device)
+        timing = LaunchTiming(stream) if self._cuda.profiled is not None else None
+        self._cuda.driver.launch(kernel, loaded.function, groups, group_size, stream.cuda_stream, packed)
+        if timing is not None and self._cuda.profiled is not None:
+            timing.stop()
+            self._cuda.profiled.append((kernel, timing))
+
+    def _pairs(
+        self, kernel: str, loaded: CudaKernel, arguments: tuple[Tensor | int, ...]
+    ) -> Iterator[tuple[int, tuple[Parameter, Tensor | int]]]:
+        if len(arguments) != len(loaded.parameters):
+            raise ValueError(f"kernel {kernel}: found {len(arguments)} arguments, expected {len(loaded.parameters)}")
+        return enumerate(zip(loaded.parameters, arguments, strict=True))
+
+    def _pack(
+        self, kernel: str, position: int, parameter: Parameter, value: Tensor | int
+    ) -> ctypes.c_int | ctypes.c_void_p:
+        """An argument in memory as the driver copies it."""
+        packed: ctypes.c_int | ctypes.c_void_p
+        found = f"kernel {kernel}, argument {position}: found"
+        if isinstance(value, int):
+            if not -(2**31) <= value < 2**31:
+                raise ValueError(f"{found} {value}, expected a number of 32 bits")
+            packed, kind = ctypes.c_int(value), "an integer"
+        else:
+            if value.device != self._cuda.tensor_device or not value.is_contiguous():
+                raise ValueError(
+                    f"{found} a tensor on {value.device} of strides {value.stride()}, expected a contiguous one on "
+                    f"{self._cuda.tensor_device}"
+                )
+            address = value.data_ptr() if value.numel() else 0
+            if address % parameter.alignment:
+                raise ValueError(f"{found} the address {address}, expected a multiple of {parameter.alignment}")
+            packed, kind = ctypes.c_void_p(address), "a tensor"
+        if ctypes.sizeof(packed) != parameter.size:
+            raise ValueError(f"{found} {kind}, expected what takes {parameter.size} bytes")
+        return packed
+
+    def finish(self, *results: Tensor) -> None:
+        """Nothing to wait for: torch reads them on the stream that the kernels are on."""
+
+    def give(self, *results: Tensor) -> tuple[Tensor, ...]:
+        """The results themselves; torch reads them on the stream that the kernels are on."""
+        return results
+
+
+class CudaBackend(Backend):
+    """An NVIDIA GPU on whose tensors in torch's memory the kernels work."""
+
+    def __init__(
+        self,
+        device: Device,
+        driver: CudaDriver,
+        tensor_device: torch.device,
+        profile: bool = False,
+        compile_program: Callable[[ProgramKey], bytes] | None = None,
+    ) -> None:
+        """`device` is OpenCL's name for torch's `tensor_device`, which has an index.
+
+        `compile_program` gives a program's PTX; None: NVIDIA's OpenCL does.
+        """
+        super().__init__(device, schedule="gpu", shares_memory=True, profile=profile)
+        self.driver = driver
+        self.memory = TorchMemory(tensor_device)
+        self._compile = compile_program or self._ptx
+        self._primary = driver.primary_context(tensor_device.index or 0)
+        self._modules: dict[ProgramKey, tuple[int, CudaProgram]] = {}
+        self._cuda_kernels: dict[tuple[ProgramKey, str], CudaKernel] = {}
+
+    def _ptx(self, program: ProgramKey) -> bytes:
+        (binary,) = self.build(program).get_info(pyopencl.program_info.BINARIES)
+        return bytes(binary)
+
+    @contextmanager
+    def _launching(self) -> Iterator[Session]:
+        with self.driver.current(self._primary):
+            yield CudaSession(self)
+
+    def cuda_kernel(self, program: ProgramKey, name: str) -> CudaKernel:
+        """A kernel, built and loaded on first use, within a session."""
+        kernel = self._cuda_kernels.get((program, name))
+        if kernel is None:
+            module, loaded = self._module(program)
+            if name not in loaded.kernels:
+                raise ValueError(f"kernel {name}: found none of this name, expected one of {', '.join(loaded.kernels)}")
+            function = self.driver.function(module, name)
+            kernel = CudaKernel(function, loaded.kernels[name], self.driver.largest_group(function))
+            self._cuda_kernels[program, name] = kernel
+        return kernel
+
+    def _module(self, program: ProgramKey) -> tuple[int, CudaProgram]:
+        if program not in self._modules:
+            rewritten = rewrite_for_cuda(self._compile(program))
+            self._modules[program] = self.driver.load(rewritten.text), rewritten
+        return self._modules[program]

@@ -1,0 +1,96 @@
+"""Where the rasterizer's tensors live, and how kernels reach them: each backend has one of these."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import pyopencl
+import torch
+from torch import Tensor
+
+from opencl.pool import empty
+
+
+class Memory(Protocol):
+    """Tensors that kernels work on.
+
+    Those made by `empty` and `zeros` are the rasterizer's own and stay where the kernels are; what the caller gave
+    comes in by `receive`, and what the caller gets goes out by the session's `give`. Other tensors on `tensor_device`
+    may be used within one session.
+    """
+
+    @property
+    def tensor_device(self) -> torch.device:
+        """Where all tensors given to kernels are to be."""
+
+    def empty(self, *size: int, dtype: torch.dtype) -> Tensor:
+        """A tensor of the rasterizer's own, undefined until a kernel writes it."""
+
+    def zeros(self, *size: int, dtype: torch.dtype) -> Tensor:
+        """A tensor of the rasterizer's own, of zeros."""
+
+    def receive(self, tensor: Tensor) -> Tensor:
+        """The caller's tensor as kernels read it, contiguous, for as long as it is kept. Differentiable."""
+
+
+class BufferMemory(Memory, Protocol):
+    """Memory that an OpenCL kernel sees as buffers. Tensors are contiguous and not empty."""
+
+    def resident(self, tensor: Tensor) -> pyopencl.Buffer | None:
+        """The buffer of one of the rasterizer's own tensors; None for others."""
+
+    def place(self, tensor: Tensor) -> pyopencl.Buffer:
+        """A new buffer with what the tensor holds, for one session."""
+
+    def fetch(self, tensor: Tensor, buffer: pyopencl.Buffer) -> None:
+        """Make the tensor hold what the buffer does, once the queue is finished."""
+
+    def give(self, tensor: Tensor, buffer: pyopencl.Buffer) -> Tensor:
+        """The caller's tensor with what the buffer holds, once the queue is finished."""
+
+
+class TorchMemory:
+    """Torch's own memory on a device of torch's."""
+
+    def __init__(self, tensor_device: torch.device) -> None:
+        self._tensor_device = tensor_device
+
+    @property
+    def tensor_device(self) -> torch.device:
+        return self._tensor_device
+
+    def empty(self, *size: int, dtype: torch.dtype) -> Tensor:
+        return torch.empty(size, dtype=dtype, device=self._tensor_device)
+
+    def zeros(self, *size: int, dtype: torch.dtype) -> Tensor:
+        return torch.zeros(size, dtype=dtype, device=self._tensor_device)
+
+    def receive(self, tensor: Tensor) -> Tensor:
+        return tensor.to(self._tensor_device).contiguous()
+
+
+class SharedMemory(TorchMemory):
+    """Torch's memory on the CPU, on which the device's kernels work in place."""
+
+    def __init__(self, context: pyopencl.Context) -> None:
+        super().__init__(torch.device("cpu"))
+        self._context = context
+
+    def empty(self, *size: int, dtype: torch.dtype) -> Tensor:
+        return empty(*size, dtype=dtype)
+
+    def zeros(self, *size: int, dtype: torch.dtype) -> Tensor:
+        return empty(*size, dtype=dtype).zero_()
+
+    def resident(self, tensor: Tensor) -> pyopencl.Buffer | None:
+        return None
+
+    def place(self, tensor: Tensor) -> pyopencl.Buffer:
+        flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.USE_HOST_PTR
+        return pyopencl.Buffer(self._context, flags, hostbuf=tensor.detach().numpy())
+
+    def fetch(self, tensor: Tensor, buffer: pyopencl.Buffer) -> None:
+        """The tensor is the buffer."""
+
+    def give(self, tensor: Tensor, buffer: pyopencl.Buffer) -> Tensor:
+        return tensor

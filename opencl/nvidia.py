@@ -1,0 +1,60 @@
+"""Which OpenCL device is torch's CUDA device, and what is missing where none is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pyopencl
+import torch
+
+from opencl.cuda_driver import CudaDriver
+from opencl.device import Device
+
+_VENDOR = "nvidia"
+
+MISSING_ICD = """\
+torch sees a CUDA device, OpenCL sees none of NVIDIA's: its ICD file is missing, as in most containers. It is one line:
+  mkdir -p /etc/OpenCL/vendors && echo libnvidia-opencl.so.1 > /etc/OpenCL/vendors/nvidia.icd
+Without root, in a directory of your own, which is named before Python starts:
+  mkdir -p ~/opencl && echo libnvidia-opencl.so.1 > ~/opencl/nvidia.icd && export OCL_ICD_VENDORS=~/opencl
+(where the OpenCL loader is Khronos' and not pyopencl's own: export OCL_ICD_FILENAMES=libnvidia-opencl.so.1)
+If libnvidia-opencl.so.1 itself is missing (ldconfig -p | grep nvidia-opencl): in a container, start it with
+NVIDIA_DRIVER_CAPABILITIES=compute,utility; else install the driver's OpenCL (Debian and Ubuntu: nvidia-opencl-icd or
+libnvidia-compute-<version of the driver>)."""
+
+
+def is_nvidia(device: Device) -> bool:
+    """Whether NVIDIA's own OpenCL drives it."""
+    return _VENDOR in device.handle.platform.name.lower()
+
+
+def pci_location(device: Device) -> tuple[int, int, int] | None:
+    """Domain, bus and device on the PCI bus of one of NVIDIA's devices; None where its driver does not tell."""
+    information = pyopencl.device_info
+    try:
+        bus = device.handle.get_info(information.PCI_BUS_ID_NV)
+        slot = device.handle.get_info(information.PCI_SLOT_ID_NV)
+    except pyopencl.Error:
+        return None
+    try:
+        domain = device.handle.get_info(information.PCI_DOMAIN_ID_NV)
+    except pyopencl.Error:
+        domain = 0  # drivers of before 2018 tell none, for machines with one
+    return int(domain), int(bus), int(slot) >> 3  # of the slot the lower three bits are the function
+
+
+def torch_device_of(device: Device, driver: CudaDriver) -> torch.device | None:
+    """Torch's CUDA device for one of OpenCL's devices; None where torch does not use it."""
+    location = pci_location(device) if is_nvidia(device) else None
+    if location is None or torch.version.cuda is None:
+        return None
+    for ordinal in range(torch.cuda.device_count()):
+        if driver.pci_location(ordinal) == location:
+            return torch.device("cuda", ordinal)
+    return None
+
+
+def opencl_device_of(tensor_device: torch.device, devices: Sequence[Device], driver: CudaDriver) -> Device | None:
+    """OpenCL's device for one of torch's CUDA devices; None where OpenCL does not see it."""
+    location = driver.pci_location(tensor_device.index or 0)
+    return next((device for device in devices if is_nvidia(device) and pci_location(device) == location), None)

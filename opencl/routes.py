@@ -1,0 +1,92 @@
+"""Which backend draws tensors of a device: the way with the fewest copies that this machine offers."""
+
+from __future__ import annotations
+
+import functools
+import os
+import warnings
+
+import pyopencl
+import torch
+
+from opencl.backend import Backend, default_backend
+from opencl.cuda import CudaBackend
+from opencl.cuda_driver import CudaDriver, load_driver
+from opencl.device import DEVICE_VARIABLE, Device, list_devices
+from opencl.nvidia import MISSING_ICD, is_nvidia, opencl_device_of, torch_device_of
+
+_VENDORS = {"xpu": "intel", "mps": "apple"}
+"""Makers of GPUs, by torch's name for the kind of device; "cuda" is AMD's or NVIDIA's, as torch was built."""
+
+
+def backend_for(tensor_device: torch.device) -> Backend:
+    """This process's backend for tensors on a device of torch's.
+
+    For the CPU's: the device that GS_HIDER_DEVICE names, or else the default one. For a GPU's: the GPU itself, without
+    copies where NVIDIA's OpenCL drives it and torch's CUDA owns it; else a GPU of the same maker, with copies through
+    pinned memory; else as for the CPU. Where GS_HIDER_DEVICE names none of these, the device it names, with copies.
+    """
+    if tensor_device.type == "cpu":
+        return default_backend()
+    return _backend_for(os.environ.get(DEVICE_VARIABLE, ""), tensor_device)
+
+
+@functools.cache
+def _backend_for(setting: str, tensor_device: torch.device) -> Backend:
+    """The backend while GS_HIDER_DEVICE is `setting`."""
+    driver = cuda_driver() if tensor_device.type == "cuda" else None
+    own = _own_device(tensor_device, driver)
+    if own is None or not own.answers_to(setting):
+        if driver is not None and not setting:
+            warnings.warn(f"{tensor_device}: drawn elsewhere, with copies. {MISSING_ICD}", stacklevel=2)
+        return default_backend()
+    if driver is not None and torch_device_of(own, driver) == tensor_device:
+        torch.cuda.init()
+        return CudaBackend(own, driver, tensor_device)
+    return Backend(own)
+
+
+def cuda_driver() -> CudaDriver | None:
+    """The driver of torch's CUDA devices; None where torch has none (of NVIDIA's)."""
+    return load_driver() if torch.version.cuda is not None and torch.cuda.is_available() else None
+
+
+def _own_device(tensor_device: torch.device, driver: CudaDriver | None) -> Device | None:
+    """OpenCL's device for torch's, or else another of the same maker; None where there is none."""
+    devices = list_devices()
+    if driver is not None:
+        return opencl_device_of(tensor_device, devices, driver) or next(filter(is_nvidia, devices), None)
+    maker = _VENDORS.get(tensor_device.type, "advanced micro devices")
+    return next((device for device in devices if _is_gpu(device) and maker in device.handle.vendor.lower()), None)
+
+
+def _is_gpu(device: Device) -> bool:
+    return bool(device.handle.type & pyopencl.device_type.GPU)
+
+
+def describe_route(device: Device) -> str:
+    """How kernels of this device reach torch's tensors, in a few words."""
+    if device.shares_memory:
+        return "cpu schedule, works in torch's memory"
+    driver = cuda_driver()
+    owner = torch_device_of(device, driver) if driver is not None else None
+    if owner is not None:
+        return f"gpu schedule, works in torch's memory on {owner} (PTX); CPU tensors by copies through pinned memory"
+    copies = f"{'cpu' if device.is_cpu else 'gpu'} schedule, copies through pinned memory"
+    if is_nvidia(device):
+        return f"{copies}; without copies with a torch that is built for CUDA (pytorch.org/get-started)"
+    return copies
+
+
+def missing_pieces(devices: list[Device]) -> list[str]:
+    """What to install for what this machine has and OpenCL does not see."""
+    pieces = []
+    if cuda_driver() is not None and not any(map(is_nvidia, devices)):
+        pieces.append(MISSING_ICD)
+    if not any(device.is_cpu for device in devices):
+        pieces.append("No OpenCL for the CPU: pip install 'pyopencl[pocl]'")
+    if torch.version.hip is not None and torch.cuda.is_available() and not any(map(_is_gpu, devices)):
+        pieces.append("torch sees an AMD GPU, OpenCL sees none: install ROCm's OpenCL (rocm-opencl-runtime)")
+    if getattr(torch, "xpu", None) is not None and torch.xpu.is_available() and not any(map(_is_gpu, devices)):
+        pieces.append("torch sees an Intel GPU, OpenCL sees none: install Intel's compute runtime (intel-opencl-icd)")
+    return pieces

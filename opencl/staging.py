@@ -1,0 +1,186 @@
+"""Tensors of the CPU on a device with memory of its own: copied through pinned memory, and only when they must be.
+
+What the rasterizer makes for itself stays on the device: its tensors on the CPU only stand for buffers there, and
+their pages are never touched. The caller's inputs are copied once, when they come in, so that nothing the caller does
+with them later, by whatever means, can matter; the caller's outputs are tensors that no buffer stands behind. A buffer
+is found by its tensor's storage, held by a weak reference: while that exists, no other storage can have its identity.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+import pyopencl
+import pyopencl.tools
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.multiprocessing.reductions import StorageWeakRef
+
+_PINNED_BYTES = 1 << 23
+"""Of each of two pinned areas: while one is on the bus the other is filled or read."""
+
+
+@dataclass
+class _Resident:
+    """A tensor of the rasterizer's own on the device."""
+
+    storage: StorageWeakRef
+    version: int
+    """Of the tensor when buffer and tensor last agreed: autograd may add gradients in place."""
+    on_host: bool
+    """Whether the tensor itself holds what it stands for."""
+    buffer: pyopencl.Buffer | None
+    """None where nothing was copied there yet."""
+
+
+class StagedMemory:
+    """The memory of a device behind a bus. Its queue works in order, so buffers are reused without waiting."""
+
+    def __init__(self, context: pyopencl.Context, queue: pyopencl.CommandQueue) -> None:
+        self._pinned = _PinnedCopies(context, queue)
+        self._queue = queue
+        self._pool = pyopencl.tools.MemoryPool(pyopencl.tools.ImmediateAllocator(queue, pyopencl.mem_flags.READ_WRITE))
+        self._residents: dict[int, _Resident] = {}
+        self._lock = threading.RLock()
+
+    @property
+    def tensor_device(self) -> torch.device:
+        return torch.device("cpu")
+
+    @property
+    def uploaded(self) -> int:
+        """Bytes that went to the device so far."""
+        return self._pinned.uploaded
+
+    @property
+    def downloaded(self) -> int:
+        """Bytes that came from it."""
+        return self._pinned.downloaded
+
+    def empty(self, *size: int, dtype: torch.dtype) -> Tensor:
+        tensor = torch.empty(size, dtype=dtype)
+        if tensor.numel():
+            self._keep(tensor, on_host=False, buffer=self._pool.allocate(tensor.nbytes))
+        return tensor
+
+    def zeros(self, *size: int, dtype: torch.dtype) -> Tensor:
+        tensor = torch.zeros(size, dtype=dtype)
+        if tensor.numel():
+            buffer = self._pool.allocate(tensor.nbytes)
+            pyopencl.enqueue_fill_buffer(self._queue, buffer, np.uint8(0), 0, tensor.nbytes)
+            self._keep(tensor, on_host=True, buffer=buffer)
+        return tensor
+
+    def receive(self, tensor: Tensor) -> Tensor:
+        own = tensor.to("cpu", copy=True, memory_format=torch.contiguous_format)
+        if own.numel():
+            self._keep(own, on_host=True, buffer=None)
+        return own
+
+    def _keep(self, tensor: Tensor, on_host: bool, buffer: pyopencl.Buffer | None) -> None:
+        storage = tensor.untyped_storage()
+        with self._lock:
+            gone = [key for key, kept in self._residents.items() if kept.storage.expired()]
+            for key in gone:
+                del self._residents[key]
+            self._residents[storage._cdata] = _Resident(StorageWeakRef(storage), _version(tensor), on_host, buffer)
+
+    def resident(self, tensor: Tensor) -> pyopencl.Buffer | None:
+        storage = tensor.untyped_storage()
+        with self._lock:
+            kept = self._residents.get(storage._cdata)
+        if kept is None:
+            return None
+        is_part = tensor.nbytes != storage.nbytes()
+        is_changed = kept.version != _version(tensor)
+        if not kept.on_host and (is_part or is_changed):
+            found = "a part" if is_part else "a change on the CPU"
+            raise RuntimeError(
+                f"tensor of shape {tuple(tensor.shape)}: found {found} of what only the device holds, expected it "
+                "whole and untouched: fetch it first, by the session's finish"
+            )
+        if is_part:
+            return None
+        if kept.buffer is None or is_changed:
+            kept.buffer, kept.version = self.place(tensor), _version(tensor)
+        return kept.buffer
+
+    def place(self, tensor: Tensor) -> pyopencl.Buffer:
+        buffer = self._pool.allocate(tensor.nbytes)
+        self._pinned.upload(_bytes_of(tensor), buffer)
+        return buffer
+
+    def fetch(self, tensor: Tensor, buffer: pyopencl.Buffer) -> None:
+        self._pinned.download(buffer, _bytes_of(tensor))
+        with self._lock:
+            kept = self._residents.get(tensor.untyped_storage()._cdata)
+            if kept is not None:
+                kept.on_host = True
+
+    def give(self, tensor: Tensor, buffer: pyopencl.Buffer) -> Tensor:
+        given = torch.empty_like(tensor)
+        self._pinned.download(buffer, _bytes_of(given))
+        return given
+
+
+class _PinnedCopies:
+    """Copies between the CPU's memory and a device's through memory that the device reads and writes by itself."""
+
+    def __init__(self, context: pyopencl.Context, queue: pyopencl.CommandQueue) -> None:
+        self._context, self._queue = context, queue
+        self._areas: list[NDArray[np.uint8]] = []
+        self._events: list[pyopencl.Event | None] = [None, None]
+        self.uploaded = self.downloaded = 0
+
+    def upload(self, source: NDArray[np.uint8], buffer: pyopencl.Buffer) -> None:
+        """The source may be changed as soon as this returns."""
+        for turn, start in enumerate(range(0, len(source), _PINNED_BYTES)):
+            part = source[start : start + _PINNED_BYTES]
+            area = self._free_area(turn)[: len(part)]
+            np.copyto(area, part)
+            self._events[turn % 2] = pyopencl.enqueue_copy(
+                self._queue, buffer, area, dst_offset=start, is_blocking=False
+            )
+        self.uploaded += len(source)
+
+    def download(self, buffer: pyopencl.Buffer, target: NDArray[np.uint8]) -> None:
+        """The target holds all when this returns."""
+        starts = range(0, len(target), _PINNED_BYTES)
+        parts = [target[start : start + _PINNED_BYTES] for start in starts]
+        for turn, start in enumerate(starts):
+            area = self._free_area(turn)[: len(parts[turn])]
+            self._events[turn % 2] = pyopencl.enqueue_copy(
+                self._queue, area, buffer, src_offset=start, is_blocking=False
+            )
+            if turn:
+                np.copyto(parts[turn - 1], self._free_area(turn - 1)[: len(parts[turn - 1])])
+        np.copyto(parts[-1], self._free_area(len(parts) - 1)[: len(parts[-1])])
+        self.downloaded += len(target)
+
+    def _free_area(self, turn: int) -> NDArray[np.uint8]:
+        """One of the two, once the last copy that used it is done. Both stay mapped."""
+        if not self._areas:
+            flags, access = pyopencl.mem_flags, pyopencl.map_flags
+            for _ in range(2):
+                pinned = pyopencl.Buffer(self._context, flags.READ_WRITE | flags.ALLOC_HOST_PTR, _PINNED_BYTES)
+                area, _mapped = pyopencl.enqueue_map_buffer(
+                    self._queue, pinned, access.READ | access.WRITE, 0, (_PINNED_BYTES,), np.dtype(np.uint8)
+                )
+                self._areas.append(area)
+        event, self._events[turn % 2] = self._events[turn % 2], None
+        if event is not None:
+            event.wait()
+        return self._areas[turn % 2]
+
+
+def _bytes_of(tensor: Tensor) -> NDArray[np.uint8]:
+    """A contiguous tensor's memory."""
+    return tensor.detach().view(-1).view(torch.uint8).numpy()
+
+
+def _version(tensor: Tensor) -> int:
+    """How often torch changed it in place; not counted in inference mode, where no gradients are added either."""
+    return 0 if tensor.is_inference() else tensor._version

@@ -1,0 +1,248 @@
+"""The rasterizer on an NVIDIA GPU, in one run: devices, the same picture as on the CPU, and its speed beside gsplat's.
+
+NOT YET RUN ON A GPU: written where none was at hand.
+
+    pip install 'pyopencl[pocl]' jaxtyping filelock         (torch with CUDA is there; gsplat is compared if it is, too)
+    python -m tests.benchmarks.nvidia
+
+A missing ICD file is made in a temporary directory, for this run alone. The exit status is 0 where every comparison
+holds, 1 where one does not, 2 where the GPU cannot be reached.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+VENDORS = Path("/etc/OpenCL/vendors")
+LIBRARY = "libnvidia-opencl.so.1"
+REPETITIONS = 20
+
+
+def provide_icd() -> None:
+    """Name NVIDIA's OpenCL to the loader, beside what is installed. To be called before any platform is asked for."""
+    installed = list(VENDORS.glob("*.icd"))
+    if os.environ.get("OCL_ICD_VENDORS") or any("nvidia" in path.read_text().lower() for path in installed):
+        return
+    try:
+        ctypes.CDLL(LIBRARY)
+    except OSError as error:
+        print(f"{LIBRARY}: {error}")
+        return
+    folder = Path(tempfile.mkdtemp(prefix="opencl-vendors-"))
+    for path in installed:
+        (folder / path.name).write_text(path.read_text())
+    (folder / "nvidia.icd").write_text(LIBRARY + "\n")
+    os.environ["OCL_ICD_VENDORS"] = str(folder)
+    print(f"no ICD file of NVIDIA's: {folder}/nvidia.icd made for this run")
+
+
+def main() -> int:
+    provide_icd()
+    from opencl.__main__ import main as opencl_command
+    from opencl.cuda import CudaBackend
+    from opencl.routes import backend_for
+
+    print(f"Python {sys.version.split()[0]}, torch {torch.__version__}, CUDA {torch.version.cuda}")
+    opencl_command(["devices"])
+    if not torch.cuda.is_available():
+        print("torch sees no CUDA device")
+        return 2
+    print(torch.cuda.get_device_name(), f"driver's compute capability {torch.cuda.get_device_capability()}")
+    backend = backend_for(torch.device("cuda", 0))
+    if not isinstance(backend, CudaBackend):
+        print(f"CUDA tensors would be drawn by {backend.device.describe()}, with copies: see what is missing above")
+        return 2
+    holds = [check_against_cpu(), check_runs(), check_streams()]
+    time_workload()
+    time_copies(backend)
+    print_kernels(backend)
+    return 0 if all(holds) else 1
+
+
+def drawn(scene: object, device: str) -> list[Tensor]:
+    """Picture, alphas, radii, centres and all gradients, back on the CPU."""
+    from opencl.rasterizer import rasterize
+
+    leaves = [tensor.to(device, copy=True).requires_grad_() for tensor in (*scene.gaussians, scene.background)]
+    output = rasterize(*leaves[:5], *scene.camera, leaves[5], scene.settings)
+    random = torch.Generator().manual_seed(0)
+    weights = torch.randn(output.features.shape, generator=random, dtype=torch.float64).to(output.features)
+    loss = (output.features * weights).sum() + output.alphas.square().sum()
+    found = torch.autograd.grad(loss, [*leaves, output.means2d])
+    return [tensor.detach().cpu() for tensor in (output.features, output.alphas, output.radii, output.means2d, *found)]
+
+
+def report(name: str, holds: bool, found: str) -> bool:
+    print(f"{'holds' if holds else 'FAILS'}: {name}: {found}", flush=True)
+    return holds
+
+
+def check_against_cpu() -> bool:
+    """In float64 within rounding; in float32 at all but the pixels where a threshold decides otherwise."""
+    from tests.opencl.scenes import make_scene
+
+    results = []
+    for feature_dim, count in ((1, 1), (3, 60), (16, 2000), (17, 300), (70, 300), (3, 0)):
+        scene = make_scene(count=count, feature_dim=feature_dim, width=130, height=90, size=0.1)
+        pairs = list(zip(drawn(scene, "cuda"), drawn(scene, "cpu"), strict=True))
+        worst = max(
+            (float((one - other).abs().max() / (1 + other.abs().max())) for one, other in pairs if len(one)), default=0
+        )
+        results.append(
+            report(f"float64, {count} Gaussians, M={feature_dim}", worst < 1e-9, f"at most {worst:.1e} apart")
+        )
+        pairs = list(zip(drawn(scene.to(torch.float32), "cuda"), drawn(scene.to(torch.float32), "cpu"), strict=True))
+        apart = (pairs[0][0] - pairs[0][1]).abs().amax(dim=-1) > 1e-4
+        share = float(apart.double().mean())
+        results.append(
+            report(f"float32, {count} Gaussians, M={feature_dim}", share < 1e-3, f"{share:.1e} of pixels apart")
+        )
+    return all(results)
+
+
+def check_runs() -> bool:
+    from tests.opencl.scenes import make_scene
+
+    scene = make_scene(count=5000, feature_dim=16, width=400, height=300, size=0.05, dtype=torch.float32)
+    first = drawn(scene, "cuda")
+    same = all(
+        torch.equal(one, other) for _ in range(20) for one, other in zip(first, drawn(scene, "cuda"), strict=True)
+    )
+    return report("20 runs", same, "the same bits" if same else "different bits")
+
+
+def check_streams() -> bool:
+    """On a stream of its own, straight after torch's kernels that make the inputs, straight before ones that read."""
+    from opencl.rasterizer import rasterize
+    from tests.opencl.scenes import make_scene
+
+    scene = make_scene(count=3000, feature_dim=8, width=300, height=200, size=0.05, dtype=torch.float32)
+    gaussians = [tensor.cuda() for tensor in scene.gaussians]
+    background = scene.background.cuda()
+    expected = rasterize(*gaussians, *scene.camera, background, scene.settings).features * 2
+    torch.cuda.synchronize()
+    busy, found = torch.randn(4000, 4000, device="cuda"), []
+    for _ in range(10):
+        with torch.cuda.stream(torch.cuda.Stream()):
+            delay = (busy @ busy @ busy).sum() * 0
+            late = [tensor + delay for tensor in gaussians]
+            found.append(rasterize(*late, *scene.camera, background, scene.settings).features * 2)
+    torch.cuda.synchronize()
+    same = all(torch.equal(one, expected) for one in found)
+    return report("torch's streams", same, "in order" if same else "read before they were written")
+
+
+def median_milliseconds(work: Callable[[], object]) -> float:
+    for _ in range(5):
+        work()
+    seconds = []
+    for _ in range(REPETITIONS):
+        torch.cuda.synchronize()
+        start = time.perf_counter()
+        work()
+        torch.cuda.synchronize()
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds) * 1e3
+
+
+def time_workload() -> None:
+    """Forward, and forward with backward, of workload B; gsplat's with the same settings where it is installed."""
+    from opencl.benchmark import WORKLOADS, make_gaussians
+    from opencl.contract import RasterSettings
+    from opencl.rasterizer import rasterize
+
+    workload = next(one for one in WORKLOADS if one.name == "B")
+    gaussians = make_gaussians(workload)
+    leaves = [tensor.cuda().requires_grad_() for tensor in gaussians.trained]
+    size = workload.width, workload.height
+    gradient = torch.rand(workload.height, workload.width, workload.feature_dim, device="cuda")
+    settings = RasterSettings(near=0.01, alpha_maximum=0.999, radius_sigmas=3.33, clamp_about="principal_point")
+
+    def ours() -> Tensor:
+        return rasterize(*leaves, gaussians.world_to_camera, gaussians.intrinsics, *size, settings=settings).features
+
+    drawers: dict[str, Callable[[], Tensor]] = {"ours": ours}
+    try:
+        import gsplat
+    except ImportError:
+        print("gsplat is not installed: pip install gsplat, to compare")
+    else:
+        means, quats, scales, opacities, features = leaves
+        views, intrinsics = gaussians.world_to_camera[None].cuda(), gaussians.intrinsics[None].cuda()
+
+        def theirs() -> Tensor:
+            arguments = (means, quats, scales, opacities, features, views, intrinsics, *size)
+            return gsplat.rasterization(*arguments, near_plane=settings.near, packed=False)[0][0]
+
+        drawers[f"gsplat {gsplat.__version__}"] = theirs
+
+    def without_gradients(draw: Callable[[], Tensor]) -> None:
+        with torch.no_grad():
+            draw()
+
+    print(f"workload B: {workload.count} Gaussians, {size[0]} x {size[1]}, M={workload.feature_dim}, ms, medians")
+    for name, draw in drawers.items():
+        forward = median_milliseconds(lambda draw=draw: without_gradients(draw))
+        both = median_milliseconds(lambda draw=draw: draw().backward(gradient))
+        print(f"  {name:16} forward {forward:8.3f}, forward + backward {both:8.3f}", flush=True)
+    if len(drawers) == 2:
+        with torch.no_grad():
+            one, other = (draw() for draw in drawers.values())
+        print(f"  pictures: {float((one - other).abs().mean()):.1e} apart on average")
+
+
+def time_copies(backend: object) -> None:
+    """The same GPU for tensors of the CPU, through pinned memory."""
+    from opencl.backend import Backend
+    from opencl.benchmark import WORKLOADS, make_gaussians
+    from opencl.rasterizer import RasterSettings, _rasterize_on
+
+    workload = next(one for one in WORKLOADS if one.name == "B")
+    gaussians = make_gaussians(workload)
+    leaves = [tensor.requires_grad_() for tensor in gaussians.trained]
+    gradient = torch.rand(workload.height, workload.width, workload.feature_dim)
+    staged = Backend(backend.device)
+
+    def draw() -> None:
+        view = (gaussians.world_to_camera, gaussians.intrinsics, workload.width, workload.height)
+        output = _rasterize_on(staged, *leaves, *view, torch.zeros(workload.feature_dim), RasterSettings())
+        output.features.backward(gradient)
+
+    print(f"  ours, CPU tensors, copied: forward + backward {median_milliseconds(draw):8.3f}")
+
+
+def print_kernels(backend: object) -> None:
+    """Where a forward and backward pass of workload B spends the GPU's time."""
+    from opencl.benchmark import WORKLOADS, make_gaussians
+    from opencl.cuda import CudaBackend
+    from opencl.rasterizer import RasterSettings, _rasterize_on
+
+    profiled = CudaBackend(backend.device, backend.driver, backend.tensor_device, profile=True)
+    workload = next(one for one in WORKLOADS if one.name == "B")
+    gaussians = make_gaussians(workload)
+    leaves = [tensor.cuda().requires_grad_() for tensor in gaussians.trained]
+    view = (gaussians.world_to_camera, gaussians.intrinsics, workload.width, workload.height)
+    background = torch.zeros(workload.feature_dim, device="cuda")
+    for _ in range(3):
+        profiled.profiled = []
+        output = _rasterize_on(profiled, *leaves, *view, background, RasterSettings())
+        output.features.backward(torch.ones_like(output.features))
+    totals: dict[str, list[int]] = {}
+    for kernel, event in profiled.profiled:
+        totals.setdefault(kernel, []).append(event.profile.end - event.profile.start)
+    for kernel, times in sorted(totals.items(), key=lambda one: -sum(one[1])):
+        print(f"  {kernel:20} {len(times):3} launches {sum(times) / 1e6:8.3f} ms")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

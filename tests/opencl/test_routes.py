@@ -1,0 +1,168 @@
+"""Which backend draws tensors of which device, on machines that are only pretended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import pyopencl
+import pytest
+import torch
+
+from opencl import routes
+from opencl.__main__ import main
+from opencl.backend import default_backend
+from opencl.cuda_driver import CudaDriver
+from opencl.device import DEVICE_VARIABLE, Device, list_devices
+from opencl.nvidia import MISSING_ICD, opencl_device_of, pci_location, torch_device_of
+from tests.opencl.fake_cuda import FakeCuda
+
+CUDA = torch.device("cuda", 0)
+
+
+@dataclass(frozen=True)
+class FakeHandle:
+    """As much of a pyopencl.Device as choosing asks for."""
+
+    platform: SimpleNamespace = field(hash=False)
+    name: str
+    vendor: str
+    type: int = pyopencl.device_type.GPU
+    location: tuple[int, int, int] = (0, 65, 0)
+    knows_domain: bool = True
+
+    def get_info(self, what):
+        domain, bus, slot = self.location
+        information = pyopencl.device_info
+        if what == information.PCI_DOMAIN_ID_NV and not self.knows_domain:
+            raise pyopencl.LogicError("clGetDeviceInfo failed: INVALID_VALUE")
+        return {
+            information.PCI_DOMAIN_ID_NV: domain,
+            information.PCI_BUS_ID_NV: bus,
+            information.PCI_SLOT_ID_NV: slot << 3,
+        }[what]
+
+
+def gpu(maker="NVIDIA Corporation", platform="NVIDIA CUDA", index="1:0", **options) -> Device:
+    handle = FakeHandle(SimpleNamespace(name=platform, version="OpenCL 3.0"), f"GPU of {maker}", maker, **options)
+    return Device(index, handle)
+
+
+@pytest.fixture
+def driver() -> CudaDriver:
+    """Of a machine with one GPU, at 0:65:0."""
+    return CudaDriver(FakeCuda(default_backend().context).functions)
+
+
+@pytest.fixture
+def machine(monkeypatch, driver):
+    """Set which devices OpenCL sees, whose torch it is, and what is asked for; backends only say what they are."""
+    routes._backend_for.cache_clear()
+    monkeypatch.setattr(routes, "CudaBackend", lambda device, driver, where: ("zero-copy", device, where))
+    monkeypatch.setattr(routes, "Backend", lambda device: ("copies", device))
+    monkeypatch.setattr(routes, "default_backend", lambda: "default")
+    monkeypatch.setattr(torch.cuda, "init", lambda: None)
+
+    def become(*devices, torch_of="cuda", asked=""):
+        monkeypatch.setattr(routes, "list_devices", lambda: list(devices))
+        monkeypatch.setattr(torch.version, "cuda", "13.0" if torch_of == "cuda" else None)
+        monkeypatch.setattr(torch.version, "hip", "7.0" if torch_of == "hip" else None)
+        monkeypatch.setattr(torch.cuda, "is_available", lambda: torch_of in ("cuda", "hip"))
+        monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+        monkeypatch.setattr(routes, "load_driver", lambda: driver if torch_of == "cuda" else None)
+        monkeypatch.setenv(DEVICE_VARIABLE, asked)
+
+    yield become
+    routes._backend_for.cache_clear()
+
+
+def test_tensors_of_the_cpu_go_where_the_variable_says(machine):
+    machine(gpu())
+    assert routes.backend_for(torch.device("cpu")) == "default"
+
+
+def test_cuda_tensors_are_drawn_in_place(machine):
+    other, own = gpu(index="1:0", location=(0, 66, 0)), gpu(index="1:1")
+    machine(other, own)
+    assert routes.backend_for(CUDA) == ("zero-copy", own, CUDA)
+
+
+def test_a_device_named_by_its_own_name_is_drawn_in_place(machine):
+    own = gpu()
+    machine(own, asked="nvidia")
+    assert routes.backend_for(CUDA) == ("zero-copy", own, CUDA)
+
+
+def test_another_device_is_used_where_it_is_asked_for(machine):
+    machine(gpu(), asked="portable computing")
+    assert routes.backend_for(CUDA) == "default"
+
+
+def test_cuda_tensors_with_another_nvidia_gpu_are_copied(machine):
+    other = gpu(location=(0, 66, 0))
+    machine(other)
+    assert routes.backend_for(CUDA) == ("copies", other)
+
+
+def test_a_missing_icd_file_is_explained(machine):
+    machine(gpu("Intel", "Intel OpenCL"))
+    with pytest.warns(UserWarning, match=r"(?s)cuda:0: drawn elsewhere, with copies.*libnvidia-opencl\.so\.1"):
+        assert routes.backend_for(CUDA) == "default"
+
+
+def test_amd_s_tensors_are_copied_to_amd_s_gpu(machine):
+    amd = gpu("Advanced Micro Devices, Inc.", "AMD Accelerated Parallel Processing")
+    machine(gpu("Intel", "Intel OpenCL"), amd, torch_of="hip")
+    assert routes.backend_for(CUDA) == ("copies", amd)
+
+
+def test_intel_s_tensors(machine):
+    intel = gpu("Intel(R) Corporation", "Intel(R) OpenCL Graphics")
+    machine(gpu(), intel, torch_of="xpu")
+    assert routes.backend_for(torch.device("xpu", 0)) == ("copies", intel)
+    assert routes.backend_for(torch.device("mps", 0)) == "default"
+
+
+def test_a_gpu_is_found_by_its_place_on_the_bus(driver, machine):
+    own, other = gpu(), gpu(location=(1, 65, 0))
+    machine(own, other)
+    assert opencl_device_of(CUDA, [other, own], driver) == own
+    assert opencl_device_of(CUDA, [other], driver) is None
+    assert torch_device_of(own, driver) == CUDA
+    assert torch_device_of(other, driver) is None
+    assert torch_device_of(list_devices()[0], driver) is None
+    machine(own, torch_of="hip")
+    assert torch_device_of(own, driver) is None
+
+
+def test_an_old_driver_tells_no_domain():
+    assert pci_location(gpu(knows_domain=False)) == (0, 65, 0)
+    assert pci_location(gpu(location=(3, 0xE4, 31))) == (3, 0xE4, 31)
+
+
+def test_a_device_that_has_no_place_on_the_bus():
+    assert pci_location(list_devices()[0]) is None
+
+
+def test_the_listing_says_how_memory_is_reached(machine):
+    machine()
+    assert routes.describe_route(list_devices()[0]) == "cpu schedule, works in torch's memory"
+    assert "works in torch's memory on cuda:0 (PTX)" in routes.describe_route(gpu())
+    assert routes.describe_route(gpu("Intel", "Intel OpenCL")) == "gpu schedule, copies through pinned memory"
+    machine(torch_of="")
+    assert "with a torch that is built for CUDA" in routes.describe_route(gpu())
+
+
+def test_what_is_missing_is_told(machine):
+    machine()
+    assert routes.missing_pieces([gpu()]) == ["No OpenCL for the CPU: pip install 'pyopencl[pocl]'"]
+    assert routes.missing_pieces(list_devices()) == [MISSING_ICD]
+    machine(torch_of="hip")
+    assert "ROCm" in routes.missing_pieces(list_devices())[0]
+    machine(torch_of="")
+    assert routes.missing_pieces(list_devices()) == []
+
+
+def test_the_command_lists_routes(capsys):
+    assert main(["devices"]) == 0
+    assert "works in torch's memory" in capsys.readouterr().out

@@ -1,0 +1,180 @@
+"""Devices with memory of their own: what is copied there and back, and that nothing stale is ever used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from opencl import staging
+from opencl.backend import Backend
+from opencl.device import choose_device
+from opencl.program import TILING_RUNS, ProgramKey
+from opencl.projection import RECORD
+from opencl.rasterizer import RasterSettings, _rasterize_on
+from opencl.staging import StagedMemory
+from tests.opencl.scenes import gradients, make_scene
+
+
+@pytest.fixture(scope="module")
+def staged() -> Backend:
+    return Backend(choose_device(), shares_memory=False)
+
+
+@pytest.fixture(scope="module")
+def shared() -> Backend:
+    return Backend(choose_device(), shares_memory=True)
+
+
+def draw(backend, scene):
+    return _rasterize_on(backend, *scene.gaussians, *scene.camera, scene.background, scene.settings)
+
+
+def trainable(scene):
+    """The scene with leaves of its own."""
+    leaves = tuple(tensor.clone().requires_grad_() for tensor in (*scene.gaussians, scene.background))
+    means, quats, scales, opacities, features, background = leaves
+    return leaves, replace(
+        scene, means=means, quats=quats, scales=scales, opacities=opacities, features=features, background=background
+    )
+
+
+def everything(backend, scene):
+    """Outputs and gradients of a drawing."""
+    leaves, scene = trainable(scene)
+    output = draw(backend, scene)
+    return (output.features, output.alphas, output.radii, output.means2d, *gradients(output, leaves))
+
+
+def total(*tensors):
+    return sum(tensor.nbytes for tensor in tensors)
+
+
+@pytest.mark.parametrize("feature_dim", [3, 70])
+def test_the_same_bits_as_shared_memory(staged, shared, feature_dim):
+    scene = make_scene(count=80, feature_dim=feature_dim, dtype=torch.float32)
+    for one, other in zip(everything(staged, scene), everything(shared, scene), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_the_same_bits_in_small_pieces(shared, monkeypatch):
+    monkeypatch.setattr(staging, "_PINNED_BYTES", 1000)
+    scene = make_scene(count=80, dtype=torch.float32)
+    pieces = Backend(choose_device(), shares_memory=False)
+    for one, other in zip(everything(pieces, scene), everything(shared, scene), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_empty_and_invisible_scenes(staged, shared):
+    for scene in (make_scene(count=0), make_scene(count=5, opacity=(0.0, 0.001))):
+        for one, other in zip(everything(staged, scene), everything(shared, scene), strict=True):
+            assert torch.equal(one, other)
+
+
+def test_only_inputs_and_outputs_are_copied(staged):
+    """A forward and a backward pass: lists, records and gradient rows stay on the device."""
+    memory = staged.memory
+    assert isinstance(memory, StagedMemory)
+    leaves, scene = trainable(make_scene(count=200, feature_dim=16, width=64, height=48, dtype=torch.float32))
+    count, camera_bytes = len(scene.means), 20 * 4
+
+    before = memory.uploaded, memory.downloaded
+    output = draw(staged, scene)
+    output_bytes = total(output.features, output.alphas, output.radii, output.means2d)
+    totals_bytes = (TILING_RUNS + 1) * 8  # how many entries there are, for torch to make room
+    assert memory.uploaded - before[0] == total(*leaves) + camera_bytes
+    assert memory.downloaded - before[1] == output_bytes + totals_bytes
+
+    before = memory.uploaded, memory.downloaded
+    found = gradients(output, leaves)
+    assert memory.uploaded - before[0] == total(output.features, output.alphas, output.means2d)
+    records_bytes = count * RECORD * 4  # their gradient may be summed by torch
+    assert memory.downloaded - before[1] == total(*found) + records_bytes
+
+
+def test_without_gradients_nothing_stays_on_the_device(staged):
+    memory = staged.memory
+    assert isinstance(memory, StagedMemory)
+    with torch.no_grad():
+        pictures = [draw(staged, make_scene(count=20, dtype=torch.float32)) for _ in range(3)]
+    memory.empty(1, dtype=torch.int32)  # looks for what is gone
+    assert len(pictures) == 3
+    assert sum(not kept.storage.expired() for kept in memory._residents.values()) <= 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [lambda given: given.mul_(0.5), lambda given: given.data.mul_(0.5), lambda given: given.numpy().fill(0.3)],
+    ids=["torch", "data", "numpy"],
+)
+def test_inputs_changed_in_place_are_seen(staged, shared, change):
+    scene = make_scene(count=30, dtype=torch.float32)
+    first = draw(staged, scene).features
+    change(scene.opacities)
+    second = draw(staged, scene).features
+    assert not torch.equal(first, second)
+    assert torch.equal(second, draw(shared, scene).features)
+
+
+def test_gradients_are_those_of_what_was_drawn(staged, shared):
+    """Whatever the caller does to inputs and outputs between the passes."""
+    scene = make_scene(count=30, dtype=torch.float32)
+    expected = everything(shared, scene)
+    leaves, scene = trainable(scene)
+    output = draw(staged, scene)
+    for tensor in (*leaves, output.features, output.alphas, output.means2d):
+        tensor.data.fill_(7)
+    assert all(torch.equal(one, other) for one, other in zip(gradients(output, leaves), expected[4:], strict=True))
+
+
+def test_outputs_may_come_in_again(staged, shared):
+    scene = make_scene(count=30, feature_dim=2, dtype=torch.float32)
+    centres = draw(staged, scene).means2d
+    centres.data.mul_(0.01)
+    again = replace(scene, features=centres)
+    assert torch.equal(draw(staged, again).features, draw(shared, again).features)
+
+
+def test_gradients_changed_on_their_way_are_seen(staged, shared):
+    def triple(gradient):
+        gradient.data.mul_(3)
+
+    results = []
+    for backend in (staged, shared):
+        leaves, scene = trainable(make_scene(count=30, dtype=torch.float32))
+        output = draw(backend, scene)
+        output.means2d.register_hook(triple)
+        results.append(gradients(output, leaves))
+    assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))
+
+
+def test_memory_at_the_same_address_is_not_mistaken(staged, shared):
+    """Freed and allocated again, as torch does all the time."""
+    for seed in range(10):
+        scene = make_scene(count=30, seed=seed, dtype=torch.float32)
+        assert torch.equal(draw(staged, scene).features, draw(shared, scene).features)
+
+
+def test_a_part_of_what_only_the_device_holds_is_refused(staged):
+    program = ProgramKey("geometry", "cpu", torch.float32, RasterSettings())
+    whole = staged.memory.empty(8, dtype=torch.int32)
+    with staged.session() as session, pytest.raises(RuntimeError, match="found a part of what only the device holds"):
+        session.launch(program, "project", 1, whole[:4])
+    whole.zero_()
+    with staged.session() as session, pytest.raises(RuntimeError, match="found a change on the CPU"):
+        session.launch(program, "project", 1, whole)
+
+
+def test_zeros_are_zeros(staged):
+    zeros = staged.memory.zeros(3, 5, dtype=torch.float64)
+    zeros.data.numpy().fill(1)  # what the device holds is what counts
+    with staged.session() as session:
+        (given,) = session.give(zeros)
+    assert torch.equal(given, torch.zeros(3, 5, dtype=torch.float64))
+
+
+def test_inference_mode(staged, shared):
+    scene = make_scene(count=30, dtype=torch.float32)
+    with torch.inference_mode():
+        assert torch.equal(draw(staged, scene).features, draw(shared, scene).features)
