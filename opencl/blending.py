@@ -10,18 +10,20 @@ from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
-from opencl.program import ProgramKey
+from opencl.program import GROUP_SIZE, ProgramKey, Schedule
 from opencl.tiling import TileLists
 
 LARGEST_FEATURE_DIM = 64
 """Channels of one pass; more are blended in several, so that a tile's sums stay within the processor's caches."""
-_SUM_CHUNK = 128
-"""Gaussians a work-item of sum_gradients takes, as in blending_backward.cl."""
+_SUM_CHUNK: dict[Schedule, int] = {"cpu": 128, "gpu": 32}
+"""Gaussians a work-group of sum_gradients takes, as in cpu/blending_backward.cl and gpu/gradient_sums.cl."""
 
 
-def _gradient_row(feature_dim: int) -> int:
-    """Length of a (tile, Gaussian)'s gradient row, as in blending_backward.cl."""
-    return -(-(6 + feature_dim) // 16) * 16
+def _gradient_row(schedule: Schedule, feature_dim: int) -> int:
+    """Length of a (tile, Gaussian)'s gradient row, as in the schedules' blending_backward.cl."""
+    if schedule == "cpu":
+        return -(-(6 + feature_dim) // 16) * 16
+    return -(-(8 + feature_dim) // 8) * 8
 
 
 class Blend(torch.autograd.Function):
@@ -48,9 +50,10 @@ class Blend(torch.autograd.Function):
         walked = torch.empty(lists.tiles, dtype=torch.int32)
         program = ProgramKey("blending", backend.schedule, features.dtype, settings, features.shape[1])
         outputs = (feature_map, alphas, walked)
+        group_size = GROUP_SIZE[backend.schedule]
         with backend.session() as session:
             inputs = (records, features, background, lists.starts, lists.entries)
-            session.launch(program, "blend", lists.tiles, width, height, *inputs, *outputs)
+            session.launch(program, "blend", lists.tiles, width, height, *inputs, *outputs, group_size=group_size)
             session.finish(*outputs)
         ctx.save_for_backward(records, features, feature_map, alphas)
         ctx.backend, ctx.program, ctx.lists, ctx.walked = backend, program, lists, walked
@@ -63,7 +66,9 @@ class Blend(torch.autograd.Function):
         lists: TileLists = ctx.lists
         count, feature_dim = features.shape
         height, width = alphas.shape
-        gradient_rows = features.new_empty(len(lists.entries), _gradient_row(feature_dim))
+        schedule = ctx.backend.schedule
+        group_size = GROUP_SIZE[schedule]
+        gradient_rows = features.new_empty(len(lists.entries), _gradient_row(schedule, feature_dim))
         background_rows = features.new_empty(lists.tiles, feature_dim)
         grad_means2d, grad_records = features.new_empty(count, 2), torch.empty_like(records)
         grad_features, grad_background = torch.empty_like(features), features.new_empty(feature_dim)
@@ -72,11 +77,15 @@ class Blend(torch.autograd.Function):
                 *(ctx.program, "blend_backward", lists.tiles, width, height, records, features),
                 *(lists.starts, lists.entries, lists.slots, ctx.walked, feature_map, alphas),
                 *(grad_feature_map.contiguous(), grad_alphas.contiguous(), gradient_rows, background_rows),
+                group_size=group_size,
             )
             session.launch(
-                *(ctx.program, "sum_gradients", -(-count // _SUM_CHUNK), count, records, lists.tile_counts),
+                *(ctx.program, "sum_gradients", -(-count // _SUM_CHUNK[schedule]), count, records, lists.tile_counts),
                 *(lists.first_slots, gradient_rows, grad_means2d, grad_records, grad_features),
+                group_size=group_size,
             )
-            session.launch(ctx.program, "sum_background", 1, lists.tiles, background_rows, grad_background)
+            groups = 1 if schedule == "cpu" else feature_dim
+            sums = (lists.tiles, background_rows, grad_background)
+            session.launch(ctx.program, "sum_background", groups, *sums, group_size=group_size)
             session.finish(grad_means2d, grad_records, grad_features, grad_background)
         return (None, None, None, None, grad_means2d, grad_records, grad_features, grad_background)
