@@ -9,6 +9,8 @@ from opencl.contract import RasterSettings
 from opencl.rasterizer import rasterize
 from tests.opencl.scenes import gradients, make_scene, one_gaussian
 
+pytestmark = pytest.mark.usefixtures("both_schedules")
+
 NAMES = ("means", "quats", "scales", "opacities", "features", "background")
 
 
