@@ -34,6 +34,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend(
 
     REAL transmittance = 1;
     REAL4 blended[FEATURE_QUARTETS];
+    #pragma unroll
     for (int q = 0; q < FEATURE_QUARTETS; q++) blended[q] = 0;
     int open = inside, reached = 0;  // how far this pixel looked, in entries
     if (item == 0) furthest = 0;
@@ -52,6 +53,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend(
             open = transmittance - weight >= TRANSMITTANCE_MINIMUM;
             if (!open) break;
             transmittance -= weight;
+            #pragma unroll
             for (int q = 0; q < FEATURE_QUARTETS; q++)
                 blended[q] += weight * staged_features[n * FEATURE_QUARTETS + q];
         }
@@ -67,9 +69,11 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend(
     const size_t at = (size_t)(tile.top + row) * width + tile.left + column;
     alphas[at] = 1 - transmittance;
 #if FEATURE_DIM % 4 == 0
+    #pragma unroll
     for (int q = 0; q < FEATURE_QUARTETS; q++)
         ((__global REAL4 *)feature_map)[at * FEATURE_QUARTETS + q] = blended[q] + transmittance * vload4(q, background);
 #else
+    #pragma unroll
     for (int k = 0; k < FEATURE_DIM; k++)
         feature_map[at * FEATURE_DIM + k] = ((const REAL *)blended)[k] + transmittance * background[k];
 #endif

@@ -66,11 +66,13 @@ inline Pixel pixel_of(
     p.open = column < tile.columns && row < tile.rows;
     p.transmittance = 1;
     p.rest = p.grad_alpha = 0;
+    #pragma unroll
     for (int q = 0; q < FEATURE_QUARTETS; q++) p.grads[q] = 0;
     if (!p.open) return p;
     const size_t at = (size_t)(tile.top + row) * width + tile.left + column;
     p.grad_alpha = grad_alphas[at];
     p.rest = alphas[at] * p.grad_alpha;
+    #pragma unroll
     for (int k = 0; k < FEATURE_DIM; k++) {
         const REAL grad = grad_feature_map[at * FEATURE_DIM + k];
         ((REAL *)p.grads)[k] = grad;
@@ -93,6 +95,7 @@ inline void blend_pixel(
     if (!p->open) return;
     p->transmittance = before - blended;
     REAL4 products = 0;
+    #pragma unroll
     for (int q = 0; q < FEATURE_QUARTETS; q++) products += p->grads[q] * feature[q];
     const REAL product = p->grad_alpha + (products.x + products.y) + (products.z + products.w);
     p->rest -= blended * product;
@@ -209,8 +212,10 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend_back
         if (item < here) staged_slots[item] = slots[batch + item];
         barrier(CLK_LOCAL_MEM_FENCE);
 
+        #pragma unroll
         for (int q = 0; q < WEIGHT_QUARTETS; q++) {
             REAL4 weights, power_gradients;
+            #pragma unroll
             for (int n = 0; n < 4; n++)
                 blend_pixel(
                     &pixel, staged_records + (4 * q + n) * RECORD_QUARTETS,
@@ -222,8 +227,10 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend_back
         barrier(CLK_LOCAL_MEM_FENCE);
 
         REAL4 sums[ROUNDS][TASK_SUMS / 4];
+        #pragma unroll
         for (int round = 0; round < ROUNDS; round++) {
             const int block = 2 * round + half_group;
+            #pragma unroll
             for (int k = 0; k < TASK_SUMS / 4; k++) sums[round][k] = 0;
             if (block < FEATURE_BLOCKS)
                 add_features(
@@ -237,7 +244,9 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend_back
                 );
         }
         barrier(CLK_LOCAL_MEM_FENCE);
+        #pragma unroll
         for (int round = 0; round < ROUNDS; round++) {
+            #pragma unroll
             for (int k = 0; k < TASK_SUMS; k++)
                 space.sums[(half_group * TILE + slice) * SLICE_PITCH + k * TASKS + task] = ((const REAL *)sums[round])[k];
             barrier(CLK_LOCAL_MEM_FENCE);
