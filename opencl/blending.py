@@ -15,7 +15,7 @@ from opencl.tiling import TileLists
 
 LARGEST_FEATURE_DIM = 64
 """Channels of one pass; more are blended in several, so that a tile's sums stay within the processor's caches."""
-_SUM_CHUNK: dict[Schedule, int] = {"cpu": 128, "gpu": 32}
+_SUM_CHUNK: dict[Schedule, int] = {"cpu": 128, "gpu": 8}
 """Gaussians a work-group of sum_gradients takes, as in cpu/blending_backward.cl and gpu/gradient_sums.cl."""
 
 

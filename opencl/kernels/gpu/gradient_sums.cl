@@ -1,10 +1,12 @@
 // Sums of the gradient rows: over each Gaussian's tiles, and of the tiles' shares of the background's.
 
-// ROW_FEATURES work-items take a Gaussian, each every ROW_FEATURES-th value of its rows.
+// ROW_FEATURES times ROW_SLICES work-items take a Gaussian: each takes every ROW_SLICES-th of its rows, and of these every
+// ROW_FEATURES-th value. A Gaussian over the whole picture has thousands of rows.
+#define ROW_SLICES 4
 #define VALUES_EACH (GRADIENT_ROW / ROW_FEATURES)
-#define GROUP_GAUSSIANS (GROUP_SIZE / ROW_FEATURES)
+#define GROUP_GAUSSIANS (GROUP_SIZE / (ROW_FEATURES * ROW_SLICES))
 
-// Adds up each Gaussian's gradient rows, which lie side by side, in their order: the same bits every time.
+// Adds up each Gaussian's gradient rows, which lie side by side, in a fixed order: the same bits every time.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void sum_gradients(
     const int count,
     __global const REAL *records,
@@ -15,24 +17,31 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void sum_gradie
     __global REAL *grad_records,
     __global REAL *grad_features
 ) {
-    __local REAL all_moments[GROUP_SIZE];
-    const int item = get_local_id(0), k = item % ROW_FEATURES, i = get_group_id(0) * GROUP_GAUSSIANS + item / ROW_FEATURES;
+    __local REAL slices[VALUES_EACH][ROW_SLICES][GROUP_GAUSSIANS][ROW_FEATURES];
+    const int k = get_local_id(0) % ROW_FEATURES, own = get_local_id(0) / ROW_FEATURES % GROUP_GAUSSIANS;
+    const int slice = get_local_id(0) / (ROW_FEATURES * GROUP_GAUSSIANS), i = get_group_id(0) * GROUP_GAUSSIANS + own;
     const int rows = i < count ? tile_counts[i] : 0;
     REAL sums[VALUES_EACH];
+    #pragma unroll
     for (int v = 0; v < VALUES_EACH; v++) sums[v] = 0;
-    if (rows > 0) {
-        __global const REAL *row = gradient_rows + (size_t)GRADIENT_ROW * first_slots[i] + k;
-        for (int n = 0; n < rows; n++, row += GRADIENT_ROW)
-            for (int v = 0; v < VALUES_EACH; v++) sums[v] += row[v * ROW_FEATURES];
+    for (int n = slice; n < rows; n += ROW_SLICES) {
+        __global const REAL *row = gradient_rows + (size_t)GRADIENT_ROW * (first_slots[i] + n) + k;
+        #pragma unroll
+        for (int v = 0; v < VALUES_EACH; v++) sums[v] += row[v * ROW_FEATURES];
     }
-    all_moments[item] = sums[0];
+    #pragma unroll
+    for (int v = 0; v < VALUES_EACH; v++) slices[v][slice][own][k] = sums[v];
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int v = slice; v < VALUES_EACH; v += ROW_SLICES)
+        for (int other = 1; other < ROW_SLICES; other++) slices[v][0][own][k] += slices[v][other][own][k];
     barrier(CLK_LOCAL_MEM_FENCE);
     if (i >= count) return;
-    for (int v = 1; v < VALUES_EACH; v++) {
+    for (int v = slice; v < VALUES_EACH; v += ROW_SLICES) {
         const int channel = (v - 1) * ROW_FEATURES + k;
-        if (channel < FEATURE_DIM) grad_features[(size_t)FEATURE_DIM * i + channel] = sums[v];
+        if (v > 0 && channel < FEATURE_DIM) grad_features[(size_t)FEATURE_DIM * i + channel] = slices[v][0][own][k];
     }
-    __local const REAL *moments = all_moments + item - k;
+    if (slice > 0) return;
+    __local const REAL *moments = slices[0][0][own];
     __global const REAL *record = records + (size_t)RECORD * i;
     const REAL slope = record[2], across = record[3], down = record[4], opacity = record[5];
     const REAL grad_x = across * moments[1], grad_y = down * moments[2] - slope * grad_x;
