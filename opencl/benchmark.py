@@ -92,7 +92,7 @@ def _tile_lists(backend: Backend, workload: Workload, gaussians: Gaussians) -> t
     receive = backend.memory.receive
     camera = receive(pack_camera(gaussians.world_to_camera, gaussians.intrinsics, *size, settings))
     _, records, radii, depth_keys = Project.apply(backend, settings, camera, size, *map(receive, gaussians.trained))
-    lists = sort_into_tiles(backend, settings, *size, records, radii, depth_keys)
+    lists = sort_into_tiles(backend, settings, *size, records, radii, depth_keys, True)
     with backend.session() as session:
         session.finish(records, lists.starts, lists.entries)
     return records, lists

@@ -11,26 +11,28 @@ from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
-from opencl.program import ProgramKey
+from opencl.program import GROUP_SIZE, ProgramKey, Schedule
 from opencl.tiling import TileLists
 
-LARGEST_FEATURE_DIM = 64
-"""Channels of one pass; more are blended in several, so that a tile's sums stay within the processor's caches."""
+LARGEST_FEATURE_DIM = 128
+"""Channels of one pass; more are blended in several, so that what a tile sums stays near the processor."""
 _CACHED = 2**24
-"""Bytes of a picture that stays in the processor's caches until it is read."""
-_SUM_CHUNK = 128
-"""Gaussians a work-item of sum_gradients takes, as in blending_backward.cl."""
+"""Bytes of a picture that stays in a processor's caches until it is read."""
+_SUM_CHUNK: dict[Schedule, int] = {"cpu": 128, "gpu": 8}
+"""Gaussians a work-group of sum_gradients takes, as in cpu/blending_backward.cl and gpu/gradient_sums.cl."""
 
 
 def _gradient_row(feature_dim: int) -> int:
-    """Length of a (tile, Gaussian)'s gradient row, as in blending_backward.cl."""
+    """Length of a (tile, Gaussian)'s gradient row, as in the schedules' blending_backward.cl."""
     return 8 + -(-feature_dim // 8) * 8
 
 
 class Blend(torch.autograd.Function):
-    """(means2d, records, features, background) → (feature map [H,W,M], alphas [H,W]), front to back.
+    """(means2d, absolute_gradients, records, features, background) → (feature map [H,W,M], alphas [H,W]).
 
-    The kernels read centres from the records; means2d is an argument so that their gradient goes to it.
+    Blends front to back. The kernels read centres from the records; means2d is an argument so that their gradient goes
+    to it, and so is absolute_gradients [N,2] for the sums of the gradient's absolute values over the pixels (None: not
+    wanted). To `pixel_counts` [N], int32, is added in how many pixels each Gaussian is drawn (empty: not wanted).
     """
 
     @staticmethod
@@ -40,7 +42,9 @@ class Blend(torch.autograd.Function):
         settings: RasterSettings,
         lists: TileLists,
         size: tuple[int, int],
+        pixel_counts: Tensor,
         means2d: Tensor,
+        absolute_gradients: Tensor | None,
         records: Tensor,
         features: Tensor,
         background: Tensor,
@@ -49,12 +53,19 @@ class Blend(torch.autograd.Function):
         feature_map = backend.memory.empty(height, width, features.shape[1], dtype=features.dtype)
         alphas = backend.memory.empty(height, width, dtype=features.dtype)
         walked = backend.memory.empty(lists.tiles, dtype=torch.int32)
-        options = ("LARGE_PICTURE",) if feature_map.nbytes > _CACHED else ()
-        program = ProgramKey("blending", backend.schedule, features.dtype, settings, features.shape[1], options)
-        outputs = (feature_map, alphas, walked)
+        options = {
+            "LARGE_PICTURE": feature_map.nbytes > _CACHED,
+            "COUNT_PIXELS": pixel_counts.numel() > 0,
+            "ABSOLUTE_GRADIENTS": absolute_gradients is not None,
+        }
+        chosen = tuple(name for name, wanted in options.items() if wanted)
+        program = ProgramKey("blending", backend.schedule, features.dtype, settings, features.shape[1], chosen)
         with backend.session() as session:
-            inputs = (records, features, background, lists.starts, lists.entries)
-            session.launch(program, "blend", lists.tiles, width, height, *inputs, *outputs)
+            session.launch(
+                *(program, "blend", lists.tiles, width, height, records, features, background),
+                *(lists.starts, lists.entries, feature_map, alphas, walked, pixel_counts),
+                group_size=GROUP_SIZE[backend.schedule],
+            )
             given_map, given_alphas = session.give(feature_map, alphas)
         ctx.save_for_backward(records, features, feature_map, alphas)
         ctx.backend, ctx.program, ctx.lists, ctx.walked = backend, program, lists, walked
@@ -64,25 +75,36 @@ class Blend(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, grad_feature_map: Tensor, grad_alphas: Tensor) -> tuple[Any, ...]:
         records, features, feature_map, alphas = ctx.saved_tensors
-        lists: TileLists = ctx.lists
+        backend, program, lists = ctx.backend, ctx.program, ctx.lists
         count, feature_dim = features.shape
         height, width = alphas.shape
-        reals = functools.partial(ctx.backend.memory.empty, dtype=features.dtype)
+        group_size = GROUP_SIZE[program.schedule]
+        reals = functools.partial(backend.memory.empty, dtype=features.dtype)
         gradient_rows = reals(len(lists.entries), _gradient_row(feature_dim))
         background_rows = reals(lists.tiles, feature_dim)
         grad_means2d, grad_records = reals(count, 2), reals(*records.shape)
+        grad_absolute = reals(count if "ABSOLUTE_GRADIENTS" in program.options else 0, 2)
         grad_features, grad_background = reals(count, feature_dim), reals(feature_dim)
-        with ctx.backend.session() as session:
+        with backend.session() as session:
             session.launch(
-                *(ctx.program, "blend_backward", lists.tiles, width, height, records, features),
+                *(program, "blend_backward", lists.tiles, width, height, records, features),
                 *(lists.starts, lists.entries, lists.slots, ctx.walked, feature_map, alphas),
                 *(grad_feature_map.contiguous(), grad_alphas.contiguous(), gradient_rows, background_rows),
+                group_size=group_size,
             )
             session.launch(
-                *(ctx.program, "sum_gradients", -(-count // _SUM_CHUNK), count, records, lists.tile_counts),
-                *(lists.first_slots, gradient_rows, grad_means2d, grad_records, grad_features),
+                *(program, "sum_gradients", -(-count // _SUM_CHUNK[program.schedule]), count, records),
+                *(lists.tile_counts, lists.first_slots, gradient_rows),
+                *(grad_means2d, grad_absolute, grad_records, grad_features),
+                group_size=group_size,
             )
-            session.launch(ctx.program, "sum_background", 1, lists.tiles, background_rows, grad_background)
+            session.launch(
+                *(program, "sum_background", 1 if program.schedule == "cpu" else feature_dim),
+                *(lists.tiles, background_rows, grad_background),
+                group_size=group_size,
+            )
             session.finish(grad_records)  # torch sums those of several passes
-            grad_means2d, grad_features, grad_background = session.give(grad_means2d, grad_features, grad_background)
-        return (None, None, None, None, grad_means2d, grad_records, grad_features, grad_background)
+            given = (grad_means2d, grad_absolute, grad_features, grad_background)
+            grad_means2d, grad_absolute, grad_features, grad_background = session.give(*given)
+        absolute = grad_absolute if "ABSOLUTE_GRADIENTS" in program.options else None
+        return (*(None,) * 5, grad_means2d, absolute, grad_records, grad_features, grad_background)

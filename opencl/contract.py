@@ -64,16 +64,23 @@ class RasterSettings:
 
 @dataclass(frozen=True)
 class RasterOutput:
-    """A rendered picture and what density control needs to know of its Gaussians."""
+    """A rendered picture, or a batch of them, and what density control needs to know of its Gaussians."""
 
-    features: Float[Tensor, "height width M"]
+    features: Float[Tensor, "*cameras height width M"]
     """Blended features over the background, contiguous; permuted to [1, M, H, W] it is channels-last."""
-    alphas: Float[Tensor, "height width"]
+    alphas: Float[Tensor, "*cameras height width"]
     """How much of each pixel the Gaussians cover: one less the transmittance that is left."""
-    radii: Int[Tensor, " N"]
+    radii: Int[Tensor, "*cameras N"]
     """Pixels, `ceil(radius_sigmas · sigma)` of the longest axis (int32); 0 where no pixel is reached. No gradient."""
-    means2d: Float[Tensor, "N 2"]
+    means2d: Float[Tensor, "*cameras N 2"]
     """Centres in pixels, x then y, pixel centres at +0.5, zero where not visible; `.grad` is there after backward."""
+    depths: Float[Tensor, "*cameras height width"] | None = None
+    """Where asked for, the centres' depths in world units, blended; divided by `alphas`, the expected depths."""
+    absolute_gradients: Float[Tensor, "*cameras N 2"] | None = None
+    """Where asked for, zeros whose `.grad` is, after backward, the sum over the pixels of the absolute values of the
+    gradient of `means2d`."""
+    pixel_counts: Int[Tensor, "*cameras N"] | None = None
+    """Where asked for, in how many pixels each Gaussian is drawn (int32). No gradient."""
 
 
 def half_fields_of_view(

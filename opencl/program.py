@@ -10,7 +10,7 @@ import torch
 
 from opencl.contract import RasterSettings
 
-RESOURCES = ("kernels/*.cl", "kernels/cpu/*.cl")
+RESOURCES = ("kernels/*.cl", "kernels/cpu/*.cl", "kernels/gpu/*.cl")
 """Files beside this module that decide what it computes."""
 
 TILE = 16
@@ -23,21 +23,34 @@ Part = Literal["geometry", "blending"]
 """Two programs draw a picture: what happens to Gaussians does not depend on how many features they have."""
 
 _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
-    ("cpu", "geometry"): ("real.cl", "projection.cl", "cpu/lanes.cl", "cpu/tiling.cl"),
-    ("cpu", "blending"): ("real.cl", "cpu/lanes.cl", "cpu/blocks.cl", "cpu/blending.cl", "cpu/blending_backward.cl"),
-    ("gpu", "geometry"): ("real.cl", "projection.cl", "gpu/sorting.cl", "gpu/tiling.cl"),
-    ("gpu", "blending"): ("real.cl", "gpu/blending.cl", "gpu/blending_backward.cl"),
+    ("cpu", "geometry"): ("real.cl", "projection.cl", "footprint.cl", "cpu/lanes.cl", "cpu/tiling.cl"),
+    ("cpu", "blending"): (
+        *("real.cl", "cpu/lanes.cl", "cpu/blocks.cl"),
+        *("cpu/blending.cl", "cpu/blending_backward.cl"),
+    ),
+    ("gpu", "geometry"): (
+        *("real.cl", "projection.cl", "footprint.cl"),
+        *("gpu/scanning.cl", "gpu/sorting.cl", "gpu/tiling.cl"),
+    ),
+    ("gpu", "blending"): (
+        *("real.cl", "gpu/splats.cl", "gpu/blending.cl"),
+        *("gpu/blending_backward.cl", "gpu/gradient_sums.cl"),
+    ),
 }
 _KERNELS = Path(__file__).parent / "kernels"
 
 PROJECTION_CHUNK: dict[Schedule, int] = {"cpu": 128, "gpu": 1}
 """Gaussians that a work-item of the projection takes."""
-AT_ONCE: dict[Schedule, int] = {"cpu": 8, "gpu": 1}
+PROJECTED_AT_ONCE: dict[Schedule, int] = {"cpu": 8, "gpu": 1}
 """Gaussians that it takes at a time, as a vector."""
 GROUP_SIZE: dict[Schedule, int] = {"cpu": 1, "gpu": 256}
 """Work-items of a group; on the GPU schedule that is one for each pixel of a tile."""
 TILING_RUNS = 32
 """Parts of the depth order that the CPU schedule counts into tiles side by side."""
+SCAN_CHUNK = 1024
+"""Values that a work-group of the GPU schedule's running sums takes."""
+SORT_CHUNK = 2048
+"""Items that a work-group of the GPU schedule's sort takes."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +77,11 @@ class ProgramKey:
         integers = {
             "FEATURE_DIM": self.feature_dim,
             "PROJECTION_CHUNK": PROJECTION_CHUNK[self.schedule],
-            "AT_ONCE": AT_ONCE[self.schedule],
+            "PROJECTED_AT_ONCE": PROJECTED_AT_ONCE[self.schedule],
             "GROUP_SIZE": GROUP_SIZE[self.schedule],
             "TILING_RUNS": TILING_RUNS,
+            "SCAN_CHUNK": SCAN_CHUNK,
+            "SORT_CHUNK": SORT_CHUNK,
         }
         lines = [f"#define {name} ((REAL){value!r})" for name, value in reals.items()]
         lines += [f"#define {name} {value}" for name, value in integers.items()]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -11,7 +14,7 @@ from opencl.blending import LARGEST_FEATURE_DIM, Blend
 from opencl.contract import RasterOutput, RasterSettings
 from opencl.projection import Project, pack_camera
 from opencl.routes import backend_for
-from opencl.tiling import sort_into_tiles
+from opencl.tiling import TileLists, sort_into_tiles
 from opencl.validation import check_arguments
 
 __all__ = ["RasterOutput", "RasterSettings", "rasterize"]
@@ -23,14 +26,18 @@ def rasterize(
     scales: Float[Tensor, "N 3"],
     opacities: Float[Tensor, " N"],
     features: Float[Tensor, "N M"],
-    world_to_camera: Float[Tensor, "4 4"],
-    intrinsics: Float[Tensor, "3 3"],
+    world_to_camera: Float[Tensor, "*cameras 4 4"],
+    intrinsics: Float[Tensor, "*cameras 3 3"],
     width: int,
     height: int,
-    background: Float[Tensor, " M"] | None = None,
+    background: Float[Tensor, "*cameras M"] | None = None,
     settings: RasterSettings = RasterSettings(),  # noqa: B008 (frozen)
+    *,
+    depth: bool = False,
+    absolute_gradients: bool = False,
+    count_pixels: bool = False,
 ) -> RasterOutput:
-    """Draw Gaussians as one camera sees them: splatting by the local affine approximation, blended front to back.
+    """Draw Gaussians as cameras see them: splatting by the local affine approximation, blended front to back.
 
     Args:
         means: centres in world units. All tensors are of one type, float32 or float64.
@@ -38,17 +45,23 @@ def rasterize(
         scales: standard deviations along the axes, in world units, activated (not their logarithm).
         opacities: in [0, 1], activated.
         features: what is blended, of any dimension M of at least 1.
-        world_to_camera: rigid, the camera looking down +z with x right and y down. No gradient.
-        intrinsics: pinhole without skew, in pixels; pixel centres at +0.5. No gradient.
-        width, height: of the picture in pixels.
-        background: what is seen where nothing covers a pixel; zeros where None.
+        world_to_camera: rigid, the camera looking down +z with x right and y down. No gradient. One camera, or [C,4,4]
+            for a batch of C cameras that draw pictures of one size; every output then begins with C.
+        intrinsics: pinhole without skew, in pixels; pixel centres at +0.5. No gradient. [3,3] or [C,3,3].
+        width, height: of a picture in pixels.
+        background: what is seen where nothing covers a pixel, one for all cameras or [C,M]; zeros where None.
         settings: every constant; the defaults are 3DGS's.
+        depth: whether `depths` are wanted: the centres' depths, blended as features are, over a background of 0.
+        absolute_gradients: whether `absolute_gradients` are wanted: sums over the pixels of the screen-space gradient's
+            absolute values (AbsGS, Ye et al. 2024). For M up to 128 (with depth, 127).
+        count_pixels: whether `pixel_counts` are wanted: in how many pixels each Gaussian is drawn.
 
     Returns:
         A picture of `height` by `width` pixels of M features, its alphas, and for density control radii and centres on
         the screen (see `RasterOutput`). With no Gaussian, or none in view: the background. Gradients reach means,
-        quats, scales, opacities, features and background, from features, alphas and means2d. A Gaussian with a value
-        that is not finite, or a zero quaternion, is not visible and gets no gradient.
+        quats, scales, opacities, features and background, from features, alphas, depths and means2d. A Gaussian with
+        a value that is not finite, or a zero quaternion, is not visible and gets no gradient. Where nothing requires a
+        gradient, or under `torch.no_grad`, nothing is kept for a backward pass.
 
     The same inputs on the same device give the same bits, forward and backward, for any number of threads. Tensors of
     the CPU are drawn by `opencl.device.choose_device()`'s device, CUDA tensors of an NVIDIA GPU by that GPU, in place;
@@ -61,11 +74,28 @@ def rasterize(
     check_arguments(
         means, quats, scales, opacities, features, world_to_camera, intrinsics, width, height, background, settings
     )
+    if absolute_gradients and features.shape[1] + depth > LARGEST_FEATURE_DIM:
+        raise ValueError(
+            f"absolute_gradients: found {features.shape[1] + depth} features (depth is one), expected at most "
+            f"{LARGEST_FEATURE_DIM}, as they are not the sum of several passes' ones: draw without absolute_gradients"
+        )
     background = features.new_zeros(features.shape[1]) if background is None else background
     return _rasterize_on(
         *(backend_for(means.device), means, quats, scales, opacities, features),
         *(world_to_camera, intrinsics, width, height, background, settings),
+        depth=depth,
+        absolute_gradients=absolute_gradients,
+        count_pixels=count_pixels,
     )
+
+
+@dataclass(frozen=True)
+class _View:
+    """A camera as the kernels read it, and where its pictures are blended over."""
+
+    world_to_camera: Float[Tensor, "4 4"]
+    packed: Float[Tensor, " 20"]
+    background: Float[Tensor, " M"]
 
 
 def _rasterize_on(
@@ -81,29 +111,111 @@ def _rasterize_on(
     height: int,
     background: Tensor,
     settings: RasterSettings,
+    *,
+    depth: bool = False,
+    absolute_gradients: bool = False,
+    count_pixels: bool = False,
 ) -> RasterOutput:
-    device, size = means.device, (width, height)
-    means, quats, scales, opacities, features, background = (
-        backend.memory.receive(tensor) for tensor in (means, quats, scales, opacities, features, background)
+    device, size, batch = means.device, (width, height), world_to_camera.shape[:-2]
+    geometry = [backend.memory.receive(tensor) for tensor in (means, quats, scales, opacities)]
+    drawn = backend.memory.receive(features)
+    views = _views(backend, world_to_camera, intrinsics, background, size, settings)
+    projections = [Project.apply(backend, settings, view.packed, size, *geometry, drawn) for view in views]
+    means2d = _stacked([projection[0] for projection in projections], batch).to(device)
+    if means2d.requires_grad:
+        means2d.retain_grad()
+    differentiated = torch.is_grad_enabled() and any(
+        tensor.requires_grad for tensor in (means, quats, scales, opacities, features, background)
     )
-    camera = backend.memory.receive(pack_camera(world_to_camera, intrinsics, width, height, settings))
-    means2d, records, radii, depth_keys = Project.apply(
-        backend, settings, camera, size, means, quats, scales, opacities, features
-    )
-    lists = sort_into_tiles(backend, settings, width, height, records.detach(), radii, depth_keys)
-    means2d_out = means2d.to(device)
-    if means2d_out.requires_grad:
-        means2d_out.retain_grad()
-    parts, behinds = [features], [background]
-    if features.shape[1] > LARGEST_FEATURE_DIM:
-        parts = [backend.memory.receive(part) for part in features.split(LARGEST_FEATURE_DIM, dim=1)]
-        behinds = [backend.memory.receive(part) for part in background.split(LARGEST_FEATURE_DIM)]
-    centres = means2d_out.to(backend.tensor_device)
-    passes = [
-        Blend.apply(backend, settings, lists, size, centres, records, part, behind)
-        for part, behind in zip(parts, behinds, strict=True)
-    ]
-    feature_map = passes[0][0] if len(passes) == 1 else torch.cat([one[0] for one in passes], dim=-1)
+    absolute = torch.zeros_like(means2d, requires_grad=means2d.requires_grad) if absolute_gradients else None
+
+    centres = _one_by_one(means2d.to(backend.tensor_device), batch)
+    wanted: Sequence[Tensor | None] = [None] * len(views)
+    if absolute is not None:
+        wanted = _one_by_one(absolute.to(backend.tensor_device), batch)
+    counts = [backend.memory.zeros(len(means) if count_pixels else 0, dtype=torch.int32) for _ in views]
+    pictures = []
+    for index, view in enumerate(views):
+        _, records, radii, depth_keys = projections[index]
+        lists = sort_into_tiles(backend, settings, *size, records.detach(), radii, depth_keys, differentiated)
+        channels, behind = drawn, view.background
+        if depth:
+            channels = torch.cat([drawn.to(device), _depths(means, view.world_to_camera)], dim=1)
+            channels = backend.memory.receive(channels)
+            behind = torch.cat([behind, behind.new_zeros(1)])
+        pictures.append(
+            _blend(
+                *(backend, settings, lists, size, records, channels, behind),
+                *(centres[index], wanted[index], counts[index]),
+            )
+        )
     with backend.session() as session:
-        (radii,) = session.give(radii)
-    return RasterOutput(feature_map.to(device), passes[0][1].to(device), radii.to(device), means2d_out)
+        all_radii = session.give(*(projection[2] for projection in projections))
+        all_counts = session.give(*counts)
+    feature_map = _stacked([picture[0] for picture in pictures], batch).to(device)
+    return RasterOutput(
+        features=feature_map[..., :-1].contiguous() if depth else feature_map,
+        alphas=_stacked([picture[1] for picture in pictures], batch).to(device),
+        radii=_stacked(all_radii, batch).to(device),
+        means2d=means2d,
+        depths=feature_map[..., -1] if depth else None,
+        absolute_gradients=absolute,
+        pixel_counts=_stacked(all_counts, batch).to(device) if count_pixels else None,
+    )
+
+
+def _views(
+    backend: Backend,
+    world_to_camera: Tensor,
+    intrinsics: Tensor,
+    background: Tensor,
+    size: tuple[int, int],
+    settings: RasterSettings,
+) -> list[_View]:
+    cameras = list(zip(world_to_camera.reshape(-1, 4, 4), intrinsics.reshape(-1, 3, 3), strict=True))
+    behind = backend.memory.receive(background).expand(*world_to_camera.shape[:-2], -1).reshape(len(cameras), -1)
+    return [
+        _View(pose, backend.memory.receive(pack_camera(pose, calibration, *size, settings)), one)
+        for (pose, calibration), one in zip(cameras, behind, strict=True)
+    ]
+
+
+def _depths(means: Float[Tensor, "N 3"], world_to_camera: Float[Tensor, "4 4"]) -> Float[Tensor, "N 1"]:
+    pose = world_to_camera.to(means.device)
+    return (means @ pose[2, :3] + pose[2, 3])[:, None]
+
+
+def _blend(
+    backend: Backend,
+    settings: RasterSettings,
+    lists: TileLists,
+    size: tuple[int, int],
+    records: Tensor,
+    features: Tensor,
+    background: Tensor,
+    centres: Tensor,
+    absolute: Tensor | None,
+    pixel_counts: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """One camera's features and alphas, in as many passes as its channels need."""
+    passes: list[tuple[Tensor, Tensor]] = []
+    for part, behind in zip(_parts(backend, features, 1), _parts(backend, background, 0), strict=True):
+        counted = pixel_counts[:0] if passes else pixel_counts
+        passes.append(Blend.apply(backend, settings, lists, size, counted, centres, absolute, records, part, behind))
+    feature_map = passes[0][0] if len(passes) == 1 else torch.cat([one[0] for one in passes], dim=-1)
+    return feature_map, passes[0][1]
+
+
+def _parts(backend: Backend, channels: Tensor, axis: int) -> Sequence[Tensor]:
+    if channels.shape[axis] <= LARGEST_FEATURE_DIM:
+        return [channels]
+    return [backend.memory.receive(part) for part in channels.split(LARGEST_FEATURE_DIM, dim=axis)]
+
+
+def _stacked(tensors: Sequence[Tensor], batch: Sequence[int]) -> Tensor:
+    """One camera's tensor as it is, or a batch of them."""
+    return torch.stack(list(tensors)) if batch else tensors[0]
+
+
+def _one_by_one(tensor: Tensor, batch: Sequence[int]) -> list[Tensor]:
+    return list(tensor.unbind()) if batch else [tensor]

@@ -22,6 +22,8 @@ class ProjectedGaussians:
     depths: Float[Tensor, " N"]
     means: Float[Tensor, "N 2"]
     covariances: Float[Tensor, "N 2 2"]
+    opacities: Float[Tensor, " N"]
+    """With the antialiasing's compensation."""
     radii: Int[Tensor, " N"]
     half_heights: Float[Tensor, " N"]
 
@@ -76,7 +78,13 @@ def project_reference(
     zero = torch.zeros_like(z)
     jacobian = torch.stack([fx / z, zero, -fx * clamped_x / z, zero, fy / z, -fy * clamped_y / z], dim=-1)
     axes = jacobian.reshape(-1, 2, 3) @ rotation @ rotations_of(quats) * scales[:, None, :]
-    covariances = axes @ axes.transpose(-1, -2) + settings.low_pass * torch.eye(2, dtype=means.dtype)
+    unfiltered = axes @ axes.transpose(-1, -2)
+    covariances = unfiltered + settings.low_pass * torch.eye(2, dtype=means.dtype)
+    if settings.antialiased:
+        areas = torch.linalg.det(unfiltered)
+        flat = areas <= 0
+        ratios = torch.where(flat, 1.0, areas) / torch.linalg.det(covariances)
+        opacities = opacities * torch.where(flat, 0.0, ratios.sqrt())
 
     reach = 2 * (opacities.detach() / settings.alpha_minimum).clamp_min(1e-30).log()
     variance_x, variance_y = covariances[:, 0, 0].detach(), covariances[:, 1, 1].detach()
@@ -93,7 +101,7 @@ def project_reference(
     longest = (middle + (0.25 * (variance_x - variance_y).square() + covariance_xy.square()).sqrt()).sqrt()
     radii = torch.where(visible, (settings.radius_sigmas * longest).ceil(), 0.0).clamp_max(2**30).to(torch.int32)
     screen = torch.where(visible[:, None], screen, 0.0)
-    return ProjectedGaussians(visible, z.detach(), screen, covariances, radii, half_heights)
+    return ProjectedGaussians(visible, z.detach(), screen, covariances, opacities, radii, half_heights)
 
 
 def _holds_a_pixel(centre: Tensor, half_length: Tensor, size: int) -> Bool[Tensor, " N"]:
@@ -105,7 +113,6 @@ def _holds_a_pixel(centre: Tensor, half_length: Tensor, size: int) -> Bool[Tenso
 
 def _blend_row(
     gaussians: ProjectedGaussians,
-    opacities: Tensor,
     features: Tensor,
     background: Tensor,
     row: int,
@@ -120,7 +127,7 @@ def _blend_row(
     power = -0.5 * (
         inverse[:, 0, 0, None] * dx * dx + inverse[:, 1, 1, None] * dy * dy + 2 * inverse[:, 0, 1, None] * dx * dy
     )
-    alphas = (opacities[:, None] * power.exp()).clamp_max(settings.alpha_maximum)
+    alphas = (gaussians.opacities[:, None] * power.exp()).clamp_max(settings.alpha_maximum)
     alphas = torch.where(alphas >= settings.alpha_minimum, alphas, 0.0)
     finished = torch.cumprod(1 - alphas.detach(), dim=0) < settings.transmittance_minimum
     alphas = torch.where(finished, 0.0, alphas)
@@ -167,10 +174,11 @@ def rasterize_reference(
             projected.depths[chosen],
             projected.means[chosen],
             projected.covariances[chosen],
+            projected.opacities[chosen],
             projected.radii[chosen],
             projected.half_heights[chosen],
         )
-        blended, covered = _blend_row(gaussians, opacities[chosen], features[chosen], background, row, width, settings)
+        blended, covered = _blend_row(gaussians, features[chosen], background, row, width, settings)
         feature_rows.append(blended)
         alpha_rows.append(covered)
     return RasterOutput(torch.stack(feature_rows), torch.stack(alpha_rows), projected.radii, projected.means)

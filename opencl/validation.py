@@ -59,8 +59,13 @@ def _check_shapes(tensors: dict[str, Tensor]) -> None:
     if features.ndim != 2 or features.shape[1] < 1:
         raise ValueError(f"features: found shape {tuple(features.shape)}, expected ({count}, M) with M of at least 1")
     expected = {"means": (count, 3), "quats": (count, 4), "scales": (count, 3), "opacities": (count,)}
-    expected |= {"features": (count, features.shape[1]), "world_to_camera": (4, 4), "intrinsics": (3, 3)}
-    expected |= {"background": (features.shape[1],)}
+    pose = tensors["world_to_camera"]
+    cameras = (len(pose),) if pose.ndim == 3 and len(pose) else ()
+    expected |= {"features": (count, features.shape[1])}
+    expected |= {"world_to_camera": (*cameras, 4, 4), "intrinsics": (*cameras, 3, 3)}
+    background = tensors.get("background")
+    batched = background is not None and background.ndim == 2
+    expected |= {"background": (*(cameras if batched else ()), features.shape[1])}
     for name, tensor in tensors.items():
         if tuple(tensor.shape) != expected[name]:
             raise ValueError(f"{name}: found shape {tuple(tensor.shape)}, expected {expected[name]}")
@@ -72,10 +77,13 @@ def _check_camera(world_to_camera: Tensor, intrinsics: Tensor) -> None:
             raise ValueError(f"{name}: found requires_grad, expected a camera without gradient (none is computed)")
         if not bool(tensor.isfinite().all()):
             raise ValueError(f"{name}: found a value that is not finite, expected finite numbers: {tensor.tolist()}")
-    (fx, skew, _), (shear, fy, _), last = intrinsics.tolist()
+    for calibration in intrinsics.reshape(-1, 3, 3).tolist():
+        _check_intrinsics(calibration)
+
+
+def _check_intrinsics(calibration: list[list[float]]) -> None:
+    (fx, skew, _), (shear, fy, _), last = calibration
     if fx <= 0 or fy <= 0:
         raise ValueError(f"intrinsics: found focal lengths {fx} and {fy}, expected more than 0")
     if skew != 0 or shear != 0 or last != [0, 0, 1]:
-        raise ValueError(
-            f"intrinsics: found {intrinsics.tolist()}, expected a pinhole [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
-        )
+        raise ValueError(f"intrinsics: found {calibration}, expected a pinhole [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")

@@ -1,10 +1,10 @@
 // From the world to the screen, and back.
 //
 // camera: 0..8 rotation by rows, 9..11 translation, 12 fx, 13 fy, 14 cx, 15 cy, 16..19 clamp of x/z (low, high) and
-// y/z (low, high). A work-item takes PROJECTION_CHUNK Gaussians in a row, AT_ONCE of them at a time: a REALS holds one
+// y/z (low, high). A work-item takes PROJECTION_CHUNK Gaussians in a row, PROJECTED_AT_ONCE of them at a time: a REALS holds one
 // number of each. There are no branches between them; what is not visible is computed, too, and left out at the end.
 
-#if AT_ONCE == 8
+#if PROJECTED_AT_ONCE == 8
 #ifdef REAL_IS_DOUBLE
 typedef double8 REALS;
 typedef long8 MASKS;
@@ -33,13 +33,13 @@ typedef struct {
 inline Group group_of(int first, int count) {
     Group group;
     group.first = first;
-    group.count = count - first < AT_ONCE ? count - first : AT_ONCE;
+    group.count = count - first < PROJECTED_AT_ONCE ? count - first : PROJECTED_AT_ONCE;
     group.last = count - 1;
     return group;
 }
 
 inline REALS read_reals(__global const REAL *values, int stride, int offset, Group group) {
-#if AT_ONCE == 8
+#if PROJECTED_AT_ONCE == 8
     const size_t last = (size_t)stride * group.last + offset;
     size_t at[8];
     for (int lane = 0; lane < 8; lane++) {
@@ -188,7 +188,7 @@ inline int finite_features(__global const REAL *features, int count) {
 }
 
 inline MASKS all_features_finite(__global const REAL *features, int feature_dim, Group group) {
-#if AT_ONCE == 8
+#if PROJECTED_AT_ONCE == 8
     REALS flags = (REALS)(R(1));
     for (int lane = 0; lane < group.count; lane++)
         ((REAL *)&flags)[lane] = finite_features(features + (size_t)feature_dim * (group.first + lane), feature_dim);
@@ -224,7 +224,7 @@ __kernel void project(
 ) {
     const int begin = get_global_id(0) * PROJECTION_CHUNK;
     const int end = begin + PROJECTION_CHUNK < count ? begin + PROJECTION_CHUNK : count;
-    for (int first = begin; first < end; first += AT_ONCE) {
+    for (int first = begin; first < end; first += PROJECTED_AT_ONCE) {
         const Group group = group_of(first, count);
         REALS mean[3], quat[4], scale[3];
         for (int k = 0; k < 3; k++) mean[k] = read_reals(means, 3, k, group);
@@ -342,7 +342,7 @@ __kernel void project_backward(
 ) {
     const int begin = get_global_id(0) * PROJECTION_CHUNK;
     const int end = begin + PROJECTION_CHUNK < count ? begin + PROJECTION_CHUNK : count;
-    for (int first = begin; first < end; first += AT_ONCE) {
+    for (int first = begin; first < end; first += PROJECTED_AT_ONCE) {
         const Group group = group_of(first, count);
         const Geometry g = read_geometry(means, quats, camera, group);
         REALS scale[3], grad_rows[2][3], grad_opacity;

@@ -7,30 +7,46 @@ import os
 import subprocess
 import sys
 
+import pytest
 import torch
+from torch import Tensor
 
 from opencl.backend import Backend
+from opencl.contract import RasterOutput
 from opencl.device import choose_device
+from opencl.program import Schedule
 from opencl.rasterizer import _rasterize_on
-from tests.opencl.scenes import gradients, make_scene
+from tests.opencl.scenes import Scene, gradients, make_scene
+
+pytestmark = pytest.mark.parametrize("schedule", ["cpu", "gpu"])
 
 
-def digest() -> str:
+def draw(backend: Backend, scene: Scene) -> tuple[RasterOutput, tuple[Tensor, ...]]:
+    """A picture, and what it is drawn from."""
+    leaves = tuple(tensor.clone().requires_grad_() for tensor in (*scene.gaussians, scene.background))
+    return _rasterize_on(backend, *leaves[:5], *scene.camera, leaves[5], scene.settings), leaves
+
+
+def digest(backend: Backend) -> str:
     """Of a picture and all its gradients."""
     scene = make_scene(count=2000, feature_dim=16, width=130, height=90, size=0.1, dtype=torch.float32)
-    leaves = tuple(tensor.requires_grad_() for tensor in (*scene.gaussians, scene.background))
-    output = scene.draw()
+    output, leaves = draw(backend, scene)
     hasher = hashlib.sha256()
     for tensor in (output.features, output.alphas, output.radii, output.means2d, *gradients(output, leaves)):
         hasher.update(tensor.detach().numpy().tobytes())
     return hasher.hexdigest()
 
 
-def test_twenty_runs():
-    assert len({digest() for _ in range(20)}) == 1
+def digest_on(schedule: Schedule) -> str:
+    return digest(Backend(choose_device(), schedule=schedule))
 
 
-def test_any_number_of_threads(tmp_path):
+def test_twenty_runs(schedule):
+    backend = Backend(choose_device(), schedule=schedule)
+    assert len({digest(backend) for _ in range(20)}) == 1
+
+
+def test_any_number_of_threads(schedule, tmp_path):
     digests = set()
     for threads in ("1", "2", "5"):
         environment = os.environ | {
@@ -38,19 +54,18 @@ def test_any_number_of_threads(tmp_path):
             "OMP_NUM_THREADS": threads,
             "POCL_CACHE_DIR": str(tmp_path),  # one after the other, so they may share it
         }
-        code = "from tests.opencl.test_determinism import digest; print(digest())"
+        code = f"from tests.opencl.test_determinism import digest_on; print(digest_on({schedule!r}))"
         done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
         digests.add(done.stdout.strip())
-    digests.add(digest())
+    digests.add(digest_on(schedule))
     assert len(digests) == 1
 
 
-def test_copies_give_the_same_bits_as_shared_memory():
+def test_copies_give_the_same_bits_as_shared_memory(schedule):
     scene = make_scene(count=100, feature_dim=3, dtype=torch.float32)
     results = []
     for shares_memory in (True, False):
-        backend = Backend(choose_device(), shares_memory=shares_memory)
-        leaves = tuple(tensor.clone().requires_grad_() for tensor in (*scene.gaussians, scene.background))
-        output = _rasterize_on(backend, *leaves[:5], *scene.camera, leaves[5], scene.settings)
+        backend = Backend(choose_device(), schedule=schedule, shares_memory=shares_memory)
+        output, leaves = draw(backend, scene)
         results.append((output.features, output.radii, *gradients(output, leaves)))
     assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))

@@ -11,6 +11,8 @@ from opencl.contract import RasterSettings
 from opencl.rasterizer import rasterize
 from tests.opencl.scenes import gradients, make_scene, near_a_threshold, one_gaussian
 
+pytestmark = pytest.mark.usefixtures("both_schedules")
+
 
 def test_no_gaussian_is_the_background():
     scene = make_scene(count=0, dtype=torch.float32)

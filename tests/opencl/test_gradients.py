@@ -9,6 +9,8 @@ from opencl.contract import RasterSettings
 from opencl.rasterizer import rasterize
 from tests.opencl.scenes import gradients, make_scene, one_gaussian
 
+pytestmark = pytest.mark.usefixtures("both_schedules")
+
 NAMES = ("means", "quats", "scales", "opacities", "features", "background")
 
 
@@ -49,7 +51,7 @@ def test_each_input_alone_gets_the_gradient_it_gets_among_all(wanted):
     assert all(tensor.grad is None for name, tensor in alone.items() if name != wanted)
 
 
-@pytest.mark.parametrize("feature_dim", [1, 3, 16, 17, 32, 70])
+@pytest.mark.parametrize("feature_dim", [1, 3, 16, 17, 32, 40, 70])
 def test_float64_gradients_are_the_reference_s(feature_dim):
     scene = make_scene(count=60, feature_dim=feature_dim, size=0.4)
     _compare_with_reference(scene, 1e-10)

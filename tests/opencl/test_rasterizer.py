@@ -10,6 +10,8 @@ import torch
 from opencl.contract import RasterSettings
 from tests.opencl.scenes import make_scene, near_a_threshold, one_gaussian
 
+pytestmark = pytest.mark.usefixtures("both_schedules")
+
 GSPLAT = RasterSettings(near=0.01, alpha_maximum=0.999, radius_sigmas=3.33, clamp_about="principal_point")
 
 

@@ -39,9 +39,22 @@ WHOLE_REGISTERS inline void add_features(
     if (FEATURE_DIM & 1) add_1_features(sums + k, features + k, gaussians, weights, count);
 }
 
+#ifdef COUNT_PIXELS
+inline int drawn_lanes(LANES weights) {
+    int count = 0;
+    for (int lane = 0; lane < 16; lane++) count += ((const REAL *)&weights)[lane] > R(0);
+    return count;
+}
+#endif
+
 // Blends the chunk's Gaussians into one block.
 WHOLE_REGISTERS inline void blend_block(
-    const Chunk *chunk, int index, __global const REAL *features, Transmittance *transmittance, LANES *sums
+    const Chunk *chunk,
+    int index,
+    __global const REAL *features,
+    Transmittance *transmittance,
+    LANES *sums,
+    __global int *pixel_counts
 ) {
     const Block block = block_of(index);
     LANES weights[CHUNK];
@@ -55,6 +68,10 @@ WHOLE_REGISTERS inline void blend_block(
     }
     for (int i = 0; i < count; i++) weights[i] = weights_of(weights[i], &t);
     *transmittance = t;
+#ifdef COUNT_PIXELS
+    // The order in which whole numbers are added does not matter.
+    for (int i = 0; i < count; i++) atomic_add(pixel_counts + gaussians[i], drawn_lanes(weights[i]));
+#endif
     add_features(sums, features, gaussians, weights, count);
 }
 
@@ -98,7 +115,8 @@ WHOLE_REGISTERS __kernel void blend(
     __global const int *entries,
     __global REAL *feature_map,
     __global REAL *alphas,
-    __global int *walked
+    __global int *walked,
+    __global int *pixel_counts
 ) {
     const int index = get_global_id(0);
     const Tile tile = tile_of(index, width, height);
@@ -119,7 +137,7 @@ WHOLE_REGISTERS __kernel void blend(
         open = 0;
         for (int block = 0; block < BLOCKS; block++) {
             if (all_finished(transmittance[block])) continue;
-            blend_block(&chunk, block, features, transmittance + block, sums + block * FEATURE_DIM);
+            blend_block(&chunk, block, features, transmittance + block, sums + block * FEATURE_DIM, pixel_counts);
             open = 1;
         }
         entry += count;

@@ -342,6 +342,7 @@ __kernel void sum_gradients(
     __global const int *first_slots,
     __global const REAL *gradient_rows,
     __global REAL *grad_means2d,
+    __global REAL *grad_absolute,
     __global REAL *grad_records,
     __global REAL *grad_features
 ) {
@@ -362,6 +363,10 @@ __kernel void sum_gradients(
         const REAL grad_x = across * sums[1];
         grad_means2d[2 * i] = grad_x;
         grad_means2d[2 * i + 1] = down * sums[2] - slope * grad_x;
+#ifdef ABSOLUTE_GRADIENTS
+        grad_absolute[2 * i] = sums[6];
+        grad_absolute[2 * i + 1] = sums[7];
+#endif
         grad_record[0] = grad_record[1] = grad_record[6] = grad_record[7] = 0;
         grad_record[2] = across * sums[4];
         grad_record[3] = R(-0.5) * sums[3];

@@ -40,56 +40,6 @@ __kernel void sort_by_depth(
         for (int i = 0; i < visible; i++) order[i] = from[i];
 }
 
-// The ellipse of alpha >= ALPHA_MINIMUM, with the slack that rounding needs.
-typedef struct {
-    REAL x, y, slope, down, reach, variance_across, half_height;
-    REAL extreme;  // how far below the centre the rightmost point lies, and above it the leftmost
-    int first_row, last_row;  // of tiles; first > last where there is none
-} Ellipse;
-
-inline Ellipse ellipse_of(__global const REAL *record, int height) {
-    Ellipse e;
-    e.x = record[0];
-    e.y = record[1];
-    e.slope = record[2];
-    e.down = record[4];
-    e.reach = record[6] + REACH_SLACK;
-    e.variance_across = 1 / record[3];
-    const REAL variance_y = 1 / record[4];
-    e.half_height = sqrt(e.reach * variance_y);
-    e.extreme = e.slope * variance_y * sqrt(e.reach / (e.variance_across + e.slope * e.slope * variance_y));
-    REAL low = e.y - e.half_height - R(0.51), high = e.y + e.half_height - R(0.49);
-    low = low < 0 ? 0 : low;
-    high = high > height - 1 ? height - 1 : high;
-    e.first_row = low > high ? 1 : (int)low / TILE;
-    e.last_row = low > high ? 0 : (int)high / TILE;
-    return e;
-}
-
-// The columns of tiles that an ellipse reaches in one row of tiles, none where first > last.
-inline void columns_of(const Ellipse e, int row, int width, int *first, int *last) {
-    REAL top = row * TILE - e.y, bottom = top + TILE;
-    top = top < -e.half_height ? -e.half_height : top;
-    bottom = bottom > e.half_height ? e.half_height : bottom;
-    *first = 1;
-    *last = 0;
-    if (top > bottom) return;
-    // The rightmost point of the whole ellipse, or what of the strip is nearest to it; the leftmost lies opposite.
-    const REAL right = e.extreme < top ? top : e.extreme > bottom ? bottom : e.extreme;
-    const REAL left = -e.extreme < top ? top : -e.extreme > bottom ? bottom : -e.extreme;
-    const REAL over_right = e.reach - right * right * e.down, over_left = e.reach - left * left * e.down;
-    const REAL half_right = sqrt(e.variance_across * (over_right > 0 ? over_right : 0));
-    const REAL half_left = sqrt(e.variance_across * (over_left > 0 ? over_left : 0));
-    const REAL slack = R(0.51) + R(1e-5) * (e.half_height * (e.slope < 0 ? -e.slope : e.slope) + half_right);
-    REAL low = e.x + e.slope * left - half_left - slack;
-    REAL high = e.x + e.slope * right + half_right + slack - 1;
-    low = low < 0 ? 0 : low;
-    high = high > width - 1 ? width - 1 : high;
-    if (low > high) return;
-    *first = (int)low / TILE;
-    *last = (int)high / TILE;
-}
-
 // Asks for the record that is read FETCH_AHEAD after this one.
 inline void fetch_record(__global const REAL *records, __global const int *order, int i, int end) {
     FETCH(records + (size_t)RECORD * order[i + FETCH_AHEAD < end ? i + FETCH_AHEAD : i]);
@@ -124,7 +74,7 @@ __kernel void count_tiles(
             for (int column = first; column <= last; column++) counts[row * columns + column]++;
             total += last - first + 1;
         }
-        tile_counts[order[i]] = total;
+        if (tile_counts) tile_counts[order[i]] = total;
         run_total += total;
     }
     run_totals[run] = run_total;
@@ -172,7 +122,7 @@ __kernel void fill_tiles(
     const int end = run_start(run + 1, visible);
     for (int i = run_start(run, visible); i < end; i++) {
         fetch_record(records, order, i, end);
-        first_slots[order[i]] = slot;
+        if (first_slots) first_slots[order[i]] = slot;
         const Ellipse ellipse = ellipse_of(records + (size_t)RECORD * order[i], height);
         for (int row = ellipse.first_row; row <= ellipse.last_row; row++) {
             int first, last;
@@ -180,7 +130,7 @@ __kernel void fill_tiles(
             for (int column = first; column <= last; column++) {
                 const int at = place[row * columns + column]++;
                 entries[at] = order[i];
-                slots[at] = slot++;
+                if (slots) slots[at] = slot++;
             }
         }
     }

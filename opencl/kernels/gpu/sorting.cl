@@ -1,0 +1,108 @@
+// A stable radix sort of keys with a payload each, DIGIT_BITS of the key at a time, from the lowest up.
+//
+// Work-groups count the digits of their chunks; a scan of the counts, digit by digit and in each chunk by chunk, says
+// where each chunk's items of each digit go; work-groups then sort their chunks locally, so that neighbours in local
+// memory are neighbours in global memory, and write them there. No atomics: what comes out is the same on every run.
+
+#define DIGIT_BITS 4
+#define DIGITS (1 << DIGIT_BITS)
+#define SORT_ITEMS (SORT_CHUNK / GROUP_SIZE)
+
+// Items of each digit that each work-item has, [DIGITS][GROUP_SIZE]. Read in order, DIGITS by each work-item; two places
+// after each DIGITS are left unused, so that these do not meet in one bank of local memory.
+#define PLACE_OF_COUNT(i) ((i) + (i) / DIGITS * 2)
+#define COUNTS (GROUP_SIZE * (DIGITS + 2))
+
+inline int digit_of(DEPTH_KEY key, int shift) { return (int)(key >> shift) & (DIGITS - 1); }
+
+// Reads this work-item's keys, which lie side by side from `first` on, and counts their digits. `ranks`: how many of the
+// same digit come before each.
+inline void count_own_digits(
+    int first, int count, int shift, __global const DEPTH_KEY *keys, __local ushort *counts, DEPTH_KEY *own, int *ranks
+) {
+    const int item = get_local_id(0);
+    for (int digit = 0; digit < DIGITS; digit++) counts[PLACE_OF_COUNT(digit * GROUP_SIZE + item)] = 0;
+    for (int k = 0; k < SORT_ITEMS; k++) {
+        if (first + k >= count) break;
+        own[k] = keys[first + k];
+        ranks[k] = counts[PLACE_OF_COUNT(digit_of(own[k], shift) * GROUP_SIZE + item)]++;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+}
+
+__kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void count_digits(
+    const int count, const int shift, __global const DEPTH_KEY *keys, __global long *digit_counts
+) {
+    __local ushort counts[COUNTS];
+    __local int parts[GROUP_SIZE];
+    const int item = get_local_id(0);
+    DEPTH_KEY own[SORT_ITEMS];
+    int ranks[SORT_ITEMS], part = 0;
+    count_own_digits(get_global_id(0) * SORT_ITEMS, count, shift, keys, counts, own, ranks);
+    for (int k = 0; k < DIGITS; k++) part += counts[PLACE_OF_COUNT(item * DIGITS + k)];
+    parts[item] = part;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (item >= DIGITS) return;
+    long total = 0;
+    for (int k = 0; k < GROUP_SIZE / DIGITS; k++) total += parts[item * (GROUP_SIZE / DIGITS) + k];
+    digit_counts[(size_t)item * get_num_groups(0) + get_group_id(0)] = total;
+}
+
+// A group's local memory: first the counts, then the chunk in its new order.
+typedef union {
+    ushort counts[COUNTS];
+    struct {
+        DEPTH_KEY keys[SORT_CHUNK];
+        int payloads[SORT_CHUNK];
+    } sorted;
+} SortSpace;
+
+// `digit_starts` is what count_digits counted, scanned.
+__kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void move_by_digit(
+    const int count,
+    const int shift,
+    __global const DEPTH_KEY *keys,
+    __global const int *payloads,
+    __global const long *digit_starts,
+    __global DEPTH_KEY *moved_keys,
+    __global int *moved_payloads
+) {
+    __local SortSpace space;
+    __local long sums[2 * GROUP_SIZE];
+    __local int moves[DIGITS];  // from an item's place in the sorted chunk to its place among all
+    const int item = get_local_id(0), chunk = get_group_id(0) * SORT_CHUNK, first = chunk + item * SORT_ITEMS;
+    DEPTH_KEY own[SORT_ITEMS];
+    int ranks[SORT_ITEMS];
+    count_own_digits(first, count, shift, keys, space.counts, own, ranks);
+
+    int before = 0;
+    for (int k = 0; k < DIGITS; k++) before += space.counts[PLACE_OF_COUNT(item * DIGITS + k)];
+    long total;
+    before = scan_of_group(before, sums, &total);
+    for (int k = 0; k < DIGITS; k++) {
+        const int place = PLACE_OF_COUNT(item * DIGITS + k), here = space.counts[place];
+        space.counts[place] = before;
+        before += here;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (item < DIGITS)
+        moves[item] = (int)digit_starts[(size_t)item * get_num_groups(0) + get_group_id(0)]
+            - space.counts[PLACE_OF_COUNT(item * GROUP_SIZE)];
+    for (int k = 0; k < SORT_ITEMS; k++)
+        if (first + k < count) ranks[k] += space.counts[PLACE_OF_COUNT(digit_of(own[k], shift) * GROUP_SIZE + item)];
+    barrier(CLK_LOCAL_MEM_FENCE);
+
+    for (int k = 0; k < SORT_ITEMS; k++) {
+        if (first + k >= count) break;
+        space.sorted.keys[ranks[k]] = own[k];
+        space.sorted.payloads[ranks[k]] = payloads[first + k];
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    const int here = count - chunk < SORT_CHUNK ? count - chunk : SORT_CHUNK;
+    for (int i = item; i < here; i += GROUP_SIZE) {
+        const DEPTH_KEY key = space.sorted.keys[i];
+        const int to = i + moves[digit_of(key, shift)];
+        moved_keys[to] = key;
+        moved_payloads[to] = space.sorted.payloads[i];
+    }
+}

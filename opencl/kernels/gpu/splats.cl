@@ -1,0 +1,59 @@
+// Gaussians as a tile sees them, kept in local memory for its work-group: a pixel for each work-item, row by row.
+
+#ifdef REAL_IS_DOUBLE
+typedef double4 REAL4;
+#define EXP2 exp2
+#else
+typedef float4 REAL4;
+#define EXP2 native_exp2
+#endif
+
+// A Gaussian's record and features as vectors of four, which local memory delivers at once.
+#define RECORD_QUARTETS (RECORD / 4)
+#define FEATURE_QUARTETS ((FEATURE_DIM + 3) / 4)
+
+// The part of the picture that a tile covers.
+typedef struct {
+    int left, top, columns, rows;
+} Tile;
+
+inline Tile tile_of(int index, int width, int height) {
+    const int across = (width + TILE - 1) / TILE;
+    Tile tile;
+    tile.left = index % across * TILE;
+    tile.top = index / across * TILE;
+    tile.columns = width - tile.left < TILE ? width - tile.left : TILE;
+    tile.rows = height - tile.top < TILE ? height - tile.top : TILE;
+    return tile;
+}
+
+// Brings `here` entries' records into local memory: centres from the tile's corner, precisions as exponents of 2. What is
+// missing to `places` becomes a Gaussian that is nowhere drawn.
+inline void stage_records(
+    __global const REAL *records, __global const int *entries, int here, int places, Tile tile, __local REAL4 *staged
+) {
+    const int k = get_local_id(0) % RECORD;
+    const REAL origin = k == 0 ? tile.left : k == 1 ? tile.top : 0;
+    const REAL scale = k == 3 || k == 4 ? R(-0.72134752044448170368) : R(1);  // -1/2 log2(e)
+    for (int i = get_local_id(0); i < places * RECORD; i += GROUP_SIZE)
+        ((__local REAL *)staged)[i] =
+            i < here * RECORD ? (records[(size_t)RECORD * entries[i / RECORD] + k] - origin) * scale : 0;
+}
+
+// Brings their features, filled up with zeros.
+inline void stage_features(
+    __global const REAL *features, __global const int *entries, int here, int places, __local REAL4 *staged
+) {
+    for (int i = get_local_id(0); i < places * FEATURE_QUARTETS * 4; i += GROUP_SIZE) {
+        const int n = i / (FEATURE_QUARTETS * 4), k = i % (FEATURE_QUARTETS * 4);
+        ((__local REAL *)staged)[i] =
+            n < here && k < FEATURE_DIM ? features[(size_t)FEATURE_DIM * entries[n] + k] : 0;
+    }
+}
+
+// A Gaussian's alpha, before the clamp, at a pixel centre x, y from the tile's corner.
+inline REAL alpha_of(__local const REAL4 *staged, REAL x, REAL y) {
+    const REAL4 place = staged[0], size = staged[1];  // centre, slope, precision across; precision down, opacity
+    const REAL down = y - place.y, across = x - place.x - place.z * down;
+    return EXP2(across * across * place.w + size.x * down * down) * size.y;
+}

@@ -1,0 +1,113 @@
+// Which Gaussians each tile of 16 x 16 pixels draws, nearest first.
+//
+// Gaussians are sorted by depth; each then has as many slots, side by side, as it reaches tiles; the slots are sorted by
+// tile. That sort is stable and keeps the order of depth.
+
+// Sort keys by depth; Gaussians that are not visible come last.
+__kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void key_by_depth(
+    const int count,
+    __global const int *radii,
+    __global const DEPTH_KEY *depth_keys,
+    __global DEPTH_KEY *keys,
+    __global int *order
+) {
+    const int i = get_global_id(0);
+    if (i >= count) return;
+    keys[i] = radii[i] > 0 ? depth_keys[i] : ~(DEPTH_KEY)0;
+    order[i] = i;
+}
+
+// Tiles of each Gaussian, by Gaussian and in the order of depth.
+__kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void count_tiles(
+    const int count,
+    const int width,
+    const int height,
+    __global const int *radii,
+    __global const int *order,
+    __global const REAL *records,
+    __global int *tile_counts,
+    __global long *ordered_counts
+) {
+    const int i = get_global_id(0);
+    if (i >= count) return;
+    const int gaussian = order[i];
+    int total = 0;
+    if (radii[gaussian] > 0) {
+        const Ellipse ellipse = ellipse_of(records + (size_t)RECORD * gaussian, height);
+        for (int row = ellipse.first_row; row <= ellipse.last_row; row++) {
+            int first, last;
+            columns_of(ellipse, row, width, &first, &last);
+            total += last - first + 1;
+        }
+    }
+    tile_counts[gaussian] = total;
+    ordered_counts[i] = total;
+}
+
+// The first place in an ascending array whose value is at least `value`.
+inline int find_slot_start(__global const long *starts, int count, long value) {
+    int low = 0, high = count;
+    while (low < high) {
+        const int middle = low + (high - low) / 2;
+        if (starts[middle] < value) low = middle + 1;
+        else high = middle;
+    }
+    return low;
+}
+
+inline int find_key(__global const DEPTH_KEY *keys, int count, DEPTH_KEY key) {
+    int low = 0, high = count;
+    while (low < high) {
+        const int middle = low + (high - low) / 2;
+        if (keys[middle] < key) low = middle + 1;
+        else high = middle;
+    }
+    return low;
+}
+
+// Gaussian and tile of each slot. A work-item takes one slot, so that a Gaussian which fills the picture holds up none.
+__kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void fill_slots(
+    const int total,
+    const int count,
+    const int width,
+    const int height,
+    __global const int *order,
+    __global const long *slot_starts,
+    __global const REAL *records,
+    __global int *first_slots,
+    __global int *gaussians,
+    __global DEPTH_KEY *tiles,
+    __global int *slots
+) {
+    const int slot = get_global_id(0);
+    if (slot >= total) return;
+    // Those without tiles start where the next one does: the last that starts here has this slot.
+    const int place = find_slot_start(slot_starts, count, (long)slot + 1) - 1;
+    const int gaussian = order[place], start = (int)slot_starts[place], columns = (width + TILE - 1) / TILE;
+    if (slot == start) first_slots[gaussian] = slot;
+    const Ellipse ellipse = ellipse_of(records + (size_t)RECORD * gaussian, height);
+    int left = slot - start, row = ellipse.first_row, first, last;
+    columns_of(ellipse, row, width, &first, &last);
+    while (left > last - first && row < ellipse.last_row) {
+        left -= last - first + 1;
+        columns_of(ellipse, ++row, width, &first, &last);
+    }
+    gaussians[slot] = gaussian;
+    tiles[slot] = row * columns + first + left;
+    slots[slot] = slot;
+}
+
+// Where each tile's entries start in the sorted lists; for the tile after the last, their number.
+__kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void start_tiles(
+    const int tiles, const int total, __global const DEPTH_KEY *sorted_tiles, __global int *tile_starts
+) {
+    const int tile = get_global_id(0);
+    if (tile <= tiles) tile_starts[tile] = find_key(sorted_tiles, total, (DEPTH_KEY)tile);
+}
+
+__kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void fill_entries(
+    const int total, __global const int *gaussians, __global const int *slots, __global int *entries
+) {
+    const int entry = get_global_id(0);
+    if (entry < total) entries[entry] = gaussians[slots[entry]];
+}
