@@ -29,7 +29,9 @@ def test_antialiasing_is_the_reference_s(size):
 def test_antialiasing_keeps_the_light_of_a_gaussian_that_moves_away():
     def light(distance, settings):
         scene = make_scene(count=1, size=0.02, opacity=(0.3, 0.3), settings=settings, width=40, height=40)
-        scene.means.copy_(torch.tensor([[0.0, 0.0, distance]], dtype=torch.float64) @ scene.world_to_camera[:3, :3])
+        in_camera = torch.tensor([[0.0, 0.0, distance]], dtype=torch.float64)
+        pose = scene.world_to_camera
+        scene.means.copy_((in_camera - pose[:3, 3]) @ pose[:3, :3])
         return scene.draw().alphas.sum().item() * distance**2
 
     plain = RasterSettings(alpha_minimum=1e-6)
