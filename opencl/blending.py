@@ -14,7 +14,7 @@ from opencl.contract import RasterSettings
 from opencl.program import GROUP_SIZE, ProgramKey, Schedule
 from opencl.tiling import TileLists
 
-LARGEST_FEATURE_DIM = 128
+LARGEST_FEATURE_DIM = 64
 """Channels of one pass; more are blended in several, so that what a tile sums stays near the processor."""
 _CACHED = 2**24
 """Bytes of a picture that stays in a processor's caches until it is read."""

@@ -53,7 +53,7 @@ def rasterize(
         settings: every constant; the defaults are 3DGS's.
         depth: whether `depths` are wanted: the centres' depths, blended as features are, over a background of 0.
         absolute_gradients: whether `absolute_gradients` are wanted: sums over the pixels of the screen-space gradient's
-            absolute values (AbsGS, Ye et al. 2024). For M up to 128 (with depth, 127).
+            absolute values (AbsGS, Ye et al. 2024). For M up to 64 (with depth, 63).
         count_pixels: whether `pixel_counts` are wanted: in how many pixels each Gaussian is drawn.
 
     Returns:
