@@ -69,6 +69,7 @@ class CudaSession(Session):
     def __init__(self, backend: CudaBackend) -> None:
         self._cuda = backend
         self.memory = backend.memory
+        self._stream = torch.cuda.current_stream(backend.tensor_device)
 
     def launch(
         self, program: ProgramKey, kernel: str, groups: int, *arguments: Tensor | int, group_size: int = 1
@@ -87,9 +88,8 @@ class CudaSession(Session):
                 "as its registers and local memory leave room for: compile it with less of either"
             )
         packed = [self._pack(kernel, position, *pair) for position, pair in self._pairs(kernel, loaded, arguments)]
-        stream = torch.cuda.current_stream(self._cuda.tensor_device)
-        timing = LaunchTiming(stream) if self._cuda.profiled is not None else None
-        self._cuda.driver.launch(kernel, loaded.function, groups, group_size, stream.cuda_stream, packed)
+        timing = LaunchTiming(self._stream) if self._cuda.profiled is not None else None
+        self._cuda.driver.launch(kernel, loaded.function, groups, group_size, self._stream.cuda_stream, packed)
         if timing is not None and self._cuda.profiled is not None:
             timing.stop()
             self._cuda.profiled.append((kernel, timing))
@@ -162,7 +162,8 @@ class CudaBackend(Backend):
 
     @contextmanager
     def _launching(self) -> Iterator[Session]:
-        with self.driver.current(self._primary):
+        # Without the first, torch's next allocation would make another GPU's context current where that is its default.
+        with torch.cuda.device(self.tensor_device), self.driver.current(self._primary):
             yield CudaSession(self)
 
     def cuda_kernel(self, program: ProgramKey, name: str) -> CudaKernel:

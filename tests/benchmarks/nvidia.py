@@ -19,9 +19,15 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
+
+if TYPE_CHECKING:  # what asks for OpenCL's platforms is imported once the ICD file is there
+    from opencl.benchmark import Gaussians, Workload
+    from opencl.cuda import CudaBackend
+    from tests.opencl.scenes import Scene
 
 VENDORS = Path("/etc/OpenCL/vendors")
 LIBRARY = "libnvidia-opencl.so.1"
@@ -69,7 +75,7 @@ def main() -> int:
     return 0 if all(holds) else 1
 
 
-def drawn(scene: object, device: str) -> list[Tensor]:
+def drawn(scene: Scene, device: str) -> list[Tensor]:
     """Picture, alphas, radii, centres and all gradients, back on the CPU."""
     from opencl.rasterizer import rasterize
 
@@ -155,14 +161,19 @@ def median_milliseconds(work: Callable[[], object]) -> float:
     return statistics.median(seconds) * 1e3
 
 
+def workload_b() -> tuple[Workload, Gaussians]:
+    from opencl.benchmark import WORKLOADS, make_gaussians
+
+    workload = next(one for one in WORKLOADS if one.name == "B")
+    return workload, make_gaussians(workload)
+
+
 def time_workload() -> None:
     """Forward, and forward with backward, of workload B; gsplat's with the same settings where it is installed."""
-    from opencl.benchmark import WORKLOADS, make_gaussians
     from opencl.contract import RasterSettings
     from opencl.rasterizer import rasterize
 
-    workload = next(one for one in WORKLOADS if one.name == "B")
-    gaussians = make_gaussians(workload)
+    workload, gaussians = workload_b()
     leaves = [tensor.cuda().requires_grad_() for tensor in gaussians.trained]
     size = workload.width, workload.height
     gradient = torch.rand(workload.height, workload.width, workload.feature_dim, device="cuda")
@@ -201,14 +212,12 @@ def time_workload() -> None:
         print(f"  pictures: {float((one - other).abs().mean()):.1e} apart on average")
 
 
-def time_copies(backend: object) -> None:
+def time_copies(backend: CudaBackend) -> None:
     """The same GPU for tensors of the CPU, through pinned memory."""
     from opencl.backend import Backend
-    from opencl.benchmark import WORKLOADS, make_gaussians
     from opencl.rasterizer import RasterSettings, _rasterize_on
 
-    workload = next(one for one in WORKLOADS if one.name == "B")
-    gaussians = make_gaussians(workload)
+    workload, gaussians = workload_b()
     leaves = [tensor.requires_grad_() for tensor in gaussians.trained]
     gradient = torch.rand(workload.height, workload.width, workload.feature_dim)
     staged = Backend(backend.device)
@@ -221,15 +230,13 @@ def time_copies(backend: object) -> None:
     print(f"  ours, CPU tensors, copied: forward + backward {median_milliseconds(draw):8.3f}")
 
 
-def print_kernels(backend: object) -> None:
+def print_kernels(backend: CudaBackend) -> None:
     """Where a forward and backward pass of workload B spends the GPU's time."""
-    from opencl.benchmark import WORKLOADS, make_gaussians
     from opencl.cuda import CudaBackend
     from opencl.rasterizer import RasterSettings, _rasterize_on
 
     profiled = CudaBackend(backend.device, backend.driver, backend.tensor_device, profile=True)
-    workload = next(one for one in WORKLOADS if one.name == "B")
-    gaussians = make_gaussians(workload)
+    workload, gaussians = workload_b()
     leaves = [tensor.cuda().requires_grad_() for tensor in gaussians.trained]
     view = (gaussians.world_to_camera, gaussians.intrinsics, workload.width, workload.height)
     background = torch.zeros(workload.feature_dim, device="cuda")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import pytest
@@ -26,6 +27,13 @@ def cuda() -> FakeCuda:
 
 @pytest.fixture
 def backend(cuda, monkeypatch) -> CudaBackend:
+    @contextmanager
+    def torch_device(device):
+        assert device == torch.device("cpu")
+        cuda.calls.append("torch.cuda.device")
+        yield
+
+    monkeypatch.setattr(torch.cuda, "device", torch_device)
     monkeypatch.setattr(torch.cuda, "current_stream", lambda device: SimpleNamespace(cuda_stream=STREAM))
     made = CudaBackend(
         choose_device(), CudaDriver(cuda.functions), torch.device("cpu"), compile_program=cuda.compile_program
@@ -70,7 +78,8 @@ def test_a_launch_in_torch_s_context_and_stream(cuda, backend):
         ("place_tiles", 1, 1, STREAM, [-1, addresses[0], 0, addresses[2]]),
     ]
     assert cuda.calls[before:] == [
-        *("cuCtxPushCurrent_v2", "cuModuleLoadDataEx", "cuModuleGetFunction", "cuFuncGetAttribute"),
+        *("torch.cuda.device", "cuCtxPushCurrent_v2"),
+        *("cuModuleLoadDataEx", "cuModuleGetFunction", "cuFuncGetAttribute"),
         *("cuLaunchKernel", "cuLaunchKernel", "cuCtxPopCurrent_v2"),
     ]
     assert cuda.current == []
