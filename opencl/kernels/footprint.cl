@@ -10,7 +10,7 @@ typedef struct {
     int first_row, last_row;  // of tiles; first > last where there is none
 } Ellipse;
 
-inline Ellipse ellipse_of(__global const REAL *record, int height) {
+static inline Ellipse ellipse_of(__global const REAL *record, int height) {
     #pragma OPENCL FP_CONTRACT OFF
     Ellipse e;
     e.x = record[0];
@@ -31,7 +31,7 @@ inline Ellipse ellipse_of(__global const REAL *record, int height) {
 }
 
 // The columns of tiles that an ellipse reaches in one row of tiles, none where first > last.
-inline void columns_of(const Ellipse e, int row, int width, int *first, int *last) {
+static inline void columns_of(const Ellipse e, int row, int width, int *first, int *last) {
     #pragma OPENCL FP_CONTRACT OFF
     REAL top = row * TILE - e.y, bottom = top + TILE;
     top = top < -e.half_height ? -e.half_height : top;

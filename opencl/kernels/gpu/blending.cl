@@ -3,7 +3,8 @@
 // The group brings a batch of Gaussians into local memory, from where all pixels read the same one at the same time.
 // Features blended so far stay in registers.
 
-// Gaussians of a batch: 12 KiB of local memory or less (24 in double precision), so that several groups share a processor.
+// Gaussians of a batch: 12 KiB of local memory or less (24 in double precision), so that several groups share a
+// processor.
 #if FEATURE_DIM <= 16
 #define BLEND_BATCH 128
 #elif FEATURE_DIM <= 32

@@ -22,19 +22,19 @@
 
 // Gaussians at once, so that a group needs less than 32 KiB of local memory.
 #ifdef REAL_IS_DOUBLE
-#define AT_ONCE 4
+#define BACKWARD_BATCH 4
 #else
-#define AT_ONCE 8
+#define BACKWARD_BATCH 8
 #endif
-#define WEIGHT_QUARTETS (AT_ONCE / 4)
+#define WEIGHT_QUARTETS (BACKWARD_BATCH / 4)
 
-// Tasks come in blocks of 8 times TILE slices, half a group: 16 features of all Gaussians, two a task; or, the last block,
-// the moments, a Gaussian a task. Each half of the group takes every other block.
+// Tasks come in blocks of 8 times TILE slices, half a group: 16 features of all Gaussians, two a task; or, the last
+// block, the moments, a Gaussian a task. Each half of the group takes every other block.
 #define TASKS 8
 #define BLOCK_FEATURES (2 * TASKS)
 #define FEATURE_BLOCKS ((FEATURE_DIM + BLOCK_FEATURES - 1) / BLOCK_FEATURES)
 #define ROUNDS ((FEATURE_BLOCKS + 2) / 2)
-#define TASK_SUMS (2 * AT_ONCE)
+#define TASK_SUMS (2 * BACKWARD_BATCH)
 #define BLOCK_SUMS (TASKS * TASK_SUMS)
 
 // Distances in local memory: a little more than needed, so that what is read at once lies in different banks.
@@ -56,7 +56,7 @@ typedef struct {
     int open;
 } Pixel;
 
-inline Pixel pixel_of(
+static inline Pixel pixel_of(
     int width,
     Tile tile,
     __global const REAL *feature_map,
@@ -87,7 +87,7 @@ inline Pixel pixel_of(
 }
 
 // Blends one Gaussian: its weight in this pixel, and the gradient of its power.
-inline void blend_pixel(
+static inline void blend_pixel(
     Pixel *p, __local const REAL4 *record, __local const REAL4 *feature, REAL *weight, REAL *power_gradient
 ) {
     *weight = *power_gradient = 0;
@@ -110,7 +110,7 @@ inline void blend_pixel(
 
 // Sums over a slice, which is a column of the tile, of two features' gradients times the weights of all Gaussians:
 // sums[c * WEIGHT_QUARTETS + q] holds four Gaussians' of the feature `channel` + c * TASKS.
-inline void add_features(
+static inline void add_features(
     int width, Tile tile, int slice, int channel, __global const REAL *grads, __local const REAL4 *weights, REAL4 *sums
 ) {
     // Where there is no such pixel or feature, some other is read: its weight is 0, or its sum is not used.
@@ -128,7 +128,9 @@ inline void add_features(
 }
 
 // Sums over a slice of one Gaussian's moments.
-inline void add_moments(int slice, __local const REAL4 *record, __local const REAL *power_gradients, REAL *sums) {
+static inline void add_moments(
+    int slice, __local const REAL4 *record, __local const REAL *power_gradients, REAL *sums
+) {
     const REAL4 place = record[0];
 #ifdef ABSOLUTE_GRADIENTS
     const REAL squares = R(-1.38629436111989061883);  // undoes the exponents' factor
@@ -152,7 +154,7 @@ inline void add_moments(int slice, __local const REAL4 *record, __local const RE
 }
 
 // The gradient of the background: g times the light that is left, summed over the tile.
-inline void sum_behind(
+static inline void sum_behind(
     int width,
     Tile tile,
     __global const REAL *alphas,
@@ -179,13 +181,13 @@ inline void sum_behind(
 }
 
 // Adds the slices' sums of a block, of which this work-item takes one, and writes it into its Gaussian's row.
-inline void write_sum(
+static inline void write_sum(
     int block, int number, int here, __local const REAL *slices, __local const int *slots, __global REAL *gradient_rows
 ) {
     const int task = number % TASKS, value = number / TASKS;
-    const int channel = block * BLOCK_FEATURES + value / AT_ONCE * TASKS + task;
+    const int channel = block * BLOCK_FEATURES + value / BACKWARD_BATCH * TASKS + task;
     const int is_moment = block == FEATURE_BLOCKS;
-    const int n = is_moment ? task : value % AT_ONCE;
+    const int n = is_moment ? task : value % BACKWARD_BATCH;
     if (number >= BLOCK_SUMS || n >= here || (is_moment ? value >= MOMENTS : channel >= FEATURE_DIM)) return;
     REAL sum = 0;
     for (int slice = 0; slice < TILE; slice++) sum += slices[slice * SLICE_PITCH + number];
@@ -209,19 +211,20 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend_back
     __global REAL *background_rows
 ) {
     __local BackwardSpace space;
-    __local REAL4 staged_records[AT_ONCE * RECORD_QUARTETS], staged_features[AT_ONCE * FEATURE_QUARTETS];
-    __local int staged_slots[AT_ONCE];
+    __local REAL4 staged_records[BACKWARD_BATCH * RECORD_QUARTETS], staged_features[BACKWARD_BATCH * FEATURE_QUARTETS];
+    __local int staged_slots[BACKWARD_BATCH];
     const int item = get_local_id(0), index = get_group_id(0);
     const int half_group = item / (TASKS * TILE), task = item % TASKS, slice = item / TASKS % TILE;
+    __local REAL *slices = space.sums + half_group * TILE * SLICE_PITCH;
     const Tile tile = tile_of(index, width, height);
     const int first = tile_starts[index], end = first + walked[index];
 
     sum_behind(width, tile, alphas, grad_feature_map, space.sums, background_rows + (size_t)index * FEATURE_DIM);
     Pixel pixel = pixel_of(width, tile, feature_map, alphas, grad_feature_map, grad_alphas);
-    for (int batch = first; batch < end; batch += AT_ONCE) {
-        const int here = end - batch < AT_ONCE ? end - batch : AT_ONCE;
-        stage_records(records, entries + batch, here, AT_ONCE, tile, staged_records);
-        stage_features(features, entries + batch, here, AT_ONCE, staged_features);
+    for (int batch = first; batch < end; batch += BACKWARD_BATCH) {
+        const int here = end - batch < BACKWARD_BATCH ? end - batch : BACKWARD_BATCH;
+        stage_records(records, entries + batch, here, BACKWARD_BATCH, tile, staged_records);
+        stage_features(features, entries + batch, here, BACKWARD_BATCH, staged_features);
         if (item < here) staged_slots[item] = slots[batch + item];
         barrier(CLK_LOCAL_MEM_FENCE);
 
@@ -247,7 +250,8 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend_back
             for (int k = 0; k < TASK_SUMS / 4; k++) sums[round][k] = 0;
             if (block < FEATURE_BLOCKS)
                 add_features(
-                    width, tile, slice, block * BLOCK_FEATURES + task, grad_feature_map, space.pixels.weights, sums[round]
+                    width, tile, slice, block * BLOCK_FEATURES + task, grad_feature_map, space.pixels.weights,
+                    sums[round]
                 );
             else if (block == FEATURE_BLOCKS && task < here)
                 add_moments(
@@ -261,11 +265,10 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend_back
         for (int round = 0; round < ROUNDS; round++) {
             #pragma unroll
             for (int k = 0; k < TASK_SUMS; k++)
-                space.sums[(half_group * TILE + slice) * SLICE_PITCH + k * TASKS + task] = ((const REAL *)sums[round])[k];
+                slices[slice * SLICE_PITCH + k * TASKS + task] = ((const REAL *)sums[round])[k];
             barrier(CLK_LOCAL_MEM_FENCE);
             write_sum(
-                2 * round + half_group, item % (TASKS * TILE), here,
-                space.sums + half_group * TILE * SLICE_PITCH, staged_slots, gradient_rows
+                2 * round + half_group, item % (TASKS * TILE), here, slices, staged_slots, gradient_rows
             );
             barrier(CLK_LOCAL_MEM_FENCE);
         }

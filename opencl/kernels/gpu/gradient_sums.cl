@@ -1,7 +1,7 @@
 // Sums of the gradient rows: over each Gaussian's tiles, and of the tiles' shares of the background's.
 
-// ROW_FEATURES times ROW_SLICES work-items take a Gaussian: each takes every ROW_SLICES-th of its rows, and of these every
-// ROW_FEATURES-th value. A Gaussian over the whole picture has thousands of rows.
+// ROW_FEATURES times ROW_SLICES work-items take a Gaussian: each takes every ROW_SLICES-th of its rows, and of these
+// every ROW_FEATURES-th value. A Gaussian over the whole picture has thousands of rows.
 #define ROW_SLICES 4
 #define VALUES_EACH (GRADIENT_ROW / ROW_FEATURES)
 #define GROUP_GAUSSIANS (GROUP_SIZE / (ROW_FEATURES * ROW_SLICES))

@@ -3,7 +3,7 @@
 #define SCAN_ITEMS (SCAN_CHUNK / GROUP_SIZE)
 
 // The sum of the values of the work-items before this one, and of all of them. Called by the whole group.
-inline long scan_of_group(long value, __local long *sums, long *total) {
+static inline long scan_of_group(long value, __local long *sums, long *total) {
     const int item = get_local_id(0);
     __local long *from = sums, *to = sums + GROUP_SIZE;
     from[item] = value;

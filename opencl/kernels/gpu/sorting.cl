@@ -8,16 +8,16 @@
 #define DIGITS (1 << DIGIT_BITS)
 #define SORT_ITEMS (SORT_CHUNK / GROUP_SIZE)
 
-// Items of each digit that each work-item has, [DIGITS][GROUP_SIZE]. Read in order, DIGITS by each work-item; two places
-// after each DIGITS are left unused, so that these do not meet in one bank of local memory.
+// Items of each digit that each work-item has, [DIGITS][GROUP_SIZE]. Read in order, DIGITS by each work-item; two
+// places after each DIGITS are left unused, so that these do not meet in one bank of local memory.
 #define PLACE_OF_COUNT(i) ((i) + (i) / DIGITS * 2)
 #define COUNTS (GROUP_SIZE * (DIGITS + 2))
 
-inline int digit_of(DEPTH_KEY key, int shift) { return (int)(key >> shift) & (DIGITS - 1); }
+static inline int digit_of(DEPTH_KEY key, int shift) { return (int)(key >> shift) & (DIGITS - 1); }
 
-// Reads this work-item's keys, which lie side by side from `first` on, and counts their digits. `ranks`: how many of the
-// same digit come before each.
-inline void count_own_digits(
+// Reads this work-item's keys, which lie side by side from `first` on, and counts their digits. `ranks`: how many of
+// the same digit come before each.
+static inline void count_own_digits(
     int first, int count, int shift, __global const DEPTH_KEY *keys, __local ushort *counts, DEPTH_KEY *own, int *ranks
 ) {
     const int item = get_local_id(0);

@@ -17,7 +17,7 @@ typedef struct {
     int left, top, columns, rows;
 } Tile;
 
-inline Tile tile_of(int index, int width, int height) {
+static inline Tile tile_of(int index, int width, int height) {
     const int across = (width + TILE - 1) / TILE;
     Tile tile;
     tile.left = index % across * TILE;
@@ -27,9 +27,9 @@ inline Tile tile_of(int index, int width, int height) {
     return tile;
 }
 
-// Brings `here` entries' records into local memory: centres from the tile's corner, precisions as exponents of 2. What is
-// missing to `places` becomes a Gaussian that is nowhere drawn.
-inline void stage_records(
+// Brings `here` entries' records into local memory: centres from the tile's corner, precisions as exponents of 2. What
+// is missing to `places` becomes a Gaussian that is nowhere drawn.
+static inline void stage_records(
     __global const REAL *records, __global const int *entries, int here, int places, Tile tile, __local REAL4 *staged
 ) {
     const int k = get_local_id(0) % RECORD;
@@ -41,7 +41,7 @@ inline void stage_records(
 }
 
 // Brings their features, filled up with zeros.
-inline void stage_features(
+static inline void stage_features(
     __global const REAL *features, __global const int *entries, int here, int places, __local REAL4 *staged
 ) {
     for (int i = get_local_id(0); i < places * FEATURE_QUARTETS * 4; i += GROUP_SIZE) {
@@ -52,7 +52,7 @@ inline void stage_features(
 }
 
 // A Gaussian's alpha, before the clamp, at a pixel centre x, y from the tile's corner.
-inline REAL alpha_of(__local const REAL4 *staged, REAL x, REAL y) {
+static inline REAL alpha_of(__local const REAL4 *staged, REAL x, REAL y) {
     const REAL4 place = staged[0], size = staged[1];  // centre, slope, precision across; precision down, opacity
     const REAL down = y - place.y, across = x - place.x - place.z * down;
     return EXP2(across * across * place.w + size.x * down * down) * size.y;

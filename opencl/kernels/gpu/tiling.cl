@@ -1,7 +1,7 @@
 // Which Gaussians each tile of 16 x 16 pixels draws, nearest first.
 //
-// Gaussians are sorted by depth; each then has as many slots, side by side, as it reaches tiles; the slots are sorted by
-// tile. That sort is stable and keeps the order of depth.
+// Gaussians are sorted by depth; each then has as many slots, side by side, as it reaches tiles; the slots are sorted
+// by tile. That sort is stable and keeps the order of depth.
 
 // Sort keys by depth; Gaussians that are not visible come last.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void key_by_depth(
@@ -45,7 +45,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void count_tile
 }
 
 // The first place in an ascending array whose value is at least `value`.
-inline int find_slot_start(__global const long *starts, int count, long value) {
+static inline int find_slot_start(__global const long *starts, int count, long value) {
     int low = 0, high = count;
     while (low < high) {
         const int middle = low + (high - low) / 2;
@@ -55,7 +55,7 @@ inline int find_slot_start(__global const long *starts, int count, long value) {
     return low;
 }
 
-inline int find_key(__global const DEPTH_KEY *keys, int count, DEPTH_KEY key) {
+static inline int find_key(__global const DEPTH_KEY *keys, int count, DEPTH_KEY key) {
     int low = 0, high = count;
     while (low < high) {
         const int middle = low + (high - low) / 2;
