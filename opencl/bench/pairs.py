@@ -11,13 +11,15 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Footprints:
-    """Gaussians on the screen: centres and half sizes of the rectangles that hold their pixels, and how they fall off."""
+    """Gaussians on the screen: the rectangles that hold their pixels, and how they fall off in them."""
 
     means2d: Float[Tensor, "N 2"]
+    """The rectangles' centres, in pixels."""
     conics: Float[Tensor, "N 3"]
     """The inverse covariance's entries xx, xy, yy."""
     opacities: Float[Tensor, " N"]
     half_sizes: Float[Tensor, "N 2"]
+    """Of the rectangles: right and down of the centre, in pixels."""
     depths: Float[Tensor, " N"]
     visible: Bool[Tensor, " N"]
 
@@ -40,10 +42,10 @@ def half_sizes_of(conics: Float[Tensor, "N 3"], opacities: Float[Tensor, " N"], 
 
 
 def repeat_each(counts: Int[Tensor, " K"]) -> tuple[Int[Tensor, " T"], Int[Tensor, " T"]]:
-    """Index k repeated `counts[k]` times, and the running number of each repetition: (0, 0, 2), (0, 1, 0) of 2, 0, 1."""
-    owners = torch.repeat_interleave(torch.arange(len(counts)), counts)
+    """Each index k `counts[k]` times, and the number of each repetition: (0, 0, 2), (0, 1, 0) for (2, 0, 1)."""
+    owners = torch.repeat_interleave(counts)
     starts = counts.cumsum(0) - counts
-    return owners, torch.arange(len(owners)) - starts[owners]
+    return owners, torch.arange(len(owners)) - starts.index_select(0, owners)
 
 
 def tile_entries(
@@ -110,15 +112,19 @@ def _candidates(
     end = ((centres + reaches - 0.5).floor().long() + 1).minimum(far_corner)
     spans = (end - first).clamp_min(0)
     entries, numbers = repeat_each(spans.prod(dim=1))
-    across = spans[entries, 0]
-    columns_of, rows_of = first[entries, 0] + numbers % across, first[entries, 1] + numbers // across
-    owners = gaussians[entries]
-    dx = columns_of + 0.5 - footprints.means2d[owners, 0]
-    dy = rows_of + 0.5 - footprints.means2d[owners, 1]
-    xx, xy, yy = footprints.conics[owners].unbind(-1)
-    alphas = footprints.opacities[owners] * torch.exp(-0.5 * (xx * dx * dx + yy * dy * dy) - xy * dx * dy)
-    kept = alphas >= thresholds.alpha_minimum
-    return (rows_of * width + columns_of)[kept], entries[kept], alphas[kept]
+    across = spans[:, 0].index_select(0, entries)
+    rows_in = torch.div(numbers, across, rounding_mode="floor")
+    columns_in = numbers - rows_in * across
+    dx, dy = (
+        (first[:, axis] + 0.5 - centres[:, axis]).index_select(0, entries) + steps
+        for axis, steps in ((0, columns_in), (1, rows_in))
+    )
+    xx, xy, yy = (column.index_select(0, entries) for column in footprints.conics[gaussians].unbind(-1))
+    powers = -0.5 * (xx * dx * dx + yy * dy * dy) - xy * dx * dy
+    alphas = powers.exp() * footprints.opacities[gaussians].index_select(0, entries)
+    pixels = (first[:, 1] * width + first[:, 0]).index_select(0, entries) + rows_in * width + columns_in
+    kept = (alphas >= thresholds.alpha_minimum).nonzero().squeeze(-1)
+    return pixels[kept], entries[kept], alphas[kept]
 
 
 def _value_before_segment(running: Float[Tensor, " P"], segments: Int[Tensor, " P"]) -> Float[Tensor, " P"]:

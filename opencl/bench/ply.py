@@ -6,10 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+_CODES = ("i1", "u1", "<i2", "<u2", "<i4", "<u4", "<f4", "<f8")
 _TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "<i2", "ushort": "<u2", "int": "<i4", "uint": "<u4"},
-    **{"int8": "i1", "uint8": "u1", "int16": "<i2", "uint16": "<u2", "int32": "<i4", "uint32": "<u4"},
-    **{"float": "<f4", "double": "<f8", "float32": "<f4", "float64": "<f8"},
+    name: code
+    for names in (
+        "char uchar short ushort int uint float double",
+        "int8 uint8 int16 uint16 int32 uint32 float32 float64",
+    )
+    for name, code in zip(names.split(), _CODES, strict=True)
 }
 _END = b"end_header\n"
 
@@ -45,5 +49,7 @@ def _elements(path: Path, lines: list[str]) -> list[tuple[str, int, np.dtype]]:
             case ["property", kind, name] if kind in _TYPES and found:
                 found[-1][2].append((name, _TYPES[kind]))
             case [("element" | "property"), *_]:
-                raise ValueError(f"{path}, header line {number}: found {line!r}, expected an element of scalar properties")
+                raise ValueError(
+                    f"{path}, header line {number}: found {line!r}, expected an element of scalar properties"
+                )
     return [(name, count, np.dtype(fields)) for name, count, fields in found]

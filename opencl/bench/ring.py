@@ -34,9 +34,7 @@ def ring_of_views(means: Float[Tensor, "N 3"], count: int, width: int, height: i
     return tuple(views)
 
 
-def _look_at(
-    centre: Float[Tensor, " 3"], target: Float[Tensor, " 3"], up: Float[Tensor, " 3"]
-) -> Float[Tensor, "4 4"]:
+def _look_at(centre: Float[Tensor, " 3"], target: Float[Tensor, " 3"], up: Float[Tensor, " 3"]) -> Float[Tensor, "4 4"]:
     """The frame of a camera at `centre` that looks at `target`."""
     forward = torch.nn.functional.normalize(target - centre, dim=0)
     right = torch.nn.functional.normalize(torch.linalg.cross(forward, up), dim=0)

@@ -125,4 +125,6 @@ def _unpack_rotations(packed: UInt32[np.ndarray, " N"]) -> Float[np.ndarray, "N 
 def _splats(
     means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colors: np.ndarray
 ) -> Splats:
-    return Splats(*(torch.from_numpy(np.array(value, np.float32)) for value in (means, quats, scales, opacities, colors)))
+    return Splats(
+        *(torch.from_numpy(np.array(value, np.float32)) for value in (means, quats, scales, opacities, colors))
+    )

@@ -27,7 +27,7 @@ class Inputs:
     views: tuple[View, ...]
 
     @property
-    def trained(self) -> tuple[Tensor, ...]:
+    def trained(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
         return self.means, self.quats, self.scales, self.opacities, self.features
 
     def with_features(self, count: int) -> Inputs:
