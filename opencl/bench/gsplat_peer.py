@@ -48,24 +48,25 @@ def rasterize_gsplat(
         raise ValueError(f"settings: found {settings}, expected gsplat's: {SETTINGS}")
     gsplat = importlib.import_module("gsplat.cuda._torch_impl")
     covariances, _ = gsplat._quat_scale_to_covar_preci(quats, scales, compute_preci=False)
-    radii, means2d, depths, conics, _ = gsplat._fully_fused_projection(
+    (radii,), (means2d,), (depths,), (conics,) = gsplat._fully_fused_projection(
         means, covariances, world_to_camera[None], intrinsics[None], width, height
-    )
+    )[:4]
     if means2d.requires_grad:
         means2d.retain_grad()
     footprints = Footprints(
-        *(means2d[0].detach(), conics[0].detach(), opacities.detach(), radii[0].to(means.dtype)),
-        *(depths[0].detach(), (radii[0] > 0).all(dim=-1)),
+        *(means2d.detach(), conics.detach(), opacities.detach(), radii.to(means.dtype), depths.detach()),
+        visible=(radii > 0).all(dim=-1),
     )
     tiles, gaussians = tile_entries(footprints, width, height, _TILE)
     columns, rows = -(-width // _TILE), -(-height // _TILE)
     offsets = torch.searchsorted(tiles, torch.arange(columns * rows)).reshape(1, rows, columns).int()
     with _plain_torch_parts():
-        rendered, alphas = gsplat._rasterize_to_pixels(
-            *(means2d, conics, features[None], opacities[None], width, height, _TILE, offsets, gaussians.int()),
+        (rendered,), (alphas,) = gsplat._rasterize_to_pixels(
+            *(means2d[None], conics[None], features[None], opacities[None], width, height, _TILE, offsets),
+            gaussians.int(),
             backgrounds=None if background is None else background[None],
         )
-    return RasterOutput(rendered[0], alphas[0, ..., 0], radii[0].amax(dim=-1), means2d)
+    return RasterOutput(rendered, alphas[..., 0], radii.amax(dim=-1), means2d)
 
 
 @contextmanager
