@@ -25,7 +25,7 @@ import torch
 from torch import Tensor
 
 if TYPE_CHECKING:  # what asks for OpenCL's platforms is imported once the ICD file is there
-    from opencl.benchmark import Gaussians, Workload
+    from opencl.bench.workloads import Inputs
     from opencl.cuda import CudaBackend
     from tests.opencl.scenes import Scene
 
@@ -161,11 +161,10 @@ def median_milliseconds(work: Callable[[], object]) -> float:
     return statistics.median(seconds) * 1e3
 
 
-def workload_b() -> tuple[Workload, Gaussians]:
-    from opencl.benchmark import WORKLOADS, make_gaussians
+def workload_b() -> Inputs:
+    from opencl.bench.workloads import box_named
 
-    workload = next(one for one in WORKLOADS if one.name == "B")
-    return workload, make_gaussians(workload)
+    return box_named("B").inputs()
 
 
 def time_workload() -> None:
@@ -173,14 +172,15 @@ def time_workload() -> None:
     from opencl.contract import RasterSettings
     from opencl.rasterizer import rasterize
 
-    workload, gaussians = workload_b()
-    leaves = [tensor.cuda().requires_grad_() for tensor in gaussians.trained]
-    size = workload.width, workload.height
-    gradient = torch.rand(workload.height, workload.width, workload.feature_dim, device="cuda")
+    inputs = workload_b()
+    view = inputs.views[0]
+    leaves = [tensor.cuda().requires_grad_() for tensor in inputs.trained]
+    feature_dim = inputs.features.shape[1]
+    gradient = torch.rand(view.height, view.width, feature_dim, device="cuda")
     settings = RasterSettings(near=0.01, alpha_maximum=0.999, radius_sigmas=3.33, clamp_about="principal_point")
 
     def ours() -> Tensor:
-        return rasterize(*leaves, gaussians.world_to_camera, gaussians.intrinsics, *size, settings=settings).features
+        return rasterize(*leaves, *view.arguments, settings=settings).features
 
     drawers: dict[str, Callable[[], Tensor]] = {"ours": ours}
     try:
@@ -189,10 +189,10 @@ def time_workload() -> None:
         print("gsplat is not installed: pip install gsplat, to compare")
     else:
         means, quats, scales, opacities, features = leaves
-        views, intrinsics = gaussians.world_to_camera[None].cuda(), gaussians.intrinsics[None].cuda()
+        poses, intrinsics = view.world_to_camera[None].cuda(), view.intrinsics[None].cuda()
 
         def theirs() -> Tensor:
-            arguments = (means, quats, scales, opacities, features, views, intrinsics, *size)
+            arguments = (means, quats, scales, opacities, features, poses, intrinsics, view.width, view.height)
             return gsplat.rasterization(*arguments, near_plane=settings.near, packed=False)[0][0]
 
         drawers[f"gsplat {gsplat.__version__}"] = theirs
@@ -201,7 +201,7 @@ def time_workload() -> None:
         with torch.no_grad():
             draw()
 
-    print(f"workload B: {workload.count} Gaussians, {size[0]} x {size[1]}, M={workload.feature_dim}, ms, medians")
+    print(f"workload B: {len(inputs.means)} Gaussians, {view.width} x {view.height}, M={feature_dim}, ms, medians")
     for name, draw in drawers.items():
         forward = median_milliseconds(lambda draw=draw: without_gradients(draw))
         both = median_milliseconds(lambda draw=draw: draw().backward(gradient))
@@ -217,14 +217,15 @@ def time_copies(backend: CudaBackend) -> None:
     from opencl.backend import Backend
     from opencl.rasterizer import RasterSettings, _rasterize_on
 
-    workload, gaussians = workload_b()
-    leaves = [tensor.requires_grad_() for tensor in gaussians.trained]
-    gradient = torch.rand(workload.height, workload.width, workload.feature_dim)
+    inputs = workload_b()
+    view = inputs.views[0]
+    leaves = [tensor.requires_grad_() for tensor in inputs.trained]
+    feature_dim = inputs.features.shape[1]
+    gradient = torch.rand(view.height, view.width, feature_dim)
     staged = Backend(backend.device)
 
     def draw() -> None:
-        view = (gaussians.world_to_camera, gaussians.intrinsics, workload.width, workload.height)
-        output = _rasterize_on(staged, *leaves, *view, torch.zeros(workload.feature_dim), RasterSettings())
+        output = _rasterize_on(staged, *leaves, *view.arguments, torch.zeros(feature_dim), RasterSettings())
         output.features.backward(gradient)
 
     print(f"  ours, CPU tensors, copied: forward + backward {median_milliseconds(draw):8.3f}")
@@ -236,13 +237,13 @@ def print_kernels(backend: CudaBackend) -> None:
     from opencl.rasterizer import RasterSettings, _rasterize_on
 
     profiled = CudaBackend(backend.device, backend.driver, backend.tensor_device, profile=True)
-    workload, gaussians = workload_b()
-    leaves = [tensor.cuda().requires_grad_() for tensor in gaussians.trained]
-    view = (gaussians.world_to_camera, gaussians.intrinsics, workload.width, workload.height)
-    background = torch.zeros(workload.feature_dim, device="cuda")
+    inputs = workload_b()
+    view = inputs.views[0]
+    leaves = [tensor.cuda().requires_grad_() for tensor in inputs.trained]
+    background = torch.zeros(inputs.features.shape[1], device="cuda")
     for _ in range(3):
         profiled.profiled = []
-        output = _rasterize_on(profiled, *leaves, *view, background, RasterSettings())
+        output = _rasterize_on(profiled, *leaves, *view.arguments, background, RasterSettings())
         output.features.backward(torch.ones_like(output.features))
     totals: dict[str, list[int]] = {}
     for kernel, event in profiled.profiled:

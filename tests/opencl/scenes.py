@@ -9,7 +9,8 @@ from torch import Tensor
 
 from opencl.contract import RasterOutput, RasterSettings
 from opencl.rasterizer import rasterize
-from opencl.reference import project_reference, rasterize_reference
+from opencl.reference import rasterize_reference
+from tests.opencl.discontinuities import find_discontinuities
 
 DEFAULT = RasterSettings()
 
@@ -125,26 +126,7 @@ def near_a_threshold(scene: Scene, margin: float = 1e-3) -> Tensor:
 
     There two exact rasterizers may differ by a whole Gaussian, so comparisons leave these pixels out.
     """
-    scene = scene.to(torch.float64)
-    projected = project_reference(*scene.gaussians, *scene.camera, scene.settings)
-    order = projected.visible.nonzero().squeeze(-1)
-    order = order[torch.sort(projected.depths[order], stable=True).indices]
-    rows, columns = torch.meshgrid(
-        *(torch.arange(side, dtype=torch.float64) + 0.5 for side in (scene.height, scene.width)), indexing="ij"
-    )
-    transmittance = torch.ones(scene.height, scene.width, dtype=torch.float64)
-    near = torch.zeros(scene.height, scene.width, dtype=torch.bool)
-    for index in order.tolist():
-        offset = torch.stack([columns, rows], dim=-1) - projected.means[index]
-        inverse = torch.linalg.inv(projected.covariances[index])
-        power = -0.5 * torch.einsum("hwi,ij,hwj->hw", offset, inverse, offset)
-        alpha = (scene.opacities[index] * power.exp()).clamp_max(scene.settings.alpha_maximum)
-        near |= (alpha / scene.settings.alpha_minimum - 1).abs() < margin
-        alpha = torch.where(alpha >= scene.settings.alpha_minimum, alpha, 0.0)
-        after = transmittance * (1 - alpha)
-        near |= (after / scene.settings.transmittance_minimum - 1).abs() < margin
-        transmittance = torch.where(after >= scene.settings.transmittance_minimum, after, transmittance)
-    return near
+    return find_discontinuities(scene, margin).influence > 0
 
 
 def gradients(output: RasterOutput, leaves: tuple[Tensor, ...], seed: int = 0) -> tuple[Tensor, ...]:

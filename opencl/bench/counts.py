@@ -1,0 +1,119 @@
+"""How much there is to draw: Gaussians, tiles and pixels that meet, counted without the rasterizer's help."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyopencl
+import torch
+from torch import Tensor
+
+from opencl.backend import Backend
+from opencl.bench.pairs import Footprints, half_sizes_of, tile_entries
+from opencl.bench.view import View
+from opencl.bench.workloads import Inputs
+from opencl.contract import RasterSettings
+from opencl.program import TILE
+from opencl.reference import project_reference
+
+_KERNEL = Path(__file__).with_name("counting.cl")
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Of one picture; of a workload of several views the mean."""
+
+    gaussians: int
+    visible: int
+    tile_pairs: int
+    """(tile, Gaussian): the Gaussian draws at least one pixel of the tile of 16 x 16, were nothing before it."""
+    evaluations: int
+    """(pixel, Gaussian): all pixels of those tiles, once for each such Gaussian."""
+    contributing: int
+    """(pixel, Gaussian): alpha is large enough, and the pixel not finished."""
+    pixels: int
+    feature_dim: int
+    mean_radius: float
+    """Pixels: three standard deviations along the longer axis, over the visible Gaussians."""
+
+
+def count_work(backend: Backend, inputs: Inputs, settings: RasterSettings) -> Counts:
+    """The mean over the views."""
+    each = [_count_view(backend, inputs, view, settings) for view in inputs.views]
+
+    def mean(name: str) -> float:
+        return sum(getattr(one, name) for one in each) / len(each)
+
+    return Counts(
+        gaussians=len(inputs.means),
+        visible=round(mean("visible")),
+        tile_pairs=round(mean("tile_pairs")),
+        evaluations=round(mean("evaluations")),
+        contributing=round(mean("contributing")),
+        pixels=each[0].pixels,
+        feature_dim=inputs.features.shape[1],
+        mean_radius=mean("mean_radius"),
+    )
+
+
+def _count_view(backend: Backend, inputs: Inputs, view: View, settings: RasterSettings) -> Counts:
+    footprints = _footprints(inputs, view, settings)
+    drawing, contributing = _count_pairs(backend, footprints, view, settings)
+    return Counts(
+        gaussians=len(inputs.means),
+        visible=int(footprints.visible.sum()),
+        tile_pairs=int(drawing.sum()),
+        evaluations=int((drawing * _pixels_of_tiles(view)).sum()),
+        contributing=int(contributing.sum()),
+        pixels=view.width * view.height,
+        feature_dim=inputs.features.shape[1],
+        mean_radius=_mean_radius(footprints),
+    )
+
+
+def _footprints(inputs: Inputs, view: View, settings: RasterSettings) -> Footprints:
+    projected = project_reference(*inputs.trained, *view.arguments, settings)
+    inverse = torch.linalg.inv(projected.covariances)
+    conics = torch.stack([inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]], dim=-1)
+    half_sizes = half_sizes_of(conics, inputs.opacities, settings.alpha_minimum)
+    return Footprints(projected.means, conics, inputs.opacities, half_sizes, projected.depths, projected.visible)
+
+
+def _mean_radius(footprints: Footprints) -> float:
+    xx, xy, yy = footprints.conics[footprints.visible].unbind(-1)
+    if len(xx) == 0:
+        return 0.0
+    determinant = xx * yy - xy * xy
+    longest = (0.5 * (xx + yy) + (0.25 * (xx - yy).square() + xy * xy).sqrt()) / determinant
+    return float(3 * longest.sqrt().mean())
+
+
+def _pixels_of_tiles(view: View) -> Tensor:
+    """[tiles] pixels of each; fewer at the right and lower borders."""
+    columns, rows = ((side - torch.arange(0, side, TILE)).clamp_max(TILE) for side in (view.width, view.height))
+    return (rows[:, None] * columns[None, :]).flatten()
+
+
+def _count_pairs(
+    backend: Backend, footprints: Footprints, view: View, settings: RasterSettings
+) -> tuple[Tensor, Tensor]:
+    """[tiles] Gaussians that draw in each, and [tiles] pairs of a pixel and a Gaussian that contribute."""
+    tiles, gaussians = tile_entries(footprints, view.width, view.height, TILE)
+    count = len(_pixels_of_tiles(view))
+    results = torch.zeros(2, count, dtype=torch.int32)
+    if len(tiles) == 0:
+        return results[0], results[1]
+    starts = torch.searchsorted(tiles, torch.arange(count + 1)).int()
+    program = pyopencl.Program(backend.context, _KERNEL.read_text(encoding="utf-8"))
+    kernel = program.build(options=["-w", f"-DTILE={TILE}"], cache_dir=False).count_pairs
+    flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR
+    tensors = (footprints.means2d, footprints.conics, footprints.opacities, starts, gaussians.int(), *results)
+    buffers = [pyopencl.Buffer(backend.context, flags, hostbuf=tensor.contiguous().numpy()) for tensor in tensors]
+    sizes = [np.int32(view.width), np.int32(view.height)]
+    limits = (settings.alpha_minimum, settings.alpha_maximum, settings.transmittance_minimum)
+    kernel(backend.queue, (count,), (1,), *sizes, *(np.float32(limit) for limit in limits), *buffers)
+    for result, buffer in zip(results, buffers[-2:], strict=True):
+        pyopencl.enqueue_copy(backend.queue, result.numpy(), buffer)
+    return results[0], results[1]

@@ -1,0 +1,136 @@
+"""gsplat's plain-torch reference as a rasterizer: its CUDA-only parts and Python loops are given here as torch.
+
+Its own code projects, evaluates alpha and puts the picture together (`gsplat/cuda/_torch_impl.py`, 1.5.3); ours finds
+the pairs of a tile and a Gaussian and of a pixel and a Gaussian, and stands in for the two functions of nerfacc that
+it calls.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import ModuleType
+from typing import Any
+from unittest import mock
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from opencl.bench.pairs import Footprints, Thresholds, contributing_pairs, tile_entries
+from opencl.contract import RasterOutput, RasterSettings
+
+SETTINGS = RasterSettings(near=0.01, alpha_maximum=0.999, radius_sigmas=3.33, clamp_about="principal_point")
+_THRESHOLDS = Thresholds(alpha_minimum=1 / 255, alpha_maximum=0.999, transmittance_minimum=1e-4)
+_TILE = 16
+
+
+def rasterize_gsplat(
+    means: Float[Tensor, "N 3"],
+    quats: Float[Tensor, "N 4"],
+    scales: Float[Tensor, "N 3"],
+    opacities: Float[Tensor, " N"],
+    features: Float[Tensor, "N M"],
+    world_to_camera: Float[Tensor, "4 4"],
+    intrinsics: Float[Tensor, "3 3"],
+    width: int,
+    height: int,
+    background: Float[Tensor, " M"] | None = None,
+    settings: RasterSettings = SETTINGS,
+) -> RasterOutput:
+    """The contract of `opencl.rasterizer.rasterize`, with `SETTINGS`; radii are those of the wider screen axis.
+
+    `ValueError` for other settings, `ImportError` where gsplat is not installed.
+    """
+    if settings != SETTINGS:
+        raise ValueError(f"settings: found {settings}, expected gsplat's: {SETTINGS}")
+    gsplat = importlib.import_module("gsplat.cuda._torch_impl")
+    covariances, _ = gsplat._quat_scale_to_covar_preci(quats, scales, compute_preci=False)
+    (radii,), (means2d,), (depths,), (conics,) = gsplat._fully_fused_projection(
+        means, covariances, world_to_camera[None], intrinsics[None], width, height
+    )[:4]
+    if means2d.requires_grad:
+        means2d.retain_grad()
+    footprints = Footprints(
+        *(means2d.detach(), conics.detach(), opacities.detach(), radii.to(means.dtype), depths.detach()),
+        visible=(radii > 0).all(dim=-1),
+    )
+    tiles, gaussians = tile_entries(footprints, width, height, _TILE)
+    columns, rows = -(-width // _TILE), -(-height // _TILE)
+    offsets = torch.searchsorted(tiles, torch.arange(columns * rows)).reshape(1, rows, columns).int()
+    with _plain_torch_parts():
+        (rendered,), (alphas,) = gsplat._rasterize_to_pixels(
+            *(means2d[None], conics[None], features[None], opacities[None], width, height, _TILE, offsets),
+            gaussians.int(),
+            backgrounds=None if background is None else background[None],
+        )
+    return RasterOutput(rendered, alphas[..., 0], radii.amax(dim=-1), means2d)
+
+
+@contextmanager
+def _plain_torch_parts() -> Iterator[None]:
+    """While open, gsplat finds the functions below where it looks for its CUDA kernel and for nerfacc."""
+    nerfacc = ModuleType("nerfacc")
+    vars(nerfacc).update(render_weight_from_alpha=weights_from_alphas, accumulate_along_rays=accumulate_along_rays)
+    wrapper = importlib.import_module("gsplat.cuda._wrapper")
+    with (
+        mock.patch.dict(sys.modules, nerfacc=nerfacc),
+        mock.patch.object(wrapper, "rasterize_to_indices_in_range", _pairs_in_range),
+    ):
+        yield
+
+
+def _pairs_in_range(
+    range_start: int,
+    range_end: int,
+    transmittances: Float[Tensor, "1 height width"],
+    means2d: Float[Tensor, "1 N 2"],
+    conics: Float[Tensor, "1 N 3"],
+    opacities: Float[Tensor, "1 N"],
+    image_width: int,
+    image_height: int,
+    tile_size: int,
+    isect_offsets: Int[Tensor, "1 rows columns"],
+    flatten_ids: Int[Tensor, " E"],
+) -> tuple[Tensor, Tensor, Tensor]:
+    """(Gaussians, pixels, pictures) drawn by the tiles' entries from `range_start` to `range_end`, in blocks of 256."""
+    with torch.no_grad():
+        starts = isect_offsets.flatten().long()
+        lengths = torch.diff(starts, append=starts.new_tensor([len(flatten_ids)]))
+        tiles = torch.repeat_interleave(torch.arange(len(starts)), lengths)
+        block = (torch.arange(len(flatten_ids)) - starts[tiles]) // (tile_size * tile_size)
+        chosen = (block >= range_start) & (block < range_end)
+        unused = means2d.new_empty(0)
+        footprints = Footprints(means2d[0], conics[0], opacities[0], unused, unused, unused)
+        gaussians, pixels = contributing_pairs(
+            *(footprints, tiles[chosen], flatten_ids.long()[chosen], image_width, image_height, tile_size),
+            *(transmittances.flatten(), _THRESHOLDS),
+        )
+    return gaussians, pixels, torch.zeros_like(pixels)
+
+
+def weights_from_alphas(
+    alphas: Float[Tensor, " P"], ray_indices: Int[Tensor, " P"], n_rays: int, **_: Any
+) -> tuple[Float[Tensor, " P"], Float[Tensor, " P"]]:
+    """(weights, transmittances before) of alphas that come ray by ray, each ray's nearest first; as nerfacc's.
+
+    A product along each ray is the exponential of a difference of one running sum over all; in float64, as that sum
+    grows large.
+    """
+    logarithms = torch.log1p(-alphas.double())
+    before = logarithms.cumsum(0) - logarithms
+    _, lengths = torch.unique_consecutive(ray_indices, return_counts=True)
+    starts = lengths.cumsum(0) - lengths
+    transmittances = (before - torch.repeat_interleave(before[starts], lengths)).exp().to(alphas.dtype)
+    return alphas * transmittances, transmittances
+
+
+def accumulate_along_rays(
+    weights: Float[Tensor, " P"], values: Float[Tensor, "P D"] | None, ray_indices: Int[Tensor, " P"], n_rays: int
+) -> Float[Tensor, "rays D"]:
+    """Sums of weighted values (of the weights where None) of each ray, which come ray by ray; as nerfacc's."""
+    terms = weights[:, None] if values is None else weights[:, None] * values
+    lengths = torch.bincount(ray_indices, minlength=n_rays)
+    return torch.segment_reduce(terms, "sum", lengths=lengths, unsafe=True)

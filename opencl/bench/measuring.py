@@ -1,0 +1,120 @@
+"""Time and memory of one implementation on one workload; everything counts, from torch's tensors to torch's tensors."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from opencl.bench.implementations import Implementation, implementation_named
+from opencl.bench.processes import current_memory, in_fresh_process, peak_memory
+from opencl.bench.workloads import Inputs, Workload
+
+_WARM_UPS = 2
+_LONG_ENOUGH = 20.0
+"""Seconds after which a slow implementation is not called again."""
+
+
+@dataclass(frozen=True)
+class Times:
+    """Medians over `calls` calls, of one picture."""
+
+    seconds: float
+    processor_seconds: float
+    """Of all processors together; other work on the machine disturbs it less."""
+    calls: int
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Bytes above what imports and inputs take, at most, up to the end of each."""
+
+    forward: int
+    forward_backward: int
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Of one implementation on one workload."""
+
+    implementation: str
+    feature_dim: int
+    """As drawn: less than the workload's where the implementation cannot draw as many."""
+    forward: Times
+    forward_backward: Times
+    memory: Memory
+
+
+def measure(implementation: Implementation, workload: Workload, repetitions: int) -> Measurement:
+    """In fresh processes: one for the times, one for the memory. `RuntimeError` where one fails."""
+    arguments = (implementation.name, workload)
+    feature_dim, forward, both = in_fresh_process(_measure_times, *arguments, repetitions)
+    memory = in_fresh_process(_measure_memory, *arguments)
+    return Measurement(implementation.name, feature_dim, forward, both, memory)
+
+
+class _Drawing:
+    """A workload drawn by an implementation, all views in turn."""
+
+    def __init__(self, name: str, workload: Workload) -> None:
+        self._implementation = implementation_named(name)
+        channels = self._implementation.channels
+        inputs = workload.inputs()
+        self.inputs: Inputs = inputs if channels is None else inputs.with_features(channels)
+        self._leaves = [tensor.clone().requires_grad_() for tensor in self.inputs.trained]
+        view = self.inputs.views[0]
+        self._gradient = torch.rand(view.height, view.width, self.inputs.features.shape[1])
+
+    def forward(self) -> None:
+        with torch.no_grad():
+            for view in self.inputs.views:
+                self._draw(self.inputs.trained, *view.arguments)
+
+    def forward_backward(self) -> None:
+        for view in self.inputs.views:
+            self._draw(self._leaves, *view.arguments).backward(self._gradient)
+            for leaf in self._leaves:
+                leaf.grad = None  # as a training does: what is added to costs another pass over memory
+
+    def _draw(self, gaussians: list[Tensor] | tuple[Tensor, ...], *camera: Tensor | int) -> Tensor:
+        settings = self._implementation.settings
+        return self._implementation.draw(*gaussians, *camera, settings=settings).features
+
+
+def _measure_times(name: str, workload: Workload, repetitions: int) -> tuple[int, Times, Times]:
+    drawing = _Drawing(name, workload)
+    views = len(drawing.inputs.views)
+    feature_dim = drawing.inputs.features.shape[1]
+    forward, both = (_medians(work, views, repetitions) for work in (drawing.forward, drawing.forward_backward))
+    return feature_dim, forward, both
+
+
+def _medians(work: Callable[[], object], pictures: int, repetitions: int) -> Times:
+    clock: list[float] = []
+    processors: list[float] = []
+    for call in range(_WARM_UPS + repetitions):
+        if call > _WARM_UPS and sum(clock) > _LONG_ENOUGH:
+            break
+        start, start_processors = time.perf_counter(), time.process_time()
+        work()
+        clock.append(time.perf_counter() - start)
+        processors.append(time.process_time() - start_processors)
+    kept = slice(_WARM_UPS, None)
+    return Times(
+        seconds=statistics.median(clock[kept]) / pictures,
+        processor_seconds=statistics.median(processors[kept]) / pictures,
+        calls=len(clock[kept]),
+    )
+
+
+def _measure_memory(name: str, workload: Workload) -> Memory:
+    drawing = _Drawing(name, workload)
+    before = current_memory()
+    drawing.forward()
+    forward = peak_memory() - before
+    drawing.forward_backward()
+    return Memory(forward, peak_memory() - before)

@@ -1,0 +1,66 @@
+"""Where the time of a picture goes: kernel by kernel, as the device's own clock has it."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections import defaultdict
+from dataclasses import dataclass
+
+import torch
+
+from opencl.backend import Backend
+from opencl.bench.counts import Counts, count_work
+from opencl.bench.implementations import OURS
+from opencl.bench.view import View
+from opencl.bench.workloads import Inputs, Workload
+from opencl.device import choose_device
+from opencl.rasterizer import _rasterize_on
+
+_WARM_UPS = 2
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Of one picture, forward and backward; medians."""
+
+    counts: Counts
+    kernels: dict[str, float]
+    """Seconds of each kernel's launches together, in the order of their first."""
+    seconds: float
+    """On the clock, with all that is not in a kernel; profiling slows that a little."""
+
+
+def profile(workload: Workload, repetitions: int) -> Profile:
+    """Our rasterizer on a workload; to be run in a fresh process."""
+    backend = Backend(choose_device(), profile=True)
+    inputs = workload.inputs()
+    passes: list[dict[str, float]] = []
+    clock: list[float] = []
+    for _ in range(_WARM_UPS + repetitions):
+        assert backend.profiled is not None
+        backend.profiled.clear()
+        start = time.perf_counter()
+        for view in inputs.views:
+            _forward_backward(backend, inputs, view)
+        clock.append((time.perf_counter() - start) / len(inputs.views))
+        passes.append(_seconds_of_kernels(backend, len(inputs.views)))
+    kept = passes[_WARM_UPS:]
+    kernels = {name: statistics.median(one[name] for one in kept) for name in kept[0]}
+    counts = count_work(backend, inputs, OURS.settings)
+    return Profile(counts, kernels, statistics.median(clock[_WARM_UPS:]))
+
+
+def _forward_backward(backend: Backend, inputs: Inputs, view: View) -> None:
+    means, quats, scales, opacities, features = (tensor.clone().requires_grad_() for tensor in inputs.trained)
+    background = torch.zeros(inputs.features.shape[1])
+    gaussians = (means, quats, scales, opacities, features)
+    feature_map = _rasterize_on(backend, *gaussians, *view.arguments, background, OURS.settings).features
+    feature_map.backward(torch.ones_like(feature_map))
+
+
+def _seconds_of_kernels(backend: Backend, pictures: int) -> dict[str, float]:
+    seconds: dict[str, float] = defaultdict(float)
+    for kernel, event in backend.profiled or ():
+        seconds[kernel] += (event.profile.end - event.profile.start) * 1e-9 / pictures
+    return dict(seconds)
