@@ -68,10 +68,9 @@ WHOLE_REGISTERS inline void read_powers(REAL8 *powers, Block block) {
     EACH_16(PUT_POWERS, 0)
 }
 
-// Reads what comes from behind for one block; adds to the background's gradient.
+// Reads the picture's gradients for one block.
 WHOLE_REGISTERS inline void read_gradients(
     BlockGradients *g,
-    LANES *behind,
     Tile tile,
     int index,
     int width,
@@ -98,7 +97,6 @@ WHOLE_REGISTERS inline void read_gradients(
             const size_t from = at * FEATURE_DIM + group * 16;
             const LANES grad = read_lanes(grad_feature_map + from, count);
             products[lane] += read_lanes(feature_map + from, count) * grad;
-            behind[group] += (1 - alpha) * grad;
             g->pixels[group * 16 + lane] = grad;
         }
     }
@@ -253,6 +251,13 @@ WHOLE_REGISTERS inline void blend_block_backward(
     add_to_rows(&reaching, g, rows);
 }
 
+// Adds a block to the background's gradient, once its Gaussians are blended.
+WHOLE_REGISTERS inline void add_to_background(const BlockGradients *g, LANES left, LANES *behind) {
+    for (int group = 0; group < CHANNEL_GROUPS; group++)
+        for (int lane = 0; lane < SIDE * SIDE; lane++)
+            behind[group] += g->pixels[group * 16 + lane] * ((const REAL *)&left)[lane];
+}
+
 // Writes a row, its moments turned from x and y into u = x - slope y - offset and y - s.y.
 inline void write_row(const Splat *s, const Row *row, __global REAL *gradient) {
     const REAL8 m = row->moments;
@@ -298,18 +303,13 @@ WHOLE_REGISTERS __kernel void blend_backward(
     const Tile tile = tile_of(index, width, height);
     BlockGradients gradients[BLOCKS];
     Transmittance transmittance[BLOCKS];
-    LANES behind[CHANNEL_GROUPS];
-    for (int group = 0; group < CHANNEL_GROUPS; group++) behind[group] = (LANES)(R(0));
     for (int block = 0; block < BLOCKS; block++) {
         read_gradients(
-            gradients + block, behind, tile, block, width, feature_map, alphas, grad_feature_map, grad_alphas
+            gradients + block, tile, block, width, feature_map, alphas, grad_feature_map, grad_alphas
         );
         transmittance[block].product = fresh_transmittance(tile, block_of(block));
         transmittance[block].counted = (LANES)(R(1));
     }
-    for (int k = 0; k < FEATURE_DIM; k++)
-        background_rows[(size_t)index * FEATURE_DIM + k] = ((const REAL *)behind)[k];
-
     Chunk chunk;
     Row rows[CHUNK];
     const int first = tile_starts[index], end = first + walked[index];
@@ -326,6 +326,12 @@ WHOLE_REGISTERS __kernel void blend_backward(
         for (int i = 0; i < count; i++)
             write_row(chunk.splats + i, rows + i, gradient_rows + (size_t)GRADIENT_ROW * slots[entry + i]);
     }
+    LANES behind[CHANNEL_GROUPS];
+    for (int group = 0; group < CHANNEL_GROUPS; group++) behind[group] = (LANES)(R(0));
+    for (int block = 0; block < BLOCKS; block++)
+        add_to_background(gradients + block, transmittance[block].counted, behind);
+    for (int k = 0; k < FEATURE_DIM; k++)
+        background_rows[(size_t)index * FEATURE_DIM + k] = ((const REAL *)behind)[k];
     for (int entry = end; entry < tile_starts[index + 1]; entry++) {
         __global REAL *gradient = gradient_rows + (size_t)GRADIENT_ROW * slots[entry];
         for (int k = 0; k < GRADIENT_ROW; k++) gradient[k] = 0;

@@ -153,22 +153,26 @@ static inline void add_moments(
     }
 }
 
-// The gradient of the background: g times the light that is left, summed over the tile.
+// The gradient of the background: g times the light that is left, summed over the tile. (1 - alpha would not do: hardly a
+// digit of it is sound where little light is left.)
 static inline void sum_behind(
     int width,
     Tile tile,
-    __global const REAL *alphas,
+    REAL transmittance,
     __global const REAL *grad_feature_map,
     __local REAL *sums,
     __global REAL *background_row
 ) {
+    __local REAL *left = sums + GROUP_SIZE;
+    left[get_local_id(0)] = transmittance;
+    barrier(CLK_LOCAL_MEM_FENCE);
     const int slice = get_local_id(0) / TILE;
     for (int first = 0; first < FEATURE_DIM; first += TILE) {
         const int k = first + get_local_id(0) % TILE;
         REAL sum = 0;
         for (int column = 0; column < tile.columns && slice < tile.rows && k < FEATURE_DIM; column++) {
             const size_t at = (size_t)(tile.top + slice) * width + tile.left + column;
-            sum += grad_feature_map[at * FEATURE_DIM + k] * (1 - alphas[at]);
+            sum += grad_feature_map[at * FEATURE_DIM + k] * left[slice * TILE + column];
         }
         sums[get_local_id(0)] = sum;
         barrier(CLK_LOCAL_MEM_FENCE);
@@ -219,7 +223,6 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend_back
     const Tile tile = tile_of(index, width, height);
     const int first = tile_starts[index], end = first + walked[index];
 
-    sum_behind(width, tile, alphas, grad_feature_map, space.sums, background_rows + (size_t)index * FEATURE_DIM);
     Pixel pixel = pixel_of(width, tile, feature_map, alphas, grad_feature_map, grad_alphas);
     for (int batch = first; batch < end; batch += BACKWARD_BATCH) {
         const int here = end - batch < BACKWARD_BATCH ? end - batch : BACKWARD_BATCH;
@@ -273,6 +276,8 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend_back
             barrier(CLK_LOCAL_MEM_FENCE);
         }
     }
+    __global REAL *background_row = background_rows + (size_t)index * FEATURE_DIM;
+    sum_behind(width, tile, pixel.transmittance, grad_feature_map, space.sums, background_row);
     const size_t left = (size_t)(tile_starts[index + 1] - end) * GRADIENT_ROW;
     for (size_t i = item; i < left; i += GROUP_SIZE)
         gradient_rows[(size_t)GRADIENT_ROW * slots[end + i / GRADIENT_ROW] + i % GRADIENT_ROW] = 0;
