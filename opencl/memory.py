@@ -66,7 +66,7 @@ class TorchMemory:
         return torch.zeros(size, dtype=dtype, device=self._tensor_device)
 
     def receive(self, tensor: Tensor) -> Tensor:
-        return tensor.to(self._tensor_device).contiguous()
+        return tensor.to(self._tensor_device).contiguous().resolve_neg()  # torch may negate lazily
 
 
 class SharedMemory(TorchMemory):

@@ -9,6 +9,9 @@ from opencl.contract import RasterSettings
 
 _FLOATS = (torch.float32, torch.float64)
 _LARGEST_SIDE = 1 << 20
+_MOST_PIXELS = (1 << 31) - 1
+_LAST_ROW_TOLERANCE = 1e-6
+"""For a matrix that comes from an inversion; a transposed one is far off."""
 
 
 def check_arguments(
@@ -30,6 +33,8 @@ def check_arguments(
     for name, side in (("width", width), ("height", height)):
         if not isinstance(side, int) or isinstance(side, bool) or not 1 <= side <= _LARGEST_SIDE:
             raise ValueError(f"{name}: found {side!r}, expected an integer from 1 to {_LARGEST_SIDE}")
+    if width * height > _MOST_PIXELS:
+        raise ValueError(f"width and height: found {width} x {height} pixels, expected at most {_MOST_PIXELS} in all")
     tensors = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "features": features}
     tensors |= {"world_to_camera": world_to_camera, "intrinsics": intrinsics}
     if background is not None:
@@ -37,12 +42,16 @@ def check_arguments(
     _check_kinds(tensors)
     _check_shapes(tensors)
     _check_camera(world_to_camera, intrinsics)
+    if background is not None and not bool(background.isfinite().all()):
+        raise ValueError(f"background: found a value that is not finite, expected finite numbers: {_shown(background)}")
 
 
 def _check_kinds(tensors: dict[str, Tensor]) -> None:
     for name, tensor in tensors.items():
         if not isinstance(tensor, Tensor):
             raise ValueError(f"{name}: found {type(tensor).__name__}, expected a torch.Tensor")
+        if tensor.layout != torch.strided:
+            raise ValueError(f"{name}: found {tensor.layout}, expected a dense tensor; tensor.to_dense() makes one")
     means = tensors["means"]
     if means.dtype not in _FLOATS:
         raise ValueError(f"means: found {means.dtype}, expected torch.float32 or torch.float64")
@@ -51,6 +60,8 @@ def _check_kinds(tensors: dict[str, Tensor]) -> None:
             raise ValueError(f"{name}: found {tensor.dtype}, expected {means.dtype} as means has")
         if tensor.device != means.device and name not in ("world_to_camera", "intrinsics"):
             raise ValueError(f"{name}: found on {tensor.device}, expected on {means.device} as means is")
+        if tensor.is_meta:
+            raise ValueError(f"{name}: found on meta, expected on a device that holds its values")
 
 
 def _check_shapes(tensors: dict[str, Tensor]) -> None:
@@ -76,9 +87,16 @@ def _check_camera(world_to_camera: Tensor, intrinsics: Tensor) -> None:
         if tensor.requires_grad:
             raise ValueError(f"{name}: found requires_grad, expected a camera without gradient (none is computed)")
         if not bool(tensor.isfinite().all()):
-            raise ValueError(f"{name}: found a value that is not finite, expected finite numbers: {tensor.tolist()}")
+            raise ValueError(f"{name}: found a value that is not finite, expected finite numbers: {_shown(tensor)}")
+    for pose in world_to_camera.reshape(-1, 4, 4).tolist():
+        _check_last_row(pose[3])
     for calibration in intrinsics.reshape(-1, 3, 3).tolist():
         _check_intrinsics(calibration)
+
+
+def _check_last_row(row: list[float]) -> None:
+    if max(abs(value - expected) for value, expected in zip(row, (0, 0, 0, 1), strict=True)) > _LAST_ROW_TOLERANCE:
+        raise ValueError(f"world_to_camera: found a last row of {row}, expected [0, 0, 0, 1]; is it transposed?")
 
 
 def _check_intrinsics(calibration: list[list[float]]) -> None:
@@ -87,3 +105,9 @@ def _check_intrinsics(calibration: list[list[float]]) -> None:
         raise ValueError(f"intrinsics: found focal lengths {fx} and {fy}, expected more than 0")
     if skew != 0 or shear != 0 or last != [0, 0, 1]:
         raise ValueError(f"intrinsics: found {calibration}, expected a pinhole [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+
+
+def _shown(tensor: Tensor) -> str:
+    """The values, or the first of many."""
+    values = tensor.flatten()[:16].tolist()
+    return f"{values}" if tensor.numel() <= len(values) else f"{values} and {tensor.numel() - len(values)} more"

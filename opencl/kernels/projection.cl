@@ -240,7 +240,7 @@ __kernel void project(
         const Footprint f = footprint_of(&g, scale);
         const REALS x = camera[12] * g.x / g.z + camera[14], y = camera[13] * g.y / g.z + camera[15];
         const REALS opacity = given_opacity * compensation_of(&f);
-        const REALS reach = 2 * log(opacity / ALPHA_MINIMUM);
+        const REALS reach = 2 * (log(opacity) - (REALS)(log(ALPHA_MINIMUM)));  // the quotient could overflow
         const MASKS visible = sound & opacity >= ALPHA_MINIMUM & g.z > NEAR
             & finite(f.determinant + x + y + f.xx * f.xx + f.yy * f.yy)
             & holds_a_pixel(x, sqrt(reach * f.xx), width) & holds_a_pixel(y, sqrt(reach * f.yy), height);

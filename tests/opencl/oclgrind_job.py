@@ -1,0 +1,62 @@
+"""What runs under Oclgrind: `python -m tests.opencl.oclgrind_job draw SCHEDULE FEATURE_DIM DTYPE`, or `broken`.
+
+Oclgrind interprets kernels, so the picture is small. The broken kernels prove that its reports reach the test.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pyopencl
+
+from opencl.device import choose_device
+from opencl.program import Schedule
+from tests.opencl.runtimes import backend_of, draw_with_gradients, dtype_of
+from tests.opencl.scenes import gradients, make_scene
+
+BROKEN = {
+    "write_out_of_bounds": "values[get_global_id(0) + 1] = 1;",
+    "read_out_of_bounds": "values[get_global_id(0)] = values[get_global_id(0) + 1];",
+    "missing_barrier": """
+        __local int shared[4];
+        shared[get_local_id(0)] = get_local_id(0);
+        values[get_global_id(0)] = shared[3 - get_local_id(0)];
+    """,
+    "work_groups_write_the_same": "if (get_local_id(0) == 0) values[0] = 1;",
+    "uninitialised_private": "int never[2]; if (never[values[0]] > 3) values[get_global_id(0)] = 1;",
+    "uninitialised_local": "__local int never[4]; if (never[3] > 3) values[get_global_id(0)] = 1;",
+    "correct": "values[get_global_id(0)] = get_local_id(0);",
+}
+
+
+def draw(schedule: Schedule, feature_dim: int, dtype: str) -> None:
+    """Forward and backward of 20 Gaussians on 32 x 32 pixels; prints how far they are from the reference."""
+    scene = make_scene(20, feature_dim, 32, 32, dtype=dtype_of(dtype))
+    output, found = draw_with_gradients(backend_of(schedule), scene)
+    leaves = tuple(tensor.requires_grad_() for tensor in (*scene.gaussians, scene.background))
+    expected = scene.draw_reference()
+    errors = [(output.features - expected.features).abs().max().item()]
+    for one, other in zip(found, gradients(expected, leaves), strict=True):
+        errors.append(((one - other).norm() / other.norm()).item())
+    print(max(errors))
+
+
+def run_broken() -> None:
+    """Two groups of four work-items of each kernel over eight integers; prints the names."""
+    context = pyopencl.Context([choose_device().handle])
+    queue = pyopencl.CommandQueue(context)
+    for name, body in BROKEN.items():
+        source = f"__kernel void {name}(__global int *values) {{ {body} }}"
+        kernel = pyopencl.Kernel(pyopencl.Program(context, source).build(cache_dir=False), name)
+        flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR
+        kernel(queue, (8,), (4,), pyopencl.Buffer(context, flags, hostbuf=np.zeros(8, np.int32)))
+        queue.finish()
+        print(name)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "draw":
+        draw("gpu" if sys.argv[2] == "gpu" else "cpu", int(sys.argv[3]), sys.argv[4])
+    else:
+        run_broken()

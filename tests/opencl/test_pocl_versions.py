@@ -1,0 +1,39 @@
+"""Pictures, gradients and determinism on the PoCL that is not this machine's default: PyPI's wheel or Debian's package.
+
+Each compiles kernels with an LLVM of its own, for another instruction set. A process of its own loads the other one and
+runs these tests' files on it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+
+import pytest
+
+from opencl.device import DEVICE_VARIABLE, choose_device
+from tests.opencl.runtimes import DEBIAN_POCL, debian_pocl_environment, run_module
+
+FILES = ("test_rasterizer", "test_gradients", "test_determinism", "test_shapes")
+LISTED = re.compile(r"^[* ] (\d+:\d+)  Portable Computing Language \((.*?)\): ", re.MULTILINE)
+
+
+@pytest.fixture
+def other_pocl(tmp_path):
+    """An environment in which GS_HIDER_DEVICE names a PoCL of another version than the default device's."""
+    environment = debian_pocl_environment(tmp_path) or dict(os.environ)
+    environment.pop("POCL_CACHE_DIR", None)  # of this process alone
+    environment.pop(DEVICE_VARIABLE, None)
+    listed = run_module(environment, "opencl", "devices").stdout
+    others = [index for index, version in LISTED.findall(listed) if version not in choose_device().name]
+    if not others:
+        pytest.skip(
+            f"no second PoCL: `make test` unpacks Debian's in {DEBIAN_POCL} where apt reaches it; found only: {listed}"
+        )
+    return environment | {DEVICE_VARIABLE: others[0]}
+
+
+def test_the_same_tests_on_the_other_pocl(other_pocl):
+    files = [f"tests/opencl/{file}.py" for file in FILES]
+    done = run_module(other_pocl, "pytest", "-q", "-p", "no:cacheprovider", "-o", "addopts=-m 'not slow'", *files)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
