@@ -218,11 +218,13 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend_back
         for (int q = 0; q < WEIGHT_QUARTETS; q++) {
             REAL4 weights = 0, power_gradients = 0;
             #pragma unroll
-            for (int n = 4 * q; n < 4 * q + 4 && pixel.open; n++)
-                blend_pixel(
-                    &pixel, staged_records + n * RECORD_QUARTETS, staged_features + n * FEATURE_QUARTETS,
-                    (REAL *)&weights + n % 4, (REAL *)&power_gradients + n % 4
-                );
+            for (int n = 0; n < 4; n++)
+                if (pixel.open)
+                    blend_pixel(
+                        &pixel, staged_records + (4 * q + n) * RECORD_QUARTETS,
+                        staged_features + (4 * q + n) * FEATURE_QUARTETS, (REAL *)&weights + n,
+                        (REAL *)&power_gradients + n
+                    );
             space.pixels.weights[q * WEIGHT_PITCH + item] = weights;
             space.pixels.power_gradients[q * WEIGHT_PITCH + item] = power_gradients;
         }
