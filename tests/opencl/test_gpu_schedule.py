@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pyopencl
 import pytest
 import torch
 from hypothesis import given, settings
@@ -131,3 +132,16 @@ def test_a_gaussian_over_the_whole_picture_among_small_ones(backend):
     assert lists.tile_counts[17] == 300
     places = (lists.entries == 17).nonzero().flatten()
     assert ((places >= lists.starts[:-1]) & (places < lists.starts[1:])).all()
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("feature_dim", [1, 16, 17, 32, 64])
+def test_local_memory_fits_the_smallest_gpus(backend, dtype, feature_dim):
+    blending = ProgramKey("blending", "gpu", dtype, RasterSettings(), feature_dim)
+    kernels = dict.fromkeys(("blend", "blend_backward", "sum_gradients", "sum_background"), blending)
+    kernels |= dict.fromkeys(("scan_chunks", "count_digits", "move_by_digit"), program(dtype))
+    for name, key in kernels.items():
+        used = backend.kernel(key, name).get_work_group_info(
+            pyopencl.kernel_work_group_info.LOCAL_MEM_SIZE, backend.device.handle
+        )
+        assert used <= 32 * 1024, f"{name}: {used} bytes"

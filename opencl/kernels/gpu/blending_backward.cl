@@ -86,26 +86,23 @@ static inline Pixel pixel_of(
     return p;
 }
 
-// Blends one Gaussian: its weight in this pixel, and the gradient of its power.
+// Blends one Gaussian into an open pixel: its weight, and the gradient of its power, which are 0 so far.
 static inline void blend_pixel(
     Pixel *p, __local const REAL4 *record, __local const REAL4 *feature, REAL *weight, REAL *power_gradient
 ) {
-    *weight = *power_gradient = 0;
-    if (!p->open) return;
-    const REAL unclamped = alpha_of(record, p->x, p->y);
-    if (!(unclamped >= ALPHA_MINIMUM)) return;
-    const REAL alpha = unclamped > ALPHA_MAXIMUM ? ALPHA_MAXIMUM : unclamped, before = p->transmittance;
-    const REAL blended = alpha * before;
-    p->open = before - blended >= TRANSMITTANCE_MINIMUM;
-    if (!p->open) return;
+    const REAL unclamped = alpha_of(record, p->x, p->y), alpha = unclamped > ALPHA_MAXIMUM ? ALPHA_MAXIMUM : unclamped;
+    const REAL before = p->transmittance, blended = alpha * before;
+    const int seen = unclamped >= ALPHA_MINIMUM, drawn = seen && before - blended >= TRANSMITTANCE_MINIMUM;
+    p->open = drawn == seen;
+    if (!drawn) return;
+    *weight = blended;
     p->transmittance = before - blended;
     REAL4 products = 0;
     #pragma unroll
     for (int q = 0; q < FEATURE_QUARTETS; q++) products += p->grads[q] * feature[q];
     const REAL product = p->grad_alpha + (products.x + products.y) + (products.z + products.w);
     p->rest -= blended * product;
-    *weight = blended;
-    if (unclamped <= ALPHA_MAXIMUM) *power_gradient = alpha * (before * product - p->rest / (1 - alpha));
+    *power_gradient = unclamped > ALPHA_MAXIMUM ? 0 : alpha * (before * product - p->rest / (1 - alpha));
 }
 
 // Sums over a slice, which is a column of the tile, of two features' gradients times the weights of all Gaussians:
@@ -116,13 +113,15 @@ static inline void add_features(
     // Where there is no such pixel or feature, some other is read: its weight is 0, or its sum is not used.
     const int column = slice < tile.columns ? slice : 0;
     const int one = channel < FEATURE_DIM ? channel : 0, other = channel + TASKS < FEATURE_DIM ? channel + TASKS : 0;
-    for (int row = 0; row < TILE; row++) {
-        const size_t at = (size_t)(tile.top + (row < tile.rows ? row : 0)) * width + tile.left + column;
-        const REAL first = grads[at * FEATURE_DIM + one], second = grads[at * FEATURE_DIM + other];
+    grads += ((size_t)tile.top * width + tile.left + column) * FEATURE_DIM;
+    #pragma unroll 2
+    for (int row = 0; row < tile.rows; row++, grads += (size_t)width * FEATURE_DIM) {
+        const REAL first = grads[one], second = grads[other];
+        #pragma unroll
         for (int q = 0; q < WEIGHT_QUARTETS; q++) {
             const REAL4 weight = weights[q * WEIGHT_PITCH + row * TILE + slice];
             sums[q] += weight * first;
-            sums[WEIGHT_QUARTETS + q] += weight * second;
+            if (FEATURE_DIM > TASKS) sums[WEIGHT_QUARTETS + q] += weight * second;
         }
     }
 }
@@ -233,13 +232,15 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend_back
 
         #pragma unroll
         for (int q = 0; q < WEIGHT_QUARTETS; q++) {
-            REAL4 weights, power_gradients;
+            REAL4 weights = 0, power_gradients = 0;
             #pragma unroll
             for (int n = 0; n < 4; n++)
-                blend_pixel(
-                    &pixel, staged_records + (4 * q + n) * RECORD_QUARTETS,
-                    staged_features + (4 * q + n) * FEATURE_QUARTETS, (REAL *)&weights + n, (REAL *)&power_gradients + n
-                );
+                if (pixel.open)
+                    blend_pixel(
+                        &pixel, staged_records + (4 * q + n) * RECORD_QUARTETS,
+                        staged_features + (4 * q + n) * FEATURE_QUARTETS, (REAL *)&weights + n,
+                        (REAL *)&power_gradients + n
+                    );
             space.pixels.weights[q * WEIGHT_PITCH + item] = weights;
             space.pixels.power_gradients[q * WEIGHT_PITCH + item] = power_gradients;
         }

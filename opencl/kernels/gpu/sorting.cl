@@ -23,7 +23,7 @@ static inline void count_own_digits(
     const int item = get_local_id(0);
     for (int digit = 0; digit < DIGITS; digit++) counts[PLACE_OF_COUNT(digit * GROUP_SIZE + item)] = 0;
     for (int k = 0; k < SORT_ITEMS; k++) {
-        if (first + k >= count) break;
+        if (first + k >= count) continue;
         own[k] = keys[first + k];
         ranks[k] = counts[PLACE_OF_COUNT(digit_of(own[k], shift) * GROUP_SIZE + item)]++;
     }
@@ -93,7 +93,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void move_by_di
     barrier(CLK_LOCAL_MEM_FENCE);
 
     for (int k = 0; k < SORT_ITEMS; k++) {
-        if (first + k >= count) break;
+        if (first + k >= count) continue;
         space.sorted.keys[ranks[k]] = own[k];
         space.sorted.payloads[ranks[k]] = payloads[first + k];
     }
