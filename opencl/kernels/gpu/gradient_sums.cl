@@ -6,6 +6,11 @@
 #define VALUES_EACH (GRADIENT_ROW / ROW_FEATURES)
 #define GROUP_GAUSSIANS (GROUP_SIZE / (ROW_FEATURES * ROW_SLICES))
 
+// Whether the value v, of ROW_FEATURES side by side, of a row is written at k.
+static inline int in_row(int v, int k) {
+    return v == 0 ? k < MOMENTS : (v - 1) * ROW_FEATURES + k < FEATURE_DIM;
+}
+
 // Adds up each Gaussian's gradient rows, which lie side by side, in a fixed order: the same bits every time.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void sum_gradients(
     const int count,
@@ -28,7 +33,8 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void sum_gradie
     for (int n = slice; n < rows; n += ROW_SLICES) {
         __global const REAL *row = gradient_rows + (size_t)GRADIENT_ROW * (first_slots[i] + n) + k;
         #pragma unroll
-        for (int v = 0; v < VALUES_EACH; v++) sums[v] += row[v * ROW_FEATURES];
+        for (int v = 0; v < VALUES_EACH; v++)
+            if (in_row(v, k)) sums[v] += row[v * ROW_FEATURES];
     }
     #pragma unroll
     for (int v = 0; v < VALUES_EACH; v++) slices[v][slice][own][k] = sums[v];
@@ -38,8 +44,8 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void sum_gradie
     barrier(CLK_LOCAL_MEM_FENCE);
     if (i >= count) return;
     for (int v = slice; v < VALUES_EACH; v += ROW_SLICES) {
-        const int channel = (v - 1) * ROW_FEATURES + k;
-        if (v > 0 && channel < FEATURE_DIM) grad_features[(size_t)FEATURE_DIM * i + channel] = slices[v][0][own][k];
+        const size_t channel = (v - 1) * ROW_FEATURES + k;
+        if (v > 0 && in_row(v, k)) grad_features[FEATURE_DIM * (size_t)i + channel] = slices[v][0][own][k];
     }
     if (slice > 0) return;
     __local const REAL *moments = slices[0][0][own];
