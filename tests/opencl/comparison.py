@@ -14,6 +14,9 @@ from tests.opencl.scenes import Scene
 
 NAMES = ("means", "quats", "scales", "opacities", "features", "background")
 _MOST_STANDARD_DEVIATIONS = 4.0
+_SMALL_GRADIENT = 1e-3
+"""Where pixels have weights of about 1, a gradient smaller than this is itself but rounding: a background's, behind
+opaque layers."""
 
 
 @dataclass(frozen=True)
@@ -99,10 +102,8 @@ def gradients_from(draw: Callable[..., RasterOutput], scene: Scene, pixels: Tens
 
 
 def compare_gradients(found: dict[str, Tensor], expected: dict[str, Tensor], relative: float) -> None:
-    """Each input's gradient as a whole; none may be zero where the other is not."""
+    """Each input's gradient as a whole; none may be there where the other is not."""
     for name, wanted in expected.items():
-        size = wanted.double().norm()
-        error = (found[name].double() - wanted.double()).norm() / size if size > 0 else found[name].double().norm()
-        assert error < relative, (
-            f"gradient of {name}: differs by {error.item():.3g} of its size, allowed: {relative:.3g}"
-        )
+        error = (found[name].double() - wanted.double()).norm().item()
+        allowed = relative * (wanted.double().norm().item() + _SMALL_GRADIENT)
+        assert error < allowed, f"gradient of {name}: differs by {error:.3g}, at most {allowed:.3g} is allowed"
