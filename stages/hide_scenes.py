@@ -18,6 +18,7 @@ from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
 from stages.scene.message_views import read_messages
 from stages.scene.scene import read_scene
+from stages.timing.stopwatch import Stopwatch, watching
 from stages.training.loop import Training
 from stages.training.objectives import hiding_terms
 from stages.training.parameters import TrainingParameters
@@ -91,7 +92,9 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
             final_rate_share=parameters.final_rate_share,
         ),
     )
-    curves = training.run(observer(context, parameters.iterations))
+    with watching(Stopwatch()) as stopwatch:
+        curves = training.run(observer(context, parameters.iterations))
+    context.log(stopwatch.table(parameters.iterations))
     write_container(context.output("container"), training.gaussians, method)
     write_secret(context.output("secret"), method, list(messages))
     write_rows(context.output("curves"), curves)

@@ -27,7 +27,7 @@ ENGINE = [
     "__main__",
 ]
 STAGE_FACING = {"pipeline.stage", "pipeline.artifact", "pipeline.errors", "pipeline.drawing", "pipeline.companion"}
-LIBRARY_FLOORS = ["imaging", "scene", "tracing", "hiding", "training", "analysis"]
+LIBRARY_FLOORS = ["timing", "imaging", "scene", "tracing", "hiding", "training", "analysis"]
 RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device"}
 
 

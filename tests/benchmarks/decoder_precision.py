@@ -42,7 +42,9 @@ def decibels_on_test_views(cover: Artifact, message: Artifact, made: Mapping[str
     gaussians, method = read_gaussians(made["container"]), read_method(made["container"], made["secret"])
     decibels: dict[str, list[float]] = {name: [] for name in truths}
     rows = scene.rows(scene.test_names)
-    for row, rendering in zip(rows, photographs(gaussians, method, scene.cameras.select(scene.test_names)), strict=True):
+    for row, rendering in zip(
+        rows, photographs(gaussians, method, scene.cameras.select(scene.test_names)), strict=True
+    ):
         for name, pictures in truths.items():
             truth = picture_to_tensor(pictures[row])
             decibels[name].append(psnr(rendering.pictures[name].clamp(0, 1), truth))
@@ -74,7 +76,9 @@ def described(name: str, differences: Sequence[float]) -> str:
     """The mean difference with its standard error, and the verdict."""
     mean, error = statistics.mean(differences), statistics.stdev(differences) / math.sqrt(len(differences))
     verdict = "within" if abs(mean) + error <= BOUND else "not shown to be within"
-    return f"{name}: bfloat16 less float32 {mean:+.3f} ± {error:.3f} dB over {len(differences)} seeds, {verdict} {BOUND}"
+    return (
+        f"{name}: bfloat16 less float32 {mean:+.3f} ± {error:.3f} dB over {len(differences)} seeds, {verdict} {BOUND}"
+    )
 
 
 def main(cover: Path, message: Path, method: str = "homogeneous", iterations: int = 1000, seeds: int = 3) -> None:
