@@ -19,15 +19,17 @@ TILE = 16
 Schedule = Literal["cpu", "gpu"]
 """How work is cut: a tile for each work-item, or a tile for each work-group and a pixel for each of its work-items."""
 
-Part = Literal["geometry", "blending", "harmonics"]
-"""Two programs draw a picture: what happens to Gaussians does not depend on how many features they have. Another one
-gives Gaussians the colours of spherical harmonics."""
+Part = Literal["geometry", "blending", "harmonics", "ssim"]
+"""Two programs draw a picture: what happens to Gaussians does not depend on how many features they have. The others do
+what else a training step would spend its time on: colours of spherical harmonics, and structural similarity."""
 
 _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
     ("cpu", "geometry"): ("real.cl", "projection.cl", "cpu/lanes.cl", "cpu/tiling.cl"),
     ("cpu", "blending"): ("real.cl", "cpu/lanes.cl", "cpu/blending.cl", "cpu/blending_backward.cl"),
     ("cpu", "harmonics"): ("real.cl", "harmonics.cl"),
     ("gpu", "harmonics"): ("real.cl", "harmonics.cl"),
+    ("cpu", "ssim"): ("real.cl", "cpu/lanes.cl", "ssim.cl"),
+    ("gpu", "ssim"): ("real.cl", "cpu/lanes.cl", "ssim.cl"),
     ("gpu", "geometry"): ("real.cl", "projection.cl", "gpu/sorting.cl", "gpu/tiling.cl"),
     ("gpu", "blending"): ("real.cl", "gpu/blending.cl", "gpu/blending_backward.cl"),
 }

@@ -28,7 +28,7 @@ ENGINE = [
 ]
 STAGE_FACING = {"pipeline.stage", "pipeline.artifact", "pipeline.errors", "pipeline.drawing", "pipeline.companion"}
 LIBRARY_FLOORS = ["timing", "imaging", "scene", "tracing", "hiding", "training", "analysis"]
-RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device", "opencl.harmonics", "opencl.similarity"}
+RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device", "opencl.harmonics", "opencl.ssim"}
 
 
 def sources(package: str) -> Iterator[tuple[str, Path]]:
