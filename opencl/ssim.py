@@ -35,7 +35,7 @@ def mean_ssim(
         raise ValueError(f"two pictures to compare must be alike in shape, type and device, not {described}")
     if pictures.ndim < 3 or pictures.shape[-1] != CHANNELS or pictures.numel() == 0:
         raise ValueError(
-            f"pictures: found shape {tuple(pictures.shape)}, expected (..., height, width, 3) with a pixel"
+            f"pictures: found shape {tuple(pictures.shape)}, expected (..., height, width, 3), not empty"
         )
     if pictures.dtype not in (torch.float32, torch.float64):
         raise ValueError(f"pictures: found {pictures.dtype}, expected float32 or float64")
