@@ -34,9 +34,7 @@ def mean_ssim(
         described = [f"{tuple(tensor.shape)} {tensor.dtype} on {tensor.device}" for tensor in (pictures, truths)]
         raise ValueError(f"two pictures to compare must be alike in shape, type and device, not {described}")
     if pictures.ndim < 3 or pictures.shape[-1] != CHANNELS or pictures.numel() == 0:
-        raise ValueError(
-            f"pictures: found shape {tuple(pictures.shape)}, expected (..., height, width, 3), not empty"
-        )
+        raise ValueError(f"pictures: found shape {tuple(pictures.shape)}, expected (..., height, width, 3), not empty")
     if pictures.dtype not in (torch.float32, torch.float64):
         raise ValueError(f"pictures: found {pictures.dtype}, expected float32 or float64")
     if truths.requires_grad:
