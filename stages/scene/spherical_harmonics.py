@@ -25,7 +25,7 @@ def harmonics(directions: Float[Tensor, "N 3"], degree: int) -> Float[Tensor, "N
     """
     if not 0 <= degree <= MAXIMUM_DEGREE:
         raise ValueError(f"spherical harmonics have degree 0 to {MAXIMUM_DEGREE} here, not {degree}")
-    x, y, z = directions.unbind(-1)
+    x, y, z = directions.movedim(-1, 0).contiguous()  # each by itself in memory, as the results are: half the time
     values = [torch.full_like(x, BASE)]
     if degree >= 1:
         first = math.sqrt(3 / (4 * math.pi))
@@ -53,4 +53,4 @@ def harmonics(directions: Float[Tensor, "N 3"], degree: int) -> Float[Tensor, "N
             middle / 2 * z * (xx - yy),
             -outer * x * (xx - 3 * yy),
         ]
-    return torch.stack(values, dim=-1)
+    return torch.stack(values).movedim(0, -1)
