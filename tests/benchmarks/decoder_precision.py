@@ -73,8 +73,8 @@ def trained(
 
 
 def described(name: str, differences: Sequence[float]) -> str:
-    """The mean difference with its standard error, and the verdict."""
-    mean, error = statistics.mean(differences), statistics.stdev(differences) / math.sqrt(len(differences))
+    """The mean difference with twice its standard error, and the verdict."""
+    mean, error = statistics.mean(differences), 2 * statistics.stdev(differences) / math.sqrt(len(differences))
     verdict = "within" if abs(mean) + error <= BOUND else "not shown to be within"
     return (
         f"{name}: bfloat16 less float32 {mean:+.3f} ± {error:.3f} dB over {len(differences)} seeds, {verdict} {BOUND}"
