@@ -49,7 +49,9 @@ class HideScenesParameters(TrainingParameters):
         0.1, gt=0, le=1, description="Share of both rates that is left at the end. Released code: 1."
     )
     precision: Literal["float32", "bfloat16"] = Field(
-        "float32", description="Of the decoders' convolutions; bfloat16 is faster where the CPU has it."
+        "float32",
+        description="Of the decoders' convolutions; bfloat16 is faster where the CPU has it, and costs under 0.1 dB. "
+        "Either gives the same bits every time for one number of threads.",
     )
 
 
