@@ -41,6 +41,8 @@ GROUP_SIZE: dict[Schedule, int] = {"cpu": 1, "gpu": 256}
 """Work-items of a group; on the GPU schedule that is one for each pixel of a tile."""
 TILING_RUNS = 32
 """Parts of the depth order that the CPU schedule counts into tiles side by side."""
+SSIM_STRIP: dict[Schedule, int] = {"cpu": 256, "gpu": 16}
+"""Values of a row, a multiple of 16, that a work-item of the structural similarity takes."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,7 @@ class ProgramKey:
             "PROJECTION_CHUNK": PROJECTION_CHUNK[self.schedule],
             "GROUP_SIZE": GROUP_SIZE[self.schedule],
             "TILING_RUNS": TILING_RUNS,
+            "SSIM_STRIP": SSIM_STRIP[self.schedule],
         }
         lines = [f"#define {name} ((REAL){value!r})" for name, value in reals.items()]
         lines += [f"#define {name} {value}" for name, value in integers.items()]

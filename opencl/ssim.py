@@ -1,4 +1,4 @@
-"""The mean structural similarity of pictures and its gradient, fused: two passes over rows instead of a hundred."""
+"""The mean structural similarity of pictures and its gradient, fused: two passes over the rows instead of a hundred."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend, default_backend
 from opencl.contract import RasterSettings
-from opencl.program import ProgramKey
+from opencl.program import GROUP_SIZE, SSIM_STRIP, ProgramKey
 
 CHANNELS = 3
 _PADDING, _LANES = 16, 16
@@ -50,19 +50,24 @@ class _MeanSsim(torch.autograd.Function):
         length = CHANNELS * width
         padded, padded_truths = (_padded(values, length) for values in (pictures, truths))
         slopes = [torch.zeros_like(padded) for _ in range(3)]
-        row_sums = padded.new_empty(len(padded))
+        strips = len(padded) * -(-length // SSIM_STRIP[backend.schedule])
+        group_size = GROUP_SIZE[backend.schedule]
+        groups = -(-strips // group_size)
+        strip_sums = padded.new_empty(strips)
         program = ProgramKey("ssim", backend.schedule, pictures.dtype, RasterSettings())
         inputs = (len(padded), height, length, padded.shape[1], padded, padded_truths)
         with backend.session() as session:
-            session.launch(program, "similarities", *inputs, *slopes, row_sums)
+            session.launch(program, "similarities", groups, *inputs, *slopes, strip_sums, group_size=group_size)
             if ctx.needs_input_grad[1]:
                 gradients = torch.empty_like(padded)
-                session.launch(program, "similarity_gradient", *inputs, *slopes, gradients)
+                session.launch(
+                    program, "similarity_gradient", groups, *inputs, *slopes, gradients, group_size=group_size
+                )
                 session.finish(gradients)
                 ctx.save_for_backward(gradients.narrow(1, _PADDING, length))
-            session.finish(row_sums)
+            session.finish(strip_sums)
         ctx.shape = pictures.shape
-        return row_sums.sum() / pictures.numel()
+        return strip_sums.sum() / pictures.numel()
 
     @staticmethod
     @once_differentiable

@@ -6,7 +6,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from opencl.harmonics import colors_of_harmonics
+from opencl.backend import Backend
+from opencl.device import choose_device
+from opencl.harmonics import _Colors, colors_of_harmonics
 from stages.scene.spherical_harmonics import BASE, harmonics
 
 CENTRE = (0.3, -0.2, -1.5)
@@ -47,6 +49,16 @@ def test_agrees_with_the_formula(count: int, degree: int, dtype: torch.dtype) ->
     for one, other in zip(gradients(found, leaves), gradients(expected, leaves), strict=True):
         torch.testing.assert_close(one, other, rtol=accuracy, atol=4 * accuracy)
     assert count == 1 or bool((found == 0).any())  # some are clamped
+
+
+def test_the_gpu_schedule_gives_the_same() -> None:
+    base, rest, means, centre = inputs(300)
+    leaves = tuple(tensor.requires_grad_() for tensor in (base, rest, means))
+    expected = colors_of_harmonics(*leaves, centre, 3)
+    found = _Colors.apply(Backend(choose_device(), schedule="gpu"), 3, *leaves, centre)
+    torch.testing.assert_close(found, expected, rtol=1e-14, atol=1e-14)
+    for one, other in zip(gradients(found, leaves), gradients(expected, leaves), strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-13, atol=1e-14)
 
 
 def test_gradients_of_every_input() -> None:

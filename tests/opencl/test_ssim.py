@@ -10,7 +10,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from opencl.ssim import mean_ssim
+from opencl.backend import Backend
+from opencl.device import choose_device
+from opencl.ssim import _MeanSsim, mean_ssim
 from stages.imaging.ssim import ssim_map
 
 SHAPES = [(1, 1), (5, 200), (37, 3), (13, 17), (20, 86), (6, 171), (2, 3, 12, 14)]
@@ -46,6 +48,16 @@ def test_float32_follows_float64(shape: tuple[int, ...]) -> None:
     assert single_value.dtype == single_gradient.dtype == torch.float32
     torch.testing.assert_close(single_value.double(), value, rtol=0, atol=2e-6)
     torch.testing.assert_close(single_gradient.double(), gradient, rtol=0, atol=float(1e-5 * gradient.abs().max()))
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_the_gpu_schedule_differs_by_rounding_only(shape: tuple[int, ...]) -> None:
+    picture, truth = pair(*shape)
+    value, gradient = value_and_gradient(mean_ssim(picture, truth), picture)
+    on_gpu = _MeanSsim.apply(Backend(choose_device(), schedule="gpu"), picture, truth)
+    gpu_value, gpu_gradient = value_and_gradient(on_gpu, picture)
+    torch.testing.assert_close(gpu_value, value, rtol=0, atol=1e-14)
+    torch.testing.assert_close(gpu_gradient, gradient, rtol=1e-12, atol=1e-15)
 
 
 def test_gradient_against_finite_differences() -> None:
