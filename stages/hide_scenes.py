@@ -50,7 +50,7 @@ class HideScenesParameters(TrainingParameters):
     )
     precision: Literal["float32", "bfloat16"] = Field(
         "float32",
-        description="Of the decoders' convolutions; bfloat16 is faster where the CPU has it, and costs under 0.1 dB. "
+        description="Of all but the last of a decoder's convolutions; bfloat16 is faster where the CPU has it. "
         "Either gives the same bits every time for one number of threads.",
     )
 
