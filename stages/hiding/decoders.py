@@ -51,7 +51,7 @@ def decode(
 ) -> Float[Tensor, "H W C"]:
     """D(F_coup) of Eq. 5, unclamped float32, channels last.
 
-    `precision` bfloat16 runs the convolutions but the last in it, with float32 weights, gradients and sums: about 0.6 of
+    `precision` bfloat16 runs the convolutions but the last in it, with float32 weights, gradients and sums: 0.6 of
     the time on CPUs that have the instructions. The last stays in float32, since pictures rounded to eight bits are
     wrong about the sign of small residuals: on a trained container that put a bias of up to 30 % on the weights'
     gradients, and costs hardly any time to avoid. What is left to bfloat16 is still an error of about 20 % a view.
