@@ -19,8 +19,9 @@ TILE = 16
 Schedule = Literal["cpu", "gpu"]
 """How work is cut: a tile for each work-item, or a tile for each work-group and a pixel for each of its work-items."""
 
-Part = Literal["geometry", "blending"]
-"""Two programs draw a picture: what happens to Gaussians does not depend on how many features they have."""
+Part = Literal["geometry", "blending", "harmonics", "ssim"]
+"""Two programs draw a picture: what happens to Gaussians does not depend on how many features they have. The others do
+what else a training step would spend its time on: colours of spherical harmonics, and structural similarity."""
 
 _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
     ("cpu", "geometry"): ("real.cl", "projection.cl", "footprint.cl", "cpu/lanes.cl", "cpu/tiling.cl"),
@@ -36,6 +37,10 @@ _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
         *("real.cl", "gpu/splats.cl", "gpu/blending.cl"),
         *("gpu/blending_backward.cl", "gpu/gradient_sums.cl"),
     ),
+    ("cpu", "harmonics"): ("real.cl", "harmonics.cl"),
+    ("gpu", "harmonics"): ("real.cl", "harmonics.cl"),
+    ("cpu", "ssim"): ("real.cl", "cpu/lanes.cl", "ssim.cl"),
+    ("gpu", "ssim"): ("real.cl", "cpu/lanes.cl", "ssim.cl"),
 }
 _KERNELS = Path(__file__).parent / "kernels"
 
@@ -51,6 +56,8 @@ SCAN_CHUNK = 1024
 """Values that a work-group of the GPU schedule's running sums takes."""
 SORT_CHUNK = 2048
 """Items that a work-group of the GPU schedule's sort takes."""
+SSIM_STRIP: dict[Schedule, int] = {"cpu": 256, "gpu": 16}
+"""Values of a row, a multiple of 16, that a work-item of the structural similarity takes."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +89,7 @@ class ProgramKey:
             "TILING_RUNS": TILING_RUNS,
             "SCAN_CHUNK": SCAN_CHUNK,
             "SORT_CHUNK": SORT_CHUNK,
+            "SSIM_STRIP": SSIM_STRIP[self.schedule],
         }
         lines = [f"#define {name} ((REAL){value!r})" for name, value in reals.items()]
         lines += [f"#define {name} {value}" for name, value in integers.items()]

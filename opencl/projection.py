@@ -32,7 +32,7 @@ def pack_camera(
     return torch.tensor(values, dtype=world_to_camera.dtype)
 
 
-def _launch_size(backend: Backend, count: int) -> tuple[int, int]:
+def launch_size(backend: Backend, count: int) -> tuple[int, int]:
     """Work-groups and their size for `count` Gaussians."""
     group_size = GROUP_SIZE[backend.schedule]
     return -(-count // (group_size * PROJECTION_CHUNK[backend.schedule])), group_size
@@ -69,7 +69,7 @@ class Project(torch.autograd.Function):
         outputs = (means2d, records, radii, depth_keys)
         with backend.session() as session:
             sizes = (count, feature_dim, width, height)
-            groups, group_size = _launch_size(backend, count)
+            groups, group_size = launch_size(backend, count)
             session.launch(program, "project", groups, *sizes, *inputs, *outputs, group_size=group_size)
             (means2d,) = session.give(means2d)
         ctx.save_for_backward(means, quats, scales, opacities, camera, radii, records)
@@ -88,7 +88,7 @@ class Project(torch.autograd.Function):
         shapes = (means.shape, quats.shape, scales.shape, means.shape[:1])
         results = tuple(memory.empty(*shape, dtype=dtype) for shape in shapes)
         with ctx.backend.session() as session:
-            groups, group_size = _launch_size(ctx.backend, len(means))
+            groups, group_size = launch_size(ctx.backend, len(means))
             session.launch(
                 *(ctx.program, "project_backward", groups, len(means)),
                 *(means, quats, scales, opacities, camera, radii, records, grad_means2d, grad_records, *results),

@@ -18,6 +18,7 @@ from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
 from stages.scene.message_views import read_messages
 from stages.scene.scene import read_scene
+from stages.timing.stopwatch import Stopwatch, watching
 from stages.training.loop import Training
 from stages.training.objectives import hiding_terms
 from stages.training.parameters import TrainingParameters
@@ -48,7 +49,9 @@ class HideScenesParameters(TrainingParameters):
         0.1, gt=0, le=1, description="Share of both rates that is left at the end. Released code: 1."
     )
     precision: Literal["float32", "bfloat16"] = Field(
-        "float32", description="Of the decoders' convolutions; bfloat16 is faster where the CPU has it."
+        "float32",
+        description="Of all but the last of a decoder's convolutions; bfloat16 is faster where the CPU has it. "
+        "Either gives the same bits every time for one number of threads.",
     )
 
 
@@ -91,7 +94,9 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
             final_rate_share=parameters.final_rate_share,
         ),
     )
-    curves = training.run(observer(context, parameters.iterations))
+    with watching(Stopwatch()) as stopwatch:
+        curves = training.run(observer(context, parameters.iterations))
+    context.log(stopwatch.table(parameters.iterations))
     write_container(context.output("container"), training.gaussians, method)
     write_secret(context.output("secret"), method, list(messages))
     write_rows(context.output("curves"), curves)

@@ -15,6 +15,7 @@ from stages.imaging.metric_table import write_rows
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
 from stages.scene.scene import read_scene
+from stages.timing.stopwatch import Stopwatch, watching
 from stages.training.loop import Training
 from stages.training.objectives import PictureTerm
 from stages.training.parameters import TrainingParameters
@@ -51,7 +52,9 @@ def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
         [PictureTerm(COVER, 1.0, parameters.ssim_weight_cover)],
         parameters.settings(rig_extent(scene.cameras)),
     )
-    curves = training.run(observer(context, parameters.iterations))
+    with watching(Stopwatch()) as stopwatch:
+        curves = training.run(observer(context, parameters.iterations))
+    context.log(stopwatch.table(parameters.iterations))
     write_container(context.output("splats"), training.gaussians, method)
     write_rows(context.output("curves"), curves)
     context.record(device=choose_device().describe(), gaussians=len(training.gaussians))

@@ -27,8 +27,8 @@ ENGINE = [
     "__main__",
 ]
 STAGE_FACING = {"pipeline.stage", "pipeline.artifact", "pipeline.errors", "pipeline.drawing", "pipeline.companion"}
-LIBRARY_FLOORS = ["imaging", "scene", "tracing", "hiding", "training", "analysis"]
-RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device"}
+LIBRARY_FLOORS = ["timing", "imaging", "scene", "tracing", "hiding", "training", "analysis"]
+RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device", "opencl.harmonics", "opencl.ssim"}
 
 
 def sources(package: str) -> Iterator[tuple[str, Path]]:

@@ -30,7 +30,7 @@ typedef struct {
     int first, count, last;
 } Group;
 
-inline Group group_of(int first, int count) {
+static inline Group group_of(int first, int count) {
     Group group;
     group.first = first;
     group.count = count - first < PROJECTED_AT_ONCE ? count - first : PROJECTED_AT_ONCE;
@@ -38,7 +38,7 @@ inline Group group_of(int first, int count) {
     return group;
 }
 
-inline REALS read_reals(__global const REAL *values, int stride, int offset, Group group) {
+static inline REALS read_reals(__global const REAL *values, int stride, int offset, Group group) {
 #if PROJECTED_AT_ONCE == 8
     const size_t last = (size_t)stride * group.last + offset;
     size_t at[8];
@@ -54,16 +54,16 @@ inline REALS read_reals(__global const REAL *values, int stride, int offset, Gro
 #endif
 }
 
-inline void write_reals(__global REAL *values, int stride, int offset, Group group, REALS written) {
+static inline void write_reals(__global REAL *values, int stride, int offset, Group group, REALS written) {
     for (int lane = 0; lane < group.count; lane++)
         values[(size_t)stride * (group.first + lane) + offset] = LANE(written, lane);
 }
 
-inline REALS clamp_reals(REALS x, REAL low, REAL high) { return x < low ? (REALS)(low) : x > high ? (REALS)(high) : x; }
+static inline REALS clamp_reals(REALS x, REAL low, REAL high) { return x < low ? (REALS)(low) : x > high ? (REALS)(high) : x; }
 
-inline REALS or_zero(MASKS chosen, REALS x) { return chosen ? x : (REALS)(R(0)); }
+static inline REALS or_zero(MASKS chosen, REALS x) { return chosen ? x : (REALS)(R(0)); }
 
-inline MASKS finite(REALS x) { return x - x == R(0); }
+static inline MASKS finite(REALS x) { return x - x == R(0); }
 
 typedef struct {
     REALS x, y, z;              // in the camera's frame
@@ -75,7 +75,7 @@ typedef struct {
     REALS length;               // of the quaternion
 } Geometry;
 
-inline void rotation_of(const REALS q[4], REALS m[3][3]) {
+static inline void rotation_of(const REALS q[4], REALS m[3][3]) {
     const REALS w = q[0], x = q[1], y = q[2], z = q[3];
     m[0][0] = 1 - 2 * (y * y + z * z);
     m[0][1] = 2 * (x * y - w * z);
@@ -88,7 +88,7 @@ inline void rotation_of(const REALS q[4], REALS m[3][3]) {
     m[2][2] = 1 - 2 * (x * x + y * y);
 }
 
-inline Geometry geometry_of(const REALS mean[3], const REALS quat[4], __global const REAL *camera) {
+static inline Geometry geometry_of(const REALS mean[3], const REALS quat[4], __global const REAL *camera) {
     Geometry g;
     g.x = camera[0] * mean[0] + camera[1] * mean[1] + camera[2] * mean[2] + camera[9];
     g.y = camera[3] * mean[0] + camera[4] * mean[1] + camera[5] * mean[2] + camera[10];
@@ -129,7 +129,7 @@ inline Geometry geometry_of(const REALS mean[3], const REALS quat[4], __global c
     return g;
 }
 
-inline Geometry read_geometry(
+static inline Geometry read_geometry(
     __global const REAL *means, __global const REAL *quats, __global const REAL *camera, Group group
 ) {
     REALS mean[3], quat[4];
@@ -147,7 +147,7 @@ typedef struct {
     REALS determinant;
 } Footprint;
 
-inline Footprint footprint_of(const Geometry *g, const REALS scale[3]) {
+static inline Footprint footprint_of(const Geometry *g, const REALS scale[3]) {
     Footprint f;
     f.xx = f.xy = f.yy = (REALS)(R(0));
     for (int k = 0; k < 3; k++) {
@@ -168,7 +168,7 @@ inline Footprint footprint_of(const Geometry *g, const REALS scale[3]) {
 }
 
 // What opacity is multiplied with so that the filter adds no light (Yu et al. 2024, Mip-Splatting).
-inline REALS compensation_of(const Footprint *f) {
+static inline REALS compensation_of(const Footprint *f) {
 #ifdef ANTIALIASED
     return sqrt(f->area / f->determinant);
 #else
@@ -177,7 +177,7 @@ inline REALS compensation_of(const Footprint *f) {
 }
 
 // Whether all of a Gaussian's features are finite.
-inline int finite_features(__global const REAL *features, int count) {
+static inline int finite_features(__global const REAL *features, int count) {
     REAL sums[8] = {0, 0, 0, 0, 0, 0, 0, 0};
     int k = 0;
     for (; k + 8 <= count; k += 8)
@@ -187,7 +187,7 @@ inline int finite_features(__global const REAL *features, int count) {
     return sum == 0;
 }
 
-inline MASKS all_features_finite(__global const REAL *features, int feature_dim, Group group) {
+static inline MASKS all_features_finite(__global const REAL *features, int feature_dim, Group group) {
 #if PROJECTED_AT_ONCE == 8
     REALS flags = (REALS)(R(1));
     for (int lane = 0; lane < group.count; lane++)
@@ -199,7 +199,7 @@ inline MASKS all_features_finite(__global const REAL *features, int feature_dim,
 }
 
 // Whether a pixel centre 0.5, 1.5 ... size - 0.5 lies within half_length of centre.
-inline MASKS holds_a_pixel(REALS centre, REALS half_length, int size) {
+static inline MASKS holds_a_pixel(REALS centre, REALS half_length, int size) {
     REALS first = ceil(centre - half_length - R(0.5)), last = floor(centre + half_length - R(0.5));
     first = first < R(0) ? (REALS)(R(0)) : first;
     last = last > (REALS)(size - R(1)) ? (REALS)(size - R(1)) : last;
@@ -271,7 +271,7 @@ __kernel void project(
 }
 
 // The chain rule of the footprint: from slope, precisions and opacity to the rows. Adds to nothing.
-inline void footprint_backward(
+static inline void footprint_backward(
     const Footprint *f, __global const REAL *records, __global const REAL *grad_records, REALS opacity, Group group,
     REALS grad_rows[2][3], REALS *grad_opacity
 ) {
@@ -308,7 +308,7 @@ inline void footprint_backward(
 }
 
 // The chain rule of the rotation, from d, the gradient of its matrix, through the normalisation.
-inline void rotation_backward(const Geometry *g, const REALS d[3][3], REALS grad_quat[4]) {
+static inline void rotation_backward(const Geometry *g, const REALS d[3][3], REALS grad_quat[4]) {
     const REALS w = g->unit[0], x = g->unit[1], y = g->unit[2], z = g->unit[3];
     REALS grad_unit[4];
     grad_unit[0] = 2 * (x * (d[2][1] - d[1][2]) + y * (d[0][2] - d[2][0]) + z * (d[1][0] - d[0][1]));

@@ -10,9 +10,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.hiding.rendering import COVER, Rendering, splat
+from stages.hiding.rendering import ACTIVATIONS, COVER, Rendering, splat
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
+from stages.timing.stopwatch import backward_of, part
+
+DECODERS = "decoders"
 
 FEATURE_RANGE = (0.02, 0.98)
 """Initial features stay inside, where the sigmoid still has a gradient."""
@@ -61,7 +64,12 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
 
     def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
         """F_coup (Eq. 4) and what the decoders make of it (Eq. 5)."""
-        rendering = splat(gaussians, gaussians["raw_features"].sigmoid(), camera)
-        pictures = [picture for channels in self.decoded(rendering, camera) for picture in channels.split(3, dim=-1)]
+        features = gaussians["raw_features"].sigmoid()
+        backward_of(ACTIVATIONS, features)
+        rendering = splat(gaussians, features, camera)
+        with part(DECODERS):
+            decoded = self.decoded(rendering, camera)
+        backward_of(DECODERS, *decoded)
+        pictures = [picture for channels in decoded for picture in channels.split(3, dim=-1)]
         rendering.pictures.update(zip((COVER, *self.messages), pictures, strict=True))
         return rendering

@@ -10,6 +10,11 @@ from torch import Tensor
 from opencl.rasterizer import RasterSettings, rasterize
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
+from stages.timing.stopwatch import backward_of, part
+
+ACTIVATIONS = "activations"
+RASTERIZER = "rasterizer"
+"""Parts of an iteration, as a stopwatch names them; so are those beside the other methods."""
 
 COVER = "cover"
 """The name of the cover's picture among the pictures of a rendering; every other name is a message's."""
@@ -41,17 +46,21 @@ def splat(
 
     No Gaussians at all give the background, or zeros.
     """
-    out = rasterize(
-        gaussians.means,
-        gaussians["quats"],
-        gaussians.scales,
-        gaussians.opacities,
-        features,
-        camera.world_to_camera,
-        camera.intrinsics,
-        camera.width,
-        camera.height,
-        background=background,
-        settings=settings or RasterSettings(),
-    )
+    scales, opacities = gaussians.scales, gaussians.opacities
+    backward_of(ACTIVATIONS, scales, opacities)
+    with part(RASTERIZER):
+        out = rasterize(
+            gaussians.means,
+            gaussians["quats"],
+            scales,
+            opacities,
+            features,
+            camera.world_to_camera,
+            camera.intrinsics,
+            camera.width,
+            camera.height,
+            background=background,
+            settings=settings or RasterSettings(),
+        )
+    backward_of(RASTERIZER, out.features, out.alphas)
     return Rendering({}, out.features, out.alphas, out.radii, out.means2d)

@@ -25,7 +25,7 @@ def harmonics(directions: Float[Tensor, "N 3"], degree: int) -> Float[Tensor, "N
     """
     if not 0 <= degree <= MAXIMUM_DEGREE:
         raise ValueError(f"spherical harmonics have degree 0 to {MAXIMUM_DEGREE} here, not {degree}")
-    x, y, z = directions.unbind(-1)
+    x, y, z = directions.movedim(-1, 0).contiguous()  # each by itself in memory, as the results are: half the time
     values = [torch.full_like(x, BASE)]
     if degree >= 1:
         first = math.sqrt(3 / (4 * math.pi))
@@ -53,20 +53,4 @@ def harmonics(directions: Float[Tensor, "N 3"], degree: int) -> Float[Tensor, "N
             middle / 2 * z * (xx - yy),
             -outer * x * (xx - 3 * yy),
         ]
-    return torch.stack(values, dim=-1)
-
-
-def colors_towards(
-    coefficients: Float[Tensor, "N K 3"],
-    means: Float[Tensor, "N 3"],
-    camera_centre: Float[Tensor, " 3"],
-    degree: int,
-) -> Float[Tensor, "N 3"]:
-    """Colours of the Gaussians as the camera sees them: max(0, 0.5 + Σ h_k Y_k), no upper clamp, as in 3DGS.
-
-    Only the first (degree + 1)² of the K coefficients are used: 3DGS raises the degree while it trains.
-    """
-    directions = torch.nn.functional.normalize(means - camera_centre, dim=-1)
-    values = harmonics(directions, degree)
-    colors = torch.einsum("nk,nkc->nc", values, coefficients[:, : values.shape[1]])
-    return (colors + 0.5).clamp_min(0)
+    return torch.stack(values).movedim(0, -1)

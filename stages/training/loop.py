@@ -11,10 +11,11 @@ from jaxtyping import UInt8
 from torch import Tensor
 
 from stages.hiding.method import Method
-from stages.hiding.rendering import Rendering
+from stages.hiding.rendering import ACTIVATIONS, Rendering
 from stages.imaging.metric_table import MetricRow
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
+from stages.timing.stopwatch import part
 from stages.training.density_control import DensityControl, DensitySettings
 from stages.training.objectives import PictureTerm, total_loss
 from stages.training.optimizer import GaussianOptimizer
@@ -22,6 +23,8 @@ from stages.training.sampling import ViewSampler
 from stages.training.schedules import decayed, density_schedule
 
 CURVE_POINTS = 100
+DENSITY_CONTROL = "density control"
+LOSS = "loss"
 
 
 @dataclass(frozen=True)
@@ -105,12 +108,16 @@ class Training:
         settings = self.settings
         progress = iteration / settings.iterations
         self._set_learning_rates(progress)
-        view = self.sampler.draw()
-        camera, truths = self.views.cameras[view], self.views.truths(view)
-        rendering = self.method.render(self.gaussians, camera, progress)
-        loss = total_loss(rendering.pictures, truths, self.terms)
-        loss.backward()
-        with torch.no_grad():
+        with part("data"):
+            view = self.sampler.draw()
+            camera, truths = self.views.cameras[view], self.views.truths(view)
+        with part(ACTIVATIONS):
+            rendering = self.method.render(self.gaussians, camera, progress)
+        with part(LOSS):
+            loss = total_loss(rendering.pictures, truths, self.terms)
+        with part(LOSS, "backward"):
+            loss.backward()
+        with part("figures"), torch.no_grad():
             figures = {"loss": float(loss)} | {
                 term.picture: float(
                     (rendering.pictures[term.picture].clamp(0, 1) - truths[term.picture]).square().mean()
@@ -133,18 +140,23 @@ class Training:
 
     def _update(self, iteration: int, rendering: Rendering, camera: Camera) -> None:
         if self.density is not None and iteration <= self.schedule.stop:
-            self.density.observe(rendering, camera.width, camera.height)
-        self.optimizer.step()
-        if self.network_optimizer is not None:
-            self.network_optimizer.step()
-            self.network_optimizer.zero_grad(set_to_none=True)
-        if self.density is None:
-            return
+            with part(DENSITY_CONTROL):
+                self.density.observe(rendering, camera.width, camera.height)
+        with part("optimizer"):
+            self.optimizer.step()
+            if self.network_optimizer is not None:
+                self.network_optimizer.step()
+                self.network_optimizer.zero_grad(set_to_none=True)
+        if self.density is not None:
+            with part(DENSITY_CONTROL):
+                self._refine(self.density, iteration)
+
+    def _refine(self, density: DensityControl, iteration: int) -> None:
         if self.schedule.densifies_at(iteration):
             past_reset = iteration > self.schedule.opacity_reset_interval
-            self.density.refine(self.optimizer, past_reset, self.generator)
+            density.refine(self.optimizer, past_reset, self.generator)
         if self.schedule.resets_opacity_at(iteration):
-            self.density.reset_opacity(self.optimizer)
+            density.reset_opacity(self.optimizer)
 
     def run(self, observe: Observer) -> list[MetricRow]:
         """All iterations; returns the training curves (loss, PSNR of the training views, number of Gaussians)."""

@@ -5,7 +5,7 @@
 #define ADD_FEATURE(k) sum[k] += weight * feature[k];
 #define STORE_SUM(k) sums[k] = sum[k];
 #define DEFINE_ADD_FEATURES(channels)                                                                      \
-    WHOLE_REGISTERS inline void add_##channels##_features(                                                                 \
+    WHOLE_REGISTERS static inline void add_##channels##_features(                                                                 \
         LANES *sums, __global const REAL *features, const int *gaussians, const LANES *weights, int count  \
     ) {                                                                                                    \
         LANES sum[channels];                                                                               \
@@ -24,7 +24,7 @@ DEFINE_ADD_FEATURES(8)
 DEFINE_ADD_FEATURES(16)
 
 // As many channels at a time as there are registers for.
-WHOLE_REGISTERS inline void add_features(
+WHOLE_REGISTERS static inline void add_features(
     LANES *sums, __global const REAL *features, const int *gaussians, const LANES *weights, int count
 ) {
     int k = 0;
@@ -40,7 +40,7 @@ WHOLE_REGISTERS inline void add_features(
 }
 
 #ifdef COUNT_PIXELS
-inline int drawn_lanes(LANES weights) {
+static inline int drawn_lanes(LANES weights) {
     int count = 0;
     for (int lane = 0; lane < 16; lane++) count += ((const REAL *)&weights)[lane] > R(0);
     return count;
@@ -48,7 +48,7 @@ inline int drawn_lanes(LANES weights) {
 #endif
 
 // Blends the chunk's Gaussians into one block.
-WHOLE_REGISTERS inline void blend_block(
+WHOLE_REGISTERS static inline void blend_block(
     const Chunk *chunk,
     int index,
     __global const REAL *features,
@@ -76,7 +76,7 @@ WHOLE_REGISTERS inline void blend_block(
 }
 
 // Writes a block's pixels: features over the background, and alphas.
-WHOLE_REGISTERS inline void write_block(
+WHOLE_REGISTERS static inline void write_block(
     Tile tile, int index, int width, LANES left, LANES *sums, __global const REAL *background,
     __global REAL *feature_map, __global REAL *alphas
 ) {

@@ -27,7 +27,7 @@ typedef struct {
 } Row;
 
 // Up to 16 values from an address on; zeros beyond `count`.
-inline LANES read_lanes(__global const REAL *values, int count) {
+static inline LANES read_lanes(__global const REAL *values, int count) {
     if (count >= 16) return *(__global const UNALIGNED_LANES *)values;
     LANES read = (LANES)(R(0));
     for (int k = 0; k < count; k++) ((REAL *)&read)[k] = values[k];
@@ -35,7 +35,7 @@ inline LANES read_lanes(__global const REAL *values, int count) {
 }
 
 // Asks for the picture and its gradient at the block that is read SIDE blocks later, below this one.
-inline void fetch_block_below(
+static inline void fetch_block_below(
     Tile tile,
     Block block,
     int width,
@@ -59,7 +59,7 @@ inline void fetch_block_below(
     }
 }
 
-WHOLE_REGISTERS inline void read_powers(REAL8 *powers, Block block) {
+WHOLE_REGISTERS static inline void read_powers(REAL8 *powers, Block block) {
     const LANES none = (LANES)(R(0));
     LANES v[16] = {(LANES)(R(1)), block.x, block.y, block.x * block.x, block.x * block.y, block.y * block.y, none, none,
                    none, none, none, none, none, none, none, none};
@@ -69,7 +69,7 @@ WHOLE_REGISTERS inline void read_powers(REAL8 *powers, Block block) {
 }
 
 // Reads the picture's gradients for one block.
-WHOLE_REGISTERS inline void read_gradients(
+WHOLE_REGISTERS static inline void read_gradients(
     BlockGradients *g,
     Tile tile,
     int index,
@@ -124,7 +124,7 @@ typedef struct {
 #define LOAD_GRADIENT(k) grad[k] = g->channels[channel + (k)];
 #define ADD_CHANNEL(k) product[(k) & 1] += grad[k] * feature[k];
 #define DEFINE_MULTIPLY_FEATURES(number)                                                                              \
-    WHOLE_REGISTERS inline void multiply_##number##_features(                                                                         \
+    WHOLE_REGISTERS static inline void multiply_##number##_features(                                                                         \
         Reaching *reaching, __global const REAL *features, const BlockGradients *g, int channel                       \
     ) {                                                                                                               \
         LANES grad[number];                                                                                           \
@@ -142,7 +142,7 @@ DEFINE_MULTIPLY_FEATURES(4)
 DEFINE_MULTIPLY_FEATURES(8)
 DEFINE_MULTIPLY_FEATURES(16)
 
-WHOLE_REGISTERS inline void multiply_features(Reaching *reaching, __global const REAL *features, const BlockGradients *g) {
+WHOLE_REGISTERS static inline void multiply_features(Reaching *reaching, __global const REAL *features, const BlockGradients *g) {
     int k = 0;
 #ifdef __AVX512F__
     for (; k + 16 <= FEATURE_DIM; k += 16) multiply_16_features(reaching, features, g, k);
@@ -155,7 +155,7 @@ WHOLE_REGISTERS inline void multiply_features(Reaching *reaching, __global const
     if (FEATURE_DIM & 1) multiply_1_features(reaching, features, g, k);
 }
 
-inline REAL sum_of_lanes(LANES v) {
+static inline REAL sum_of_lanes(LANES v) {
     REAL sum = 0;
     for (int lane = 0; lane < 16; lane++) sum += ((const REAL *)&v)[lane];
     return sum;
@@ -163,7 +163,7 @@ inline REAL sum_of_lanes(LANES v) {
 
 // Blends the chunk's Gaussians again, for the weights and for s = alpha dL/dalpha, where alpha is not clamped. What does
 // not wait for the Gaussian before is computed first, for all of them.
-WHOLE_REGISTERS inline void differentiate_block(
+WHOLE_REGISTERS static inline void differentiate_block(
     const Chunk *chunk, Block block, Transmittance *transmittance, BlockGradients *g, Reaching *reaching
 ) {
     for (int i = 0; i < reaching->count; i++)
@@ -185,14 +185,14 @@ WHOLE_REGISTERS inline void differentiate_block(
 }
 
 #ifdef ABSOLUTE_GRADIENTS
-inline REAL sum_of_sizes(LANES v) {
+static inline REAL sum_of_sizes(LANES v) {
     REAL sum = 0;
     for (int lane = 0; lane < 16; lane++) sum += fabs(((const REAL *)&v)[lane]);
     return sum;
 }
 
 // Adds the pixels' |dL/dx| and |dL/dy| of the centres.
-inline void add_absolute_gradients(const Chunk *chunk, Block block, const Reaching *reaching, Row *rows) {
+static inline void add_absolute_gradients(const Chunk *chunk, Block block, const Reaching *reaching, Row *rows) {
     for (int i = 0; i < reaching->count; i++) {
         const Splat *splat = chunk->splats + reaching->numbers[i];
         const Spread r = spread_of(splat, block);
@@ -206,7 +206,7 @@ inline void add_absolute_gradients(const Chunk *chunk, Block block, const Reachi
 #endif
 
 // Adds one block's sums to the rows.
-WHOLE_REGISTERS inline void add_to_rows(const Reaching *reaching, const BlockGradients *g, Row *rows) {
+WHOLE_REGISTERS static inline void add_to_rows(const Reaching *reaching, const BlockGradients *g, Row *rows) {
     for (int i = 0; i < reaching->count; i++) {
         const REAL *slopes = (const REAL *)(reaching->slopes + i);
         REAL8 moments[2] = {rows[reaching->numbers[i]].moments, (REAL8)(R(0))};
@@ -228,7 +228,7 @@ WHOLE_REGISTERS inline void add_to_rows(const Reaching *reaching, const BlockGra
     }
 }
 
-WHOLE_REGISTERS inline void blend_block_backward(
+WHOLE_REGISTERS static inline void blend_block_backward(
     const Chunk *chunk,
     int index,
     __global const REAL *features,
@@ -252,14 +252,14 @@ WHOLE_REGISTERS inline void blend_block_backward(
 }
 
 // Adds a block to the background's gradient, once its Gaussians are blended.
-WHOLE_REGISTERS inline void add_to_background(const BlockGradients *g, LANES left, LANES *behind) {
+WHOLE_REGISTERS static inline void add_to_background(const BlockGradients *g, LANES left, LANES *behind) {
     for (int group = 0; group < CHANNEL_GROUPS; group++)
         for (int lane = 0; lane < SIDE * SIDE; lane++)
             behind[group] += g->pixels[group * 16 + lane] * ((const REAL *)&left)[lane];
 }
 
 // Writes a row, its moments turned from x and y into u = x - slope y - offset and y - s.y.
-inline void write_row(const Splat *s, const Row *row, __global REAL *gradient) {
+static inline void write_row(const Splat *s, const Row *row, __global REAL *gradient) {
     const REAL8 m = row->moments;
     const REAL offset = s->x - s->slope * s->y;
     const REAL along = m.s1 - s->slope * m.s2;
@@ -276,7 +276,7 @@ inline void write_row(const Splat *s, const Row *row, __global REAL *gradient) {
     for (int k = 0; k < GRADIENT_ROW - MOMENTS; k++) gradient[MOMENTS + k] = ((const REAL *)row->features)[k];
 }
 
-inline Row empty_row() {
+static inline Row empty_row() {
     Row row;
     row.moments = (REAL8)(R(0));
     for (int group = 0; group < CHANNEL_GROUPS; group++) row.features[group] = (LANES)(R(0));

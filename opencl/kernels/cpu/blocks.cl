@@ -12,7 +12,7 @@ typedef struct {
     int left, top, columns, rows;
 } Tile;
 
-inline Tile tile_of(int index, int width, int height) {
+static inline Tile tile_of(int index, int width, int height) {
     const int across = (width + TILE - 1) / TILE;
     Tile tile;
     tile.left = index % across * TILE;
@@ -22,8 +22,8 @@ inline Tile tile_of(int index, int width, int height) {
     return tile;
 }
 
-inline LANES lane_columns() { return (LANES)(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3); }
-inline LANES lane_rows() { return (LANES)(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3); }
+static inline LANES lane_columns() { return (LANES)(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3); }
+static inline LANES lane_rows() { return (LANES)(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3); }
 
 // The pixels of a block: its first one's column and row within the tile, and all centres.
 typedef struct {
@@ -31,7 +31,7 @@ typedef struct {
     LANES x, y;
 } Block;
 
-inline Block block_of(int index) {
+static inline Block block_of(int index) {
     Block block;
     block.column = index % SIDE * SIDE;
     block.row = index / SIDE * SIDE;
@@ -41,16 +41,16 @@ inline Block block_of(int index) {
 }
 
 // A pixel of a block: whether it is in the picture, and where.
-inline int in_picture(Tile tile, Block block, int lane) {
+static inline int in_picture(Tile tile, Block block, int lane) {
     return block.column + lane % SIDE < tile.columns && block.row + lane / SIDE < tile.rows;
 }
 
-inline size_t pixel_of(Tile tile, Block block, int lane, int width) {
+static inline size_t pixel_of(Tile tile, Block block, int lane, int width) {
     return (size_t)(tile.top + block.row + lane / SIDE) * width + tile.left + block.column + lane % SIDE;
 }
 
 // 1 in the picture, 0 beyond its border.
-inline LANES fresh_transmittance(Tile tile, Block block) {
+static inline LANES fresh_transmittance(Tile tile, Block block) {
     const LANES columns = lane_columns() + block.column, rows = lane_rows() + block.row;
     return columns < (LANES)(tile.columns) & rows < (LANES)(tile.rows) ? (LANES)(R(1)) : (LANES)(R(0));
 }
@@ -68,7 +68,7 @@ typedef struct {
 } Chunk;
 
 // Asks for the Gaussian that is drawn FETCH_AHEAD after this entry.
-inline void fetch_ahead(
+static inline void fetch_ahead(
     __global const REAL *records, __global const REAL *features, __global const int *entries, int entry, int end
 ) {
     const int gaussian = entries[entry + FETCH_AHEAD < end ? entry + FETCH_AHEAD : entry];
@@ -79,7 +79,7 @@ inline void fetch_ahead(
 // For all blocks at once, whether the ellipse of alpha >= ALPHA_MINIMUM reaches a pixel's centre, or all but does.
 // The least squared Mahalanobis distance in a rectangle lies on the side that faces the centre, left or right, or on
 // the one above or below; along each it is a parabola's lowest point, clamped.
-WHOLE_REGISTERS inline LANES_MASK reaching_blocks(__global const REAL *record, REAL x, REAL y) {
+WHOLE_REGISTERS static inline LANES_MASK reaching_blocks(__global const REAL *record, REAL x, REAL y) {
     const REAL slope = record[2], across = record[3], down = record[4];
     const REAL lean = across * slope / (across * slope * slope + down);  // y of the lowest point for each x
     const LANES left = lane_columns() * SIDE + (R(0.5) - R(0.5) * TILE - x), right = left + (SIDE - 1);
@@ -99,7 +99,7 @@ WHOLE_REGISTERS inline LANES_MASK reaching_blocks(__global const REAL *record, R
 }
 
 // Reads `count` entries, at most CHUNK.
-WHOLE_REGISTERS inline void read_chunk(
+WHOLE_REGISTERS static inline void read_chunk(
     Chunk *chunk,
     Tile tile,
     __global const REAL *records,
@@ -140,7 +140,7 @@ typedef struct {
     LANES across, down, alpha;
 } Spread;
 
-inline Spread spread_of(const Splat *s, Block block) {
+static inline Spread spread_of(const Splat *s, Block block) {
     Spread r;
     r.down = block.y - s->y;
     r.across = block.x - s->x - s->slope * r.down;
@@ -155,7 +155,7 @@ typedef struct {
 } Transmittance;
 
 // Blends alphas (clamped) and returns their weights, 0 where nothing is drawn.
-inline LANES weights_of(LANES alpha, Transmittance *transmittance) {
+static inline LANES weights_of(LANES alpha, Transmittance *transmittance) {
     const LANES zero = (LANES)(R(0));
     const LANES weight = (alpha >= ALPHA_MINIMUM ? alpha : zero) * transmittance->product;
     transmittance->product -= weight;
@@ -164,6 +164,6 @@ inline LANES weights_of(LANES alpha, Transmittance *transmittance) {
     return drawn ? weight : zero;
 }
 
-inline int all_finished(Transmittance transmittance) {
+static inline int all_finished(Transmittance transmittance) {
     return !any_lane(transmittance.product >= TRANSMITTANCE_MINIMUM);
 }

@@ -55,28 +55,28 @@ typedef LANES __attribute__((aligned(sizeof(REAL)))) UNALIGNED_LANES;
 #endif
 
 // Steps of `transpose`: two values' lanes side by side, by runs of 8, 4, 2 and 1: the even runs, or the odd ones.
-inline LANES even_8(LANES a, LANES b) {
+static inline LANES even_8(LANES a, LANES b) {
     return (LANES)(a.s01234567, b.s01234567);
 }
-inline LANES odd_8(LANES a, LANES b) {
+static inline LANES odd_8(LANES a, LANES b) {
     return (LANES)(a.s89abcdef, b.s89abcdef);
 }
-inline LANES even_4(LANES a, LANES b) {
+static inline LANES even_4(LANES a, LANES b) {
     return (LANES)(a.s0123, b.s0123, a.s89ab, b.s89ab);
 }
-inline LANES odd_4(LANES a, LANES b) {
+static inline LANES odd_4(LANES a, LANES b) {
     return (LANES)(a.s4567, b.s4567, a.scdef, b.scdef);
 }
-inline LANES even_2(LANES a, LANES b) {
+static inline LANES even_2(LANES a, LANES b) {
     return (LANES)(a.s01, b.s01, a.s45, b.s45, a.s89, b.s89, a.scd, b.scd);
 }
-inline LANES odd_2(LANES a, LANES b) {
+static inline LANES odd_2(LANES a, LANES b) {
     return (LANES)(a.s23, b.s23, a.s67, b.s67, a.sab, b.sab, a.sef, b.sef);
 }
-inline LANES even_1(LANES a, LANES b) {
+static inline LANES even_1(LANES a, LANES b) {
     return (LANES)(a.s0, b.s0, a.s2, b.s2, a.s4, b.s4, a.s6, b.s6, a.s8, b.s8, a.sa, b.sa, a.sc, b.sc, a.se, b.se);
 }
-inline LANES odd_1(LANES a, LANES b) {
+static inline LANES odd_1(LANES a, LANES b) {
     return (LANES)(a.s1, b.s1, a.s3, b.s3, a.s5, b.s5, a.s7, b.s7, a.s9, b.s9, a.sb, b.sb, a.sd, b.sd, a.sf, b.sf);
 }
 
@@ -92,7 +92,7 @@ inline LANES odd_1(LANES a, LANES b) {
 #define EXCHANGE_1(i) EXCHANGE(1, i)
 
 // 16 values of 16 lanes as a matrix, turned about its diagonal: lane l of value v becomes lane v of value l.
-WHOLE_REGISTERS inline void transpose(LANES *v) {
+WHOLE_REGISTERS static inline void transpose(LANES *v) {
     EACH_8(EXCHANGE_8, 0)
     EACH_4(EXCHANGE_4, 0) EACH_4(EXCHANGE_4, 8)
     EACH_2(EXCHANGE_2, 0) EACH_2(EXCHANGE_2, 4) EACH_2(EXCHANGE_2, 8) EACH_2(EXCHANGE_2, 12)
@@ -100,7 +100,7 @@ WHOLE_REGISTERS inline void transpose(LANES *v) {
 }
 
 // Whether the sign bit of any lane is set, as comparisons leave it.
-inline int any_lane(LANES_MASK mask) {
+static inline int any_lane(LANES_MASK mask) {
 #ifdef REAL_IS_DOUBLE
     const long8 eight = mask.lo | mask.hi;
     const long4 four = eight.lo | eight.hi;
@@ -114,7 +114,7 @@ inline int any_lane(LANES_MASK mask) {
 }
 
 // 2^x for x <= 0 within two units in the last place: x = n + r, a polynomial for 2^r, n into the exponent's bits.
-inline LANES exp2_of_lanes(LANES x) {
+static inline LANES exp2_of_lanes(LANES x) {
 #ifdef REAL_IS_DOUBLE
     const double shift = 6755399441055744.0;  // 1.5 * 2^52: adding it rounds to an integer, which its low bits hold
     x = x < -1000.0 ? (LANES)(-1000.0) : x;

@@ -41,11 +41,11 @@ __kernel void sort_by_depth(
 }
 
 // Asks for the record that is read FETCH_AHEAD after this one.
-inline void fetch_record(__global const REAL *records, __global const int *order, int i, int end) {
+static inline void fetch_record(__global const REAL *records, __global const int *order, int i, int end) {
     FETCH(records + (size_t)RECORD * order[i + FETCH_AHEAD < end ? i + FETCH_AHEAD : i]);
 }
 
-inline int run_start(int run, int visible) { return (int)((long)visible * run / TILING_RUNS); }
+static inline int run_start(int run, int visible) { return (int)((long)visible * run / TILING_RUNS); }
 
 // How many Gaussians of its run fall on each tile, and in all.
 __kernel void count_tiles(

@@ -61,15 +61,19 @@ class HomogeneousDecoder(torch.nn.Module):
             self.directions.copy_(directions)
 
     def divided(
-        self, feature_map: Float[Tensor, "H W M"], alphas: Float[Tensor, "H W"]
-    ) -> Float[Tensor, "H W P*(M+1)"]:
-        """For each picture (F - A/2) / (E_k + ε) and E_k, its blended share: u_k·(F - A/2) + A/2, at least 0."""
-        centred = feature_map - alphas[..., None] / 2
-        shares = (centred @ self.directions.T + alphas[..., None] / 2).clamp_min(0)
+        self, centred: Float[Tensor, "H W M"], half_alphas: Float[Tensor, "H W 1"]
+    ) -> list[Float[Tensor, "H W C"]]:
+        """For each picture (F - A/2) / (E_k + ε) and E_k, its blended share: u_k·(F - A/2) + A/2, at least 0.
+
+        `centred` is F - A/2, `half_alphas` A/2. Multiplied by reciprocals: of a division, autograd needs twice the
+        passes over all features.
+        """
+        shares = (centred @ self.directions.T + half_alphas).clamp_min(0)
+        reciprocals = (shares + SMALLEST_SHARE).reciprocal()
         channels = []
-        for share in shares.split(1, dim=-1):
-            channels += [centred / (share + SMALLEST_SHARE), share]
-        return torch.cat(channels, dim=-1)
+        for share, reciprocal in zip(shares.split(1, dim=-1), reciprocals.split(1, dim=-1), strict=True):
+            channels += [centred * reciprocal, share]
+        return channels
 
 
 class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
@@ -105,10 +109,12 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
     def decoded(self, rendering: Rendering, camera: Camera) -> list[Float[Tensor, "H W C"]]:
         """The feature map divided for each picture, beside the direction of view, through each decoder."""
         view = harmonics(pixel_directions(camera), VIEW_DEGREE)[..., 1:]
+        half_alphas = rendering.alphas[..., None] / 2
+        centred = rendering.feature_map - half_alphas
         outputs = []
         for decoder in self.decoders:
-            divided = decoder.divided(rendering.feature_map, rendering.alphas)
-            outputs.append(decode(decoder.convolutions, torch.cat([divided, view], dim=-1), self.precision))
+            seen = torch.cat([*decoder.divided(centred, half_alphas), view], dim=-1)
+            outputs.append(decode(decoder.convolutions, seen, self.precision))
         return outputs
 
 

@@ -9,10 +9,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from opencl.harmonics import colors_of_harmonics
 from stages.hiding.rendering import COVER, Rendering, splat
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
-from stages.scene.spherical_harmonics import BASE, colors_towards, harmonics_count
+from stages.scene.spherical_harmonics import BASE, harmonics_count
+from stages.timing.stopwatch import backward_of, part
+
+SPHERICAL_HARMONICS = "spherical harmonics"
 
 DEGREE_RAISED_EVERY = 1 / 30
 """3DGS raises the degree every 1,000 of its 30,000 iterations."""
@@ -39,8 +43,11 @@ class Plain:
     def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
         """The cover's picture over black."""
         degree = min(self.sh_degree, int(progress / DEGREE_RAISED_EVERY))
-        coefficients = torch.cat([gaussians["sh_base"][:, None], gaussians["sh_rest"]], dim=1)
-        colors = colors_towards(coefficients, gaussians.means, camera.centre, degree)
+        with part(SPHERICAL_HARMONICS):
+            colors = colors_of_harmonics(
+                gaussians["sh_base"], gaussians["sh_rest"], gaussians.means, camera.centre, degree
+            )
+        backward_of(SPHERICAL_HARMONICS, colors)
         rendering = splat(gaussians, colors, camera)
         rendering.pictures[COVER] = rendering.feature_map
         return rendering

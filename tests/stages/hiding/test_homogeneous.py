@@ -64,7 +64,8 @@ def test_dividing_undoes_any_veil() -> None:
     for veiled in (0.0, 0.4, 0.9):
         feature_map = (veiled * veil + (1 - veiled) * own)[None, None]
         with torch.no_grad():
-            divided = decoder.divided(feature_map, torch.ones(1, 1))[0, 0]
+            half_alphas = torch.full((1, 1, 1), 0.5)
+            divided = torch.cat(decoder.divided(feature_map - half_alphas, half_alphas), dim=-1)[0, 0]
         share = 1 - veiled
         torch.testing.assert_close(divided[-1], torch.tensor(share))
         torch.testing.assert_close(mixture[1:] @ divided[:8] * (share + SMALLEST_SHARE) / share, color)

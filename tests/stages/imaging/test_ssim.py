@@ -39,11 +39,9 @@ def test_agrees_with_the_definition_at_every_pixel() -> None:
     torch.testing.assert_close(ssim(picture, truth), textbook(picture, truth).mean(), rtol=0, atol=1e-12)
 
 
-def test_gradient_with_respect_to_both_pictures() -> None:
-    picture, truth = (each.requires_grad_() for each in pair(7, 6))
-    assert torch.autograd.gradcheck(ssim_map, (picture, truth))
-    assert torch.autograd.gradcheck(ssim, (picture, truth.detach()))
-    assert torch.autograd.gradcheck(ssim, (picture.detach(), truth))
+def test_gradient_with_respect_to_the_picture() -> None:
+    picture, truth = pair(7, 6)
+    assert torch.autograd.gradcheck(ssim, (picture.requires_grad_(), truth))
 
 
 def test_a_batch_is_its_pictures_one_by_one() -> None:

@@ -1,4 +1,4 @@
-"""The harmonics are orthonormal, and a constant colour looks the same from everywhere."""
+"""The harmonics are orthonormal, with the signs of 3DGS."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from stages.scene.spherical_harmonics import BASE, colors_towards, harmonics
+from stages.scene.spherical_harmonics import harmonics
 
 
 def test_orthonormal_over_the_sphere() -> None:
@@ -18,14 +18,6 @@ def test_orthonormal_over_the_sphere() -> None:
     values = harmonics(torch.stack([ring * phi.cos(), ring * phi.sin(), z], dim=-1), 3)
     products = values.T @ values * (4 * math.pi / len(z))
     torch.testing.assert_close(products, torch.eye(16, dtype=torch.float64), atol=1e-4, rtol=0)
-
-
-def test_constant_color_from_every_direction() -> None:
-    color = torch.tensor([[0.2, 0.5, 0.9]])
-    coefficients = torch.zeros(1, 16, 3)
-    coefficients[:, 0] = (color - 0.5) / BASE
-    for centre in torch.eye(3):
-        torch.testing.assert_close(colors_towards(coefficients, torch.zeros(1, 3), centre, 3), color)
 
 
 def test_signs_of_the_first_degree_are_those_of_3dgs() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 import pytest
 import torch
@@ -10,6 +12,7 @@ from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import gaussians_at
+from stages.timing.stopwatch import OTHER, Stopwatch, watching
 from stages.training.density_control import DensitySettings
 from stages.training.loop import Training, TrainingSettings, TrainingViews
 from stages.training.objectives import hiding_terms, picture_loss, total_loss
@@ -26,14 +29,14 @@ def rig(views: int) -> Cameras:
     return Cameras(tuple(f"{view}.png" for view in range(views)), poses, intrinsics, WIDTH, HEIGHT)
 
 
-def trained(method_name: str, iterations: int, seed: int = 0):
+def trained(method_name: str, iterations: int, seed: int = 0, precision: str = "float32"):
     """A training on flat pictures: an orange cover that hides a blue message."""
     torch.manual_seed(seed)
     settings: dict[str, object] = {"sh_degree": 1}
     messages = []
     if method_name != "plain":
         messages = [MESSAGE]
-        settings = {"feature_dim": 8, "layers": 2, "decoder_width": 8, "precision": "float32", "messages": messages}
+        settings = {"feature_dim": 8, "layers": 2, "decoder_width": 8, "precision": precision, "messages": messages}
     method = build_method(method_name, settings)
     generator = np.random.default_rng(seed)
     points = np.random.default_rng(seed).uniform([-1, -1, 2], [1, 1, 4], (40, 3))
@@ -53,20 +56,57 @@ def trained(method_name: str, iterations: int, seed: int = 0):
     return training, training.run(lambda iteration, figures: None)
 
 
-@pytest.mark.parametrize(("method", "iterations"), [("plain", 200), ("gs_hider", 60), ("homogeneous", 60)])
-def test_it_learns(method: str, iterations: int) -> None:
-    _, rows = trained(method, iterations)
+@pytest.fixture
+def threads() -> Iterator[Callable[[int], None]]:
+    """Sets torch's number of threads for one test."""
+    before = torch.get_num_threads()
+    yield torch.set_num_threads
+    torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize(
+    ("method", "iterations", "precision"),
+    [
+        ("plain", 200, "float32"),
+        ("gs_hider", 60, "float32"),
+        ("gs_hider", 60, "bfloat16"),
+        ("homogeneous", 60, "float32"),
+        ("homogeneous", 60, "bfloat16"),
+    ],
+)
+def test_it_learns(method: str, iterations: int, precision: str) -> None:
+    _, rows = trained(method, iterations, precision=precision)
     losses = [row.value for row in rows if row.quantity == "loss"]
     assert losses[-1] < 0.6 * losses[0]
     assert {row.message for row in rows} == ({None} if method == "plain" else {None, MESSAGE})
 
 
+@pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 @pytest.mark.parametrize("method", ["plain", "gs_hider", "homogeneous"])
-def test_the_same_seed_gives_the_same_bits(method: str) -> None:
-    (first, first_rows), (second, second_rows) = trained(method, 12), trained(method, 12)
+def test_the_same_seed_and_threads_give_the_same_bits(
+    method: str, precision: str, number: int, threads: Callable[[int], None]
+) -> None:
+    threads(number)
+    (first, first_rows), (second, second_rows) = (trained(method, 12, precision=precision) for _ in range(2))
     assert first_rows == second_rows
     for name, tensor in first.gaussians.parameters.items():
         assert torch.equal(tensor, second.gaussians[name])
+    for name, network in first.method.networks.items():
+        for weight, tensor in network.state_dict().items():
+            assert torch.equal(tensor, second.method.networks[name].state_dict()[weight])
+
+
+def test_a_stopwatch_changes_no_bits_and_names_every_part() -> None:
+    unwatched, rows = trained("homogeneous", 12)
+    with watching(Stopwatch()) as stopwatch:
+        watched, watched_rows = trained("homogeneous", 12)
+    assert rows == watched_rows
+    assert torch.equal(unwatched.gaussians.means, watched.gaussians.means)
+    forward = {"data", "rasterizer", "decoders", "loss", "activations", "optimizer", "density control", "figures"}
+    backward = {"rasterizer", "decoders", "loss", "activations"}
+    expected = {(name, "forward") for name in forward | {OTHER}} | {(name, "backward") for name in backward}
+    assert stopwatch.seconds.keys() == expected
 
 
 def test_another_seed_gives_others() -> None:

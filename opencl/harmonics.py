@@ -1,0 +1,88 @@
+"""View-dependent colours from spherical harmonics, with gradients, in one pass over the Gaussians each way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from opencl.backend import Backend
+from opencl.contract import RasterSettings
+from opencl.program import ProgramKey
+from opencl.projection import launch_size
+from opencl.routes import backend_for
+
+MAXIMUM_DEGREE = 3
+
+
+def colors_of_harmonics(
+    base: Float[Tensor, "N 3"],
+    rest: Float[Tensor, "N K 3"],
+    means: Float[Tensor, "N 3"],
+    camera_centre: Float[Tensor, " 3"],
+    degree: int,
+) -> Float[Tensor, "N 3"]:
+    """max(0, 0.5 + Σ h_k Y_k) of the direction from the camera to each Gaussian: its colour as 3DGS defines it.
+
+    `base` are the coefficients of the constant harmonic, `rest` those of the others, of which the first
+    (degree + 1)² - 1 are used. All tensors are float32, or all float64. N = 0 gives no colours. Gradients reach base,
+    rest and means; a colour at zero passes none. The same inputs on the same device give the same bits.
+
+    Raises ValueError where shapes or types do not fit, or for a degree outside 0..3 or beyond what `rest` holds.
+    """
+    count = len(means)
+    expected = {"base": (count, 3), "means": (count, 3), "camera_centre": (3,)}
+    given = {"base": base, "means": means, "camera_centre": camera_centre, "rest": rest}
+    for name, shape in expected.items():
+        if tuple(given[name].shape) != shape:
+            raise ValueError(f"{name}: found shape {tuple(given[name].shape)}, expected {shape}")
+    if rest.ndim != 3 or rest.shape[::2] != (count, 3):
+        raise ValueError(f"rest: found shape {tuple(rest.shape)}, expected ({count}, K, 3)")
+    if not 0 <= degree <= MAXIMUM_DEGREE or (degree + 1) ** 2 - 1 > rest.shape[1]:
+        raise ValueError(
+            f"degree: found {degree}, expected 0 to {MAXIMUM_DEGREE}, of which K = {rest.shape[1]} harmonics are enough"
+        )
+    for name, tensor in given.items():
+        if tensor.dtype != means.dtype or tensor.dtype not in (torch.float32, torch.float64):
+            raise ValueError(f"{name}: found {tensor.dtype}, expected float32, or float64, for all tensors")
+    backend = backend_for(means.device)
+    tensors = (backend.memory.receive(tensor) for tensor in (base, rest, means, camera_centre.detach()))
+    colors: Tensor = _Colors.apply(backend, degree, *tensors)
+    return colors.to(means.device)
+
+
+class _Colors(torch.autograd.Function):
+    @staticmethod
+    def forward(
+        ctx: Any, backend: Backend, degree: int, base: Tensor, rest: Tensor, means: Tensor, centre: Tensor
+    ) -> Tensor:
+        colors = backend.memory.empty(*base.shape, dtype=base.dtype)
+        program = ProgramKey("harmonics", backend.schedule, means.dtype, RasterSettings())
+        groups, group_size = launch_size(backend, len(means))
+        with backend.session() as session:
+            inputs = (base, rest, means, centre)
+            sizes = (len(means), rest.shape[1], degree)
+            session.launch(program, "colors_of_harmonics", groups, *sizes, *inputs, colors, group_size=group_size)
+            (given,) = session.give(colors)
+        ctx.save_for_backward(rest, means, centre, colors)
+        ctx.backend, ctx.program, ctx.degree = backend, program, degree
+        return given
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad_colors: Tensor) -> tuple[Any, ...]:
+        rest, means, centre, colors = ctx.saved_tensors
+        empty = ctx.backend.memory.empty
+        gradients = [empty(*tensor.shape, dtype=means.dtype) for tensor in (colors, rest, means)]
+        groups, group_size = launch_size(ctx.backend, len(means))
+        with ctx.backend.session() as session:
+            session.launch(
+                *(ctx.program, "colors_of_harmonics_backward", groups, len(means), rest.shape[1], ctx.degree),
+                *(rest, means, centre, colors, grad_colors.contiguous(), *gradients),
+                group_size=group_size,
+            )
+            grad_base, grad_rest, grad_means = session.give(*gradients)
+        return None, None, grad_base, grad_rest, grad_means, None

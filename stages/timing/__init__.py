@@ -1,0 +1,1 @@
+"""Where time goes: a stopwatch for the parts of a training's iteration."""

@@ -1,0 +1,114 @@
+"""What bfloat16 decoders cost in quality: the same hiding with float32 and bfloat16, seed by seed.
+
+    python -m tests.benchmarks.decoder_precision COVER_SCENE MESSAGE_VIEWS [METHOD [ITERATIONS [SEEDS]]]
+
+Both arguments are folders of a store: of kind scene, and of kind views rendered from that scene's cameras. A seed gives
+both trainings the same first Gaussians, decoders and order of views, so that their difference is all of the precision
+and of the chance that it sets off; how large chance is, the spread over seeds says. Training views, as they were seen
+in the last fifth of the iterations, tell more of the precision than test views, where chance has more room.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from pipeline.artifact import Artifact, load
+from pipeline.stage import run_stage
+from stages.hide_scenes import HideScenesParameters, hide_scenes
+from stages.hiding.photographs import photographs
+from stages.hiding.rendering import COVER
+from stages.hiding.storage import read_gaussians, read_method
+from stages.imaging.metric_table import read_rows
+from stages.imaging.pictures import picture_to_tensor
+from stages.imaging.psnr import psnr
+from stages.scene.message_views import read_messages
+from stages.scene.scene import read_scene
+
+Precision = Literal["float32", "bfloat16"]
+BOUND = 0.1
+"""Decibels that bfloat16 may cost."""
+
+
+def decibels_on_test_views(cover: Artifact, message: Artifact, made: Mapping[str, Artifact]) -> dict[str, float]:
+    """Mean PSNR of the cover and of the message over the views that training never saw."""
+    scene = read_scene(cover)
+    truths = {COVER: scene.pictures}
+    truths |= {name: views.pictures for name, views in read_messages([message], scene.cameras.names).items()}
+    gaussians, method = read_gaussians(made["container"]), read_method(made["container"], made["secret"])
+    decibels: dict[str, list[float]] = {name: [] for name in truths}
+    rows = scene.rows(scene.test_names)
+    for row, rendering in zip(
+        rows, photographs(gaussians, method, scene.cameras.select(scene.test_names)), strict=True
+    ):
+        for name, pictures in truths.items():
+            truth = picture_to_tensor(pictures[row])
+            decibels[name].append(psnr(rendering.pictures[name].clamp(0, 1), truth))
+    return {name: statistics.mean(values) for name, values in decibels.items()}
+
+
+def decibels_at_the_end(curves: Artifact, iterations: int) -> dict[str, float]:
+    """Mean PSNR of the training views that were drawn in the last fifth of the iterations."""
+    decibels: dict[str, list[float]] = {}
+    for row in read_rows(curves):
+        if row.quantity == "psnr" and row.iteration is not None and row.iteration > 0.8 * iterations:
+            decibels.setdefault(f"{row.message or COVER} in training", []).append(row.value)
+    return {name: statistics.mean(values) for name, values in decibels.items()}
+
+
+def trained(
+    cover: Artifact, message: Artifact, method: str, iterations: int, seed: int, precision: Precision
+) -> dict[str, float]:
+    """Decibels after a training with the parameters of workflows/hide_photos.yaml, one thread."""
+    parameters = HideScenesParameters.model_validate(
+        {
+            "method": method,
+            "iterations": iterations,
+            "seed": seed,
+            "precision": precision,
+            "decoder_width": 32,
+            "maximum_gaussians": 50_000,
+            "message_points": 4000,
+            "lambda_message": 0.25,
+        }
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        made = run_stage(hide_scenes, parameters, {"cover": cover, "messages": (message,)}, Path(folder))
+        return decibels_on_test_views(cover, message, made) | decibels_at_the_end(made["curves"], iterations)
+
+
+def described(name: str, differences: Sequence[float]) -> str:
+    """The mean difference with twice its standard error, and the verdict."""
+    mean, error = statistics.mean(differences), 2 * statistics.stdev(differences) / math.sqrt(len(differences))
+    verdict = "within" if abs(mean) + error <= BOUND else "not shown to be within"
+    return (
+        f"{name}: bfloat16 less float32 {mean:+.3f} ± {error:.3f} dB over {len(differences)} seeds, {verdict} {BOUND}"
+    )
+
+
+def main(cover: Path, message: Path, method: str = "homogeneous", iterations: int = 1000, seeds: int = 3) -> None:
+    scene, views = load(cover), load(message)
+    differences: dict[str, list[float]] = {}
+    for seed in range(seeds):
+        decibels: dict[str, dict[str, float]] = {}
+        for precision in ("float32", "bfloat16"):
+            start = time.process_time()
+            decibels[precision] = trained(scene, views, method, iterations, seed, precision)
+            seconds = time.process_time() - start
+            figures = ", ".join(f"{name} {value:.2f} dB" for name, value in decibels[precision].items())
+            print(f"{method}, seed {seed}, {precision:8}: {figures}; {seconds:.0f} s of processors", flush=True)
+        for name, value in decibels["bfloat16"].items():
+            differences.setdefault(name, []).append(value - decibels["float32"][name])
+    for name, values in differences.items():
+        print(described(name, values), flush=True)
+
+
+if __name__ == "__main__":
+    folders, numbers = sys.argv[1:3], sys.argv[4:]
+    main(*map(Path, folders), *sys.argv[3:4], *map(int, numbers))

@@ -1,0 +1,93 @@
+"""Where the time of a training's iterations goes: the middle of a training, repeated on the same Gaussians.
+
+    python -m tests.benchmarks.training_iteration METHOD SCENE SPLATS [VIEWS ...] [--iterations N] [--precision NAME]
+
+METHOD is plain, homogeneous or gs_hider; the others are folders of a store: the scene, trained splats or a container,
+and the messages' views. A coupled method starts with fresh decoders and, on another method's Gaussians, fresh features.
+Half of the iterations are before the end of density control and half after it, as in a whole training. Seconds are
+those of processors, which other work on the machine disturbs less than the clock; every training writes the same table,
+by the clock, into its stage's log.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from opencl.device import choose_device
+from pipeline.artifact import load
+from stages.hiding.method import build_method
+from stages.hiding.rendering import COVER
+from stages.hiding.storage import read_gaussians
+from stages.scene.cameras import rig_extent
+from stages.scene.gaussians import GEOMETRY, Gaussians
+from stages.scene.message_views import read_messages
+from stages.scene.scene import read_scene
+from stages.timing.stopwatch import Stopwatch, watching
+from stages.training.density_control import DensitySettings
+from stages.training.loop import Training, TrainingSettings
+from stages.training.objectives import hiding_terms
+from stages.training.views import training_views
+
+WARM_UP = 5
+WHOLE = 2_000
+"""Iterations of the training whose middle is measured."""
+
+
+def prepared(arguments: argparse.Namespace) -> Training:
+    """A training on Gaussians that have been trained already."""
+    scene = read_scene(load(arguments.scene))
+    messages = read_messages([load(folder) for folder in arguments.views], scene.cameras.names)
+    stored = read_gaussians(load(arguments.splats))
+    settings: dict[str, object] = {"sh_degree": 3}
+    if arguments.method != "plain":
+        settings = {"feature_dim": 16, "layers": 5, "decoder_width": arguments.decoder_width}
+        settings |= {"precision": arguments.precision, "messages": list(messages)}
+    torch.manual_seed(0)
+    method = build_method(arguments.method, settings)
+    grey = dict.fromkeys((COVER, *messages), np.full((len(stored), 3), 0.5))
+    fresh = method.initial_attributes(grey, np.random.default_rng(0))
+    geometry = {name: stored[name] for name in GEOMETRY}
+    return Training(
+        Gaussians(geometry | fresh | {name: tensor for name, tensor in stored.attributes.items() if name in fresh}),
+        method,
+        training_views(scene, {name: views.pictures for name, views in messages.items()}),
+        hiding_terms(list(messages), 0.25),
+        replace(
+            TrainingSettings(WHOLE, rig_extent(scene.cameras), seed=0),
+            density=DensitySettings(maximum_gaussians=len(stored)),
+        ),
+    )
+
+
+def main(arguments: argparse.Namespace) -> None:
+    torch.set_num_threads(arguments.threads)
+    training = prepared(arguments)
+    first = training.schedule.stop - arguments.iterations // 2 + 1
+    for iteration in range(first - WARM_UP, first):
+        training.step(iteration)
+    with watching(Stopwatch(time.process_time)) as stopwatch:
+        for iteration in range(first, first + arguments.iterations):
+            training.step(iteration)
+    camera = training.views.cameras[0]
+    print(choose_device().describe(), f"torch {torch.__version__}, {arguments.threads} threads")
+    print(f"{arguments.method}, {len(training.gaussians)} Gaussians, {camera.width}x{camera.height}: ", end="")
+    print(stopwatch.table(arguments.iterations))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("method", choices=("plain", "homogeneous", "gs_hider"))
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("splats", type=Path)
+    parser.add_argument("views", type=Path, nargs="*")
+    parser.add_argument("--iterations", type=int, default=100)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--precision", default="bfloat16")
+    parser.add_argument("--decoder-width", type=int, default=32)
+    main(parser.parse_args())
