@@ -87,8 +87,8 @@ def list_devices() -> list[Device]:
 def choose_device(name: str | None = None) -> Device:
     """The device that `name`, or else the variable GS_HIDER_DEVICE, asks for: an index as `0:1`, or part of its name.
 
-    Without either: the newest PoCL, or else another CPU, or else whatever there is. The blend kernels have one
-    schedule so far, made for CPUs; a GPU is taken where it is asked for. `ValueError` lists what exists.
+    Without either: the newest PoCL, or else another CPU, or else whatever there is; a GPU draws the CPU's tensors where
+    it is asked for. `ValueError` lists what exists.
     """
     wanted = name if name is not None else os.environ.get(DEVICE_VARIABLE, "")
     devices = sorted(list_devices(), key=_preference)

@@ -68,8 +68,9 @@ def rasterize(
     which device draws others, and when tensors are copied, `opencl.routes.backend_for` says.
 
     Raises:
-        ValueError: shapes, types, devices or a camera that do not fit; no OpenCL device, or not the one asked for.
-        RuntimeError: more than 2^31 - 1 pairs of a tile and a Gaussian.
+        ValueError: shapes, types, devices or a camera that do not fit; a camera or background that is not finite, a
+            transposed camera; no OpenCL device, or not the one asked for.
+        RuntimeError: more than 2^31 - 1 pairs of a tile and a Gaussian, or no room for them on the device.
     """
     check_arguments(
         means, quats, scales, opacities, features, world_to_camera, intrinsics, width, height, background, settings

@@ -5,15 +5,17 @@ from __future__ import annotations
 import statistics
 import time
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
+from torch import Tensor
 
 from opencl.backend import Backend
 from opencl.bench.counts import Counts, count_work
 from opencl.bench.implementations import OURS
 from opencl.bench.view import View
-from opencl.bench.workloads import Inputs, Workload
+from opencl.bench.workloads import Workload
 from opencl.device import choose_device
 from opencl.rasterizer import _rasterize_on
 
@@ -35,6 +37,9 @@ def profile(workload: Workload, repetitions: int) -> Profile:
     """Our rasterizer on a workload; to be run in a fresh process."""
     backend = Backend(choose_device(), profile=True)
     inputs = workload.inputs()
+    view = inputs.views[0]
+    leaves = [tensor.clone().requires_grad_() for tensor in inputs.trained]
+    gradient = torch.rand(view.height, view.width, inputs.features.shape[1])
     passes: list[dict[str, float]] = []
     clock: list[float] = []
     for _ in range(_WARM_UPS + repetitions):
@@ -42,7 +47,7 @@ def profile(workload: Workload, repetitions: int) -> Profile:
         backend.profiled.clear()
         start = time.perf_counter()
         for view in inputs.views:
-            _forward_backward(backend, inputs, view)
+            _forward_backward(backend, leaves, view, gradient)
         clock.append((time.perf_counter() - start) / len(inputs.views))
         passes.append(_seconds_of_kernels(backend, len(inputs.views)))
     kept = passes[_WARM_UPS:]
@@ -51,12 +56,13 @@ def profile(workload: Workload, repetitions: int) -> Profile:
     return Profile(counts, kernels, statistics.median(clock[_WARM_UPS:]))
 
 
-def _forward_backward(backend: Backend, inputs: Inputs, view: View) -> None:
-    means, quats, scales, opacities, features = (tensor.clone().requires_grad_() for tensor in inputs.trained)
-    background = torch.zeros(inputs.features.shape[1])
+def _forward_backward(backend: Backend, leaves: Sequence[Tensor], view: View, gradient: Tensor) -> None:
+    means, quats, scales, opacities, features = leaves
     gaussians = (means, quats, scales, opacities, features)
-    feature_map = _rasterize_on(backend, *gaussians, *view.arguments, background, OURS.settings).features
-    feature_map.backward(torch.ones_like(feature_map))
+    background = torch.zeros(features.shape[1])
+    _rasterize_on(backend, *gaussians, *view.arguments, background, OURS.settings).features.backward(gradient)
+    for leaf in leaves:
+        leaf.grad = None
 
 
 def _seconds_of_kernels(backend: Backend, pictures: int) -> dict[str, float]:

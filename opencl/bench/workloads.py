@@ -67,7 +67,7 @@ class Box:
         return Inputs(
             means=torch.cat([offsets * depths[:, None], depths[:, None]], dim=1),
             quats=torch.randn(self.count, 4, generator=random),
-            scales=sizes * depths[:, None] / focal * 5.5 / 3 / 1.45,
+            scales=sizes * depths[:, None] / focal * 5.5 / 3 / 1.81,
             opacities=torch.sigmoid(2 * torch.randn(self.count, generator=random)),
             features=torch.rand(self.count, self.feature_dim, generator=random),
             views=(View(torch.eye(4), intrinsics, self.width, self.height),),

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import fields
 
+import pyopencl
 import pytest
 import torch
 
+import opencl.memory
 from opencl.rasterizer import rasterize
 from tests.opencl.scenes import gradients, make_scene
 
@@ -184,3 +186,12 @@ def test_inference_mode_draws_the_same():
     expected = rasterize(**arguments()).features
     with torch.inference_mode():
         assert torch.equal(rasterize(**arguments()).features, expected)
+
+
+def test_no_room_on_the_device_is_named(monkeypatch):
+    def full(self, tensor):
+        raise pyopencl.MemoryError("clCreateBuffer", -4, "MEM_OBJECT_ALLOCATION_FAILURE")
+
+    monkeypatch.setattr(opencl.memory.SharedMemory, "place", full)
+    with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*takes at most .*draw fewer Gaussians"):
+        rasterize(**arguments())
