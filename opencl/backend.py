@@ -59,8 +59,8 @@ class Session:
         except (pyopencl.LogicError, pyopencl.MemoryError) as error:
             device, gib = self._backend.device, 2**30
             raise RuntimeError(
-                f"device {device.name}: no room for {tensor.nbytes / gib:.2f} GiB in one piece ({error}), of which it "
-                f"takes at most {device.handle.max_mem_alloc_size / gib:.2f}: draw fewer Gaussians, fewer features or a "
+                f"device {device.name}: no room for {tensor.nbytes / gib:.2f} GiB in one piece ({error}), it takes "
+                f"at most {device.handle.max_mem_alloc_size / gib:.2f}: draw fewer Gaussians, fewer features or a "
                 "smaller picture"
             ) from error
 
