@@ -116,8 +116,8 @@ __kernel void colors_of_harmonics(
     }
 }
 
-// The chain rule of the above. A colour that was raised to zero passes nothing on; a Gaussian without gradient, since it
-// is not in view, costs only the zeros that are written for it.
+// The chain rule of the above. A colour that was raised to zero passes nothing on; a Gaussian without gradient, since
+// it is not in view, costs only the zeros that are written for it.
 __kernel void colors_of_harmonics_backward(
     const int count,
     const int others,

@@ -1,8 +1,9 @@
 // From the world to the screen, and back.
 //
 // camera: 0..8 rotation by rows, 9..11 translation, 12 fx, 13 fy, 14 cx, 15 cy, 16..19 clamp of x/z (low, high) and
-// y/z (low, high). A work-item takes PROJECTION_CHUNK Gaussians in a row, PROJECTED_AT_ONCE of them at a time: a REALS holds one
-// number of each. There are no branches between them; what is not visible is computed, too, and left out at the end.
+// y/z (low, high). A work-item takes PROJECTION_CHUNK Gaussians in a row, PROJECTED_AT_ONCE of them at a time: a REALS
+// holds one number of each. There are no branches between them; what is not visible is computed, too, and left out at
+// the end.
 
 #if PROJECTED_AT_ONCE == 8
 #ifdef REAL_IS_DOUBLE
@@ -47,7 +48,8 @@ static inline REALS read_reals(__global const REAL *values, int stride, int offs
         at[lane] = here < last ? here : last;
     }
     return (REALS)(
-        values[at[0]], values[at[1]], values[at[2]], values[at[3]], values[at[4]], values[at[5]], values[at[6]], values[at[7]]
+        values[at[0]], values[at[1]], values[at[2]], values[at[3]],
+        values[at[4]], values[at[5]], values[at[6]], values[at[7]]
     );
 #else
     return values[(size_t)stride * group.first + offset];
@@ -59,7 +61,9 @@ static inline void write_reals(__global REAL *values, int stride, int offset, Gr
         values[(size_t)stride * (group.first + lane) + offset] = LANE(written, lane);
 }
 
-static inline REALS clamp_reals(REALS x, REAL low, REAL high) { return x < low ? (REALS)(low) : x > high ? (REALS)(high) : x; }
+static inline REALS clamp_reals(REALS x, REAL low, REAL high) {
+    return x < low ? (REALS)(low) : x > high ? (REALS)(high) : x;
+}
 
 static inline REALS or_zero(MASKS chosen, REALS x) { return chosen ? x : (REALS)(R(0)); }
 
@@ -143,7 +147,7 @@ typedef struct {
     REALS rows[2][3];
     REALS minors[3];    // the rows' cross product
     REALS xx, xy, yy;
-    REALS area;         // determinant before the filter, by Cauchy and Binet a sum of squares: xx yy - xy^2 would cancel
+    REALS area;         // determinant before the filter, after Cauchy and Binet a sum of squares: nothing cancels
     REALS determinant;
 } Footprint;
 

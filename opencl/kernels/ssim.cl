@@ -1,9 +1,9 @@
 // Structural similarity of two pictures and its gradient; each work-item takes a strip of SSIM_STRIP values of a row.
 //
 // Pictures lie one below the other, `rows` rows each, `total` in all; a row holds `length` values, three a pixel, from
-// PADDING on, and zeros before and after them up to `stride`. The window is separable: down the rows first, then across,
-// three values at a time. `similarities` keeps what `similarity_gradient` needs of each value: the derivatives by the windowed mean of
-// the picture, of the product and of the square, for which the padding must be zero, too.
+// PADDING on, and zeros before and after them up to `stride`. The window is separable: down the rows first, then
+// across, three values at a time. `similarities` keeps what `similarity_gradient` needs of each value: the derivatives
+// by the windowed mean of the picture, of the product and of the square, for which the padding must be zero, too.
 
 #define PADDING 16
 #define REACH 5

@@ -4,18 +4,18 @@
 #define LOAD_SUM(k) sum[k] = sums[k];
 #define ADD_FEATURE(k) sum[k] += weight * feature[k];
 #define STORE_SUM(k) sums[k] = sum[k];
-#define DEFINE_ADD_FEATURES(channels)                                                                      \
-    WHOLE_REGISTERS static inline void add_##channels##_features(                                                                 \
-        LANES *sums, __global const REAL *features, const int *gaussians, const LANES *weights, int count  \
-    ) {                                                                                                    \
-        LANES sum[channels];                                                                               \
-        EACH_##channels(LOAD_SUM, 0)                                                                       \
-        for (int i = 0; i < count; i++) {                                                                  \
-            __global const REAL *feature = features + (size_t)FEATURE_DIM * gaussians[i];                  \
-            const LANES weight = weights[i];                                                               \
-            EACH_##channels(ADD_FEATURE, 0)                                                                \
-        }                                                                                                  \
-        EACH_##channels(STORE_SUM, 0)                                                                      \
+#define DEFINE_ADD_FEATURES(channels)                                                                     \
+    static inline void add_##channels##_features(                                                         \
+        LANES *sums, __global const REAL *features, const int *gaussians, const LANES *weights, int count \
+    ) {                                                                                                   \
+        LANES sum[channels];                                                                              \
+        EACH_##channels(LOAD_SUM, 0)                                                                      \
+        for (int i = 0; i < count; i++) {                                                                 \
+            __global const REAL *feature = features + (size_t)FEATURE_DIM * gaussians[i];                 \
+            const LANES weight = weights[i];                                                              \
+            EACH_##channels(ADD_FEATURE, 0)                                                               \
+        }                                                                                                 \
+        EACH_##channels(STORE_SUM, 0)                                                                     \
     }
 DEFINE_ADD_FEATURES(1)
 DEFINE_ADD_FEATURES(2)
@@ -146,6 +146,7 @@ WHOLE_REGISTERS __kernel void blend(
 
     for (int block = 0; block < BLOCKS; block++)
         write_block(
-            tile, block, width, transmittance[block].counted, sums + block * FEATURE_DIM, background, feature_map, alphas
+            tile, block, width, transmittance[block].counted, sums + block * FEATURE_DIM, background,
+            feature_map, alphas
         );
 }

@@ -123,18 +123,18 @@ typedef struct {
 // time: one alone would wait for itself.)
 #define LOAD_GRADIENT(k) grad[k] = g->channels[channel + (k)];
 #define ADD_CHANNEL(k) product[(k) & 1] += grad[k] * feature[k];
-#define DEFINE_MULTIPLY_FEATURES(number)                                                                              \
-    WHOLE_REGISTERS static inline void multiply_##number##_features(                                                                         \
-        Reaching *reaching, __global const REAL *features, const BlockGradients *g, int channel                       \
-    ) {                                                                                                               \
-        LANES grad[number];                                                                                           \
-        EACH_##number(LOAD_GRADIENT, 0)                                                                               \
-        for (int i = 0; i < reaching->count; i++) {                                                                   \
-            __global const REAL *feature = features + (size_t)FEATURE_DIM * reaching->gaussians[i] + channel;         \
-            LANES product[2] = {channel ? reaching->products[i] : g->alpha, (LANES)(R(0))};                           \
-            EACH_##number(ADD_CHANNEL, 0)                                                                             \
-            reaching->products[i] = product[0] + product[1];                                                          \
-        }                                                                                                             \
+#define DEFINE_MULTIPLY_FEATURES(number)                                                                      \
+    static inline void multiply_##number##_features(                                                          \
+        Reaching *reaching, __global const REAL *features, const BlockGradients *g, int channel               \
+    ) {                                                                                                       \
+        LANES grad[number];                                                                                   \
+        EACH_##number(LOAD_GRADIENT, 0)                                                                       \
+        for (int i = 0; i < reaching->count; i++) {                                                           \
+            __global const REAL *feature = features + (size_t)FEATURE_DIM * reaching->gaussians[i] + channel; \
+            LANES product[2] = {channel ? reaching->products[i] : g->alpha, (LANES)(R(0))};                   \
+            EACH_##number(ADD_CHANNEL, 0)                                                                     \
+            reaching->products[i] = product[0] + product[1];                                                  \
+        }                                                                                                     \
     }
 DEFINE_MULTIPLY_FEATURES(1)
 DEFINE_MULTIPLY_FEATURES(2)
@@ -142,7 +142,9 @@ DEFINE_MULTIPLY_FEATURES(4)
 DEFINE_MULTIPLY_FEATURES(8)
 DEFINE_MULTIPLY_FEATURES(16)
 
-WHOLE_REGISTERS static inline void multiply_features(Reaching *reaching, __global const REAL *features, const BlockGradients *g) {
+WHOLE_REGISTERS static inline void multiply_features(
+    Reaching *reaching, __global const REAL *features, const BlockGradients *g
+) {
     int k = 0;
 #ifdef __AVX512F__
     for (; k + 16 <= FEATURE_DIM; k += 16) multiply_16_features(reaching, features, g, k);
@@ -161,8 +163,8 @@ static inline REAL sum_of_lanes(LANES v) {
     return sum;
 }
 
-// Blends the chunk's Gaussians again, for the weights and for s = alpha dL/dalpha, where alpha is not clamped. What does
-// not wait for the Gaussian before is computed first, for all of them.
+// Blends the chunk's Gaussians again, for the weights and for s = alpha dL/dalpha, where alpha is not clamped. What
+// does not wait for the Gaussian before is computed first, for all of them.
 WHOLE_REGISTERS static inline void differentiate_block(
     const Chunk *chunk, Block block, Transmittance *transmittance, BlockGradients *g, Reaching *reaching
 ) {

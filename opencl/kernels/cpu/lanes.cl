@@ -30,8 +30,10 @@ typedef LANES __attribute__((aligned(sizeof(REAL)))) UNALIGNED_LANES;
 #define EACH_8(step, k) EACH_4(step, k) EACH_4(step, (k) + 4)
 #define EACH_16(step, k) EACH_8(step, k) EACH_8(step, (k) + 8)
 
-// Fetches what a pointer leads to into the cache. Gaussians lie in memory in no order that tiles could use, and waiting for
-// the memory would take longer than drawing them. PoCL's `prefetch` does nothing, so clang's own is asked for.
+// FETCH brings what a pointer leads to into the cache. Gaussians lie in memory in no order that tiles could use, and
+// waiting for the memory would take longer than drawing them. PoCL's `prefetch` does nothing, so clang's own is asked
+// for. STREAM writes past the caches to an aligned address, for what is too large to stay in them: it need not be read
+// first. FIRST_BIT is the number of the lowest bit that is set.
 #ifdef POCL_DEVICE_ADDRESS_BITS
 #define FETCH(pointer) __builtin_prefetch((const void *)(size_t)(pointer))
 #define STREAM(pointer, lanes) __builtin_nontemporal_store(lanes, (__global LANES *)(pointer))
@@ -42,7 +44,6 @@ typedef LANES __attribute__((aligned(sizeof(REAL)))) UNALIGNED_LANES;
 #define FIRST_BIT(bits) (63 - (int)clz((bits) & -(bits)))
 #endif
 #define FETCH_AHEAD 10
-// STREAM writes past the caches to an aligned address, for what is too large to stay in them: it need not be read first.
 
 // For functions of pointers to LANES: LLVM keeps to half registers where no argument is as wide as a whole one.
 #if defined(__has_attribute) && !defined(REAL_IS_DOUBLE)
@@ -80,11 +81,11 @@ static inline LANES odd_1(LANES a, LANES b) {
     return (LANES)(a.s1, b.s1, a.s3, b.s3, a.s5, b.s5, a.s7, b.s7, a.s9, b.s9, a.sb, b.sb, a.sd, b.sd, a.sf, b.sf);
 }
 
-#define EXCHANGE(run, i)                                                                          \
-    {                                                                                             \
-        const LANES even = even_##run(v[i], v[(i) + run]), odd = odd_##run(v[i], v[(i) + run]);   \
-        v[i] = even;                                                                              \
-        v[(i) + run] = odd;                                                                       \
+#define EXCHANGE(run, i)                                                                        \
+    {                                                                                           \
+        const LANES even = even_##run(v[i], v[(i) + run]), odd = odd_##run(v[i], v[(i) + run]); \
+        v[i] = even;                                                                            \
+        v[(i) + run] = odd;                                                                     \
     }
 #define EXCHANGE_8(i) EXCHANGE(8, i)
 #define EXCHANGE_4(i) EXCHANGE(4, i)

@@ -10,8 +10,8 @@
 // slices' sums are added up in a fixed order.
 
 // A gradient row, sums over the pixels: of s with u = dx - slope dy: s, s u, s dy, s u^2, s u dy, s dy^2, then of
-// |dL/dx| and |dL/dy| of the centre where ABSOLUTE_GRADIENTS are wanted, and of the gradients of the features; filled up
-// to whole sectors of memory.
+// |dL/dx| and |dL/dy| of the centre where ABSOLUTE_GRADIENTS are wanted, and of the gradients of the features; filled
+// up to whole sectors of memory.
 #ifdef ABSOLUTE_GRADIENTS
 #define MOMENTS 8
 #else
@@ -152,8 +152,8 @@ static inline void add_moments(
     }
 }
 
-// The gradient of the background: g times the light that is left, summed over the tile. (1 - alpha would not do: hardly a
-// digit of it is sound where little light is left.)
+// The gradient of the background: g times the light that is left, summed over the tile. (1 - alpha would not do: hardly
+// a digit of it is sound where little light is left.)
 static inline void sum_behind(
     int width,
     Tile tile,
