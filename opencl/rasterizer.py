@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from opencl.backend import Backend
@@ -14,7 +14,7 @@ from opencl.blending import LARGEST_FEATURE_DIM, Blend
 from opencl.contract import RasterOutput, RasterSettings
 from opencl.projection import Project, pack_camera
 from opencl.routes import backend_for
-from opencl.tiling import TileLists, sort_into_tiles
+from opencl.tiling import sort_into_tiles
 from opencl.validation import check_arguments
 
 __all__ = ["RasterOutput", "RasterSettings", "rasterize"]
@@ -90,15 +90,6 @@ def rasterize(
     )
 
 
-@dataclass(frozen=True)
-class _View:
-    """A camera as the kernels read it, and where its pictures are blended over."""
-
-    world_to_camera: Float[Tensor, "4 4"]
-    packed: Float[Tensor, " 20"]
-    background: Float[Tensor, " M"]
-
-
 def _rasterize_on(
     backend: Backend,
     means: Tensor,
@@ -117,17 +108,16 @@ def _rasterize_on(
     absolute_gradients: bool = False,
     count_pixels: bool = False,
 ) -> RasterOutput:
-    device, size, batch = means.device, (width, height), world_to_camera.shape[:-2]
-    geometry = [backend.memory.receive(tensor) for tensor in (means, quats, scales, opacities)]
-    drawn = backend.memory.receive(features)
-    views = _views(backend, world_to_camera, intrinsics, background, size, settings)
-    projections = [Project.apply(backend, settings, view.packed, size, *geometry, drawn) for view in views]
+    device, batch = means.device, world_to_camera.shape[:-2]
+    inputs = (means, quats, scales, opacities, features)
+    differentiated = torch.is_grad_enabled() and any(tensor.requires_grad for tensor in (*inputs, background))
+    drawing = _Drawing(backend, settings, (width, height), means, features, depth, differentiated)
+    views = _views(drawing, world_to_camera, intrinsics, background)
+    received = [backend.memory.receive(tensor) for tensor in inputs]
+    projections = [Project.apply(backend, settings, view.camera, drawing.size, *received) for view in views]
     means2d = _stacked([projection[0] for projection in projections], batch).to(device)
     if means2d.requires_grad:
         means2d.retain_grad()
-    differentiated = torch.is_grad_enabled() and any(
-        tensor.requires_grad for tensor in (means, quats, scales, opacities, features, background)
-    )
     absolute = torch.zeros_like(means2d, requires_grad=means2d.requires_grad) if absolute_gradients else None
 
     centres = _one_by_one(means2d.to(backend.tensor_device), batch)
@@ -135,82 +125,91 @@ def _rasterize_on(
     if absolute is not None:
         wanted = _one_by_one(absolute.to(backend.tensor_device), batch)
     counts = [backend.memory.zeros(len(means) if count_pixels else 0, dtype=torch.int32) for _ in views]
-    pictures = []
-    for index, view in enumerate(views):
-        _, records, radii, depth_keys = projections[index]
-        lists = sort_into_tiles(backend, settings, *size, records.detach(), radii, depth_keys, differentiated)
-        channels, behind = drawn, view.background
-        if depth:
-            channels = torch.cat([drawn.to(device), _depths(means, view.world_to_camera)], dim=1)
-            channels = backend.memory.receive(channels)
-            behind = torch.cat([behind, behind.new_zeros(1)])
-        pictures.append(
-            _blend(
-                *(backend, settings, lists, size, records, channels, behind),
-                *(centres[index], wanted[index], counts[index]),
-            )
-        )
+    pictures = [
+        drawing.blend(view, received[-1], projections[index], centres[index], wanted[index], counts[index])
+        for index, view in enumerate(views)
+    ]
     with backend.session() as session:
-        all_radii = session.give(*(projection[2] for projection in projections))
-        all_counts = session.give(*counts)
+        radii = session.give(*(projection[2] for projection in projections))
+        pixel_counts = session.give(*counts)
     feature_map = _stacked([picture[0] for picture in pictures], batch).to(device)
     return RasterOutput(
         features=feature_map[..., :-1].contiguous() if depth else feature_map,
         alphas=_stacked([picture[1] for picture in pictures], batch).to(device),
-        radii=_stacked(all_radii, batch).to(device),
+        radii=_stacked(radii, batch).to(device),
         means2d=means2d,
         depths=feature_map[..., -1] if depth else None,
         absolute_gradients=absolute,
-        pixel_counts=_stacked(all_counts, batch).to(device) if count_pixels else None,
+        pixel_counts=_stacked(pixel_counts, batch).to(device) if count_pixels else None,
     )
 
 
-def _views(
-    backend: Backend,
-    world_to_camera: Tensor,
-    intrinsics: Tensor,
-    background: Tensor,
-    size: tuple[int, int],
-    settings: RasterSettings,
-) -> list[_View]:
-    cameras = list(zip(world_to_camera.reshape(-1, 4, 4), intrinsics.reshape(-1, 3, 3), strict=True))
-    behind = backend.memory.receive(background).expand(*world_to_camera.shape[:-2], -1).reshape(len(cameras), -1)
+@dataclass(frozen=True)
+class _View:
+    """A camera, also as the kernels read it, and what its picture is blended over."""
+
+    world_to_camera: Float[Tensor, "4 4"]
+    camera: Float[Tensor, " 20"]
+    background: Float[Tensor, " M"]
+
+
+@dataclass(frozen=True)
+class _Drawing:
+    """What all cameras' pictures have in common."""
+
+    backend: Backend
+    settings: RasterSettings
+    size: tuple[int, int]
+    means: Float[Tensor, "N 3"]
+    features: Float[Tensor, "N M"]
+    """These two as the caller gave them."""
+    depth: bool
+    differentiated: bool
+
+    def blend(
+        self,
+        view: _View,
+        features: Float[Tensor, "N M"],
+        projection: Sequence[Tensor],
+        centres: Float[Tensor, "N 2"],
+        absolute: Float[Tensor, "N 2"] | None,
+        pixel_counts: Int[Tensor, " counted"],
+    ) -> tuple[Tensor, Tensor]:
+        """One camera's features (the last of them the depth, where it is wanted) and alphas, in passes of channels."""
+        _, records, radii, depth_keys = projection
+        lists = sort_into_tiles(
+            *(self.backend, self.settings, *self.size, records.detach(), radii, depth_keys, self.differentiated)
+        )
+        background = view.background
+        if self.depth:
+            features = self.backend.memory.receive(torch.cat([self.features, self._depths(view)], dim=1))
+            background = torch.cat([background, background.new_zeros(1)])
+        passes: list[tuple[Tensor, Tensor]] = []
+        for part, behind in zip(self._parts(features, 1), self._parts(background, 0), strict=True):
+            counted = pixel_counts[:0] if passes else pixel_counts
+            fixed = (self.backend, self.settings, lists, self.size, counted)
+            passes.append(Blend.apply(*fixed, centres, absolute, records, part, behind))
+        feature_map = passes[0][0] if len(passes) == 1 else torch.cat([one[0] for one in passes], dim=-1)
+        return feature_map, passes[0][1]
+
+    def _depths(self, view: _View) -> Float[Tensor, "N 1"]:
+        pose = view.world_to_camera.to(self.means.device)
+        return (self.means @ pose[2, :3] + pose[2, 3])[:, None]
+
+    def _parts(self, channels: Tensor, axis: int) -> Sequence[Tensor]:
+        if channels.shape[axis] <= LARGEST_FEATURE_DIM:
+            return [channels]
+        return [self.backend.memory.receive(part) for part in channels.split(LARGEST_FEATURE_DIM, dim=axis)]
+
+
+def _views(drawing: _Drawing, world_to_camera: Tensor, intrinsics: Tensor, background: Tensor) -> list[_View]:
+    poses, calibrations = world_to_camera.reshape(-1, 4, 4), intrinsics.reshape(-1, 3, 3)
+    receive = drawing.backend.memory.receive
+    behind = receive(background).expand(*world_to_camera.shape[:-2], -1).reshape(len(poses), -1)
     return [
-        _View(pose, backend.memory.receive(pack_camera(pose, calibration, *size, settings)), one)
-        for (pose, calibration), one in zip(cameras, behind, strict=True)
+        _View(pose, receive(pack_camera(pose, calibration, *drawing.size, drawing.settings)), one)
+        for pose, calibration, one in zip(poses, calibrations, behind, strict=True)
     ]
-
-
-def _depths(means: Float[Tensor, "N 3"], world_to_camera: Float[Tensor, "4 4"]) -> Float[Tensor, "N 1"]:
-    pose = world_to_camera.to(means.device)
-    return (means @ pose[2, :3] + pose[2, 3])[:, None]
-
-
-def _blend(
-    backend: Backend,
-    settings: RasterSettings,
-    lists: TileLists,
-    size: tuple[int, int],
-    records: Tensor,
-    features: Tensor,
-    background: Tensor,
-    centres: Tensor,
-    absolute: Tensor | None,
-    pixel_counts: Tensor,
-) -> tuple[Tensor, Tensor]:
-    """One camera's features and alphas, in as many passes as its channels need."""
-    passes: list[tuple[Tensor, Tensor]] = []
-    for part, behind in zip(_parts(backend, features, 1), _parts(backend, background, 0), strict=True):
-        counted = pixel_counts[:0] if passes else pixel_counts
-        passes.append(Blend.apply(backend, settings, lists, size, counted, centres, absolute, records, part, behind))
-    feature_map = passes[0][0] if len(passes) == 1 else torch.cat([one[0] for one in passes], dim=-1)
-    return feature_map, passes[0][1]
-
-
-def _parts(backend: Backend, channels: Tensor, axis: int) -> Sequence[Tensor]:
-    if channels.shape[axis] <= LARGEST_FEATURE_DIM:
-        return [channels]
-    return [backend.memory.receive(part) for part in channels.split(LARGEST_FEATURE_DIM, dim=axis)]
 
 
 def _stacked(tensors: Sequence[Tensor], batch: Sequence[int]) -> Tensor:
