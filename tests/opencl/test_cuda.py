@@ -52,11 +52,13 @@ def place_tiles(session, *, tiles=3, places=None, starts=None, totals=None, **op
     return starts
 
 
+@pytest.mark.parametrize("schedule", ["cpu", "gpu"])
 @pytest.mark.parametrize("feature_dim", [3, 70])
-def test_the_same_bits_as_opencl(backend, feature_dim):
+def test_the_same_bits_as_opencl(backend, feature_dim, schedule):
+    backend.schedule = schedule
     scene = make_scene(count=80, feature_dim=feature_dim, dtype=torch.float32)
     results = []
-    for one in (backend, Backend(choose_device())):
+    for one in (backend, Backend(choose_device(), schedule=schedule)):
         leaves = tuple(tensor.clone().requires_grad_() for tensor in (*scene.gaussians, scene.background))
         output = _rasterize_on(one, *leaves[:5], *scene.camera, leaves[5], scene.settings)
         results.append((output.features, output.alphas, output.radii, output.means2d, *gradients(output, leaves)))
