@@ -50,7 +50,7 @@ class HideScenesParameters(TrainingParameters):
     )
     precision: Literal["float32", "bfloat16"] = Field(
         "float32",
-        description="Of all but the last of a decoder's convolutions; bfloat16 is faster where the CPU has it. "
+        description="Of a decoder's convolutions between the first and the last; bfloat16 is faster where the CPU has it. "
         "Either gives the same bits every time for one number of threads.",
     )
 
