@@ -50,7 +50,8 @@ class HideScenesParameters(TrainingParameters):
     )
     precision: Literal["float32", "bfloat16"] = Field(
         "float32",
-        description="Of a decoder's convolutions between the first and the last; bfloat16 is faster where the CPU has it. "
+        description="Of the convolutions between a decoder's first and last, up to three quarters of the training (the "
+        "rest is float32); bfloat16 is faster where the CPU has it. "
         "Either gives the same bits every time for one number of threads.",
     )
 

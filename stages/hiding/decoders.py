@@ -53,8 +53,8 @@ def decode(
 
     `precision` bfloat16 runs the convolutions between the first and the last in it, with float32 weights, gradients and
     sums: 0.6 of the time on CPUs that have the instructions. The last stays in float32, since pictures rounded to eight
-    bits are wrong about the sign of small residuals: on a trained container that put a bias of up to 30 % on the weights'
-    gradients. The first does, since features rounded so are read wrongly by every decoder; it costs no time to avoid.
+    bits are wrong about the sign of small residuals: on a trained container that put a bias of up to 30 % on gradients
+    of the weights. So does the first, which would read rounded features; it costs no time.
     Both precisions give the same bits every time on one machine with one number of threads. Pictures do not depend on
     that number, but gradients of the weights do: they are sums over pixels, of which every thread adds its share first.
     """
