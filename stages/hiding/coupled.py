@@ -24,8 +24,8 @@ FEATURE_RATE = 2.5e-3
 """Of Adam, as in the released code."""
 
 FLOAT32_FROM = 0.75
-"""Progress of a training from which its decoders run in float32 whatever its precision: what rounding leaves behind in the
-weights is then unlearnt, and every picture of a finished container is exact."""
+"""Progress of a training from which its decoders run in float32 whatever its precision: what rounding leaves behind in
+the weights is then unlearnt, and every picture of a finished container is exact."""
 
 DecoderType = TypeVar("DecoderType", bound=torch.nn.Module)
 

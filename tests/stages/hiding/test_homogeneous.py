@@ -28,9 +28,9 @@ def camera() -> Cameras:
     return Cameras(("a",), np.eye(4)[None], intrinsics, SIZE, SIZE)
 
 
-def method(feature_dim: int = 16) -> Homogeneous:
+def method(feature_dim: int = 16, layers: int = 2, precision: str = "float32") -> Homogeneous:
     torch.manual_seed(0)
-    return Homogeneous(feature_dim, layers=2, decoder_width=8, precision="float32", messages=[MESSAGE])
+    return Homogeneous(feature_dim, layers=layers, decoder_width=8, precision=precision, messages=[MESSAGE])
 
 
 def scene(hider: Homogeneous, opacity: float) -> Gaussians:
@@ -90,3 +90,13 @@ def test_more_messages_than_channels_have_room_for() -> None:
     attributes = hider.initial_attributes(colors, np.random.default_rng(0))
     assert attributes["raw_features"].shape == (3, 8)
     assert torch.isfinite(attributes["raw_features"]).all()
+
+
+@pytest.mark.parametrize(("progress", "rounded"), [(0.0, True), (0.74, True), (0.75, False), (1.0, False)])
+def test_the_last_quarter_of_a_training_and_every_finished_picture_are_exact(progress: float, rounded: bool) -> None:
+    half, single = method(layers=4, precision="bfloat16"), method(layers=4)
+    gaussians = scene(single, 0.5)
+    (view,) = single_cameras(camera())
+    pictures = [one.render(gaussians, view, progress).pictures[MESSAGE] for one in (half, single)]
+    assert torch.equal(*pictures) != rounded
+    torch.testing.assert_close(*pictures, rtol=0, atol=0.02)
