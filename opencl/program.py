@@ -26,7 +26,7 @@ what else a training step would spend its time on: colours of spherical harmonic
 _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
     ("cpu", "geometry"): ("real.cl", "projection.cl", "footprint.cl", "cpu/lanes.cl", "cpu/tiling.cl"),
     ("cpu", "blending"): (
-        *("real.cl", "cpu/lanes.cl", "cpu/blocks.cl"),
+        *("real.cl", "tile.cl", "cpu/lanes.cl", "cpu/blocks.cl"),
         *("cpu/blending.cl", "cpu/blending_backward.cl"),
     ),
     ("gpu", "geometry"): (
@@ -34,7 +34,7 @@ _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
         *("gpu/scanning.cl", "gpu/sorting.cl", "gpu/tiling.cl"),
     ),
     ("gpu", "blending"): (
-        *("real.cl", "gpu/splats.cl", "gpu/blending.cl"),
+        *("real.cl", "tile.cl", "gpu/splats.cl", "gpu/blending.cl"),
         *("gpu/blending_backward.cl", "gpu/gradient_sums.cl"),
     ),
     ("cpu", "harmonics"): ("real.cl", "harmonics.cl"),

@@ -7,21 +7,6 @@
 #define BLOCKS 16
 #define CHUNK 64
 
-// The part of the picture that a tile covers.
-typedef struct {
-    int left, top, columns, rows;
-} Tile;
-
-static inline Tile tile_of(int index, int width, int height) {
-    const int across = (width + TILE - 1) / TILE;
-    Tile tile;
-    tile.left = index % across * TILE;
-    tile.top = index / across * TILE;
-    tile.columns = width - tile.left < TILE ? width - tile.left : TILE;
-    tile.rows = height - tile.top < TILE ? height - tile.top : TILE;
-    return tile;
-}
-
 static inline LANES lane_columns() { return (LANES)(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3); }
 static inline LANES lane_rows() { return (LANES)(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3); }
 

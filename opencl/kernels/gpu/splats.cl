@@ -12,21 +12,6 @@ typedef float4 REAL4;
 #define RECORD_QUARTETS (RECORD / 4)
 #define FEATURE_QUARTETS ((FEATURE_DIM + 3) / 4)
 
-// The part of the picture that a tile covers.
-typedef struct {
-    int left, top, columns, rows;
-} Tile;
-
-static inline Tile tile_of(int index, int width, int height) {
-    const int across = (width + TILE - 1) / TILE;
-    Tile tile;
-    tile.left = index % across * TILE;
-    tile.top = index / across * TILE;
-    tile.columns = width - tile.left < TILE ? width - tile.left : TILE;
-    tile.rows = height - tile.top < TILE ? height - tile.top : TILE;
-    return tile;
-}
-
 // Brings `here` entries' records into local memory: centres from the tile's corner, precisions as exponents of 2. What
 // is missing to `places` becomes a Gaussian that is nowhere drawn.
 static inline void stage_records(
