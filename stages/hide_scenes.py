@@ -50,8 +50,8 @@ class HideScenesParameters(TrainingParameters):
     )
     precision: Literal["float32", "bfloat16"] = Field(
         "float32",
-        description="Of the convolutions between a decoder's first and last, up to three quarters of the training (the "
-        "rest is float32); bfloat16 is faster where the CPU has it. "
+        description="Of the convolutions between a decoder's first and last. Where the CPU has it, bfloat16 takes 0.7 "
+        "of an iteration's time, and costs the message 0.1 to 0.2 dB. "
         "Either gives the same bits every time for one number of threads.",
     )
 

@@ -23,10 +23,6 @@ FEATURE_RANGE = (0.02, 0.98)
 FEATURE_RATE = 2.5e-3
 """Of Adam, as in the released code."""
 
-FLOAT32_FROM = 0.75
-"""Progress of a training from which its decoders run in float32 whatever its precision: what rounding leaves behind in
-the weights is then unlearnt, and every picture of a finished container is exact."""
-
 DecoderType = TypeVar("DecoderType", bound=torch.nn.Module)
 
 
@@ -63,7 +59,7 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
         """A decoder for so many pictures."""
 
     @abstractmethod
-    def decoded(self, rendering: Rendering, camera: Camera, precision: torch.dtype) -> list[Float[Tensor, "H W C"]]:
+    def decoded(self, rendering: Rendering, camera: Camera) -> list[Float[Tensor, "H W C"]]:
         """What each of `decoders` makes of a feature map: three channels for each of its pictures."""
 
     def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
@@ -72,7 +68,7 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
         backward_of(ACTIVATIONS, features)
         rendering = splat(gaussians, features, camera)
         with part(DECODERS):
-            decoded = self.decoded(rendering, camera, self.precision if progress < FLOAT32_FROM else torch.float32)
+            decoded = self.decoded(rendering, camera)
         backward_of(DECODERS, *decoded)
         pictures = [picture for channels in decoded for picture in channels.split(3, dim=-1)]
         rendering.pictures.update(zip((COVER, *self.messages), pictures, strict=True))

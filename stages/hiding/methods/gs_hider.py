@@ -43,9 +43,9 @@ class GSHider(CoupledFeatures[Decoder]):
         features = 0.5 + (shown - 0.5) @ mixture
         return {"raw_features": features.clamp(*FEATURE_RANGE).logit()}
 
-    def decoded(self, rendering: Rendering, camera: Camera, precision: torch.dtype) -> list[Float[Tensor, "H W C"]]:
+    def decoded(self, rendering: Rendering, camera: Camera) -> list[Float[Tensor, "H W C"]]:
         """The feature map through each decoder (Eq. 5)."""
-        return [decode(decoder, rendering.feature_map, precision) for decoder in self.decoders]
+        return [decode(decoder, rendering.feature_map, self.precision) for decoder in self.decoders]
 
 
 def build(settings: Mapping[str, object]) -> GSHider:

@@ -106,7 +106,7 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         features = 0.5 + belongs @ directions + torch.einsum("npc,pcm->nm", centred, rows)
         return {"raw_features": features.clamp(*FEATURE_RANGE).logit()}
 
-    def decoded(self, rendering: Rendering, camera: Camera, precision: torch.dtype) -> list[Float[Tensor, "H W C"]]:
+    def decoded(self, rendering: Rendering, camera: Camera) -> list[Float[Tensor, "H W C"]]:
         """The feature map divided for each picture, beside the direction of view, through each decoder."""
         view = harmonics(pixel_directions(camera), VIEW_DEGREE)[..., 1:]
         half_alphas = rendering.alphas[..., None] / 2
@@ -114,7 +114,7 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         outputs = []
         for decoder in self.decoders:
             seen = torch.cat([*decoder.divided(centred, half_alphas), view], dim=-1)
-            outputs.append(decode(decoder.convolutions, seen, precision))
+            outputs.append(decode(decoder.convolutions, seen, self.precision))
         return outputs
 
 

@@ -92,13 +92,12 @@ def test_more_messages_than_channels_have_room_for() -> None:
     assert torch.isfinite(attributes["raw_features"]).all()
 
 
-@pytest.mark.parametrize(("progress", "rounded"), [(0.0, True), (0.74, True), (0.75, False), (1.0, False)])
-def test_the_last_quarter_of_a_training_and_every_finished_picture_are_exact(progress: float, rounded: bool) -> None:
+def test_bfloat16_rounds_pictures_a_little_and_no_more() -> None:
     (view,) = single_cameras(camera())
     pictures = []
     for precision in ("bfloat16", "float32"):
         hider = method(layers=4, precision=precision)
         with torch.no_grad():
-            pictures.append(hider.render(scene(hider, 0.5), view, progress).pictures[MESSAGE])
-    assert torch.equal(*pictures) != rounded
+            pictures.append(hider.render(scene(hider, 0.5), view).pictures[MESSAGE])
+    assert not torch.equal(*pictures)
     torch.testing.assert_close(*pictures, rtol=0, atol=0.02)
