@@ -29,7 +29,8 @@ def colors_of_harmonics(
 
     `base` are the coefficients of the constant harmonic, `rest` those of the others, of which the first
     (degree + 1)² - 1 are used. All tensors are float32, or all float64. N = 0 gives no colours. Gradients reach base,
-    rest and means; a colour at zero passes none. The same inputs on the same device give the same bits.
+    rest and means; a colour under zero passes none, one at zero does. The same inputs on the same device give the
+    same bits.
 
     Raises ValueError where shapes or types do not fit, or for a degree outside 0..3 or beyond what `rest` holds.
     """
@@ -67,21 +68,21 @@ class _Colors(torch.autograd.Function):
             sizes = (len(means), rest.shape[1], degree)
             session.launch(program, "colors_of_harmonics", groups, *sizes, *inputs, colors, group_size=group_size)
             (given,) = session.give(colors)
-        ctx.save_for_backward(rest, means, centre, colors)
+        ctx.save_for_backward(base, rest, means, centre)
         ctx.backend, ctx.program, ctx.degree = backend, program, degree
         return given
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, grad_colors: Tensor) -> tuple[Any, ...]:
-        rest, means, centre, colors = ctx.saved_tensors
+        base, rest, means, centre = ctx.saved_tensors
         empty = ctx.backend.memory.empty
-        gradients = [empty(*tensor.shape, dtype=means.dtype) for tensor in (colors, rest, means)]
+        gradients = [empty(*tensor.shape, dtype=means.dtype) for tensor in (base, rest, means)]
         groups, group_size = launch_size(ctx.backend, len(means))
         with ctx.backend.session() as session:
             session.launch(
                 *(ctx.program, "colors_of_harmonics_backward", groups, len(means), rest.shape[1], ctx.degree),
-                *(rest, means, centre, colors, grad_colors.contiguous(), *gradients),
+                *(base, rest, means, centre, grad_colors.contiguous(), *gradients),
                 group_size=group_size,
             )
             grad_base, grad_rest, grad_means = session.give(*gradients)

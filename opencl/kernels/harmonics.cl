@@ -86,6 +86,21 @@ static inline void gradient_of_harmonics(Direction d, int degree, const REAL wei
     gradient[2] += w10 * x * y + w11 * 8 * y * z + w12 * 3 * (2 * zz - xx - yy) + w13 * 8 * x * z + w14 * (xx - yy);
 }
 
+// Colours before they are kept from falling under zero.
+static inline void sum_harmonics(
+    __global const REAL *base, __global const REAL *row, const REAL value[HARMONICS], int used, REAL colors[3]
+) {
+    REAL red = 0, green = 0, blue = 0;
+    for (int k = 1; k < used; k++) {
+        red += value[k] * row[3 * k - 3];
+        green += value[k] * row[3 * k - 2];
+        blue += value[k] * row[3 * k - 1];
+    }
+    colors[0] = red + Y0 * base[0] + R(0.5);
+    colors[1] = green + Y0 * base[1] + R(0.5);
+    colors[2] = blue + Y0 * base[2] + R(0.5);
+}
+
 __kernel void colors_of_harmonics(
     const int count,
     const int others,
@@ -100,20 +115,21 @@ __kernel void colors_of_harmonics(
     const int last = first + PROJECTION_CHUNK < count ? first + PROJECTION_CHUNK : count;
     for (int i = first; i < last; i++) {
         __global const REAL *row = rest + (size_t)3 * others * i;
-        REAL value[HARMONICS];
+        REAL value[HARMONICS], sums[3];
         const int used = harmonics_of(direction_to(means + (size_t)3 * i, centre), degree, value);
-        REAL red = 0, green = 0, blue = 0;
-        for (int k = 1; k < used; k++) {
-            red += value[k] * row[3 * k - 3];
-            green += value[k] * row[3 * k - 2];
-            blue += value[k] * row[3 * k - 1];
-        }
-        const REAL sums[3] = {red, green, blue};
-        for (int c = 0; c < 3; c++) {
-            const REAL color = sums[c] + Y0 * base[(size_t)3 * i + c] + R(0.5);
-            colors[(size_t)3 * i + c] = color < 0 ? 0 : color;  // what is no number stays so
-        }
+        sum_harmonics(base + (size_t)3 * i, row, value, used, sums);
+        for (int c = 0; c < 3; c++) colors[(size_t)3 * i + c] = sums[c] < 0 ? 0 : sums[c];  // what is no number stays so
     }
+}
+
+// How far below zero a colour may lie by rounding alone. A point that is black in a channel begins there, on either side,
+// and would never be told to leave it.
+#define ROUNDING R(1e-5)
+
+// What reaches a Gaussian's harmonics through its colours; 0 where nothing does.
+static inline int gradient_through_colors(const REAL colors[3], __global const REAL *grad_colors, REAL g[3]) {
+    for (int c = 0; c < 3; c++) g[c] = colors[c] >= -ROUNDING ? grad_colors[c] : 0;
+    return g[0] != 0 || g[1] != 0 || g[2] != 0;
 }
 
 // The chain rule of the above. A colour that was raised to zero passes nothing on; a Gaussian without gradient, since
@@ -122,10 +138,10 @@ __kernel void colors_of_harmonics_backward(
     const int count,
     const int others,
     const int degree,
+    __global const REAL *base,
     __global const REAL *rest,
     __global const REAL *means,
     __global const REAL *centre,
-    __global const REAL *colors,
     __global const REAL *grad_colors,
     __global REAL *grad_base,
     __global REAL *grad_rest,
@@ -136,19 +152,18 @@ __kernel void colors_of_harmonics_backward(
     for (int i = first; i < last; i++) {
         __global const REAL *row = rest + (size_t)3 * others * i;
         __global REAL *grad_row = grad_rest + (size_t)3 * others * i;
-        REAL g[3];
-        for (int c = 0; c < 3; c++) {
-            g[c] = colors[(size_t)3 * i + c] > 0 ? grad_colors[(size_t)3 * i + c] : 0;
-            grad_base[(size_t)3 * i + c] = Y0 * g[c];
-            grad_means[(size_t)3 * i + c] = 0;
-        }
-        if (g[0] == 0 && g[1] == 0 && g[2] == 0) {
+        __global const REAL *grad = grad_colors + (size_t)3 * i;
+        for (int c = 0; c < 3; c++) grad_base[(size_t)3 * i + c] = grad_means[(size_t)3 * i + c] = 0;
+        const int seen = grad[0] != 0 || grad[1] != 0 || grad[2] != 0;
+        const Direction d = direction_to(means + (size_t)3 * i, centre);
+        REAL value[HARMONICS], weight[HARMONICS], colors[3], g[3];
+        const int used = harmonics_of(d, degree, value);
+        if (seen) sum_harmonics(base + (size_t)3 * i, row, value, used, colors);
+        if (!seen || !gradient_through_colors(colors, grad, g)) {
             for (int k = 0; k < 3 * others; k++) grad_row[k] = 0;
             continue;
         }
-        const Direction d = direction_to(means + (size_t)3 * i, centre);
-        REAL value[HARMONICS], weight[HARMONICS];
-        const int used = harmonics_of(d, degree, value);
+        for (int c = 0; c < 3; c++) grad_base[(size_t)3 * i + c] = Y0 * g[c];
         for (int k = 1; k < used; k++) {
             weight[k] = g[0] * row[3 * k - 3] + g[1] * row[3 * k - 2] + g[2] * row[3 * k - 1];
             for (int c = 0; c < 3; c++) grad_row[3 * k - 3 + c] = value[k] * g[c];

@@ -125,3 +125,21 @@ def test_what_does_not_fit_is_refused(changes: dict, message: str) -> None:
     fitting = {"base": torch.zeros(4, 3), "rest": torch.zeros(4, 15, 3), "means": torch.ones(4, 3)}
     with pytest.raises(ValueError, match=message):
         colors_of_harmonics(**(fitting | {"camera_centre": torch.zeros(3), "degree": 3} | changes))
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_a_channel_that_begins_black_can_be_told_to_rise(dtype: torch.dtype) -> None:
+    """Half a colour and its coefficient cancel to a little more or less than zero; neither may be the end of it."""
+    means = torch.randn(500, 3, generator=torch.Generator().manual_seed(0), dtype=dtype)
+    base = ((torch.zeros(500, 3, dtype=dtype) - 0.5) / BASE).requires_grad_()
+    rest = torch.zeros(500, 15, 3, dtype=dtype)
+    colors_of_harmonics(base, rest, means, torch.zeros(3, dtype=dtype), 3).sum().backward()
+    assert base.grad is not None
+    assert (base.grad > 0).all()
+
+
+def test_a_channel_well_under_zero_passes_nothing_on() -> None:
+    base = torch.full((4, 3), -0.6 / BASE).requires_grad_()
+    colors_of_harmonics(base, torch.zeros(4, 15, 3), torch.randn(4, 3), torch.zeros(3), 3).sum().backward()
+    assert base.grad is not None
+    assert (base.grad == 0).all()
