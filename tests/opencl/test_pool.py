@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 
+import pytest
 import torch
 
 import opencl.pool
@@ -11,6 +12,12 @@ from opencl.pool import empty
 from tests.opencl.scenes import make_scene
 
 LARGE = 2**20
+
+
+@pytest.fixture(autouse=True)
+def own_pool(monkeypatch):
+    """What other tests left behind would be taken first."""
+    monkeypatch.setattr(opencl.pool, "_pool", opencl.pool._Pool())
 
 
 def test_memory_is_used_again_once_nobody_has_it():
@@ -46,7 +53,6 @@ def test_tensors_begin_with_a_cache_line():
 
 def test_no_more_is_kept_than_was_said(monkeypatch):
     monkeypatch.setattr(opencl.pool, "_KEPT", 10 * LARGE)
-    monkeypatch.setattr(opencl.pool, "_pool", opencl.pool._Pool())
     tensors = [empty(LARGE, dtype=torch.float32) for _ in range(8)]
     del tensors
     gc.collect()
