@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import threading
 import weakref
-from collections import deque
 
 import numpy as np
 import torch
@@ -25,16 +24,20 @@ _ALIGNMENT = 64
 
 
 class _Pool:
-    """Blocks of memory that nobody uses, oldest first."""
+    """Blocks of memory that nobody uses, oldest first.
+
+    A release runs whenever a tensor dies, also where the garbage collector interrupts this very code: loops run over
+    what was there when they began.
+    """
 
     def __init__(self) -> None:
-        self._blocks: deque[np.ndarray] = deque()
-        self._lock = threading.RLock()  # a release may interrupt a take: it runs whenever a tensor dies
+        self._blocks: list[np.ndarray] = []
+        self._lock = threading.RLock()
 
     def take(self, size: int) -> np.ndarray:
         """A block of at least `size` bytes, at most a quarter larger; a new one where none is at hand."""
         with self._lock:
-            for block in self._blocks:
+            for block in tuple(self._blocks):
                 if size <= block.nbytes <= size + size // 4:
                     self._remove(block)
                     return block
@@ -44,11 +47,11 @@ class _Pool:
     def release(self, block: np.ndarray) -> None:
         with self._lock:
             self._blocks.append(block)
-            while sum(kept.nbytes for kept in self._blocks) > _KEPT:
-                self._blocks.popleft()
+            while sum([kept.nbytes for kept in tuple(self._blocks)]) > _KEPT:
+                del self._blocks[0]
 
     def _remove(self, wanted: np.ndarray) -> None:
-        self._blocks = deque(block for block in self._blocks if block is not wanted)
+        self._blocks = [block for block in tuple(self._blocks) if block is not wanted]
 
 
 _pool = _Pool()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 
+import numpy as np
 import pytest
 import torch
 
@@ -67,3 +68,22 @@ def test_a_picture_outlives_those_that_follow():
         scene.opacities.mul_(0.5)
         scene.draw()
     assert torch.equal(first, kept)
+
+
+def test_a_release_may_interrupt_a_take():
+    """As the garbage collector does, between any two steps of it."""
+    pool = opencl.pool._pool
+    held = [empty(LARGE, dtype=torch.float32) for _ in range(6)]
+    del held[:3]
+
+    class Block(np.ndarray):
+        """Lets a tensor go while it is looked at."""
+
+        @property
+        def nbytes(self) -> int:
+            held.clear()
+            return int(super().nbytes)
+
+    pool._blocks[0] = pool._blocks[0].view(Block)
+    assert pool.take(100 * LARGE).nbytes == 100 * LARGE  # larger than any: all are looked at
+    assert len(pool._blocks) == 6

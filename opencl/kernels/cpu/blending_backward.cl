@@ -157,12 +157,6 @@ WHOLE_REGISTERS static inline void multiply_features(
     if (FEATURE_DIM & 1) multiply_1_features(reaching, features, g, k);
 }
 
-static inline REAL sum_of_lanes(LANES v) {
-    REAL sum = 0;
-    for (int lane = 0; lane < 16; lane++) sum += ((const REAL *)&v)[lane];
-    return sum;
-}
-
 // Blends the chunk's Gaussians again, for the weights and for s = alpha dL/dalpha, where alpha is not clamped. What
 // does not wait for the Gaussian before is computed first, for all of them.
 WHOLE_REGISTERS static inline void differentiate_block(
