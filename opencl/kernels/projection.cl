@@ -376,7 +376,7 @@ __kernel void project_backward(
         const REALS ratio_x = fx * read_reals(grad_means2d, 2, 0, group) + or_zero(g.inside_x, grad_slant_x);
         const REALS ratio_y = fy * read_reals(grad_means2d, 2, 1, group) + or_zero(g.inside_y, grad_slant_y);
         const REALS grad_x = ratio_x * inverse_z, grad_y = ratio_y * inverse_z;
-        grad_z -= (ratio_x * g.x + ratio_y * g.y) * inverse_z * inverse_z;
+        grad_z -= (ratio_x * (g.x / g.z) + ratio_y * (g.y / g.z)) * inverse_z;  // g.x alone could overflow
         for (int k = 0; k < 3; k++) {
             const REALS grad_mean = camera[k] * grad_x + camera[3 + k] * grad_y + camera[6 + k] * grad_z;
             write_reals(grad_means, 3, k, group, or_zero(visible, grad_mean));

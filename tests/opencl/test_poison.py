@@ -14,7 +14,7 @@ from dataclasses import fields, replace
 
 import pytest
 import torch
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from opencl.contract import RasterSettings
@@ -43,7 +43,8 @@ THRESHOLDS = [
 NOT_FINITE = [math.nan, math.inf, -math.inf]
 DENORMAL = [1e-45, -1e-45, 1e-40, 1.1754942e-38, 5e-324]
 MODERATE = [0.0, -0.0, 1e-38, 1e-30, -1e-20, 1e-10, 1e4, -1e4, 1e8, 1e10, -1e10, 1e15, -1e15]
-EXTREME = [1e19, -1e19, 1e25, 1e30, 3.4028234e38, -3.4028234e38, 1.7e308]
+FURTHEST = 3.4028234e38
+EXTREME = [1e19, -1e19, 1e25, 1e30, FURTHEST, -FURTHEST, 1.7e308]
 
 ANY = st.sampled_from(THRESHOLDS + NOT_FINITE + DENORMAL + MODERATE + EXTREME) | st.floats(width=32)
 BOUNDED = st.sampled_from(THRESHOLDS + NOT_FINITE + DENORMAL + MODERATE)
@@ -133,6 +134,7 @@ def test_everything_at_once(backend, dtype, changes):
 )
 @FUZZ
 @given(values=st.lists(ANY, min_size=10, max_size=10), opacity=BOUNDED)
+@example(values=[0.2, 0.2, FURTHEST, *[0.2] * 6, FURTHEST], opacity=0.2)  # the chain rule left the range
 def test_one_gaussian_of_any_values(backend, raster_settings, values, opacity):
     scene = replace(make_scene(1, 1, 17, 9, dtype=torch.float32), settings=raster_settings)
     parts = (values[:3], values[3:7], values[7:10], [opacity])
