@@ -67,6 +67,12 @@ static inline REALS clamp_reals(REALS x, REAL low, REAL high) {
 
 static inline REALS or_zero(MASKS chosen, REALS x) { return chosen ? x : (REALS)(R(0)); }
 
+// A gradient as it is written: 0 where it is not chosen; the largest number where it is larger, as that of a quaternion
+// of 1e-45 is, which would be infinite.
+static inline REALS gradient(MASKS chosen, REALS x) {
+    return or_zero(chosen, clamp_reals(x, -LARGEST_REAL, LARGEST_REAL));
+}
+
 static inline MASKS finite(REALS x) { return x - x == R(0); }
 
 typedef struct {
@@ -356,14 +362,14 @@ __kernel void project_backward(
         footprint_backward(
             &f, records, grad_records, read_reals(opacities, 1, 0, group), group, grad_rows, &grad_opacity
         );
-        write_reals(grad_opacities, 1, 0, group, or_zero(visible, grad_opacity));
+        write_reals(grad_opacities, 1, 0, group, gradient(visible, grad_opacity));
 
         const REAL fx = camera[12], fy = camera[13];
         const REALS inverse_z = 1 / g.z;
         REALS grad_turned[3][3], grad_slant_x = (REALS)(R(0)), grad_slant_y = (REALS)(R(0)), grad_z = (REALS)(R(0));
         for (int k = 0; k < 3; k++) {
             const REALS grad_scale = grad_rows[0][k] * g.axes[0][k] + grad_rows[1][k] * g.axes[1][k];
-            write_reals(grad_scales, 3, k, group, or_zero(visible, grad_scale));
+            write_reals(grad_scales, 3, k, group, gradient(visible, grad_scale));
             grad_turned[0][k] = fx * inverse_z * grad_rows[0][k] * scale[k];
             grad_turned[1][k] = fy * inverse_z * grad_rows[1][k] * scale[k];
             grad_turned[2][k] = -g.slant_x * grad_turned[0][k] - g.slant_y * grad_turned[1][k];
@@ -379,7 +385,7 @@ __kernel void project_backward(
         grad_z -= (ratio_x * (g.x / g.z) + ratio_y * (g.y / g.z)) * inverse_z;  // g.x alone could overflow
         for (int k = 0; k < 3; k++) {
             const REALS grad_mean = camera[k] * grad_x + camera[3 + k] * grad_y + camera[6 + k] * grad_z;
-            write_reals(grad_means, 3, k, group, or_zero(visible, grad_mean));
+            write_reals(grad_means, 3, k, group, gradient(visible, grad_mean));
         }
 
         REALS grad_rotation[3][3], grad_quat[4];
@@ -388,6 +394,6 @@ __kernel void project_backward(
                 grad_rotation[j][k] = camera[j] * grad_turned[0][k] + camera[3 + j] * grad_turned[1][k]
                     + camera[6 + j] * grad_turned[2][k];
         rotation_backward(&g, grad_rotation, grad_quat);
-        for (int k = 0; k < 4; k++) write_reals(grad_quats, 4, k, group, or_zero(visible, grad_quat[k]));
+        for (int k = 0; k < 4; k++) write_reals(grad_quats, 4, k, group, gradient(visible, grad_quat[k]));
     }
 }

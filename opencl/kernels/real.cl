@@ -4,10 +4,12 @@
 typedef double REAL;
 typedef ulong DEPTH_KEY;
 #define AS_DEPTH_KEY as_ulong
+#define LARGEST_REAL DBL_MAX
 #else
 typedef float REAL;
 typedef uint DEPTH_KEY;
 #define AS_DEPTH_KEY as_uint
+#define LARGEST_REAL FLT_MAX
 #endif
 
 #define R(value) ((REAL)(value))

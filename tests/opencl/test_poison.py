@@ -135,6 +135,7 @@ def test_everything_at_once(backend, dtype, changes):
 @FUZZ
 @given(values=st.lists(ANY, min_size=10, max_size=10), opacity=BOUNDED)
 @example(values=[0.2, 0.2, FURTHEST, *[0.2] * 6, FURTHEST], opacity=0.2)  # the chain rule left the range
+@example(values=[0.2, 0.2, 0.2, *[1e-45] * 4, 0.2, 0.2, 0.004], opacity=0.2)  # and so did the gradient itself
 def test_one_gaussian_of_any_values(backend, raster_settings, values, opacity):
     scene = replace(make_scene(1, 1, 17, 9, dtype=torch.float32), settings=raster_settings)
     parts = (values[:3], values[3:7], values[7:10], [opacity])
