@@ -119,10 +119,11 @@ def test_a_forked_process_is_told_so():
     code = """
 import os
 from tests.opencl.scenes import make_scene
-make_scene().draw()
+scene = make_scene()  # before the fork: torch's own threads would hang the child, too
+scene.draw()
 if os.fork() == 0:
     try:
-        make_scene().draw()
+        scene.draw()
     except RuntimeError as error:
         os._exit(0 if "spawn" in str(error) else 1)
     os._exit(2)
