@@ -60,8 +60,9 @@ def rasterize(
         A picture of `height` by `width` pixels of M features, its alphas, and for density control radii and centres on
         the screen (see `RasterOutput`). With no Gaussian, or none in view: the background. Gradients reach means,
         quats, scales, opacities, features and background, from features, alphas, depths and means2d. A Gaussian with
-        a value that is not finite, or a zero quaternion, is not visible and gets no gradient. Where nothing requires a
-        gradient, or under `torch.no_grad`, nothing is kept for a backward pass.
+        a value that is not finite, or a zero quaternion, is not visible and gets no gradient. A gradient of means,
+        quats, scales or opacities beyond the largest number is that number. Where nothing requires a gradient, or
+        under `torch.no_grad`, nothing is kept for a backward pass.
 
     The same inputs on the same device give the same bits, forward and backward, for any number of threads. Tensors of
     the CPU are drawn by `opencl.device.choose_device()`'s device, CUDA tensors of an NVIDIA GPU by that GPU, in place;
