@@ -1,6 +1,7 @@
 """One action, done where a worker is: look again under the lock, run the stage, commit what it made.
 
-It never raises for what a stage does wrong: the outcome says what happened, in words, and the log holds the rest.
+It never raises for what a stage does wrong: the outcome says what happened, in words, and the log holds the rest. An
+input that turns out to be damaged is no failure of the stage's: the outcome names it, and the run makes it again.
 """
 
 from __future__ import annotations
@@ -9,18 +10,20 @@ import shutil
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 from filelock import Timeout
 
-from pipeline.artifact import ArtifactWriter
+from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.canonical import Json
 from pipeline.checkpoint import discard_scratch, scratch_directory
 from pipeline.declaration import import_stage, validate
-from pipeline.errors import Interrupted, PipelineError
+from pipeline.errors import CorruptArtifact, Interrupted, PipelineError
 from pipeline.events import Noted, StageProgressed, StageStarted
 from pipeline.executor import Tell
+from pipeline.fingerprint import Code
 from pipeline.provenance import machine, now, versions_of
 from pipeline.stage import Context, InputValue, LineageRecord, Services, Stage, bind_inputs, output_is_private
 from pipeline.stagelog import StageLog, printed_to_stderr
@@ -51,7 +54,7 @@ class Job:
     inputs: Mapping[str, tuple[str, ...]]
     upstream: tuple[str, ...]
     lineage: Mapping[str, str]
-    libraries: tuple[str, ...]
+    code: Code
     private: bool
     private_log: bool
     store: Path
@@ -59,15 +62,26 @@ class Job:
     commit: str | None
     captures: bool
 
+    @property
+    def digests(self) -> tuple[str, ...]:
+        """Those of all inputs, each once."""
+        return tuple(dict.fromkeys(digest for digests in self.inputs.values() for digest in digests))
+
 
 @dataclass(frozen=True)
 class Outcome:
-    """How an action ended. `outputs` are digests; `cause` says in one line why it did not end well."""
+    """How an action ended. `outputs` are digests; `cause` says in one line why it did not end well.
 
-    state: Literal["ran", "cached", "failed", "stopped"]
+    `damaged` are digests of inputs that are not what was written; `private` whether an output is private.
+    """
+
+    state: Literal["ran", "cached", "failed", "stopped", "damaged"]
     seconds: float = 0.0
     outputs: Mapping[str, str] | None = None
     cause: str | None = None
+    damaged: tuple[str, ...] = ()
+    private: bool = False
+    log: Path | None = None
 
 
 def perform(job: Job, tell: Tell) -> Outcome:
@@ -85,30 +99,49 @@ def perform(job: Job, tell: Tell) -> Outcome:
             continue
         try:
             record = store.find(job.key)
-            return Outcome("cached", outputs=record.outputs) if record else _logged(job, store, tell)
+            if record:
+                return Outcome("cached", outputs=record.outputs, private=record.private)
+            with store.in_use():
+                return _with_inputs(job, store, tell)
         finally:
             lock.release()
     return Outcome("stopped", cause="stopped before it began")
 
 
-def _logged(job: Job, store: Store, tell: Tell) -> Outcome:
+def _with_inputs(job: Job, store: Store, tell: Tell) -> Outcome:
+    """Opens the inputs, and runs the stage."""
+    damaged = tuple(digest for digest in job.digests if not store.is_whole(digest))
+    if damaged:
+        return Outcome("damaged", damaged=damaged)
+    inputs = {name: tuple(store.artifact(digest) for digest in digests) for name, digests in job.inputs.items()}
+    private = job.private or any(artifact.private for group in inputs.values() for artifact in group)
+    return _logged(job, store, tell, _Action(job, store, inputs, private))
+
+
+def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
     """Runs the stage with its log, and turns whatever it raises into an outcome."""
     started = time.monotonic()
     work = store.temporary()
-    log = StageLog(store.log(job.workflow, job.name), job.private_log)
+    private = action.private or job.private_log
+    path = store.log(job.workflow, job.name, private)
+    store.log(job.workflow, job.name, not private).unlink(missing_ok=True)
+    log = StageLog(path, private)
     log.line(f"{job.name} ({job.uses}), key {job.key}, commit {job.commit or 'unknown'}")
     tell(StageStarted(job.name))
     try:
         with log.captured() if job.captures else printed_to_stderr():
-            record = _Action(job, store, log, tell).run(work)
+            record = action.run(work, log, tell)
         log.line(f"done in {record.seconds:.1f} s")
-        return Outcome("ran", record.seconds, record.outputs)
+        return Outcome("ran", record.seconds, record.outputs, private=record.private, log=path)
     except Interrupted:
         log.line("stopped")
-        return Outcome("stopped", time.monotonic() - started, cause="stopped; it goes on from its checkpoint next time")
+        cause = "stopped; it goes on from its checkpoint next time"
+        return Outcome("stopped", time.monotonic() - started, cause=cause, log=path)
     except (Exception, SystemExit) as error:
         log.traceback()
-        return Outcome("failed", time.monotonic() - started, cause=_cause(error))
+        damaged = action.damaged_inputs() if isinstance(error, CorruptArtifact) else ()
+        state: Literal["damaged", "failed"] = "damaged" if damaged else "failed"
+        return Outcome(state, time.monotonic() - started, None, _cause(error), damaged, log=path)
     finally:
         log.close()
         shutil.rmtree(work, ignore_errors=True)
@@ -117,26 +150,24 @@ def _logged(job: Job, store: Store, tell: Tell) -> Outcome:
 class _Action:
     """A stage at work, and what the engine does for it meanwhile."""
 
-    def __init__(self, job: Job, store: Store, log: StageLog, tell: Tell) -> None:
+    def __init__(self, job: Job, store: Store, given: Mapping[str, tuple[Artifact, ...]], private: bool) -> None:
         self.job = job
         self.store = store
-        self.log = log
-        self.tell = tell
+        self.given = given
+        self.private = private
         self.told = self.looked = 0.0
         self.stopping = False
 
-    def run(self, work: Path) -> Record:
+    def run(self, work: Path, log: StageLog, tell: Tell) -> Record:
         job, began, started = self.job, now(), time.monotonic()
         declared = import_stage(job.package, job.uses)
         parameters = validate(declared, job.arguments)
-        inputs, private = self.inputs(declared)
-        if private:
-            self.log.make_private()
+        inputs = self.inputs(declared)
         writers = {
-            name: ArtifactWriter(work / name, output.kind, output_is_private(output, private))
+            name: ArtifactWriter(work / name, output.kind, output_is_private(output, self.private))
             for name, output in declared.outputs.items()
         }
-        services = Services(self.progress, self.log.line, self.stop_requested, self.lineage)
+        services = Services(partial(self.progress, tell), log.line, self.stop_requested, self.lineage)
         context = Context(inputs, writers, scratch_directory(self.store, job.key), job.workflow, services)
         declared(context, parameters)
         provenance = {
@@ -145,33 +176,36 @@ class _Action:
             "upstream": list(job.upstream),
             "started": began,
             "seconds": round(time.monotonic() - started, 3),
-            "versions": versions_of(job.libraries),
+            "versions": versions_of(job.code.libraries),
             "machine": machine(),
             "facts": context.facts,
             "commit": job.commit,
-            "private": private or any(writer.private for writer in writers.values()),
+            "private": self.private or any(writer.private for writer in writers.values()),
         }
+        self.store.keep_code(job.code.digest, job.code.modules)
         record = self.store.commit(job.key, job.parts, writers, provenance)
         discard_scratch(self.store, job.key)
         return record
 
-    def inputs(self, declared: Stage) -> tuple[dict[str, InputValue], bool]:
-        """The artifacts of every input, and whether what comes from them is private."""
-        given: dict[str, InputValue] = {}
-        private = self.job.private
-        for name, digests in self.job.inputs.items():
-            artifacts = tuple(self.store.artifact(digest) for digest in digests)
-            private = private or any(artifact.private for artifact in artifacts)
-            if artifacts:
-                given[name] = artifacts if declared.inputs[name].many else artifacts[0]
-        return bind_inputs(declared, given), private
+    def inputs(self, declared: Stage) -> dict[str, InputValue]:
+        """The artifacts of every input, as the stage takes them."""
+        given: dict[str, InputValue] = {
+            name: artifacts if declared.inputs[name].many else artifacts[0]
+            for name, artifacts in self.given.items()
+            if artifacts
+        }
+        return bind_inputs(declared, given)
 
-    def progress(self, done: float, total: float, figures: Mapping[str, float]) -> None:
+    def damaged_inputs(self) -> tuple[str, ...]:
+        """Digests of the inputs that are not what was written; reads every byte of all of them."""
+        return tuple(digest for digest in self.job.digests if not self.store.is_sound(digest))
+
+    def progress(self, tell: Tell, done: float, total: float, figures: Mapping[str, float]) -> None:
         moment = time.monotonic()
         if moment - self.told >= TELL_EVERY or done >= total:
             self.told = moment
             numbers = {name: float(value) for name, value in figures.items()}
-            self.tell(StageProgressed(self.job.name, float(done), float(total), numbers))
+            tell(StageProgressed(self.job.name, float(done), float(total), numbers))
 
     def stop_requested(self) -> bool:
         moment = time.monotonic()

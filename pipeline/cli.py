@@ -24,6 +24,7 @@ from pipeline.process import set_thread_policy
 from pipeline.progress import duration, make_display, summary_words
 from pipeline.project import Project, open_project
 from pipeline.runner import Run
+from pipeline.store import Store
 
 STATES = {"cached": "cached", "run": "to run", "depends": "depends"}
 
@@ -136,7 +137,7 @@ def explain(
             _print_plan(wanted, as_json)
             return
         for step in wanted.values():
-            print("\n".join(_explained(step)))
+            print("\n".join(_explained(step, project.store)))
 
 
 @app.command()
@@ -213,19 +214,19 @@ def _print_plan(steps: Mapping[str, Step], as_json: bool) -> None:
 
 
 def _state_words(step: Step) -> str:
-    if step.record:
-        words = f"{STATES[step.state]}  {duration(step.record.seconds)}"
+    if step.result:
+        words = f"{STATES[step.state]}  {duration(step.result.seconds)}"
     else:
         words = f"{STATES[step.state]}  {'; '.join(step.reasons)}"
     return f"{words} (failed last time: {step.failed})" if step.failed else words
 
 
-def _explained(step: Step) -> list[str]:
-    if step.record:
-        made = step.record.provenance
+def _explained(step: Step, store: Store) -> list[str]:
+    record = store.record(step.key) if step.key and step.state == "cached" else None
+    if record:
         lines = [
-            f"{step.name}: cached, made {made['started']} in {duration(step.record.seconds)}",
-            f"  key {step.key}, commit {made['commit'] or 'unknown'}",
+            f"{step.name}: cached, made {record.provenance['started']} in {duration(record.seconds)}",
+            f"  key {step.key}, commit {record.provenance['commit'] or 'unknown'}",
         ]
     elif step.state == "depends":
         lines = [f"{step.name}: to run if what it takes comes out differently"]
@@ -242,7 +243,7 @@ def _step_as_json(step: Step) -> dict[str, object]:
         "state": step.state,
         "key": step.key,
         "reasons": step.reasons,
-        "seconds": step.record.seconds if step.record else None,
+        "seconds": step.result.seconds if step.result else None,
         "failed": step.failed,
     }
 
@@ -259,9 +260,9 @@ def _node_as_json(node: Node) -> dict[str, object]:
 
 
 def _box(node: Node, step: Step) -> Box:
-    lines = (node.uses, duration(step.record.seconds)) if step.record else (node.uses,)
-    private = node.private or (step.record is not None and step.record.provenance["private"])
-    return Box(node.name, node.upstream, lines, "private" if private else "done" if step.record else "plain")
+    lines = (node.uses, duration(step.result.seconds)) if step.result else (node.uses,)
+    private = node.private or (step.result is not None and step.result.private)
+    return Box(node.name, node.upstream, lines, "private" if private else "done" if step.result else "plain")
 
 
 def _near(path: Path) -> Path:

@@ -132,7 +132,7 @@ class Catalogue:
 
     def _cache_file(self, uses: str, question: object) -> Path:
         engine = [FORMAT, pydantic.VERSION]
-        name = digest_of([engine, self.package, uses, dict(self.code(uses).modules), question], f"stage {uses}")
+        name = digest_of([engine, self.package, uses, self.code(uses).digest, question], f"stage {uses}")
         return self._store.root / "cache" / "declarations" / f"{name}.json"
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from pipeline.canonical import Json, digest_of
 from pipeline.graph import Node, Source
 
-FORMAT = 1
+FORMAT = 2
 SHOWN = 60  # characters of a value
 
 
@@ -19,7 +19,7 @@ def key_parts(node: Node, digests: Mapping[Source, str | None]) -> dict[str, Jso
         "format": FORMAT,
         "stage": node.uses,
         "version": node.declaration.version,
-        "code": dict(node.code),
+        "code": node.code.digest,
         "parameters": dict(node.parameters),
         "external": {name: list(values) for name, values in node.external.items()},
         "inputs": {name: [digests[source] for source in sources] for name, sources in node.sources.items()},
@@ -32,13 +32,18 @@ def key_of(parts: Mapping[str, Json]) -> str:
     return digest_of(dict(parts), "the key")
 
 
-def changes(node: Node, old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """In words, what differs between the parts of two keys of the same node; empty where nothing does."""
+def changes(
+    node: Node, old: Mapping[str, Any], new: Mapping[str, Any], old_code: Mapping[str, str] | None
+) -> list[str]:
+    """In words, what differs between the parts of two keys of the same node; empty where nothing does.
+
+    `old_code` holds the digests of the modules of the old key, where they are known.
+    """
     return [
         *_changed_value("stage", old["stage"], new["stage"]),
         *_changed_value("version", old["version"], new["version"]),
         *_changed_parameters(old["parameters"], new["parameters"]),
-        *_changed_code(old["code"], new["code"]),
+        *(_changed_code(old_code, node.code.modules) if old["code"] != new["code"] else ()),
         *(
             f"the files of {name} changed"
             for name in new["external"]
@@ -65,7 +70,10 @@ def _changed_parameters(old: Mapping[str, Any], new: Mapping[str, Any]) -> Itera
             yield from _changed_value(f"parameter {name}", old[name], new[name])
 
 
-def _changed_code(old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[str]:
+def _changed_code(old: Mapping[str, str] | None, new: Mapping[str, str]) -> Iterator[str]:
+    if old is None:
+        yield "code changed"
+        return
     words = {
         "changed": sorted(name for name in old.keys() & new.keys() if old[name] != new[name]),
         "joined": sorted(new.keys() - old.keys()),

@@ -20,6 +20,7 @@ import ast
 import importlib.util
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from pipeline.canonical import digest_of, digest_of_file
@@ -46,6 +47,11 @@ class Code:
     modules: Mapping[str, str]
     libraries: tuple[str, ...]
     dynamic: tuple[str, ...]
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the modules' names and digests."""
+        return digest_of(dict(self.modules), "the code")
 
 
 class SourceTree:

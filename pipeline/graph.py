@@ -10,6 +10,7 @@ from pipeline.canonical import Json
 from pipeline.declaration import Catalogue, Completed, Declaration
 from pipeline.errors import CommandError, Place, UserError, nearest
 from pipeline.external import digest_of_external
+from pipeline.fingerprint import Code
 from pipeline.located import Located, Problems
 from pipeline.workflow import Entry, Instance, Reference, Workflow
 
@@ -37,8 +38,7 @@ class Node:
     arguments: Mapping[str, Json]
     parameters: Mapping[str, Json]
     external: Mapping[str, tuple[str, ...]]
-    code: Mapping[str, str]
-    libraries: tuple[str, ...]
+    code: Code
     private: bool
 
     @property
@@ -74,6 +74,15 @@ class Graph:
             if name in wanted:
                 wanted.update(self.nodes[name].upstream)
         return Graph(self.workflow, {name: node for name, node in self.nodes.items() if name in wanted})
+
+    @property
+    def dependents(self) -> dict[str, list[str]]:
+        """For each node the names of those that take from it, in order."""
+        taking: dict[str, list[str]] = {name: [] for name in self.nodes}
+        for name, node in self.nodes.items():
+            for upstream in node.upstream:
+                taking[upstream].append(name)
+        return taking
 
     @property
     def final(self) -> tuple[str, ...]:
@@ -154,8 +163,7 @@ class _Builder:
             arguments=arguments,
             parameters=completed.parameters,
             external=self.external(entry, instance, completed),
-            code=code[0],
-            libraries=code[1],
+            code=code,
             private=instance.private,
         )
 
@@ -267,9 +275,7 @@ class _Builder:
             self.problems.add(place, f"{refusal.message} [{entry.name}]" if refusal.missing else refusal.message)
         return None
 
-    def code(
-        self, instance: Instance, declaration: Declaration, completed: Completed
-    ) -> tuple[Mapping[str, str], tuple[str, ...]] | None:
+    def code(self, instance: Instance, declaration: Declaration, completed: Completed) -> Code | None:
         try:
             code = self.catalogue.code(declaration.uses, completed.modules)
         except UserError as error:
@@ -281,7 +287,7 @@ class _Builder:
             self.problems.add(
                 instance.uses.place, f"{message}; name them with @stage(modules=…), or import them plainly"
             )
-        return code.modules, code.libraries
+        return code
 
     def external(self, entry: Entry, instance: Instance, completed: Completed) -> dict[str, tuple[str, ...]]:
         digests: dict[str, tuple[str, ...]] = {}

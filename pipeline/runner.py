@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import signal
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,11 +21,13 @@ from pipeline.events import Event, Noted, StageEnded, State, Summary
 from pipeline.executor import Executor, Lost
 from pipeline.explain import key_of, key_parts
 from pipeline.graph import Graph, Node, Source
+from pipeline.history import Journal, StageResult
 from pipeline.provenance import git_commit
 from pipeline.store import Store
 
 GRACE = 60.0  # seconds that a running stage has to save its checkpoint and stop
 MOMENT = 0.2  # seconds between two looks at the stop flag
+REPAIRS = 1  # times that one artifact is made again in one run
 
 
 @dataclass(frozen=True)
@@ -51,19 +53,23 @@ class Run:
     _done: dict[str, Done] = field(default_factory=dict)
     _ended: dict[str, State] = field(default_factory=dict)
     _running: dict[str, str] = field(default_factory=dict)
+    _waiting: dict[str, None] = field(default_factory=dict)
+    _damaged: Counter[str] = field(default_factory=Counter)
     _executor: Executor | None = None
+    _journal: Journal | None = None
     _commit: str | None = None
     _stopped_at: float | None = None
 
     def __post_init__(self) -> None:
         self._stop_flag = self.store.temporary()
         self._order = {name: index for index, name in enumerate(self.graph.nodes)}
+        self._dependents = self.graph.dependents
 
     def run(self) -> Summary:
-        """Runs everything; returns when nothing is left that can be done."""
+        """Runs everything; returns when nothing is left that can be done. Raises CommandError during a `gc`."""
         started = time.monotonic()
         try:
-            with self._interruptible():
+            with self.store.in_use(), self._history(), self._interruptible():
                 self._loop()
         finally:
             if self._executor:
@@ -84,38 +90,59 @@ class Run:
                     pages += [self.store.latest(self.graph.workflow, name, output) / file for file in files]
         return pages
 
+    @contextmanager
+    def _history(self) -> Iterator[None]:
+        self._journal = self.store.history.begin(self.graph.workflow)
+        try:
+            yield
+        finally:
+            self._journal.close()
+
     def _loop(self) -> None:
-        waiting = list(self.graph.nodes)
-        while waiting or self._running:
+        self._waiting = dict.fromkeys(self.graph.nodes)
+        candidates = list(self.graph.nodes)
+        while self._waiting or self._running:
             if self._stopped_at is None:
-                waiting = self._advance(waiting)
+                candidates = self._advance(candidates)
             elif not self._running or time.monotonic() - self._stopped_at > GRACE:
-                for name in [*self._running, *waiting]:
-                    self._end(name, "skipped", cause="the run was interrupted")
+                for name in [*self._running, *self._waiting]:
+                    self._end(StageResult(name, "skipped", cause="the run was interrupted"))
                 return
             if self._running and self._executor:
                 ended = self._executor.wait(self.tell, MOMENT)
                 if ended:
-                    self._take(*ended)
+                    candidates = self._in_order([*candidates, *self._take(*ended)])
 
-    def _advance(self, waiting: list[str]) -> list[str]:
-        """Takes from the store or starts whatever can be; returns what still waits."""
-        left: list[str] = []
-        for index, name in enumerate(waiting):
-            if self._stopped_at is not None:
-                return [*left, *waiting[index:]]
+    def _in_order(self, names: Iterable[str]) -> list[str]:
+        return sorted(set(names) & self._waiting.keys(), key=self._order.__getitem__)
+
+    def _advance(self, candidates: list[str]) -> list[str]:
+        """Takes from the store or starts what can be; returns what is ready but has to wait for others to end."""
+        held: list[str] = []
+        queue = deque(candidates)
+        queued = set(candidates)
+        while queue and self._stopped_at is None:
+            name = queue.popleft()
+            queued.discard(name)
             if not self._advance_one(name):
-                left.append(name)
-        return left
+                held.append(name)
+            elif name in self._ended:
+                concerned = [
+                    other for other in self._dependents[name] if other in self._waiting and other not in queued
+                ]
+                queue.extend(concerned)
+                queued.update(concerned)
+        return [*held, *queue]
 
     def _advance_one(self, name: str) -> bool:
+        """Does what can be done about a node; False where it is ready and held up by what runs."""
         node = self.graph.nodes[name]
         lacking = [upstream for upstream in node.upstream if self._ended.get(upstream) in ("failed", "skipped")]
         if lacking:
-            self._end(name, "skipped", cause=f"needs {lacking[0]}, which was not made")
+            self._end(StageResult(name, "skipped", cause=f"needs {lacking[0]}, which was not made"))
             return True
         if any(upstream not in self._done for upstream in node.upstream):
-            return False
+            return True  # it is looked at again when they end
         digests: dict[Source, str | None] = {
             source: self._done[source.node].outputs[source.output]
             for sources in node.sources.values()
@@ -125,7 +152,7 @@ class Run:
         key = key_of(parts)
         record = self.store.find(key)
         if record:
-            self._finish(node, key, record.outputs, "cached", 0.0)
+            self._finish(StageResult(name, "cached", key, record.outputs, 0.0, record.private))
             return True
         if key in self._running.values():
             return False  # another stage is just doing the same
@@ -152,7 +179,7 @@ class Run:
             },
             upstream=node.upstream,
             lineage=self._lineage(node),
-            libraries=node.libraries,
+            code=node.code,
             private=node.private,
             private_log=node.private or any(o.privacy == "private" for o in node.declaration.outputs.values()),
             store=self.store.root,
@@ -173,45 +200,68 @@ class Run:
             self._commit = git_commit(self.package_folder)
             self._executor = self.make_executor()
         self._running[node.name] = key
+        del self._waiting[node.name]
         self._executor.start(node.name, perform, self._job(node, key, parts), urgency=-self._order[node.name])
 
-    def _take(self, name: str, result: Outcome | Lost) -> None:
-        node, key = self.graph.nodes[name], self._running.pop(name)
-        log = self.store.log(self.graph.workflow, name)
-        if isinstance(result, Lost):
-            result = Outcome("failed", cause=result.reason)
-        if result.state == "stopped":
-            self._end(name, "skipped", seconds=result.seconds, cause=result.cause)
-        elif result.outputs is None or result.state == "failed":
-            self._end(name, "failed", key, result.seconds, result.cause or "failed", log)
+    def _take(self, name: str, outcome: Outcome | Lost) -> Iterable[str]:
+        """Ends what an executor is done with; returns the nodes that this may concern."""
+        key = self._running.pop(name)
+        if isinstance(outcome, Lost):
+            outcome = Outcome("failed", cause=outcome.reason, log=self._log_of(name))
+        if outcome.state == "damaged":
+            return self._make_again(name, key, outcome)
+        if outcome.state == "stopped":
+            self._end(StageResult(name, "skipped", seconds=outcome.seconds, cause=outcome.cause))
+        elif outcome.outputs is None or outcome.state == "failed":
+            cause = outcome.cause or "failed"
+            self._end(StageResult(name, "failed", key, {}, outcome.seconds, cause=cause), outcome.log)
         else:
-            self._finish(node, key, result.outputs, "ran" if result.state == "ran" else "cached", result.seconds, log)
+            state: State = "ran" if outcome.state == "ran" else "cached"
+            result = StageResult(name, state, key, outcome.outputs, outcome.seconds, outcome.private)
+            self._finish(result, outcome.log)
+        return self._dependents[name]
 
-    def _finish(
-        self, node: Node, key: str, outputs: Mapping[str, str], state: State, seconds: float, log: Path | None = None
-    ) -> None:
-        self._done[node.name] = Done(key, outputs, {**self._lineage(node), node.name: key})
-        self.store.remember_result(self.graph.workflow, node.name, key)
-        self.store.link_latest(self.graph.workflow, node.name, outputs)
-        paths = {output: self.store.object(digest) for output, digest in outputs.items()}
-        self._ended[node.name] = state
-        self.tell(StageEnded(node.name, state, key, seconds, paths, None, log))
+    def _make_again(self, name: str, key: str, outcome: Outcome) -> Iterable[str]:
+        """Puts damaged inputs of a stage aside, and has what made them, and then the stage, done again."""
+        self._damaged.update(outcome.damaged)
+        hopeless = [digest for digest in outcome.damaged if self._damaged[digest] > REPAIRS]
+        if hopeless:
+            cause = f"{self.store.object(hopeless[0])}: damaged again after it was made anew. Check the disk."
+            self._end(StageResult(name, "failed", key, cause=cause), outcome.log)
+            return self._dependents[name]
+        makers = [
+            other for other, done in self._done.items() if not set(outcome.damaged).isdisjoint(done.outputs.values())
+        ]
+        for digest in outcome.damaged:
+            self.store.set_aside(digest)
+        for maker in makers:
+            self.tell(Noted(f"{maker}: its result was damaged on the disk and is made again"))
+            del self._done[maker], self._ended[maker]
+        again = [*makers, name]
+        self._waiting |= dict.fromkeys(again)
+        return again
 
-    def _end(
-        self,
-        name: str,
-        state: State,
-        key: str | None = None,
-        seconds: float = 0.0,
-        cause: str | None = None,
-        log: Path | None = None,
-    ) -> None:
-        """Ends a node that has no outputs."""
-        if state == "failed":
-            last = self.store.last_result(self.graph.workflow, name)
-            self.store.remember_result(self.graph.workflow, name, last["key"], failed=cause)
-        self._ended[name] = state
-        self.tell(StageEnded(name, state, key, seconds, {}, cause, log))
+    def _log_of(self, name: str) -> Path | None:
+        """The log that a worker left which died."""
+        paths = [self.store.log(self.graph.workflow, name, private) for private in (False, True)]
+        return next((path for path in paths if path.is_file()), None)
+
+    def _finish(self, result: StageResult, log: Path | None = None) -> None:
+        """Ends a node whose outputs are in the store."""
+        node = self.graph.nodes[result.name]
+        self._done[node.name] = Done(
+            str(result.key), result.outputs, {**self._lineage(node), node.name: str(result.key)}
+        )
+        self.store.link_latest(self.graph.workflow, node.name, result.outputs)
+        self._end(result, log)
+
+    def _end(self, result: StageResult, log: Path | None = None) -> None:
+        self._waiting.pop(result.name, None)
+        self._ended[result.name] = result.state
+        assert self._journal is not None
+        self._journal.add(result)
+        paths = {output: self.store.object(digest) for output, digest in result.outputs.items()}
+        self.tell(StageEnded(result.name, result.state, result.key, result.seconds, paths, result.cause, log))
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:

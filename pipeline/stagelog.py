@@ -15,7 +15,8 @@ class StageLog:
     """Starts the log at `path` anew; nobody else can read a private one."""
 
     def __init__(self, path: Path, private: bool) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(mode=0o700 if private else 0o777, exist_ok=True)
         path.unlink(missing_ok=True)
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600 if private else 0o644)
         self._file = os.fdopen(descriptor, "a", encoding="utf-8", buffering=1)
@@ -23,10 +24,6 @@ class StageLog:
     def line(self, text: str) -> None:
         """Writes a line, or several, with the time before the first."""
         self._file.write(f"{datetime.now():%H:%M:%S} {text}\n")
-
-    def make_private(self) -> None:
-        """Nobody else can read it from now on."""
-        os.fchmod(self._file.fileno(), 0o600)
 
     def traceback(self) -> None:
         """Writes the exception that is being handled."""

@@ -3,24 +3,28 @@
     actions/<key>/record.json        what an action was made of, what came out, and how it went
     objects/<digest>/                artifacts, immutable
     latest/<workflow>/<stage>.<output>   links to the objects of the last run, for people
-    results/<workflow>/<stage>.json  the key of a stage's last result, and its last failure: for `status` and `explain`
-    logs/<workflow>/<stage>.log      what a stage said when it last ran
+    code/<digest>.json               the digests of the modules behind a stage, for `explain`
+    runs/<workflow>/<time>-<id>.jsonl    how the stages of a run ended: see `history`
+    logs/<workflow>/<stage>.log      what a stage said when it last ran; `logs/<workflow>/private` if it is private
     scratch/<key>/                   checkpoints of an action that was interrupted
     locks/<key>.lock                 held by the kernel for the process that works on an action
     cache/                           what can be computed again: declarations of stages
     temporary/                       what is being written; everything else appears by renaming, whole
 
-Two processes may use one store: a lock lets one of them do an action, and whoever comes second finds it done.
+Two processes may use one store: a lock lets one of them do an action, and whoever comes second finds it done. All who
+run hold `locks/in_use` together; `gc` holds it alone.
 """
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import re
 import shutil
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,8 +33,8 @@ from filelock import FileLock
 
 from pipeline.artifact import Artifact, ArtifactWriter, flush, load, publish
 from pipeline.canonical import Json
-from pipeline.errors import CorruptArtifact
-from pipeline.manifest import MANIFEST
+from pipeline.errors import CommandError, CorruptArtifact
+from pipeline.history import History
 
 RECORD = "record.json"
 KEY = re.compile(r"[0-9a-f]{64}")
@@ -53,6 +57,11 @@ class Record:
     def seconds(self) -> float:
         return float(self.provenance["seconds"])
 
+    @property
+    def private(self) -> bool:
+        """Whether any output is private."""
+        return bool(self.provenance.get("private"))
+
 
 class Store:
     """A store in the directory `root`, which is made where it is missing."""
@@ -72,8 +81,27 @@ class Store:
         """Raises CorruptArtifact where it is missing or damaged."""
         return load(self.object(digest))
 
-    def log(self, workflow: str, name: str) -> Path:
-        return self.root / "logs" / workflow / f"{name}.log"
+    def log(self, workflow: str, name: str, private: bool = False) -> Path:
+        folder = self.root / "logs" / workflow
+        return (folder / "private" if private else folder) / f"{name}.log"
+
+    @property
+    def history(self) -> History:
+        return History(self.root / "runs")
+
+    @property
+    def actions(self) -> frozenset[str]:
+        """Keys of all actions that have a record, whole or not; one look at the folder."""
+        return self._names("actions")
+
+    @property
+    def objects(self) -> frozenset[str]:
+        """Digests of all artifacts, whole or not; one look at the folder."""
+        return self._names("objects")
+
+    def _names(self, folder: str) -> frozenset[str]:
+        path = self.root / folder
+        return frozenset(entry.name for entry in os.scandir(path)) if path.is_dir() else frozenset()
 
     def folder(self, *names: str) -> Path:
         """A folder of the store, made where it is missing."""
@@ -89,12 +117,46 @@ class Store:
         """The lock of an action; the kernel frees it when the process ends, however it ends."""
         return FileLock(self.folder("locks") / f"{key}.lock")
 
+    @contextmanager
+    def in_use(self, alone: bool = False) -> Iterator[None]:
+        """Held by every process that works with results; `alone` by one that deletes some.
+
+        Raises CommandError where that cannot be had at once: another process deletes, or others work.
+        """
+        path = self.folder("locks") / "in_use"
+        with path.open("a") as file:
+            try:
+                fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+            except BlockingIOError:
+                others = "runs are using the store" if alone else "results are being deleted from the store"
+                raise CommandError(others, where=self.root, remedy="Try again when that has ended.") from None
+            yield
+
     def find(self, key: str) -> Record | None:
-        """The record of an action whose every output is still there; None otherwise."""
+        """The record of an action whose every output is there with all its files, each of its size; None otherwise."""
         record = self.record(key)
-        if record and all((self.object(digest) / MANIFEST).is_file() for digest in record.outputs.values()):
-            return record
-        return None
+        return record if record and all(self.is_whole(digest) for digest in record.outputs.values()) else None
+
+    def is_whole(self, digest: str) -> bool:
+        """Whether an artifact has a sound manifest and all its files, each of its size. Their bytes are not read."""
+        try:
+            self.artifact(digest).check_sizes()
+        except CorruptArtifact:
+            return False
+        return True
+
+    def is_sound(self, digest: str) -> bool:
+        """Whether an artifact is what was written, every byte of it."""
+        try:
+            self.artifact(digest).verify()
+        except CorruptArtifact:
+            return False
+        return True
+
+    def set_aside(self, digest: str) -> None:
+        """Takes a damaged artifact out of the store, so that a whole one can take its place."""
+        with suppress(FileNotFoundError):  # another process was first
+            self.object(digest).rename(self.temporary())
 
     def record(self, key: str) -> Record | None:
         """The record of an action, whether or not its outputs are still there."""
@@ -143,13 +205,8 @@ class Store:
 
     def _clear_damaged(self, digest: str) -> None:
         """Moves an object aside that is there but cannot be read, so that a whole one can take its place."""
-        path = self.object(digest)
-        if not path.exists():
-            return
-        try:
-            load(path).verify()
-        except CorruptArtifact:
-            path.rename(self.temporary())
+        if self.object(digest).exists() and not self.is_sound(digest):
+            self.set_aside(digest)
 
     def link_latest(self, workflow: str, name: str, outputs: Mapping[str, str]) -> None:
         """Points `latest/<workflow>/<stage>.<output>` to the objects of a result."""
@@ -166,19 +223,19 @@ class Store:
     def latest(self, workflow: str, name: str, output: str) -> Path:
         return self.root / "latest" / workflow / f"{name}.{output}"
 
-    def last_result(self, workflow: str, name: str) -> dict[str, Any]:
-        """`key` of a stage's last result and `failed`, the cause of its last failure since; either may be None."""
-        return _read_json(self._result(workflow, name)) or {"key": None, "failed": None}
+    def keep_code(self, digest: str, modules: Mapping[str, str]) -> None:
+        """Keeps which modules a digest of code stands for."""
+        path = self._code(digest)
+        if not path.is_file():
+            self.folder("code")
+            write_text_whole(path, json.dumps(dict(modules), indent=1, sort_keys=True) + "\n", self.temporary())
 
-    def remember_result(self, workflow: str, name: str, key: str | None, failed: str | None = None) -> None:
-        content = {"key": key, "failed": failed}
-        if self.last_result(workflow, name) == content:
-            return
-        self.folder("results", workflow)
-        write_text_whole(self._result(workflow, name), json.dumps(content) + "\n", self.temporary())
+    def code(self, digest: str) -> dict[str, str] | None:
+        """The modules that a digest of code stands for, each with its own digest; None where that is not known."""
+        return _read_json(self._code(digest))
 
-    def _result(self, workflow: str, name: str) -> Path:
-        return self.root / "results" / workflow / f"{name}.json"
+    def _code(self, digest: str) -> Path:
+        return self.root / "code" / f"{digest}.json"
 
 
 def write_text_whole(path: Path, text: str, aside: Path) -> None:

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 ENGINE = [
     "errors canonical",
     "companion located external events provenance process stagelog drawing manifest",
-    "matrix artifact executor progress fingerprint",
+    "matrix artifact executor progress fingerprint history",
     "stage store workflow cluster",
     "declaration checkpoint",
     "graph action",

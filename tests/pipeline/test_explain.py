@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.explain import changes, key_of, key_parts
+from pipeline.fingerprint import Code
 from pipeline.graph import Node, Source
 from tests.pipeline.helpers import Workspace
 from tests.pipeline.test_runner import CHAIN
@@ -20,7 +21,7 @@ from tests.pipeline.test_runner import CHAIN
     [
         lambda node: replace(node, declaration=replace(node.declaration, version=2)),
         lambda node: replace(node, declaration=replace(node.declaration, uses="other")),
-        lambda node: replace(node, code={**node.code, "tests.pipeline.toys.scale": "other"}),
+        lambda node: replace(node, code=Code({**node.code.modules, "tests.pipeline.toys.scale": "other"}, (), ())),
         lambda node: replace(node, parameters={"factor": 2.5}),
         lambda node: replace(node, external={"file": ("other",)}),
         lambda node: replace(node, private=True),
@@ -29,10 +30,11 @@ from tests.pipeline.test_runner import CHAIN
 def test_every_part_is_in_the_key_and_explained(workspace: Workspace, change: Callable[[Node], Node]) -> None:
     node = workspace.write(CHAIN).open().graph.nodes["twice"]
     digests: dict[Source, str | None] = {source: "a" for sources in node.sources.values() for source in sources}
-    before, after = key_parts(node, digests), key_parts(change(node), digests)
+    changed = change(node)
+    before, after = key_parts(node, digests), key_parts(changed, digests)
     assert key_of(before) != key_of(after)
-    assert len(changes(node, before, after)) == 1
-    assert changes(node, before, before) == []
+    assert len(changes(changed, before, after, node.code.modules)) == 1
+    assert changes(node, before, before, node.code.modules) == []
 
 
 def test_never_run(workspace: Workspace) -> None:
@@ -77,20 +79,20 @@ def test_changed_files(workspace: Workspace, tmp_path: Path) -> None:
 
 
 def test_changed_code(workspace: Workspace) -> None:
-    """Records hold the digest of each module, so the one that changed can be named."""
-    workspace.write(CHAIN).run()
-    for file in (workspace.folder / "store/actions").glob("*/record.json"):
-        record = json.loads(file.read_text())
-        record["parts"]["code"]["tests.pipeline.toys"] = "before"
-        record["parts"]["code"]["tests.pipeline.toys.old"] = "before"
-        file.write_text(json.dumps(record))
-    aside = workspace.folder / "store/actions"
-    for index, folder in enumerate(sorted(aside.iterdir())):
-        last = workspace.folder / "store/results/chain"
-        key = f"{index:064d}"
-        for result in last.iterdir():
-            result.write_text(result.read_text().replace(folder.name, key))
-        folder.rename(aside / key)
+    """The store holds the digest of each module behind a result, so the one that changed can be named."""
+    ran = workspace.write(CHAIN).run()
+    modules = {**ran.project.graph.nodes["base"].code.modules, "tests.pipeline.toys.old": "before"}
+    modules["tests.pipeline.toys"] = "before"
+    code = Code(modules, (), ())
+    ran.project.store.keep_code(code.digest, code.modules)
+    key = str(ran.ended["base"].key)
+    file = workspace.folder / "store/actions" / key / "record.json"
+    record = json.loads(file.read_text())
+    record["parts"]["code"] = code.digest
+    before = ran.project.store.history.journals("chain")[0]
+    before.write_text(before.read_text().replace(key, "0" * 64))
+    file.write_text(json.dumps(record))
+    file.parent.rename(file.parent.with_name("0" * 64))
     assert workspace.plan()["base"].reasons == (
         "code changed: tests.pipeline.toys",
         "code no longer used: tests.pipeline.toys.old",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -169,8 +170,9 @@ def test_privacy_spreads(workspace: Workspace) -> None:
             for file in (path, *path.rglob("*")):
                 open_to_others = bool(stat.S_IMODE(file.stat().st_mode) & 0o077)
                 assert open_to_others != store.artifact(path.name).private, file
-        log = stat.S_IMODE(store.log("workflow", name).stat().st_mode)
-        assert (log == 0o600) == (name != "open")
+        log = store.log("workflow", name, private=name != "open")
+        modes = [stat.S_IMODE(path.stat().st_mode) for path in (log, log.parent)]
+        assert (modes == [0o600, 0o700]) == (name != "open")
         record = store.root / "actions" / str(ran.ended[name].key)
         assert bool(record.stat().st_mode & 0o077) == (name == "open")
 
@@ -244,6 +246,24 @@ def test_a_result_that_lost_an_object_is_made_again(workspace: Workspace) -> Non
     assert again.states == {"base": "cached", "twice": "ran", "other": "cached", "sum": "cached"}
     assert again.ended["twice"].outputs == ran.ended["twice"].outputs
     again.artifact("twice").verify()
+
+
+@pytest.mark.parametrize(
+    "file",
+    ["arrays.zarr/values/c/0", "arrays.zarr/values/zarr.json", "manifest.json"],
+    ids=["chunk", "zarr", "manifest"],
+)
+@pytest.mark.parametrize("damage", [lambda text: text[:-2], lambda text: b"", lambda text: text[:9] + b"~" + text[10:]])
+def test_a_damaged_input_is_made_again(workspace: Workspace, file: str, damage: Callable[[bytes], bytes]) -> None:
+    """Whether the plan, the worker or only the stage that reads it notices."""
+    ran = workspace.write(CHAIN).run()
+    path = ran.ended["base"].outputs["numbers"] / file
+    path.write_bytes(damage(path.read_bytes()))
+    again = workspace.run("factor=7")
+    np.testing.assert_array_equal(again.values("sum", "total"), [21.0, 15.0])
+    assert again.states == {"base": "ran", "twice": "ran", "other": "cached", "sum": "ran"}
+    assert again.ended["base"].outputs == ran.ended["base"].outputs
+    again.artifact("base").verify()
 
 
 def test_json_events(workspace: Workspace) -> None:
