@@ -175,7 +175,7 @@ class _Action:
             "workflow": job.workflow,
             "upstream": list(job.upstream),
             "started": began,
-            "seconds": round(time.monotonic() - started, 3),
+            "seconds": round(context.seconds_before + time.monotonic() - started, 3),
             "versions": versions_of(job.code.libraries),
             "machine": machine(),
             "facts": context.facts,

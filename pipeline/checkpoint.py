@@ -1,11 +1,52 @@
-"""Where a stage keeps what it needs to go on after an interruption: a private directory for each action."""
+"""Where a stage keeps what it needs to go on after an interruption: a private directory for each action.
+
+    checkpoints = Checkpoints(context, libraries=("torch",))
+    found = checkpoints.newest()
+    if found is not None:
+        go_on_from(found.state)
+    while work_is_left():
+        work()
+        if context.stop_requested():
+            checkpoints.save(state())
+            raise Interrupted
+        if checkpoints.due():
+            checkpoints.save(state())
+
+A checkpoint is an artifact, `checkpoint-N` in the scratch directory: written aside, flushed and renamed, and only then
+is the one before it deleted. It belongs to the key of its action, so that a changed parameter never meets it.
+"""
 
 from __future__ import annotations
 
+import math
+import os
 import shutil
+import time
+import uuid
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from pipeline.artifact import Artifact, ArtifactWriter, load, publish
+from pipeline.canonical import Json
+from pipeline.errors import CorruptArtifact, UserError
+from pipeline.provenance import versions_of
+from pipeline.stage import Context
 from pipeline.store import Store
+
+if TYPE_CHECKING:
+    import numpy as np
+
+FORMAT = 1
+EVERY = 60.0  # seconds: what a kill costs at most, where a checkpoint takes less than 0.6 s
+LARGEST_SHARE = 0.01  # of the time may go into checkpoints: one that takes 2 s is due every 200 s
+LONGEST = 600.0  # seconds: a disk that stalls once must not put the next checkpoint off by an hour
+EVERY_VARIABLE = "GS_HIDER_CHECKPOINT_SECONDS"
+"""Environment variable: so many seconds between two checkpoints, whatever they cost; 0 for one at every chance."""
+
+LARGEST_CHUNK = 1 << 24  # items: every file costs a flush, so there are to be few
 
 
 def scratch_directory(store: Store, key: str) -> Path:
@@ -19,3 +60,161 @@ def scratch_directory(store: Store, key: str) -> Path:
 def discard_scratch(store: Store, key: str) -> None:
     """Deletes it: the action is committed and needs no checkpoint."""
     shutil.rmtree(store.root / "scratch" / key, ignore_errors=True)
+
+
+@dataclass(frozen=True)
+class State:
+    """All that a stage needs to go on: arrays of numbers or booleans, and JSON values, each by its name."""
+
+    arrays: Mapping[str, np.ndarray]
+    values: Mapping[str, Json]
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """What was saved, and when, in this machine's time."""
+
+    written: str
+    state: State
+
+
+class Checkpoints:
+    """The checkpoints of one action. They are private, whatever the stage's outputs are.
+
+    `libraries` are those whose versions a result depends on, and `circumstances` what else it depends on (a device): a
+    checkpoint that another version or another device wrote is used, and the stage's log says so. `every` seconds lie
+    between two checkpoints, whatever they cost; by default as `EVERY_VARIABLE` says, and without it 60, or more where
+    checkpoints would otherwise take over a hundredth of the time. Raises UserError where that variable is no number.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        libraries: Iterable[str] = (),
+        circumstances: Mapping[str, str] | None = None,
+        every: float | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._folder = context.scratch
+        self._log = context.log
+        self._made_with = versions_of(libraries) | dict(circumstances or {})
+        self._every = every if every is not None else _wished_seconds()
+        self._clock = clock
+        self._due_at = clock() + (EVERY if self._every is None else self._every)
+
+    def newest(self) -> Checkpoint | None:
+        """The last good one, every byte of it checked; None where there is none. The log names damaged ones."""
+        for path in reversed(self._complete()):
+            try:
+                return self._read(path)
+            except (CorruptArtifact, OSError, LookupError, TypeError, ValueError) as error:
+                self._log(f"{path.name} cannot be used: {error}")
+        return None
+
+    def due(self) -> bool:
+        """Whether it is time for another one."""
+        return self._clock() >= self._due_at
+
+    def save(self, state: State) -> None:
+        """Puts a checkpoint in the place of the one before it.
+
+        Where the disk does not take it, the log says so, the one before stays, and work can go on.
+        """
+        began = self._clock()
+        aside = self._folder / f".checkpoint-{uuid.uuid4().hex}"
+        before = [*self._complete(), *self._folder.glob(".checkpoint-*")]
+        try:
+            self._write(aside, state)
+        except OSError as error:
+            self._log(f"the checkpoint could not be written: {error}")
+            before = [aside]
+        for path in before:
+            shutil.rmtree(path, ignore_errors=True)
+        now = self._clock()
+        self._due_at = now + self._pause(now - began)
+
+    def _pause(self, cost: float) -> float:
+        if self._every is not None:
+            return self._every
+        return min(max(EVERY, cost / LARGEST_SHARE), LONGEST)
+
+    def _complete(self) -> list[Path]:
+        """The checkpoints that were renamed into place, the oldest first; mostly one."""
+        numbered = [path for path in self._folder.glob("checkpoint-*") if path.name.partition("-")[2].isdecimal()]
+        return sorted(numbered, key=_number)
+
+    def _write(self, aside: Path, state: State) -> None:
+        last = max(map(_number, self._complete()), default=0)
+        writer = ArtifactWriter(aside, "checkpoint", private=True)
+        writer.attributes.update(
+            format=FORMAT,
+            written=datetime.now().astimezone().isoformat(" ", "seconds"),
+            made_with=dict(self._made_with),
+            values=dict(state.values),
+            table=_write_packed(writer, state.arrays),
+        )
+        publish(writer.seal(), self._folder / f"checkpoint-{last + 1}")
+
+    def _read(self, path: Path) -> Checkpoint:
+        artifact = load(path)
+        attributes: Mapping[str, Any] = artifact.attributes
+        if attributes["format"] != FORMAT:
+            raise ValueError(f"it is of format {attributes['format']}, this program reads {FORMAT}")
+        artifact.verify()
+        checkpoint = Checkpoint(attributes["written"], State(_read_packed(artifact), attributes["values"]))
+        self._compare(attributes["made_with"])
+        return checkpoint
+
+    def _compare(self, made_with: Mapping[str, str]) -> None:
+        others = [
+            f"{name} {made_with.get(name, 'unknown')}, now {self._made_with.get(name, 'unknown')}"
+            for name in sorted({*made_with, *self._made_with})
+            if made_with.get(name) != self._made_with.get(name)
+        ]
+        if others:
+            self._log(f"the checkpoint was written with {'; '.join(others)}: the result may differ in its last bits")
+
+
+def _number(path: Path) -> int:
+    return int(path.name.partition("-")[2])
+
+
+def _wished_seconds() -> float | None:
+    text = os.environ.get(EVERY_VARIABLE)
+    if not text:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise UserError("not a number of seconds", where=EVERY_VARIABLE, found=text, expected="such as 600") from None
+
+
+def _write_packed(writer: ArtifactWriter, arrays: Mapping[str, np.ndarray]) -> list[Json]:
+    """Writes all arrays of a type as one, and returns what is where: name, type and shape of each, in order.
+
+    An array of zarr's is four files and folders, each of them flushed: 75 arrays took five times as long as one.
+    """
+    import numpy as np
+
+    table: list[Json] = []
+    groups: dict[str, list[np.ndarray]] = {}
+    for name, array in arrays.items():
+        kind = array.dtype.name
+        table.append([name, kind, list(array.shape)])
+        groups.setdefault(kind, []).append(array.reshape(-1))
+    for kind, parts in groups.items():
+        whole = np.concatenate(parts)
+        writer.write(kind, whole, chunks=(max(1, min(len(whole), LARGEST_CHUNK)),))
+    return table
+
+
+def _read_packed(artifact: Artifact) -> dict[str, np.ndarray]:
+    table: Any = artifact.attributes["table"]
+    wholes = {kind: artifact.read(kind) for kind in artifact.names}
+    taken = dict.fromkeys(wholes, 0)
+    arrays = {}
+    for name, kind, shape in table:
+        start = taken[kind]
+        taken[kind] = start + math.prod(shape)
+        arrays[name] = wholes[kind][start : taken[kind]].reshape(shape)
+    return arrays

@@ -24,7 +24,7 @@ from pydantic import BaseModel, ConfigDict
 
 from pipeline.artifact import Artifact, ArtifactWriter, publish
 from pipeline.canonical import Json, plain
-from pipeline.errors import ArtifactError
+from pipeline.errors import ArtifactError, Interrupted
 
 Privacy = Literal["inherit", "private", "public"]
 Cores = Literal["one", "all"]
@@ -112,6 +112,7 @@ class Context:
         self.scratch = scratch
         self.workflow_name = workflow_name
         self.facts: dict[str, Json] = {}
+        self.seconds_before = 0.0
         self._outputs = outputs
         self._services = services
 
@@ -159,6 +160,15 @@ class Context:
     def stop_requested(self) -> bool:
         """Whether a long loop should save a checkpoint into `scratch` and raise `pipeline.errors.Interrupted`."""
         return self._services.stop_requested()
+
+    def stop_if_requested(self) -> None:
+        """Raises Interrupted where work should stop: for loops that have nothing to save."""
+        if self.stop_requested():
+            raise Interrupted
+
+    def worked_before(self, seconds: float) -> None:
+        """Says how long the work took that a checkpoint saves: its seconds count as this stage's, too."""
+        self.seconds_before = seconds
 
     def record(self, **facts: Json) -> None:
         """Keeps facts beside the result, not in it: the device's name, versions, timings."""

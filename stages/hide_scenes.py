@@ -18,12 +18,12 @@ from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
 from stages.scene.message_views import read_messages
 from stages.scene.scene import read_scene
-from stages.timing.stopwatch import Stopwatch, watching
 from stages.training.loop import Training
 from stages.training.objectives import hiding_terms
 from stages.training.parameters import TrainingParameters
+from stages.training.session import train
 from stages.training.starting_points import starting_points
-from stages.training.views import observer, training_views
+from stages.training.views import training_views
 
 
 class HideScenesParameters(TrainingParameters):
@@ -95,9 +95,7 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
             final_rate_share=parameters.final_rate_share,
         ),
     )
-    with watching(Stopwatch()) as stopwatch:
-        curves = training.run(observer(context, parameters.iterations))
-    context.log(stopwatch.table(parameters.iterations))
+    curves = train(context, training)
     write_container(context.output("container"), training.gaussians, method)
     write_secret(context.output("secret"), method, list(messages))
     write_rows(context.output("curves"), curves)

@@ -15,12 +15,12 @@ from stages.imaging.metric_table import write_rows
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
 from stages.scene.scene import read_scene
-from stages.timing.stopwatch import Stopwatch, watching
 from stages.training.loop import Training
 from stages.training.objectives import PictureTerm
 from stages.training.parameters import TrainingParameters
+from stages.training.session import train
 from stages.training.starting_points import starting_points
-from stages.training.views import observer, training_views
+from stages.training.views import training_views
 
 METHOD = "plain"
 
@@ -52,9 +52,7 @@ def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
         [PictureTerm(COVER, 1.0, parameters.ssim_weight_cover)],
         parameters.settings(rig_extent(scene.cameras)),
     )
-    with watching(Stopwatch()) as stopwatch:
-        curves = training.run(observer(context, parameters.iterations))
-    context.log(stopwatch.table(parameters.iterations))
+    curves = train(context, training)
     write_container(context.output("splats"), training.gaussians, method)
     write_rows(context.output("curves"), curves)
     context.record(device=choose_device().describe(), gaussians=len(training.gaussians))

@@ -26,7 +26,7 @@ ENGINE = [
     "cli",
     "__main__",
 ]
-STAGE_FACING = {"pipeline.stage", "pipeline.artifact", "pipeline.errors", "pipeline.drawing", "pipeline.companion"}
+STAGE_FACING = {f"pipeline.{name}" for name in ("stage", "artifact", "errors", "drawing", "companion", "checkpoint")}
 LIBRARY_FLOORS = ["timing", "imaging", "scene", "tracing", "hiding", "training", "analysis"]
 RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device", "opencl.harmonics", "opencl.ssim"}
 

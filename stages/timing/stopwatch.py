@@ -16,7 +16,7 @@ It computes nothing, so that no bit of a result depends on it. Where no stopwatc
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
@@ -46,10 +46,25 @@ class Stopwatch:
         self._current, self._since = (name, direction), now
         return ended
 
+    @property
+    def total(self) -> float:
+        """All seconds, up to now."""
+        self.switch(*self._current)
+        return sum(self.seconds.values())
+
+    def reading(self) -> list[tuple[str, Direction, float]]:
+        """Part, direction and seconds of each, up to now."""
+        self.switch(*self._current)
+        return [(name, direction, seconds) for (name, direction), seconds in self.seconds.items()]
+
+    def add(self, reading: Iterable[tuple[str, Direction, float]]) -> None:
+        """Count what another stopwatch read, too: the seconds of work that this one goes on with."""
+        for name, direction, seconds in reading:
+            self.seconds[name, direction] = self.seconds.get((name, direction), 0.0) + seconds
+
     def table(self, iterations: int) -> str:
         """A line a part, the longest first: milliseconds an iteration, forward and backward, and the share in all."""
-        self.switch(*self._current)
-        total = sum(self.seconds.values())
+        total = self.total
         parts: dict[str, float] = {}
         for (name, _), seconds in self.seconds.items():
             parts[name] = parts.get(name, 0.0) + seconds

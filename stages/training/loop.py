@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -16,13 +15,13 @@ from stages.imaging.metric_table import MetricRow
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 from stages.timing.stopwatch import part
+from stages.training.curves import Curves
 from stages.training.density_control import DensityControl, DensitySettings
 from stages.training.objectives import PictureTerm, total_loss
 from stages.training.optimizer import GaussianOptimizer
 from stages.training.sampling import ViewSampler
 from stages.training.schedules import decayed, density_schedule
 
-CURVE_POINTS = 100
 DENSITY_CONTROL = "density control"
 LOSS = "loss"
 
@@ -61,12 +60,15 @@ class TrainingSettings:
     density: DensitySettings | None = field(default_factory=DensitySettings)
 
 
-Observer = Callable[[int, Mapping[str, float]], None]
-"""Called with the iteration and the figures of the last stretch, at every point of the curves."""
+Observer = Callable[[], None]
+"""Called after every iteration, when nothing is half done."""
 
 
 class Training:
-    """A training under way: Gaussians, networks, their optimizers, and every source of randomness."""
+    """A training under way: Gaussians, networks, their optimizers, and every source of randomness.
+
+    `state` takes and sets all of it that changes: what is added here belongs there, too.
+    """
 
     def __init__(
         self,
@@ -82,6 +84,8 @@ class Training:
         self.sampler = ViewSampler(len(views.cameras), settings.seed)
         self.generator = torch.Generator().manual_seed(settings.seed)
         self.schedule = density_schedule(settings.iterations)
+        self.iteration = 0
+        self.curves = Curves(settings.iterations, terms, method.name)
         self.density = (
             DensityControl(settings.density, settings.extent, len(gaussians)) if settings.density is not None else None
         )
@@ -159,45 +163,10 @@ class Training:
             density.reset_opacity(self.optimizer)
 
     def run(self, observe: Observer) -> list[MetricRow]:
-        """All iterations; returns the training curves (loss, PSNR of the training views, number of Gaussians)."""
-        iterations = self.settings.iterations
-        every = max(1, iterations // CURVE_POINTS)
-        rows: list[MetricRow] = []
-        stretch: list[dict[str, float]] = []
-        for iteration in range(1, iterations + 1):
-            stretch.append(self.step(iteration))
-            if iteration % every == 0 or iteration == iterations:
-                figures = self._summary(stretch)
-                rows += _curve_rows(iteration, figures, self.terms, self.method.name)
-                observe(iteration, figures)
-                stretch = []
-        return rows
-
-    def _summary(self, stretch: Sequence[Mapping[str, float]]) -> dict[str, float]:
-        means = {name: sum(step[name] for step in stretch) / len(stretch) for name in stretch[0]}
-        loss = means.pop("loss")
-        decibels = {name: -10 * math.log10(max(error, 1e-10)) for name, error in means.items()}
-        return {"loss": loss, "gaussians": len(self.gaussians), **decibels}
-
-
-def _curve_rows(
-    iteration: int, figures: Mapping[str, float], terms: Sequence[PictureTerm], method: str
-) -> list[MetricRow]:
-    rows = [
-        MetricRow("loss", figures["loss"], split="train", iteration=iteration, method=method),
-        MetricRow("gaussians", figures["gaussians"], iteration=iteration, method=method),
-    ]
-    for position, term in enumerate(terms):
-        message = term.picture if position else None
-        rows.append(
-            MetricRow(
-                "psnr",
-                figures[term.picture],
-                "dB",
-                split="train",
-                message=message,
-                iteration=iteration,
-                method=method,
-            )
-        )
-    return rows
+        """The iterations that are left; returns the training curves from the first one on."""
+        while self.iteration < self.settings.iterations:
+            figures = self.step(self.iteration + 1)
+            self.iteration += 1
+            self.curves.add(self.iteration, figures, len(self.gaussians))
+            observe()
+        return self.curves.rows()

@@ -59,6 +59,12 @@ class GaussianOptimizer:
         """Replace a parameter's values and forget its moments: 3DGS's opacity reset."""
         self._replace(name, values.detach(), torch.zeros_like)
 
+    def replace_all(self, values: Mapping[str, Tensor]) -> None:
+        """Copies of `values` in place of every parameter, any number of rows, and no moments."""
+        for name in list(self.gaussians.parameters):
+            self._replace(name, values[name], torch.zeros_like)
+        self.adam.state.clear()
+
     def _replace(self, name: str, values: Tensor, transform: Callable[[Tensor], Tensor]) -> None:
         group = self._group(name)
         state = self.adam.state.pop(group["params"][0], None)

@@ -1,4 +1,4 @@
-"""From scenes in the store to the views that a training learns from, and from its figures to the engine's progress."""
+"""From scenes in the store to the views that a training learns from."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ import numpy as np
 import torch
 from jaxtyping import UInt8
 
-from pipeline.errors import Interrupted
-from pipeline.stage import Context
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import single_cameras
 from stages.scene.scene import Scene
-from stages.training.loop import Observer, TrainingViews
+from stages.training.loop import TrainingViews
 
 
 def training_views(scene: Scene, messages: Mapping[str, UInt8[np.ndarray, "V H W 3"]] | None = None) -> TrainingViews:
@@ -24,14 +22,3 @@ def training_views(scene: Scene, messages: Mapping[str, UInt8[np.ndarray, "V H W
         single_cameras(scene.cameras.select(scene.train_names)),
         {name: torch.from_numpy(np.ascontiguousarray(values[rows])) for name, values in pictures.items()},
     )
-
-
-def observer(context: Context, iterations: int) -> Observer:
-    """Tells the engine how far a training is, and stops the training when the engine asks for it."""
-
-    def observe(iteration: int, figures: Mapping[str, float]) -> None:
-        context.progress(iteration, iterations, loss=figures["loss"], psnr=figures[COVER])
-        if context.stop_requested():
-            raise Interrupted
-
-    return observe

@@ -53,7 +53,7 @@ def trained(method_name: str, iterations: int, seed: int = 0, precision: str = "
         hiding_terms(messages, 0.5),
         TrainingSettings(iterations, extent=1.0, seed=seed, density=DensitySettings(maximum_gaussians=60)),
     )
-    return training, training.run(lambda iteration, figures: None)
+    return training, training.run(lambda: None)
 
 
 @pytest.fixture

@@ -1,0 +1,73 @@
+"""A training's curves: loss, PSNR of the training views and the number of Gaussians, a point for each stretch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from stages.imaging.metric_table import MetricRow
+from stages.training.objectives import PictureTerm
+
+POINTS = 100
+LOSS = "loss"
+
+
+@dataclass(frozen=True)
+class Point:
+    """Means over the stretch that ends with `iteration`: the loss, and the PSNR in dB of each picture by its name."""
+
+    iteration: int
+    gaussians: int
+    loss: float
+    decibels: Mapping[str, float]
+
+
+class Curves:
+    """`points` so far, about a hundred in a whole training, and the figures of each iteration since the last."""
+
+    def __init__(self, iterations: int, terms: Sequence[PictureTerm], method: str):
+        self.iterations = iterations
+        self.every = max(1, iterations // POINTS)
+        self.pictures = tuple(term.picture for term in terms)
+        self.method = method
+        self.points: list[Point] = []
+        self.stretch: list[Mapping[str, float]] = []
+
+    def add(self, iteration: int, figures: Mapping[str, float], gaussians: int) -> None:
+        """One iteration's `loss`, and the mean squared error of each picture by its name."""
+        self.stretch.append(figures)
+        if iteration % self.every == 0 or iteration == self.iterations:
+            self.points.append(self._point(iteration, gaussians))
+            self.stretch = []
+
+    def newest(self, iteration: int, gaussians: int) -> Point:
+        """The last point; before the first, what it would be after the iterations so far."""
+        return self.points[-1] if self.points else self._point(iteration, gaussians)
+
+    def rows(self) -> list[MetricRow]:
+        """The points as rows of figures, in their order."""
+        return [row for point in self.points for row in self._rows(point)]
+
+    def _point(self, iteration: int, gaussians: int) -> Point:
+        means = {name: sum(step[name] for step in self.stretch) / len(self.stretch) for name in (LOSS, *self.pictures)}
+        decibels = {name: -10 * math.log10(max(means[name], 1e-10)) for name in self.pictures}
+        return Point(iteration, gaussians, means[LOSS], decibels)
+
+    def _rows(self, point: Point) -> list[MetricRow]:
+        return [
+            MetricRow("loss", point.loss, split="train", iteration=point.iteration, method=self.method),
+            MetricRow("gaussians", point.gaussians, iteration=point.iteration, method=self.method),
+            *(
+                MetricRow(
+                    "psnr",
+                    point.decibels[picture],
+                    "dB",
+                    split="train",
+                    message=picture if position else None,
+                    iteration=point.iteration,
+                    method=self.method,
+                )
+                for position, picture in enumerate(self.pictures)
+            ),
+        ]

@@ -1,0 +1,80 @@
+"""A training inside a stage: it goes on from its checkpoint, keeps new ones, tells how far it is, and heeds a stop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from opencl.device import choose_device
+from pipeline.checkpoint import Checkpoint, Checkpoints, State
+from pipeline.errors import Interrupted
+from pipeline.stage import Context
+from stages.hiding.rendering import COVER
+from stages.imaging.metric_table import MetricRow
+from stages.timing.stopwatch import Stopwatch, part, watching
+from stages.training.loop import Training
+from stages.training.state import set_state, state_of
+
+CHECKPOINTS = "checkpoints"
+"""Part of an iteration, as the stopwatch names it."""
+
+LIBRARIES = ("torch", "numpy", "pyopencl")
+"""Whose versions may change a training's bits, beside the OpenCL device."""
+
+
+def train(context: Context, training: Training, checkpoints: Checkpoints | None = None) -> list[MetricRow]:
+    """All iterations that are left, and the curves of all there were; where their time went is in the stage's log.
+
+    Raises `Interrupted` where the engine asks to stop, within an iteration and with a checkpoint saved.
+    """
+    iterations = training.settings.iterations
+    if checkpoints is None:
+        checkpoints = Checkpoints(context, LIBRARIES, {"device": choose_device().describe()})
+    with watching(Stopwatch()) as stopwatch:
+        session = _Session(context, training, checkpoints, stopwatch)
+        session.go_on()
+        curves = training.run(session.look)
+        context.log(stopwatch.table(iterations))
+    return curves
+
+
+class _Session:
+    def __init__(self, context: Context, training: Training, checkpoints: Checkpoints, stopwatch: Stopwatch):
+        self.context, self.training = context, training
+        self.checkpoints, self.stopwatch = checkpoints, stopwatch
+
+    def go_on(self) -> None:
+        """From the last good checkpoint, if there is one."""
+        with part(CHECKPOINTS):
+            found = self.checkpoints.newest()
+            if found is not None:
+                self._go_on_from(found)
+        if self.context.stop_requested():
+            raise Interrupted
+
+    def _go_on_from(self, found: Checkpoint) -> None:
+        values: Mapping[str, Any] = found.state.values
+        set_state(self.training, found.state)
+        self.stopwatch.add(values["seconds"])
+        self.context.worked_before(sum(seconds for *_, seconds in values["seconds"]))
+        iterations = self.training.settings.iterations
+        self.context.log(
+            f"goes on from iteration {self.training.iteration} of {iterations} (checkpoint of {found.written})"
+        )
+
+    def look(self) -> None:
+        """After every iteration."""
+        training, iterations = self.training, self.training.settings.iterations
+        newest = training.curves.newest(training.iteration, len(training.gaussians))
+        self.context.progress(training.iteration, iterations, loss=newest.loss, psnr=newest.decibels[COVER])
+        stops = self.context.stop_requested()
+        if stops or self.checkpoints.due():
+            with part(CHECKPOINTS):
+                self.checkpoints.save(self._state())
+        if stops:
+            self.context.log(f"asked to stop after iteration {training.iteration} of {iterations}")
+            raise Interrupted
+
+    def _state(self) -> State:
+        state = state_of(self.training)
+        return State(state.arrays, {**state.values, "seconds": [list(entry) for entry in self.stopwatch.reading()]})

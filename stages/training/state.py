@@ -1,0 +1,136 @@
+"""The whole state of a training, taken and set: what goes on from it makes the bits that it would have made anyway.
+
+Not in it is what follows from the stage's inputs and parameters, which are in the key of its action: the views, the
+objective, the schedules (functions of the iteration) and the learning rates (set anew in every iteration). Nothing may
+draw from torch's or NumPy's global generators.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pipeline.checkpoint import State
+from stages.training.curves import Curves, Point
+from stages.training.density_control import DensityControl
+from stages.training.loop import Training
+
+Arrays = dict[str, np.ndarray]
+STATISTICS = ("gradient_sums", "views_seen", "largest_radii")
+
+
+def state_of(training: Training) -> State:
+    """The state between two iterations. Its arrays share their memory with the training: save them before the next."""
+    tensors: dict[str, Tensor] = {
+        **{f"gaussians/{name}": tensor for name, tensor in training.gaussians.parameters.items()},
+        **_moments(training.optimizer.adam, _gaussian_parameters(training)),
+        **{f"networks/{name}": tensor for name, tensor in _network_values(training)},
+        **_moments(training.network_optimizer, _network_parameters(training)),
+        **{f"density/{name}": getattr(training.density, name) for name in STATISTICS if training.density is not None},
+        "generators/views": training.sampler.generator.get_state(),
+        "generators/splitting": training.generator.get_state(),
+    }
+    arrays = {name: tensor.detach().contiguous().numpy() for name, tensor in tensors.items()}
+    return State(
+        arrays | _curve_arrays(training.curves),
+        {"iteration": training.iteration, "remaining_views": list(training.sampler.remaining)},
+    )
+
+
+def set_state(training: Training, state: State) -> None:
+    """Has a training, new and made from the same inputs and parameters, go on from a state."""
+    values: Mapping[str, Any] = state.values
+    tensors = {name: torch.from_numpy(array) for name, array in state.arrays.items()}
+    training.iteration = values["iteration"]
+    training.sampler.remaining = list(values["remaining_views"])
+    training.sampler.generator.set_state(tensors["generators/views"].clone())
+    training.generator.set_state(tensors["generators/splitting"].clone())
+    training.optimizer.replace_all({name: tensors[f"gaussians/{name}"] for name in training.gaussians.parameters})
+    _set_moments(training.optimizer.adam, _gaussian_parameters(training), tensors)
+    with torch.no_grad():
+        for name, tensor in _network_values(training):
+            tensor.copy_(tensors[f"networks/{name}"])  # into place: their layout in memory stays what it was
+    _set_moments(training.network_optimizer, _network_parameters(training), tensors)
+    _set_statistics(training.density, tensors)
+    _set_curves(training.curves, state.arrays)
+
+
+def _gaussian_parameters(training: Training) -> dict[str, Tensor]:
+    return {f"gaussian_moments/{name}": tensor for name, tensor in training.gaussians.parameters.items()}
+
+
+def _network_parameters(training: Training) -> dict[str, Tensor]:
+    return {
+        f"network_moments/{name}/{parameter}": tensor
+        for name, network in training.method.networks.items()
+        for parameter, tensor in network.named_parameters()
+    }
+
+
+def _network_values(training: Training) -> Iterator[tuple[str, Tensor]]:
+    """Parameters and buffers."""
+    for name, network in training.method.networks.items():
+        for value, tensor in network.state_dict().items():
+            yield f"{name}/{value}", tensor
+
+
+def _moments(adam: torch.optim.Adam | None, parameters: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Both moments and the count of steps of every parameter that has taken one."""
+    return {
+        f"{name}/{moment}": tensor
+        for name, parameter in parameters.items()
+        if adam is not None
+        for moment, tensor in adam.state.get(parameter, {}).items()
+    }
+
+
+def _set_moments(
+    adam: torch.optim.Adam | None, parameters: Mapping[str, Tensor], tensors: Mapping[str, Tensor]
+) -> None:
+    for name, parameter in parameters.items():
+        found = {key.rpartition("/")[2]: tensors[key] for key in _under(name, tensors)}
+        if adam is not None and found:
+            adam.state[parameter] = {moment: _laid_out_as(parameter, tensor) for moment, tensor in found.items()}
+
+
+def _under(name: str, names: Iterable[str]) -> list[str]:
+    return [other for other in names if other.rpartition("/")[0] == name]
+
+
+def _laid_out_as(parameter: Tensor, tensor: Tensor) -> Tensor:
+    """A copy with the parameter's layout in memory, as Adam makes its moments; the count of steps has no layout."""
+    if tensor.shape != parameter.shape:
+        return tensor.clone()
+    return torch.empty_like(parameter, requires_grad=False).copy_(tensor)
+
+
+def _set_statistics(density: DensityControl | None, tensors: Mapping[str, Tensor]) -> None:
+    for name in STATISTICS:
+        if density is not None:
+            setattr(density, name, tensors[f"density/{name}"].clone())
+
+
+def _curve_arrays(curves: Curves) -> Arrays:
+    """Points as rows: iteration and number of Gaussians; loss and decibels. Then the figures since the last point."""
+    columns = 1 + len(curves.pictures)
+    figures = [[point.loss, *(point.decibels[name] for name in curves.pictures)] for point in curves.points]
+    stretch = [[step["loss"], *(step[name] for name in curves.pictures)] for step in curves.stretch]
+    return {
+        "curves/counts": np.array([[point.iteration, point.gaussians] for point in curves.points], int).reshape(-1, 2),
+        "curves/figures": np.array(figures, float).reshape(-1, columns),
+        "curves/stretch": np.array(stretch, float).reshape(-1, columns),
+    }
+
+
+def _set_curves(curves: Curves, arrays: Mapping[str, np.ndarray]) -> None:
+    counts, figures = arrays["curves/counts"].tolist(), arrays["curves/figures"].tolist()
+    curves.points = [
+        Point(iteration, gaussians, loss, dict(zip(curves.pictures, decibels, strict=True)))
+        for (iteration, gaussians), (loss, *decibels) in zip(counts, figures, strict=True)
+    ]
+    names = ("loss", *curves.pictures)
+    curves.stretch = [dict(zip(names, step, strict=True)) for step in arrays["curves/stretch"].tolist()]
