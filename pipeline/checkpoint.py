@@ -184,9 +184,12 @@ def _wished_seconds() -> float | None:
     if not text:
         return None
     try:
-        return float(text)
+        seconds = float(text)
     except ValueError:
-        raise UserError("not a number of seconds", where=EVERY_VARIABLE, found=text, expected="such as 600") from None
+        seconds = math.nan
+    if not seconds >= 0:
+        raise UserError("not a number of seconds", where=EVERY_VARIABLE, found=text, expected="such as 600")
+    return seconds
 
 
 def _write_packed(writer: ArtifactWriter, arrays: Mapping[str, np.ndarray]) -> list[Json]:

@@ -73,6 +73,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     def scored(splats: Artifact, name: str, hidden: Mapping[str, MessageViews], finished: int) -> Scores:
         def progress(done: int, total: int) -> None:
             context.progress(finished * total + done, passes * total)
+            context.stop_if_requested()
 
         method, gaussians = read_method(splats, secret if hidden else None), read_gaussians(splats)
         shown = parameters.shown_train_views

@@ -34,6 +34,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     for count, (name, path) in enumerate(found.photos.items(), start=1):
         facts[name] = read_facts(path)
         context.progress(count, len(found.photos))
+        context.stop_if_requested()
     place = parameters.poses or find_poses(parameters.folder)
     poses, names = None, tuple(found.photos)
     if place is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from jaxtyping import Float32, UInt8
@@ -47,9 +49,14 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     splats = context.input("splats")
     gaussians, method = read_gaussians(splats), read_method(splats)
     message, cover = read_scene(context.input("message")), read_scene(context.input("cover"))
-    placed = place(gaussians, message, cover, parameters.search_width, context.progress)
+
+    def progress(done: int, total: int) -> None:
+        context.progress(done, total)
+        context.stop_if_requested()
+
+    placed = place(gaussians, message, cover, parameters.search_width, progress)
     seen = cameras_in_message_world(cover.cameras, placed)
-    pictures, coverage = photograph_message(gaussians, method, seen)
+    pictures, coverage = photograph_message(gaussians, method, seen, context.stop_if_requested)
     points, colors = visible_points(gaussians, parameters.seed)
     points = placed.points(points.astype(np.float64)).astype(np.float32)
     views = MessageViews(parameters.name, seen.names, pictures, coverage, points, colors)
@@ -76,12 +83,12 @@ def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray,
 
 
 def photograph_message(
-    gaussians: Gaussians, method: Method, cameras: Cameras
+    gaussians: Gaussians, method: Method, cameras: Cameras, after_each: Callable[[], None] = lambda: None
 ) -> tuple[UInt8[np.ndarray, "V H W 3"], Float32[np.ndarray, "V H W"]]:
     """The message's pictures over black, and its coverage, from every camera."""
-    shots = [
-        (tensor_to_picture(view.pictures[COVER].clamp(0, 1)), view.alphas.numpy())
-        for view in photographs(gaussians, method, cameras)
-    ]
+    shots = []
+    for view in photographs(gaussians, method, cameras):
+        shots.append((tensor_to_picture(view.pictures[COVER].clamp(0, 1)), view.alphas.numpy()))
+        after_each()
     pictures, coverage = zip(*shots, strict=True)
     return np.stack(pictures), np.stack(coverage).astype(np.float32)

@@ -8,7 +8,6 @@ from typing import Literal
 from pydantic import Field
 
 from pipeline.companion import Said, work_together
-from pipeline.errors import Interrupted
 from pipeline.stage import Context, Output, Parameters, stage
 from stages.imaging.pictures import encode_png
 from stages.scene.capture import Capture, KnownPoses, Lens, write_capture
@@ -48,11 +47,13 @@ def synthesize(context: Context, parameters: SynthesizeParameters) -> None:
         pictures[names[view]] = encode_png(read_picture_file(context.scratch, view))
         context.progress(len(pictures), len(names))
 
-    def watch() -> None:
-        if context.stop_requested():
-            raise Interrupted
-
-    work_together("ray tracing", photograph_process.__name__, write_jobs(parameters, context.scratch), develop, watch)
+    work_together(
+        "ray tracing",
+        photograph_process.__name__,
+        write_jobs(parameters, context.scratch),
+        develop,
+        context.stop_if_requested,
+    )
     capture = Capture(
         names=tuple(names),
         sizes=(size,) * len(names),

@@ -54,7 +54,11 @@ def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
         "seconds_per_feature_map": lambda camera: splat(gaussians, features, camera),
     }
     rows = [
-        MetricRow(quantity, median_seconds(draw, cameras, parameters.warmup, parameters.frames), "s")
+        MetricRow(
+            quantity,
+            median_seconds(draw, cameras, parameters.warmup, parameters.frames, context.stop_if_requested),
+            "s",
+        )
         for quantity, draw in drawings.items()
     ]
     write_rows(context.output("timings"), rows)
@@ -66,7 +70,9 @@ def feature_dim(gaussians: Gaussians) -> int:
     return gaussians["raw_features"].shape[1] if "raw_features" in gaussians.parameters else 3
 
 
-def median_seconds(draw: Draw, cameras: Sequence[Camera], warmup: int, frames: int) -> float:
+def median_seconds(
+    draw: Draw, cameras: Sequence[Camera], warmup: int, frames: int, after_each: Callable[[], None] = lambda: None
+) -> float:
     """The median time to draw one picture, over `frames` of them after `warmup` untimed ones, camera after camera."""
     seconds = []
     for frame in range(warmup + frames):
@@ -74,4 +80,5 @@ def median_seconds(draw: Draw, cameras: Sequence[Camera], warmup: int, frames: i
         with torch.no_grad():
             draw(cameras[frame % len(cameras)])
         seconds.append(time.perf_counter() - start)
+        after_each()
     return statistics.median(seconds[warmup:])

@@ -1,0 +1,60 @@
+"""Artifacts that small stages work on: a scene of eight small pictures, a message's views of it, trained splats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from pipeline.artifact import Artifact, create, load
+from stages.hiding.method import build_method
+from stages.hiding.rendering import COVER
+from stages.hiding.storage import write_container
+from stages.scene.cameras import Cameras
+from stages.scene.gaussians import gaussians_at
+from stages.scene.message_views import MessageViews, write_message_views
+from stages.scene.scene import Scene, write_scene
+from stages.tracing.rig import orbit
+
+WIDTH, HEIGHT = 32, 24
+VIEWS = 8
+NAMES = tuple(f"{view:03d}.png" for view in range(VIEWS))
+
+
+def pictures(seed: int) -> np.ndarray:
+    """Each view's picture: a slope of two colours, and noise."""
+    generator = np.random.default_rng(seed)
+    slope = np.linspace(0, 1, WIDTH)[None, None, :, None]
+    shades = slope * generator.uniform(0, 200, (VIEWS, 1, 1, 3)) + generator.uniform(0, 56, (VIEWS, HEIGHT, WIDTH, 3))
+    return shades.astype(np.uint8)
+
+
+def points() -> np.ndarray:
+    return np.random.default_rng(1).uniform(-1, 1, (60, 3)).astype(np.float32)
+
+
+def scene(folder: Path) -> Artifact:
+    poses, intrinsics = orbit(VIEWS, WIDTH, HEIGHT, seed=1)
+    cameras = Cameras(NAMES, poses, intrinsics, WIDTH, HEIGHT)
+    colors = np.full((60, 3), 128, np.uint8)
+    with create(folder, "scene") as writer:
+        write_scene(writer, Scene(cameras, pictures(0), points(), colors, NAMES[:1]))
+    return load(folder)
+
+
+def message_views(folder: Path) -> Artifact:
+    coverage = np.ones((VIEWS, HEIGHT, WIDTH), np.float32)
+    colors = np.full((60, 3), 200, np.uint8)
+    with create(folder, "views", private=True) as writer:
+        write_message_views(writer, MessageViews("statue", NAMES, pictures(1), coverage, points() / 2, colors))
+    return load(folder)
+
+
+def splats(folder: Path, kind: str = "splats") -> Artifact:
+    torch.manual_seed(0)
+    method = build_method("plain", {"sh_degree": 0})
+    attributes = method.initial_attributes({COVER: np.full((60, 3), 0.7)}, np.random.default_rng(0))
+    with create(folder, kind) as writer:
+        write_container(writer, gaussians_at(points(), attributes), method)
+    return load(folder)
