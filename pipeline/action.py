@@ -133,9 +133,9 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
             record = action.run(work, log, tell)
         log.line(f"done in {record.seconds:.1f} s")
         return Outcome("ran", record.seconds, record.outputs, private=record.private, log=path)
-    except Interrupted:
-        log.line("stopped")
-        cause = "stopped; it goes on from its checkpoint next time"
+    except Interrupted as interrupted:
+        cause = str(interrupted) or "stopped"
+        log.line(cause)
         return Outcome("stopped", time.monotonic() - started, cause=cause, log=path)
     except (Exception, SystemExit) as error:
         log.traceback()

@@ -96,7 +96,10 @@ class CorruptArtifact(ArtifactError):
 
 
 class Interrupted(PipelineError):
-    """Raised by a stage that saw `context.stop_requested()` and has saved its checkpoint into `context.scratch`."""
+    """Raised by a stage that saw `context.stop_requested()` and has saved its checkpoint into `context.scratch`.
+
+    Its message, if any, is what a person is told, such as "stopped while pictures were read".
+    """
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:

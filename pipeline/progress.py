@@ -65,7 +65,7 @@ class PlainLines:
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
-        self._started: dict[str, float] = {}
+        self._first: dict[str, tuple[float, float]] = {}
         self._said: dict[str, float] = {}
 
     def __enter__(self) -> Self:
@@ -79,11 +79,14 @@ class PlainLines:
     def __call__(self, event: Event) -> None:
         moment = time.monotonic()
         if isinstance(event, StageStarted):
-            self._started[event.name] = self._said[event.name] = moment
-            self._say(f"{event.name}: started")
-        elif isinstance(event, StageProgressed) and moment - self._said.get(event.name, moment) >= SAY_EVERY:
             self._said[event.name] = moment
-            self._say(f"{event.name}: {progress_words(event, moment - self._started[event.name])}")
+            self._first.pop(event.name, None)
+            self._say(f"{event.name}: started")
+        elif isinstance(event, StageProgressed):
+            since, done_before = self._first.setdefault(event.name, (moment, event.done))
+            if moment - self._said.get(event.name, moment) >= SAY_EVERY:
+                self._said[event.name] = moment
+                self._say(f"{event.name}: {progress_words(event, moment - since, done_before)}")
         elif isinstance(event, StageEnded) and event.state != "cached":
             self._say(ending(event))
         elif isinstance(event, Noted):
@@ -191,17 +194,20 @@ def summary_words(workflow: str, summary: Summary) -> str:
     return f"{workflow}: {', '.join(counted) or 'nothing to do'} in {duration(summary.seconds)}"
 
 
-def progress_words(event: StageProgressed, elapsed: float) -> str:
-    """How far a stage is, in words.
+def progress_words(event: StageProgressed, elapsed: float, done_before: float = 0) -> str:
+    """How far a stage is, in words; `done_before` is what an earlier run did, or what was done `elapsed` seconds ago.
 
     >>> progress_words(StageProgressed("hide", 300, 1200, {"psnr": 22.125}), 60.0)
     '25 % (300 of 1200), 3 min left, psnr 22.12'
+    >>> progress_words(StageProgressed("hide", 900, 1200, {}), 60.0, done_before=600)
+    '75 % (900 of 1200), 1 min left'
     """
     parts = [f"{event.done:g} of {event.total:g}"]
     if event.total:
         parts = [f"{100 * event.done / event.total:.0f} % ({event.done:g} of {event.total:g})"]
-    if event.done and event.total:
-        parts.append(f"{duration(elapsed * (event.total - event.done) / event.done)} left")
+    done = event.done - done_before
+    if done > 0 and event.total:
+        parts.append(f"{duration(elapsed * (event.total - event.done) / done)} left")
     return ", ".join([*parts, *([figures_words(event.figures)] if event.figures else [])])
 
 

@@ -164,7 +164,7 @@ class Context:
     def stop_if_requested(self) -> None:
         """Raises Interrupted where work should stop: for loops that have nothing to save."""
         if self.stop_requested():
-            raise Interrupted
+            raise Interrupted("stopped; it begins anew next time")
 
     def worked_before(self, seconds: float) -> None:
         """Says how long the work took that a checkpoint saves: its seconds count as this stage's, too."""

@@ -50,7 +50,7 @@ class _Session:
             if found is not None:
                 self._go_on_from(found)
         if self.context.stop_requested():
-            raise Interrupted
+            raise Interrupted(f"stopped before iteration {self.training.iteration + 1}")
 
     def _go_on_from(self, found: Checkpoint) -> None:
         values: Mapping[str, Any] = found.state.values
@@ -72,8 +72,7 @@ class _Session:
             with part(CHECKPOINTS):
                 self.checkpoints.save(self._state())
         if stops:
-            self.context.log(f"asked to stop after iteration {training.iteration} of {iterations}")
-            raise Interrupted
+            raise Interrupted(f"stopped after iteration {training.iteration} of {iterations}")
 
     def _state(self) -> State:
         state = state_of(self.training)

@@ -6,12 +6,13 @@ METHOD is plain, homogeneous or gs_hider; the others are folders of a store: the
 and the messages' views. A coupled method starts with fresh decoders and, on another method's Gaussians, fresh features.
 Half of the iterations are before the end of density control and half after it, as in a whole training. Seconds are
 those of processors, which other work on the machine disturbs less than the clock; every training writes the same table,
-by the clock, into its stage's log.
+by the clock, into its stage's log. The time of a checkpoint is by the clock: most of it is waiting for the disk.
 """
 
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,8 @@ import torch
 
 from opencl.device import choose_device
 from pipeline.artifact import load
+from pipeline.checkpoint import Checkpoints
+from pipeline.stage import Context, Services
 from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians
@@ -32,6 +35,7 @@ from stages.timing.stopwatch import Stopwatch, watching
 from stages.training.density_control import DensitySettings
 from stages.training.loop import Training, TrainingSettings
 from stages.training.objectives import hiding_terms
+from stages.training.state import state_of
 from stages.training.views import training_views
 
 WARM_UP = 5
@@ -78,6 +82,19 @@ def main(arguments: argparse.Namespace) -> None:
     print(choose_device().describe(), f"torch {torch.__version__}, {arguments.threads} threads")
     print(f"{arguments.method}, {len(training.gaussians)} Gaussians, {camera.width}x{camera.height}: ", end="")
     print(stopwatch.table(arguments.iterations))
+    print("checkpoints:", ", ".join(f"{seconds:.2f} s" for seconds in checkpoint_seconds(training, arguments.folder)))
+
+
+def checkpoint_seconds(training: Training, folder: Path, count: int = 5) -> list[float]:
+    """How long each of a few checkpoints takes, the one before it being deleted."""
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        checkpoints = Checkpoints(Context({}, {}, Path(scratch), "benchmark", Services()))
+        seconds = []
+        for _ in range(count):
+            start = time.perf_counter()
+            checkpoints.save(state_of(training))
+            seconds.append(time.perf_counter() - start)
+    return seconds
 
 
 if __name__ == "__main__":
@@ -90,4 +107,5 @@ if __name__ == "__main__":
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--precision", default="bfloat16")
     parser.add_argument("--decoder-width", type=int, default=32)
+    parser.add_argument("--folder", type=Path, help="Where checkpoints are written; a temporary folder by default.")
     main(parser.parse_args())

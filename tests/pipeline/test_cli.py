@@ -130,6 +130,7 @@ def test_interrupted_and_resumed(workspace: Workspace, flags: list[str]) -> None
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in err
+    assert "half: skipped: stopped\n" in err
     assert f"To go on: python -m pipeline run {workspace.file}" in err
     status, _, err = call(workspace, "run", "--serial")
     assert (status, "half: done" in err) == (0, True)

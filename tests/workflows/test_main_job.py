@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -30,19 +33,24 @@ SMALL = {
 }
 
 
-def run(store: Path, *arguments: str, **changes: object) -> tuple[int, list[dict], str]:
+def start(store: Path, *arguments: str, changes: dict[str, object], **environment: str) -> subprocess.Popen[str]:
     settings = [f"--set={name}={value}" for name, value in (SMALL | changes).items()]
     command = [sys.executable, "-m", "pipeline", "run", "workflows/hide_multi.yaml", "--store", str(store), "--json"]
-    finished = subprocess.run(
+    return subprocess.Popen(
         [*command, *settings, *arguments],
         cwd=REPOSITORY,
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
-        check=False,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        env=os.environ | {"OMP_NUM_THREADS": "1"} | environment,
+        start_new_session=True,
     )
-    events = [json.loads(line) for line in finished.stdout.splitlines() if line.startswith("{")]
-    return finished.returncode, events, finished.stderr
+
+
+def run(store: Path, *arguments: str, **changes: object) -> tuple[int, list[dict], str]:
+    process = start(store, *arguments, changes=changes)
+    out, errors = process.communicate()
+    return process.returncode, [json.loads(line) for line in out.splitlines() if line.startswith("{")], errors
 
 
 @pytest.fixture(scope="module")
@@ -96,3 +104,57 @@ def test_the_container_names_no_message(store: Path) -> None:
     content = b"".join(path.read_bytes() for path in folder.rglob("*") if path.is_file())
     for word in (b"workshop", b"reef", b"message"):
         assert word not in content
+
+
+TRAININGS = {"plain": "logs/hide_multi/plain.log", "hide": "logs/hide_multi/private/hide.log"}
+LONGER = {"plain.iterations": 240, "hide.iterations": 60, "hide.layers": 2, "hide.decoder_width": 8}
+
+
+def run_until_checkpoints(store: Path, number: int, how: signal.Signals) -> int:
+    """Trains with a checkpoint after every iteration; once each stage has the one of that number, all get a signal."""
+    changes: dict[str, object] = dict(LONGER)
+    process = start(store, *TRAININGS, changes=changes, GS_HIDER_CHECKPOINT_SECONDS="0")
+    while len(checkpoints_from(store, number)) < len(TRAININGS):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.02)
+    os.killpg(process.pid, how)
+    process.communicate()
+    return process.returncode
+
+
+def checkpoints_from(store: Path, number: int) -> set[Path]:
+    """Scratch directories with a checkpoint of that number or a later one."""
+    found = store.glob("scratch/*/checkpoint-*")
+    return {path.parent for path in found if int(path.name.partition("-")[2]) >= number}
+
+
+def trained(store: Path) -> tuple[dict[str, dict[str, str]], dict[str, str]]:
+    """Digests of what both trainings made, and their logs."""
+    status, events, errors = run(store, *TRAININGS, **LONGER)
+    assert status == 0, errors
+    outputs = {event["name"]: event["outputs"] for event in events if event.get("name") in TRAININGS}
+    digests = {name: {port: Path(path).name for port, path in made.items()} for name, made in outputs.items()}
+    return digests, {name: (store / log).read_text() for name, log in TRAININGS.items()}
+
+
+def test_trainings_that_were_interrupted_and_killed_make_the_same_bits(store: Path, tmp_path: Path) -> None:
+    calm, rough = tmp_path / "calm", tmp_path / "rough"
+    for copy in (calm, rough):
+        shutil.copytree(store, copy, symlinks=True)
+    expected, logs = trained(calm)
+    assert "goes on from iteration" not in "".join(logs.values())
+
+    assert run_until_checkpoints(rough, 4, signal.SIGINT) == 130
+    folders = checkpoints_from(rough, 4)
+    assert run_until_checkpoints(rough, 9, signal.SIGKILL) == -signal.SIGKILL
+    assert checkpoints_from(rough, 9) == folders
+    for folder in folders:
+        paths = [folder, *folder.rglob("*")]
+        assert all(path.stat().st_mode & 0o077 == 0 for path in paths if ".checkpoint-" not in str(path))
+
+    digests, logs = trained(rough)
+    for name, total in (("plain", 240), ("hide", 60)):
+        (at,) = re.findall(rf"goes on from iteration (\d+) of {total} \(checkpoint of 20", logs[name])
+        assert 9 <= int(at) < total
+    assert digests == expected
+    assert not list(rough.glob("scratch/*"))
