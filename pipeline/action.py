@@ -181,8 +181,8 @@ class _Action:
             "facts": context.facts,
             "commit": job.commit,
             "private": self.private or any(writer.private for writer in writers.values()),
+            "from_accepted": from_accepted(self.store, {name: job.lineage[name] for name in job.upstream}),
         }
-        self.store.keep_code(job.code.digest, job.code.modules)
         record = self.store.commit(job.key, job.parts, writers, provenance)
         discard_scratch(self.store, job.key)
         return record
@@ -233,13 +233,28 @@ def read_lineage(store: Store, keys: Mapping[str, str]) -> tuple[LineageRecord, 
                 uses=parts["stage"],
                 seconds=record.seconds,
                 inputs=tuple(provenance["upstream"]),
-                facts={**provenance["machine"], **provenance["facts"]},
+                facts={**provenance["machine"], **provenance["facts"], **_accepted_fact(record)},
                 versions=provenance["versions"],
                 parameters=parts["parameters"],
                 private=provenance["private"],
             )
         )
     return tuple(records)
+
+
+def from_accepted(store: Store, upstream: Mapping[str, str]) -> list[str]:
+    """Names of the stages whose results were accepted, not made, among those of the keys `upstream` and behind them."""
+    names: dict[str, None] = {}
+    for name, key in upstream.items():
+        record = store.record(key)
+        if record:
+            names |= dict.fromkeys([*record.provenance.get("from_accepted", ()), *([name] if record.accepted else [])])
+    return list(names)
+
+
+def _accepted_fact(record: Record) -> dict[str, Json]:
+    notes = [f"{note['when']} although {', '.join(note['changes'])}" for note in record.accepted]
+    return {"accepted": "; ".join(notes)} if notes else {}
 
 
 def _cause(error: BaseException) -> str:
