@@ -100,5 +100,5 @@ def _read_memory(path: Path) -> Memory:
     content = read_json(path) or {}
     try:
         return {name: (tuple(map(int, entry[:-1])), str(entry[-1])) for name, entry in content.items()}
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, IndexError):
         return {}
