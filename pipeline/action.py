@@ -20,10 +20,12 @@ from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.canonical import Json
 from pipeline.checkpoint import discard_scratch, scratch_directory
 from pipeline.declaration import import_stage, validate
-from pipeline.errors import CorruptArtifact, Interrupted, PipelineError
+from pipeline.errors import CorruptArtifact, Interrupted, PipelineError, UserError
 from pipeline.events import Noted, StageProgressed, StageStarted
 from pipeline.executor import Tell
+from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
+from pipeline.loaded_code import LoadedCode
 from pipeline.provenance import machine, now, versions_of
 from pipeline.stage import Context, InputValue, LineageRecord, Services, Stage, bind_inputs, output_is_private
 from pipeline.stagelog import StageLog, printed_to_stderr
@@ -155,12 +157,14 @@ class _Action:
         self.store = store
         self.given = given
         self.private = private
+        self.loaded = LoadedCode(job.code)
         self.told = self.looked = 0.0
         self.stopping = False
 
     def run(self, work: Path, log: StageLog, tell: Tell) -> Record:
         job, began, started = self.job, now(), time.monotonic()
         declared = import_stage(job.package, job.uses)
+        self.loaded.check()
         parameters = validate(declared, job.arguments)
         inputs = self.inputs(declared)
         writers = {
@@ -170,6 +174,8 @@ class _Action:
         services = Services(partial(self.progress, tell), log.line, self.stop_requested, self.lineage)
         context = Context(inputs, writers, scratch_directory(self.store, job.key), job.workflow, services)
         declared(context, parameters)
+        self.loaded.check()
+        self.check_external()
         provenance = {
             "name": job.name,
             "workflow": job.workflow,
@@ -196,6 +202,17 @@ class _Action:
         }
         return bind_inputs(declared, given)
 
+    def check_external(self) -> None:
+        """Raises UserError where a file that the stage may have read is not as it was when the run was planned."""
+        external: Any = self.job.parts["external"]
+        cache = ExternalCache(self.store)
+        for name, planned in external.items():
+            given = self.job.arguments.get(name)
+            paths = given if isinstance(given, list) else [given]
+            for path, digest in zip(paths, planned, strict=False):
+                if cache.digest(Path(str(path))) != digest:
+                    raise UserError("changed since the run began", where=path, remedy="Run again.")
+
     def damaged_inputs(self) -> tuple[str, ...]:
         """Digests of the inputs that are not what was written; reads every byte of all of them."""
         return tuple(digest for digest in self.job.digests if not self.store.is_sound(digest))
@@ -204,6 +221,7 @@ class _Action:
         moment = time.monotonic()
         if moment - self.told >= TELL_EVERY or done >= total:
             self.told = moment
+            self.loaded.look()
             numbers = {name: float(value) for name, value in figures.items()}
             tell(StageProgressed(self.job.name, float(done), float(total), numbers))
 

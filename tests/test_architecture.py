@@ -17,7 +17,7 @@ ENGINE = [
     "errors canonical",
     "companion located external events provenance process stagelog drawing manifest",
     "matrix artifact executor progress fingerprint history",
-    "stage store workflow cluster",
+    "stage store workflow cluster loaded_code",
     "declaration checkpoint external_cache",
     "graph action",
     "explain changes",

@@ -145,7 +145,7 @@ WAYS: list[Callable[[Photos, str, bytes], None]] = [
 ]
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     st.lists(
         st.tuples(st.sampled_from(WAYS), st.sampled_from(NAMES), st.sampled_from(CONTENTS), st.booleans()), max_size=8

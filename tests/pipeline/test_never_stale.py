@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,6 +16,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from pipeline.executor import SerialExecutor, Work
 from pipeline.explanation import explain, in_words
 from pipeline.plan import make_plan
 from tests.pipeline.helpers import Ran, Workspace
@@ -26,16 +27,26 @@ CODE = [name for name in TEMPLATES if "__init__" not in name]
 
 @st.composite
 def worlds(draw: st.DrawFn) -> tuple[list[StageNode], list[Folder]]:
-    """Two to six stages, each taking from those before it."""
-    folders = [Folder("photos0", {"a.jpg": b"1", "b.jpg": b"22"}), Folder("photos1", {"a.jpg": b"1"})]
-    nodes = [StageNode("s0", "source", [], {"base": draw(st.integers(0, 3))}, folder=0)]
-    for index in range(1, draw(st.integers(2, 6))):
+    """A stage of each kind, both methods, and up to three more, each taking from those before it."""
+    nodes, folders = whole_world()
+    for index in range(len(nodes), draw(st.integers(5, 8))):
         kind = draw(st.sampled_from(KINDS))
         before = st.integers(0, index - 1)
         inputs = draw(st.lists(before, min_size=1, max_size=3)) if kind == "merge" else [draw(before)]
         folder = draw(st.sampled_from([None, 0, 1])) if kind == "source" else None
         nodes.append(StageNode(f"s{index}", kind, [] if kind == "source" else inputs, {}, folder))
     return nodes, folders
+
+
+def whole_world() -> tuple[list[StageNode], list[Folder]]:
+    nodes = [
+        StageNode("s0", "source", [], {}, folder=0),
+        StageNode("s1", "transform", [0], {}),
+        StageNode("s2", "coarse", [1], {}),
+        StageNode("s3", "transform", [2], {"method": "m1"}),
+        StageNode("s4", "merge", [3, 0], {}),
+    ]
+    return nodes, [Folder("photos0", {"a.jpg": b"1", "b.jpg": b"22"}), Folder("photos1", {"a.jpg": b"1"})]
 
 
 def any_node(world: World, data: st.DataObject, kind: str | None = None) -> StageNode:
@@ -150,7 +161,7 @@ assert set(EDITS) > HARMLESS
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _quiet_imports() -> None:
+def _quiet_imports() -> Iterator[None]:
     """Compiled files are told apart by size and whole seconds, which is too coarse for edits as quick as these."""
     before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     yield
@@ -206,6 +217,18 @@ class Session:
         forget(self.world.package)
 
 
+class Edited(SerialExecutor):
+    """Someone edits after the plan, before the first stage begins."""
+
+    def __init__(self, edit: Callable[[], object]) -> None:
+        super().__init__()
+        self._edit = edit
+
+    def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
+        self._edit()
+        super().start(name, work, subject, urgency)
+
+
 def live(nodes: list[StageNode], folders: list[Folder], data: st.DataObject, edits: int) -> None:
     with TemporaryDirectory() as folder, Session(Path(folder), nodes, folders) as session:
         check(session.world, session.workspace)
@@ -221,6 +244,55 @@ def live(nodes: list[StageNode], folders: list[Folder], data: st.DataObject, edi
         assert {name: (end.key, {o: p.name for o, p in end.outputs.items()}) for name, end in anew.ended.items()} == {
             name: (end.key, {o: p.name for o, p in end.outputs.items()}) for name, end in ran.ended.items()
         }
+
+
+def test_every_edit_of_every_file() -> None:
+    with TemporaryDirectory() as folder, Session(Path(folder), *whole_world()) as session:
+        check(session.world, session.workspace)
+        for file in session.world.code.values():
+            if file is not session.world.code["__init__"]:
+                file.constant += 1
+                check(session.world, session.workspace)
+            file.text += " And more."
+            assert set(check(session.world, session.workspace).states.values()) == {"cached"}
+            file.unused += 1
+            check(session.world, session.workspace)
+        for kernel in (b"float y;", b"float y; // said", b"float x;"):
+            session.world.kernel = kernel
+            check(session.world, session.workspace)
+
+
+def test_code_that_changes_between_plan_and_work_fails_the_stage() -> None:
+    with TemporaryDirectory() as folder, Session(Path(folder), *whole_world()) as session:
+        session.world.write()
+        session.world.code["lib.c"].constant += 1
+        ran = session.workspace.run(executor=Edited(session.world.write))
+        assert ran.states["s0"] == "failed"
+        assert f"found another {session.world.package}.lib.c" in str(ran.ended["s0"].cause)
+        check(session.world, session.workspace)
+
+
+def test_code_that_was_loaded_before_it_was_edited_fails_the_stage() -> None:
+    """As by the worker of a cluster that has run for days."""
+    with TemporaryDirectory() as folder, Session(Path(folder), *whole_world()) as session:
+        check(session.world, session.workspace)
+        session.world.code["lib.c"].constant += 1
+        session.world.write()
+        ran = session.workspace.run()
+        assert ran.states["s0"] == "failed"
+        assert f"found another {session.world.package}.lib.c" in str(ran.ended["s0"].cause)
+        check(session.world, session.workspace)
+
+
+def test_files_that_change_between_plan_and_work_fail_the_stage() -> None:
+    with TemporaryDirectory() as folder, Session(Path(folder), *whole_world()) as session:
+        session.world.write()
+        photo = session.world.root / "photos0/a.jpg"
+        ran = session.workspace.run(executor=Edited(lambda: photo.write_bytes(b"9")))
+        assert ran.states["s0"] == "failed"
+        assert "photos0: changed since the run began. Run again." in str(ran.ended["s0"].cause)
+        session.world.folders[0].files["a.jpg"] = b"9"
+        check(session.world, session.workspace)
 
 
 @settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
