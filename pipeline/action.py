@@ -20,10 +20,12 @@ from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.canonical import Json
 from pipeline.checkpoint import discard_scratch, scratch_directory
 from pipeline.declaration import import_stage, validate
-from pipeline.errors import CorruptArtifact, Interrupted, PipelineError
+from pipeline.errors import CorruptArtifact, Interrupted, PipelineError, UserError
 from pipeline.events import Noted, StageProgressed, StageStarted
 from pipeline.executor import Tell
+from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
+from pipeline.loaded_code import LoadedCode
 from pipeline.provenance import machine, now, versions_of
 from pipeline.stage import Context, InputValue, LineageRecord, Services, Stage, bind_inputs, output_is_private
 from pipeline.stagelog import StageLog, printed_to_stderr
@@ -155,12 +157,14 @@ class _Action:
         self.store = store
         self.given = given
         self.private = private
+        self.loaded = LoadedCode(job.code)
         self.told = self.looked = 0.0
         self.stopping = False
 
     def run(self, work: Path, log: StageLog, tell: Tell) -> Record:
         job, began, started = self.job, now(), time.monotonic()
         declared = import_stage(job.package, job.uses)
+        self.loaded.check()
         parameters = validate(declared, job.arguments)
         inputs = self.inputs(declared)
         writers = {
@@ -170,6 +174,8 @@ class _Action:
         services = Services(partial(self.progress, tell), log.line, self.stop_requested, self.lineage)
         context = Context(inputs, writers, scratch_directory(self.store, job.key), job.workflow, services)
         declared(context, parameters)
+        self.loaded.check()
+        self.check_external()
         provenance = {
             "name": job.name,
             "workflow": job.workflow,
@@ -181,8 +187,8 @@ class _Action:
             "facts": context.facts,
             "commit": job.commit,
             "private": self.private or any(writer.private for writer in writers.values()),
+            "from_accepted": from_accepted(self.store, {name: job.lineage[name] for name in job.upstream}),
         }
-        self.store.keep_code(job.code.digest, job.code.modules)
         record = self.store.commit(job.key, job.parts, writers, provenance)
         discard_scratch(self.store, job.key)
         return record
@@ -196,6 +202,17 @@ class _Action:
         }
         return bind_inputs(declared, given)
 
+    def check_external(self) -> None:
+        """Raises UserError where a file that the stage may have read is not as it was when the run was planned."""
+        external: Any = self.job.parts["external"]
+        cache = ExternalCache(self.store)
+        for name, planned in external.items():
+            given = self.job.arguments.get(name)
+            paths = given if isinstance(given, list) else [given]
+            for path, digest in zip(paths, planned, strict=False):
+                if cache.digest(Path(str(path))) != digest:
+                    raise UserError("changed since the run began", where=path, remedy="Run again.")
+
     def damaged_inputs(self) -> tuple[str, ...]:
         """Digests of the inputs that are not what was written; reads every byte of all of them."""
         return tuple(digest for digest in self.job.digests if not self.store.is_sound(digest))
@@ -204,6 +221,7 @@ class _Action:
         moment = time.monotonic()
         if moment - self.told >= TELL_EVERY or done >= total:
             self.told = moment
+            self.loaded.look()
             numbers = {name: float(value) for name, value in figures.items()}
             tell(StageProgressed(self.job.name, float(done), float(total), numbers))
 
@@ -233,13 +251,28 @@ def read_lineage(store: Store, keys: Mapping[str, str]) -> tuple[LineageRecord, 
                 uses=parts["stage"],
                 seconds=record.seconds,
                 inputs=tuple(provenance["upstream"]),
-                facts={**provenance["machine"], **provenance["facts"]},
+                facts={**provenance["machine"], **provenance["facts"], **_accepted_fact(record)},
                 versions=provenance["versions"],
                 parameters=parts["parameters"],
                 private=provenance["private"],
             )
         )
     return tuple(records)
+
+
+def from_accepted(store: Store, upstream: Mapping[str, str]) -> list[str]:
+    """Names of the stages whose results were accepted, not made, among those of the keys `upstream` and behind them."""
+    names: dict[str, None] = {}
+    for name, key in upstream.items():
+        record = store.record(key)
+        if record:
+            names |= dict.fromkeys([*record.provenance.get("from_accepted", ()), *([name] if record.accepted else [])])
+    return list(names)
+
+
+def _accepted_fact(record: Record) -> dict[str, Json]:
+    notes = [f"{note['when']} although {', '.join(note['changes'])}" for note in record.accepted]
+    return {"accepted": "; ".join(notes)} if notes else {}
 
 
 def _cause(error: BaseException) -> str:

@@ -1,4 +1,4 @@
-"""The command line: `python -m pipeline run | status | explain | graph`."""
+"""The command line: `python -m pipeline run | status | explain | accept | graph`."""
 
 from __future__ import annotations
 
@@ -18,13 +18,15 @@ from pipeline.drawing import Box, draw
 from pipeline.errors import PipelineError, UserError
 from pipeline.events import Summary
 from pipeline.executor import Executor, SerialExecutor
+from pipeline.explanation import as_json as explanation_as_json
+from pipeline.explanation import explain as explained
+from pipeline.explanation import in_words
 from pipeline.graph import Graph, Node
 from pipeline.plan import Step, make_plan
 from pipeline.process import set_thread_policy
 from pipeline.progress import duration, make_display, summary_words
 from pipeline.project import Project, open_project
 from pipeline.runner import Run
-from pipeline.store import Store
 
 STATES = {"cached": "cached", "run": "to run", "depends": "depends"}
 
@@ -124,20 +126,71 @@ def explain(
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Says why a stage would run again, or what its result was made of.
+    """Says why a stage would run again, down to the changes that it all comes from, or what its result was made of.
 
     \b
-    python -m pipeline explain workflows/hide_multi.yaml hide --set hide.lambda_message=1.0
+    python -m pipeline explain workflows/hide_multi.yaml hide
+      hide: cached
+        made 2026-03-01T10:00:00+00:00 in 4 min 10 s, by commit 3f2c…, in run hide_multi/20260301T100000.…
+        …
+    python -m pipeline explain workflows/hide_multi.yaml scores --set hide.lambda_message=1.0
+      scores: to run if what it takes comes out differently
+        input container waits for hide
+        because hide: parameter lambda_message: 0.25 → 1.0
     """
     with _reported():
         project = open_project(workflow, store, settings or [], package)
-        steps = make_plan(project.graph.needed_for([stage]), project.store)
-        wanted = {name: step for name, step in steps.items() if stage in (name, name.partition("[")[0])}
-        if as_json:
-            _print_plan(wanted, as_json)
-            return
-        for step in wanted.values():
-            print("\n".join(_explained(step, project.store)))
+        part = project.graph.needed_for([stage])
+        steps = make_plan(part, project.store)
+        for name in (name for name in steps if stage in (name, name.partition("[")[0])):
+            explanation = explained(part, steps, project.store, name)
+            if as_json:
+                print(json.dumps(explanation_as_json(explanation)))
+            else:
+                took = duration(explanation.record.seconds) if explanation.record else ""
+                print("\n".join(in_words(explanation, part, took)))
+
+
+@app.command()
+def accept(
+    workflow: WorkflowFile,
+    stage: Annotated[str, typer.Argument(metavar="STAGE", help="A stage, or one item of it.", show_default=False)],
+    settings: Settings = None,
+    store: StoreFolder = Path("store"),
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only says what would be kept.")] = False,
+    as_json: Json = False,
+    package: Package = "stages",
+) -> None:
+    """Keeps the result of a stage after a change of its code that changes no result, such as a new name.
+
+    \b
+    python -m pipeline accept workflows/hide_multi.yaml hide --dry-run
+      hide: would be kept although code changed: stages.hiding.key (draw changed)
+    python -m pipeline accept workflows/hide_multi.yaml message_splats[reef]
+
+    Refused, with exit status 2, where parameters, inputs, files or privacy changed. Explanations and reports say that
+    a result was accepted.
+    """
+    from pipeline.accept import acceptances, keep, still_to_accept
+    from pipeline.provenance import git_commit
+
+    with _reported():
+        project = open_project(workflow, store, settings or [], package)
+        found = acceptances(project.graph, project.store, stage, git_commit(project.package_folder))
+        if not dry_run and found:
+            keep(found, project.graph, project.store)
+        for each in found:
+            if as_json:
+                names = {"event": "accept", "name": each.name, "kept": not dry_run}
+                print(json.dumps({**names, "from": each.old, "key": each.record.key, "changes": each.changes}))
+            else:
+                kept = "would be kept" if dry_run else "kept"
+                print(f"{each.name}: {kept} although {'; '.join(each.changes)}")
+        if not found:
+            _say(f"{stage}: cached, there is nothing to accept")
+        if not dry_run:
+            for name in still_to_accept(project.graph, project.store):
+                _say(f"{name} has changed code, too: python -m pipeline accept {shlex.quote(str(workflow))} {name}")
 
 
 @app.command()
@@ -219,21 +272,6 @@ def _state_words(step: Step) -> str:
     else:
         words = f"{STATES[step.state]}  {'; '.join(step.reasons)}"
     return f"{words} (failed last time: {step.failed})" if step.failed else words
-
-
-def _explained(step: Step, store: Store) -> list[str]:
-    record = store.record(step.key) if step.key and step.state == "cached" else None
-    if record:
-        lines = [
-            f"{step.name}: cached, made {record.provenance['started']} in {duration(record.seconds)}",
-            f"  key {step.key}, commit {record.provenance['commit'] or 'unknown'}",
-        ]
-    elif step.state == "depends":
-        lines = [f"{step.name}: to run if what it takes comes out differently"]
-    else:
-        lines = [f"{step.name}: to run, because"]
-    lines += [f"  {reason}" for reason in step.reasons]
-    return lines + ([f"  it failed last time: {step.failed}"] if step.failed else [])
 
 
 def _step_as_json(step: Step) -> dict[str, object]:

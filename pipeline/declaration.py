@@ -73,7 +73,9 @@ class Catalogue:
         """The code behind a stage. Raises UserError where a module that it selects is missing or is not Python."""
         roots = (f"{self.package}.{uses}", *modules)
         if roots not in self._codes:
-            self._codes[roots] = self.sources.code(roots)
+            code = self._codes[roots] = self.sources.code(roots)
+            if not self._store.knows_code(code.digest):
+                self._store.keep_code(code.digest, code.modules, self.sources.definitions(code))
         return self._codes[roots]
 
     def names(self) -> list[str]:

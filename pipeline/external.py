@@ -3,22 +3,36 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.canonical import digest_of, digest_of_file
 from pipeline.errors import UserError
 
 
-def digest_of_external(path: Path) -> str:
-    """SHA-256 of a file's name and bytes, or of the names and bytes of all files under a folder; links are followed.
+@dataclass(frozen=True)
+class Contents:
+    """SHA-256 of each file by its name: of all under a folder, with `/`, or of the one file that a path leads to."""
 
-    The path that leads there does not enter it. Raises UserError for what cannot be read.
-    """
+    is_folder: bool
+    files: Mapping[str, str]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of names and bytes. The path that leads there does not enter it, nor do empty folders."""
+        if self.is_folder:
+            return digest_of({"folder": self.files}, "the folder")
+        ((name, content),) = self.files.items()
+        return digest_of({"file": name, "bytes": content}, "the file")
+
+
+def contents_of(path: Path, digest_file: Callable[[Path], str] = digest_of_file) -> Contents:
+    """What is at `path`; links are followed. Raises UserError for what cannot be read."""
     try:
         if path.is_dir():
-            files = {file.relative_to(path).as_posix(): digest_of_file(file) for file in _files_under(path)}
-            return digest_of({"folder": files})
-        return digest_of({"file": path.name, "bytes": digest_of_file(path)})
+            return Contents(True, {file.relative_to(path).as_posix(): digest_file(file) for file in _files_under(path)})
+        return Contents(False, {path.name: digest_file(path)})
     except OSError as error:
         raise UserError("cannot be read", where=error.filename or path, found=error.strerror) from error
 

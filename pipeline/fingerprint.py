@@ -10,7 +10,7 @@ cannot run code of a module that nobody imports, and as precise as the files are
   pass through: keep `__init__.py` thin;
 - `RESOURCES = ("kernels/*.cl",)` at the top of a module adds the bytes of files beside it;
 - an import whose name is computed hides what it imports, so it is an error unless the stage declares `modules=`, which
-  names the modules that its parameters select;
+  names the modules that its parameters select; `import_module("its.name")` is an import like others;
 - the engine itself never counts, nor do third-party libraries: the versions of these are in the provenance.
 """
 
@@ -27,15 +27,22 @@ from pipeline.canonical import digest_of, digest_of_file
 from pipeline.errors import UserError
 
 ENGINE = "pipeline"
-DYNAMIC = ("import_module", "__import__")
+DYNAMIC = ("import_module", "__import__", "run_module", "run_path", "spec_from_file_location")
+IMPORTS = "its imports"
+STATEMENTS = "its other statements"
 
 
 @dataclass(frozen=True)
 class Module:
-    """What one source file contributes; `dynamic` holds the lines of imports whose name is computed."""
+    """What one source file contributes; `dynamic` holds the lines of imports whose name is computed.
+
+    `definitions` holds a digest for each name that the file defines at its top level, for its imports and other
+    statements, and for each of its resources. They are there to say what changed: the key counts `digest` alone.
+    """
 
     path: Path
     digest: str
+    definitions: Mapping[str, str]
     imports: tuple[str, ...]
     dynamic: tuple[int, ...]
 
@@ -88,6 +95,11 @@ class SourceTree:
             dynamic=tuple(f"{module.path}:{line}" for module in reached.values() for line in module.dynamic),
         )
 
+    def definitions(self, code: Code) -> dict[str, Mapping[str, str]]:
+        """The digests of the definitions of each module of `code`."""
+        modules = {name: self.module(name) for name in code.modules}
+        return {name: module.definitions for name, module in modules.items() if module}
+
     def module(self, name: str) -> Module | None:
         """The first-party module of that name; None where there is none."""
         if name not in self._modules:
@@ -126,9 +138,31 @@ def _read(name: str, path: Path) -> Module:
     return Module(
         path=path,
         digest=digest_of([spell(tree), resources]),
+        definitions={**_definitions(tree), **resources},
         imports=tuple(dict.fromkeys(_imports(tree, package))),
-        dynamic=tuple(node.lineno for node in ast.walk(tree) if isinstance(node, ast.Call) and _is_dynamic(node)),
+        dynamic=tuple(_dynamic(tree)),
     )
+
+
+def _definitions(tree: ast.Module) -> dict[str, str]:
+    """The digest of all that the top level says about each name; a name may be defined several times."""
+    spellings: dict[str, list[str]] = {}
+    for statement in tree.body:
+        if not _is_bare_text(statement):
+            for name in _names(statement):
+                spellings.setdefault(name, []).append(spell(statement))
+    return {name: digest_of(texts) for name, texts in spellings.items()}
+
+
+def _names(statement: ast.stmt) -> list[str]:
+    """What a statement at the top level defines."""
+    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return [statement.name]
+    if isinstance(statement, ast.Import | ast.ImportFrom):
+        return [IMPORTS]
+    targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
+    names = [node.id for target in targets if target for node in ast.walk(target) if isinstance(node, ast.Name)]
+    return names if names and isinstance(statement, ast.Assign | ast.AnnAssign | ast.AugAssign) else [STATEMENTS]
 
 
 def spell(node: object) -> str:
@@ -161,12 +195,34 @@ def _imports(tree: ast.Module, package: str) -> Iterator[str]:
                 base = ".".join([*above, *([node.module] if node.module else [])])
             yield base
             yield from (f"{base}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call) and _called(node) in DYNAMIC and (name := _literal_name(node)):
+            yield name
 
 
-def _is_dynamic(call: ast.Call) -> bool:
+def _dynamic(tree: ast.Module) -> Iterator[int]:
+    """Lines of imports whose name is computed, and of those that give the means for it another name."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            hidden = any(alias.name in DYNAMIC and alias.asname for alias in node.names)
+        else:
+            hidden = isinstance(node, ast.Call) and _called(node) in DYNAMIC and not _literal_name(node)
+        if hidden:
+            yield node.lineno  # type: ignore[attr-defined]
+
+
+def _called(call: ast.Call) -> str:
     function = call.func
-    name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
-    return name in DYNAMIC
+    return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+
+
+def _literal_name(call: ast.Call) -> str | None:
+    """The full name in `import_module("its.name")`, None for anything less plain."""
+    if _called(call) != "import_module" or len(call.args) != 1 or call.keywords:
+        return None
+    name = call.args[0]
+    if isinstance(name, ast.Constant) and isinstance(name.value, str) and not name.value.startswith("."):
+        return name.value
+    return None
 
 
 def _resources(tree: ast.Module, path: Path) -> list[Path]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from pipeline.canonical import Json
 from pipeline.declaration import Catalogue, Completed, Declaration
 from pipeline.errors import CommandError, Place, UserError, nearest
-from pipeline.external import digest_of_external
+from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
 from pipeline.located import Located, Problems
 from pipeline.workflow import Entry, Instance, Reference, Workflow
@@ -91,17 +91,18 @@ class Graph:
         return tuple(name for name in self.nodes if name not in taken)
 
 
-def build_graph(workflow: Workflow, catalogue: Catalogue, problems: Problems) -> Graph:
+def build_graph(workflow: Workflow, catalogue: Catalogue, external: ExternalCache, problems: Problems) -> Graph:
     """Checks a workflow and resolves it. Raises WorkflowError with all of `problems`, those found before included."""
-    graph = _Builder(workflow, catalogue, problems).build()
+    graph = _Builder(workflow, catalogue, external, problems).build()
     problems.raise_if_any()
     return graph
 
 
 class _Builder:
-    def __init__(self, workflow: Workflow, catalogue: Catalogue, problems: Problems) -> None:
+    def __init__(self, workflow: Workflow, catalogue: Catalogue, external: ExternalCache, problems: Problems) -> None:
         self.workflow = workflow
         self.catalogue = catalogue
+        self.outside = external
         self.problems = problems
         self.declarations: dict[str, Declaration | None] = {}
         self.digests: dict[str, str] = {}
@@ -310,7 +311,7 @@ class _Builder:
             if not path.exists():
                 return ""  # check_paths has said so
             try:
-                self.digests[str(path)] = digest_of_external(path)
+                self.digests[str(path)] = self.outside.digest(path)
             except UserError as error:
                 self.problems.add(place, f"parameter {name!r}: {error}")
                 return ""

@@ -9,9 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
-from pipeline.explain import changes, key_of, key_parts
+from pipeline.changes import Change, changes
+from pipeline.explain import key_of, key_parts
+from pipeline.external import Contents
+from pipeline.external_cache import ExternalCache
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import LastResult, StageResult
 from pipeline.store import Store
@@ -22,16 +25,37 @@ class Step:
     """A node in the plan.
 
     `cached`: done already, as `result` tells. `run`: to be done, for `reasons`. `depends`: to be done if what is made
-    before it comes out differently. `key` is None as long as an input is not made. `failed` is the cause of a failure
-    since the last result.
+    before it comes out differently. `key` is None as long as an input is not made. `changes` are what differs from the
+    last result, and part of the reasons. `failed` is the cause of a failure since the last result.
     """
 
     name: str
     state: Literal["cached", "run", "depends"]
     key: str | None
     reasons: tuple[str, ...] = ()
+    changes: tuple[Change, ...] = ()
     result: StageResult | None = None
     failed: str | None = None
+
+
+class Known:
+    """What the store knows of digests of code and of external files, each looked up once."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._external = ExternalCache(store)
+        self._codes: dict[str, Mapping[str, Any] | None] = {}
+        self._files: dict[str, Contents | None] = {}
+
+    def code(self, digest: str) -> Mapping[str, Any] | None:
+        if digest not in self._codes:
+            self._codes[digest] = self._store.code(digest)
+        return self._codes[digest]
+
+    def files(self, digest: str) -> Contents | None:
+        if digest not in self._files:
+            self._files[digest] = self._external.contents(digest)
+        return self._files[digest]
 
 
 def make_plan(graph: Graph, store: Store) -> dict[str, Step]:
@@ -46,6 +70,7 @@ class _Planner:
         self.last = store.history.last(graph.workflow, graph.nodes.keys())
         self.actions = store.actions
         self.objects = store.objects
+        self.known = Known(store)
 
     def plan(self) -> dict[str, Step]:
         digests: dict[Source, str | None] = {}
@@ -66,22 +91,28 @@ class _Planner:
             return Step(node.name, "cached", key, result=result, failed=last.failed)
         before = self.store.record(str(last.made.key)) if last.made else None
         if before is None:
-            reasons = ["its last result is no longer in the store" if last.made else "it has never run"]
-        else:
-            reasons = changes(node, before.parts, parts, self.store.code(str(before.parts["code"])))
-            if not reasons:
-                reasons = ["its last result is no longer whole in the store"]
-        waits_only = before is not None and all(" waits for " in reason for reason in reasons)
-        state: Literal["run", "depends"] = "depends" if waits_only and not known else "run"
-        return Step(node.name, state, key, tuple(reasons), failed=last.failed)
+            reason = "its last result is no longer in the store" if last.made else "it has never run"
+            return Step(node.name, "run", key, (reason,), failed=last.failed)
+        changed = changes(node, before.parts, parts, self.known)
+        if not changed:
+            reason = "its last result is no longer whole in the store"
+            return Step(node.name, "run", key, (reason,), failed=last.failed)
+        waits_only = all(change.part == "input" and _waits(change) for change in changed)
+        state: Literal["run", "depends"] = "depends" if waits_only else "run"
+        return Step(node.name, state, key, tuple(change.text for change in changed), changed, failed=last.failed)
 
     def result(self, name: str, key: str, made: StageResult | None) -> StageResult | None:
         """What the action `key` made, if all of it is in the store."""
         if key not in self.actions:
             return None
-        if made is None or made.key != key:
-            record = self.store.record(key)
-            if record is None:
-                return None
-            made = StageResult(name, "cached", key, record.outputs, record.seconds, record.private)
-        return made if self.objects.issuperset(made.outputs.values()) else None
+        if made is not None and made.key == key and self.objects.issuperset(made.outputs.values()):
+            return made
+        record = self.store.record(key)
+        if record is None or not self.objects.issuperset(record.outputs.values()):
+            return None
+        return StageResult(name, "cached", key, record.outputs, record.seconds, record.private)
+
+
+def _waits(change: Change) -> bool:
+    """Whether an input is only not made yet."""
+    return change.after is None and "source" in change.details

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pipeline.declaration import Catalogue
 from pipeline.errors import CommandError
+from pipeline.external_cache import ExternalCache
 from pipeline.graph import Graph, build_graph
 from pipeline.located import Problems
 from pipeline.store import Store
@@ -34,6 +35,6 @@ def open_project(file: Path, store: Path, settings: Sequence[str] = (), package:
     except OSError as error:
         raise CommandError("cannot be a store", where=store, found=error.strerror) from error
     catalogue = Catalogue(package, LIBRARIES, opened)
-    graph = build_graph(workflow, catalogue, problems)
+    graph = build_graph(workflow, catalogue, ExternalCache(opened), problems)
     module = catalogue.sources.module(package)
     return Project(graph, opened, package, module.path.parent if module else Path.cwd())

@@ -3,12 +3,13 @@
     actions/<key>/record.json        what an action was made of, what came out, and how it went
     objects/<digest>/                artifacts, immutable
     latest/<workflow>/<stage>.<output>   links to the objects of the last run, for people
-    code/<digest>.json               the digests of the modules behind a stage, for `explain`
+    code/<digest>.json               the digests of the modules behind a stage and of what they define, for `explain`
     runs/<workflow>/<time>-<id>.jsonl    how the stages of a run ended: see `history`
     logs/<workflow>/<stage>.log      what a stage said when it last ran; `logs/<workflow>/private` if it is private
     scratch/<key>/                   checkpoints of an action that was interrupted
     locks/<key>.lock                 held by the kernel for the process that works on an action
-    cache/                           what can be computed again: declarations of stages
+    external/<digest>.json           names and digests of the files behind a digest, for `explain`
+    cache/                           what can be computed again: declarations of stages, digests of external files
     temporary/                       what is being written; everything else appears by renaming, whole
 
 Two processes may use one store: a lock lets one of them do an action, and whoever comes second finds it done. All who
@@ -56,6 +57,12 @@ class Record:
     @property
     def seconds(self) -> float:
         return float(self.provenance["seconds"])
+
+    @property
+    def accepted(self) -> tuple[Mapping[str, Any], ...]:
+        """How often a person said that a change did not matter: `from` which key, `when`, at which `commit`, and
+        the `changes` in words; empty for a result that the action itself made."""
+        return tuple(self.provenance.get("accepted", ()))
 
     @property
     def private(self) -> bool:
@@ -160,7 +167,7 @@ class Store:
 
     def record(self, key: str) -> Record | None:
         """The record of an action, whether or not its outputs are still there."""
-        content = _read_json(self.root / "actions" / key / RECORD)
+        content = read_json(self.root / "actions" / key / RECORD)
         if not content or not {"key", "parts", "outputs", "provenance"} <= content.keys():
             return None
         return Record(content["key"], content["parts"], content["outputs"], content["provenance"])
@@ -183,6 +190,10 @@ class Store:
         private = any(writer.private for writer in writers.values())
         self._write_record(record, private)
         return self.find(key) or record
+
+    def add(self, record: Record) -> None:
+        """Gives results that are in the store already one more record."""
+        self._write_record(record, record.private)
 
     def _write_record(self, record: Record, private: bool) -> None:
         aside, target = self.temporary(), self.folder("actions") / record.key
@@ -223,16 +234,20 @@ class Store:
     def latest(self, workflow: str, name: str, output: str) -> Path:
         return self.root / "latest" / workflow / f"{name}.{output}"
 
-    def keep_code(self, digest: str, modules: Mapping[str, str]) -> None:
-        """Keeps which modules a digest of code stands for."""
+    def keep_code(self, digest: str, modules: Mapping[str, str], definitions: Mapping[str, Mapping[str, str]]) -> None:
+        """Keeps which modules a digest of code stands for, and the digests of what each of them defines."""
         path = self._code(digest)
-        if not path.is_file():
-            self.folder("code")
-            write_text_whole(path, json.dumps(dict(modules), indent=1, sort_keys=True) + "\n", self.temporary())
+        content = {name: {"digest": module, "definitions": dict(definitions[name])} for name, module in modules.items()}
+        self.folder("code")
+        write_text_whole(path, json.dumps({"modules": content}, sort_keys=True) + "\n", self.temporary())
 
-    def code(self, digest: str) -> dict[str, str] | None:
-        """The modules that a digest of code stands for, each with its own digest; None where that is not known."""
-        return _read_json(self._code(digest))
+    def knows_code(self, digest: str) -> bool:
+        return self._code(digest).is_file()
+
+    def code(self, digest: str) -> dict[str, Any] | None:
+        """For each module that a digest of code stands for its `digest` and `definitions`; None where not known."""
+        content = read_json(self._code(digest)) or {}
+        return content.get("modules")
 
     def _code(self, digest: str) -> Path:
         return self.root / "code" / f"{digest}.json"
@@ -244,7 +259,8 @@ def write_text_whole(path: Path, text: str, aside: Path) -> None:
     aside.replace(path)
 
 
-def _read_json(path: Path) -> dict[str, Any] | None:
+def read_json(path: Path) -> dict[str, Any] | None:
+    """The object in a file of JSON; None where there is no such file or it holds anything else."""
     try:
         content = json.loads(path.read_bytes())
     except (OSError, ValueError):

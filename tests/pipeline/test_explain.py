@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from pipeline.explain import changes, key_of, key_parts
+from pipeline.changes import changes
+from pipeline.explain import key_of, key_parts
 from pipeline.fingerprint import Code
 from pipeline.graph import Node, Source
+from pipeline.plan import Known
 from tests.pipeline.helpers import Workspace
 from tests.pipeline.test_runner import CHAIN
 
@@ -28,13 +29,14 @@ from tests.pipeline.test_runner import CHAIN
     ],
 )
 def test_every_part_is_in_the_key_and_explained(workspace: Workspace, change: Callable[[Node], Node]) -> None:
-    node = workspace.write(CHAIN).open().graph.nodes["twice"]
+    project = workspace.write(CHAIN).open()
+    node, known = project.graph.nodes["twice"], Known(project.store)
     digests: dict[Source, str | None] = {source: "a" for sources in node.sources.values() for source in sources}
     changed = change(node)
     before, after = key_parts(node, digests), key_parts(changed, digests)
     assert key_of(before) != key_of(after)
-    assert len(changes(changed, before, after, node.code.modules)) == 1
-    assert changes(node, before, before, node.code.modules) == []
+    assert len(changes(changed, before, after, known)) == 1
+    assert changes(node, before, before, known) == ()
 
 
 def test_never_run(workspace: Workspace) -> None:
@@ -75,28 +77,7 @@ def test_changed_files(workspace: Workspace, tmp_path: Path) -> None:
     (tmp_path / "data.txt").write_text("1\n")
     workspace.write("stages:\n  base: {uses: numbers, with: {file: data.txt}}\n").run()
     (tmp_path / "data.txt").write_text("2\n")
-    assert workspace.plan()["base"].reasons == ("the files of file changed",)
-
-
-def test_changed_code(workspace: Workspace) -> None:
-    """The store holds the digest of each module behind a result, so the one that changed can be named."""
-    ran = workspace.write(CHAIN).run()
-    modules = {**ran.project.graph.nodes["base"].code.modules, "tests.pipeline.toys.old": "before"}
-    modules["tests.pipeline.toys"] = "before"
-    code = Code(modules, (), ())
-    ran.project.store.keep_code(code.digest, code.modules)
-    key = str(ran.ended["base"].key)
-    file = workspace.folder / "store/actions" / key / "record.json"
-    record = json.loads(file.read_text())
-    record["parts"]["code"] = code.digest
-    before = ran.project.store.history.journals("chain")[0]
-    before.write_text(before.read_text().replace(key, "0" * 64))
-    file.write_text(json.dumps(record))
-    file.parent.rename(file.parent.with_name("0" * 64))
-    assert workspace.plan()["base"].reasons == (
-        "code changed: tests.pipeline.toys",
-        "code no longer used: tests.pipeline.toys.old",
-    )
+    assert workspace.plan()["base"].reasons == ("the files of file changed: data.txt changed",)
 
 
 def test_results_of_another_workflow_are_found_by_key(workspace: Workspace) -> None:

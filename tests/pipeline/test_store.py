@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.artifact import ArtifactWriter
 from pipeline.errors import UserError
-from pipeline.external import digest_of_external
+from pipeline.external import contents_of
 from pipeline.store import Record, Store
 
 KEY = "ab" * 32
@@ -58,20 +58,20 @@ def test_external_digest_is_of_names_and_bytes(tmp_path: Path) -> None:
         (tmp_path / name / "deep").mkdir(parents=True)
         (tmp_path / name / "deep" / "x.jpg").write_bytes(b"1")
         (tmp_path / name / "y.jpg").write_bytes(b"2")
-    digest = digest_of_external(tmp_path / "a")
-    assert digest_of_external(tmp_path / "b") == digest
+    digest = contents_of(tmp_path / "a").digest
+    assert contents_of(tmp_path / "b").digest == digest
     (tmp_path / "b" / "y.jpg").rename(tmp_path / "b" / "z.jpg")
-    assert digest_of_external(tmp_path / "b") != digest
+    assert contents_of(tmp_path / "b").digest != digest
     (tmp_path / "a" / "deep" / "x.jpg").write_bytes(b"3")
-    assert digest_of_external(tmp_path / "a") != digest
+    assert contents_of(tmp_path / "a").digest != digest
 
 
 def test_links_that_lead_nowhere_or_in_a_circle(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "x.jpg").symlink_to("missing")
     with pytest.raises(UserError, match="neither a file nor a folder"):
-        digest_of_external(tmp_path / "a")
+        contents_of(tmp_path / "a")
     (tmp_path / "a" / "x.jpg").unlink()
     (tmp_path / "a" / "again").symlink_to(tmp_path / "a")
     with pytest.raises(UserError, match="circle"):
-        digest_of_external(tmp_path / "a")
+        contents_of(tmp_path / "a")

@@ -20,7 +20,7 @@ PUBLIC_QUANTITIES = frozenset(
     {"psnr", "ssim", "lpips_vgg", "lpips_alex", "container_bytes", "gaussians", "seconds_per_frame", "loss"}
 )
 PUBLIC_ROLES = frozenset({"cover"})
-PUBLIC_FACTS = frozenset({"device"})
+PUBLIC_FACTS = frozenset({"device", "accepted"})
 
 PLAIN = "plain"
 METHOD_TITLES = {  # the paper's, and ours

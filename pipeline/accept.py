@@ -1,0 +1,114 @@
+"""`accept`: results are kept after a change that a person knows to be cosmetic.
+
+A key cannot know that a renamed variable changes no bit, and hours of training are too much to pay for it. Accepting a
+stage writes one more record, under its new key, with the old outputs, and notes from which key, when, at which commit
+and over which changes: whoever explains the result, or reports on what was made from it, says so. Only code, the
+declared version and the format of keys can be accepted. Parameters, inputs, files and privacy say what was asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.canonical import Json
+from pipeline.errors import CommandError
+from pipeline.explain import key_parts
+from pipeline.graph import Graph, Source
+from pipeline.history import StageResult
+from pipeline.plan import Step, make_plan
+from pipeline.provenance import now
+from pipeline.store import Record, Store
+
+ACCEPTABLE = ("code", "version", "format")
+
+
+@dataclass(frozen=True)
+class Acceptance:
+    """A result to be kept: `record` is the new one, with `old` the key that it was made under."""
+
+    name: str
+    old: str
+    record: Record
+
+    @property
+    def changes(self) -> list[str]:
+        return list(self.record.accepted[-1]["changes"])
+
+
+def acceptances(graph: Graph, store: Store, stage: str, commit: str | None) -> list[Acceptance]:
+    """What accepting `stage`, a name in the file or one item of a foreach, would keep; empty where all is cached.
+
+    Raises CommandError, which says of every item what stands in the way, unless all can be accepted.
+    """
+    part = graph.needed_for([stage])
+    steps = make_plan(part, store)
+    digests: dict[Source, str | None] = {
+        Source(name, output): step.result.outputs.get(output) if step.result else None
+        for name, step in steps.items()
+        for output in part.nodes[name].declaration.outputs
+    }
+    found, refused = [], []
+    for name, step in steps.items():
+        if stage not in (name, name.partition("[")[0]) or step.state == "cached":
+            continue
+        old = store.history.last(graph.workflow, [name])[name].made
+        record = store.find(str(old.key)) if old else None
+        reasons = _reasons_against(step, record, part)
+        if reasons or record is None or step.key is None:
+            refused.append(f"{name} cannot be accepted: {'; '.join(reasons)}")
+            continue
+        found.append(_acceptance(step, step.key, record, key_parts(part.nodes[name], digests), commit))
+    if refused:
+        raise CommandError(
+            "\n".join(refused), remedy="Only a change of code can be accepted; anything else has to run."
+        )
+    return found
+
+
+def keep(found: Sequence[Acceptance], graph: Graph, store: Store) -> None:
+    """Writes the records, and a journal with all that is cached then, which is what `gc` and `explain` go by."""
+    with store.in_use():
+        for acceptance in found:
+            with store.lock(acceptance.record.key):
+                store.add(acceptance.record)
+        journal = store.history.begin(graph.workflow, accepted=[acceptance.name for acceptance in found])
+        try:
+            for name, step in make_plan(graph, store).items():
+                if step.result and step.key:
+                    result = step.result
+                    journal.add(StageResult(name, "cached", step.key, result.outputs, result.seconds, result.private))
+                    store.link_latest(graph.workflow, name, result.outputs)
+        finally:
+            journal.close()
+
+
+def still_to_accept(graph: Graph, store: Store) -> list[str]:
+    """Stages of the graph that would run for nothing but what could be accepted, too."""
+    steps = make_plan(graph, store)
+    return [name for name, step in steps.items() if step.changes and step.key and not _unacceptable(step)]
+
+
+def _reasons_against(step: Step, record: Record | None, graph: Graph) -> list[str]:
+    if record is None:
+        return ["it has no result that is whole in the store"]
+    if step.key is None:
+        waits = [change.text for change in step.changes if change.part == "input"]
+        return waits or ["what it takes is not made yet"]
+    return _unacceptable(step)
+
+
+def _unacceptable(step: Step) -> list[str]:
+    return [change.text for change in step.changes if change.part not in ACCEPTABLE]
+
+
+def _acceptance(step: Step, key: str, record: Record, parts: Mapping[str, Json], commit: str | None) -> Acceptance:
+    note: dict[str, Any] = {
+        "from": record.key,
+        "when": now(),
+        "commit": commit,
+        "changes": [change.text for change in step.changes],
+    }
+    provenance = {**record.provenance, "accepted": [*record.accepted, note]}
+    return Acceptance(step.name, record.key, Record(key, parts, record.outputs, provenance))

@@ -1,0 +1,104 @@
+"""Digests of external files, remembered by how each file looked when it was read, so that no plan reads it again.
+
+    cache/external/<hash of the path>.json   for each folder or file that a workflow names: what its files looked like
+    external/<digest>.json                   the names and digests behind a digest, for `explain`
+
+A file looks the same when size, modification and change time, inode and device are the same. No program can set the
+change time, so a file that is replaced, restored with its old times or renamed over another always looks different.
+Two writes within one tick of the clock do not: what changed less than `SETTLED` before it was read is not remembered,
+nor is what seems to come from the future.
+
+Names of files may tell of a message, so nobody else can read either. A process replaces a whole file at a time; of two
+at once the last one's memory stays, and is as true as the other's.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Mapping
+from hashlib import file_digest, sha256
+from pathlib import Path
+
+from pipeline.errors import UserError
+from pipeline.external import Contents, contents_of
+from pipeline.store import Store, read_json, write_text_whole
+
+SETTLED = 2_000_000_000  # nanoseconds; the coarsest clock of a file system (FAT) ticks every two seconds
+TRIES = 3
+
+Look = tuple[int, ...]
+Memory = dict[str, tuple[Look, str]]
+
+
+class ExternalCache:
+    """The digests of what lies outside `store`."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def digest(self, path: Path) -> str:
+        """The digest of a file or folder, as `Contents` has it. Raises UserError for what cannot be read."""
+        place = self._store.root / "cache" / "external" / f"{sha256(os.fsencode(path)).hexdigest()}.json"
+        before, after = _read_memory(place), Memory()
+        contents = contents_of(path, lambda file: _digest(file, before, after))
+        if after != before:
+            self._write(place, {name: [*look, digest] for name, (look, digest) in after.items()})
+        listing = self._listing(contents.digest)
+        if not listing.is_file():
+            self._write(listing, {"folder": contents.is_folder, "files": contents.files})
+        return contents.digest
+
+    def contents(self, digest: str) -> Contents | None:
+        """The names and digests of the files behind a digest; None where that is not known."""
+        content = read_json(self._listing(digest))
+        return Contents(content["folder"], content["files"]) if content else None
+
+    def _listing(self, digest: str) -> Path:
+        return self._store.root / "external" / f"{digest}.json"
+
+    def _write(self, path: Path, content: Mapping[str, object]) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        aside = self._store.temporary()
+        aside.touch(mode=0o600)
+        write_text_whole(path, json.dumps(content), aside)
+
+
+def _digest(path: Path, before: Memory, after: Memory) -> str:
+    """SHA-256 of a file, from the memory `before` if it looks as it did then; what may be remembered joins `after`."""
+    name = str(path)
+    look = _look(path.stat())
+    remembered = before.get(name)
+    if remembered and remembered[0] == look:
+        after[name] = remembered
+        return remembered[1]
+    for _ in range(TRIES):
+        with path.open("rb") as file:
+            look = _look(os.fstat(file.fileno()))
+            began = time.time_ns()
+            digest = file_digest(file, "sha256").hexdigest()
+            unchanged = look == _look(os.fstat(file.fileno()))
+        if unchanged:
+            if _is_settled(look, began):
+                after[name] = look, digest
+            return digest
+    raise UserError("changes while it is read", where=path, remedy="Try again when nobody writes to it.")
+
+
+def _look(status: os.stat_result) -> Look:
+    return status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_dev
+
+
+def _is_settled(look: Look, moment: int) -> bool:
+    _, modified, changed, _, _ = look
+    return moment - max(modified, changed) > SETTLED
+
+
+def _read_memory(path: Path) -> Memory:
+    """What was remembered; nothing where there is no such file or it is damaged."""
+    content = read_json(path) or {}
+    try:
+        return {name: (tuple(map(int, entry[:-1])), str(entry[-1])) for name, entry in content.items()}
+    except (TypeError, ValueError, IndexError):
+        return {}

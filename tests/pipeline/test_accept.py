@@ -1,0 +1,181 @@
+"""`accept` keeps results after a change of code alone, and everyone hears of it."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.errors import CommandError
+from pipeline.explanation import explain, in_words
+from tests.pipeline.helpers import Workspace
+from tests.pipeline.model import StageNode
+from tests.pipeline.test_never_stale import Session, forget
+
+
+@pytest.fixture
+def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    nodes = [
+        StageNode("s0", "source", [], {"base": 2}),
+        StageNode("s1", "transform", [0], {}),
+        StageNode("s2", "merge", [0, 1], {}),
+    ]
+    with Session(tmp_path, nodes, []) as session:
+        yield session
+
+
+def ran(session: Session) -> dict[str, str]:
+    prepare(session)
+    return session.workspace.run().states
+
+
+def prepare(session: Session) -> None:
+    session.world.write()
+    forget(session.world.package)
+    importlib.invalidate_caches()
+
+
+def call(session: Session, command: str, *arguments: str) -> tuple[int, str]:
+    prepare(session)
+    workspace = session.workspace
+    where = ["--store", str(workspace.folder / "store"), "--stages", workspace.package]
+    done = CliRunner().invoke(app, [command, str(workspace.file), *arguments, *where])
+    return done.exit_code, done.output
+
+
+def words(session: Session, name: str) -> list[str]:
+    prepare(session)
+    project = session.workspace.open()
+    return in_words(explain(project.graph, session.workspace.plan(), project.store, name), project.graph, "1 s")
+
+
+def test_a_cosmetic_change(session: Session) -> None:
+    assert set(ran(session).values()) == {"ran"}
+    outputs = {name: step.result.outputs for name, step in session.workspace.plan().items() if step.result}
+    session.world.code["transform"].unused += 1
+    status, said = call(session, "accept", "s1", "--dry-run")
+    module = f"{session.world.package}.transform"
+    assert (status, said) == (0, f"s1: would be kept although code changed: {module} (UNUSED_0 added)\n")
+    assert session.workspace.plan()["s1"].state == "run"
+    status, said = call(session, "accept", "s1")
+    assert (status, said) == (0, f"s1: kept although code changed: {module} (UNUSED_0 added)\n")
+    plan = session.workspace.plan()
+    assert {name: step.state for name, step in plan.items()} == dict.fromkeys(["s0", "s1", "s2"], "cached")
+    assert {name: step.result.outputs for name, step in plan.items() if step.result} == outputs
+    assert set(ran(session).values()) == {"cached"}
+    assert words(session, "s1")[-1].endswith(f"although: code changed: {module} (UNUSED_0 added)")
+    status, said = call(session, "accept", "s1")
+    assert (status, said) == (0, "s1: cached, there is nothing to accept\n")
+
+
+def test_what_is_made_from_it_says_so(session: Session) -> None:
+    ran(session)
+    session.world.code["source"].unused += 1
+    assert call(session, "accept", "s0")[0] == 0
+    session.world.nodes[1].given["factor"] = 7
+    assert ran(session) == {"s0": "cached", "s1": "ran", "s2": "ran"}
+    said = "  made from a result of s0 that was accepted although its code had changed"
+    assert words(session, "s1")[-1] == said
+    assert words(session, "s2")[-1] == said
+    store = session.workspace.open().store
+    key = session.workspace.plan()["s0"].key
+    assert key is not None
+    record = store.record(key)
+    assert record is not None
+    (note,) = record.accepted
+    assert set(note) == {"from", "when", "commit", "changes"}
+    assert store.record(note["from"]) is not None
+
+
+def test_accepted_twice_keeps_both_notes(session: Session) -> None:
+    ran(session)
+    for _ in range(2):
+        session.world.code["source"].unused += 1
+        assert call(session, "accept", "s0")[0] == 0
+    assert len([line for line in words(session, "s0") if "accepted" in line]) == 2
+
+
+def test_others_that_changed_too_are_named(session: Session) -> None:
+    ran(session)
+    session.world.code["lib.c"].unused += 1
+    status, said = call(session, "accept", "s0")
+    assert status == 0
+    assert f"s2 has changed code, too: python -m pipeline accept {session.workspace.file} s2" in said
+    assert "s1" not in said
+    assert call(session, "accept", "s2")[0] == 0
+    assert set(ran(session).values()) == {"cached"}
+
+
+def change_parameter(session: Session) -> None:
+    session.world.nodes[1].given["factor"] = 9
+
+
+def change_input(session: Session) -> None:
+    session.world.nodes[0].given["base"] = 9
+
+
+def change_privacy(session: Session) -> None:
+    session.world.nodes[1].private = True
+
+
+def lose_the_result(session: Session) -> None:
+    step = session.workspace.plan()["s1"]
+    assert step.result
+    session.workspace.open().store.set_aside(step.result.outputs["numbers"])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (change_parameter, "s1 cannot be accepted: parameter factor: 2 → 9"),
+        (change_input, "s1 cannot be accepted: input numbers waits for s0"),
+        (change_privacy, "s1 cannot be accepted: private: false → true"),
+        (lose_the_result, "s1 cannot be accepted: it has no result that is whole in the store"),
+    ],
+)
+def test_what_says_what_was_asked_for_is_refused(
+    session: Session, change: Callable[[Session], None], said: str
+) -> None:
+    ran(session)
+    change(session)
+    session.world.code["transform"].unused += 1
+    status, output = call(session, "accept", "s1")
+    assert status == 2
+    assert said in output
+    assert session.workspace.plan()["s1"].state != "cached"
+
+
+def test_what_never_ran_is_refused(session: Session) -> None:
+    status, said = call(session, "accept", "s0")
+    assert (status, "no result" in said) == (2, True)
+
+
+def test_one_item_of_a_foreach_or_all(session: Session, tmp_path: Path) -> None:
+    workspace: Workspace = session.workspace
+    text = "stages:\n  s: {foreach: {base: [1, 2]}, uses: source, with: {base: '${item.base}'}}\n"
+    prepare(session)
+    workspace.write(text).run()
+
+    def accept(stage: str) -> list[str]:
+        forget(session.world.package)
+        where = ["--store", str(tmp_path / "store"), "--stages", workspace.package, "--json"]
+        done = CliRunner().invoke(app, ["accept", str(workspace.file), stage, *where])
+        assert done.exit_code == 0
+        return [json.loads(line)["name"] for line in done.stdout.splitlines()]
+
+    for stage, kept in (("s[2]", ["s[2]"]), ("s", ["s[1]"])):
+        session.world.code["source"].unused = 1
+        session.world.write()
+        workspace.write(text)
+        assert accept(stage) == kept
+    forget(session.world.package)
+    assert {step.state for step in workspace.plan().values()} == {"cached"}
+    with pytest.raises(CommandError, match="no stage"):
+        workspace.open().graph.needed_for(["t"])
