@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from pipeline.disk import words_of
 from pipeline.drawing import Box, draw
 from pipeline.errors import PipelineError, UserError
 from pipeline.events import Summary
@@ -82,7 +83,7 @@ def run(
 
     Exit status: 0 done, 1 a stage failed, 2 the command or the workflow is wrong, 130 interrupted.
     """
-    with _reported():
+    with _reported(store):
         project = open_project(workflow, store, settings or [], package)
         graph = project.graph.needed_for(stages) if stages else project.graph
         if dry_run:
@@ -110,7 +111,7 @@ def status(
     \b
     python -m pipeline status workflows/hide_multi.yaml
     """
-    with _reported():
+    with _reported(store):
         project = open_project(workflow, store, settings or [], package)
         _print_plan(make_plan(project.graph, project.store), as_json)
 
@@ -129,7 +130,7 @@ def explain(
     \b
     python -m pipeline explain workflows/hide_multi.yaml hide --set hide.lambda_message=1.0
     """
-    with _reported():
+    with _reported(store):
         project = open_project(workflow, store, settings or [], package)
         steps = make_plan(project.graph.needed_for([stage]), project.store)
         wanted = {name: step for name, step in steps.items() if stage in (name, name.partition("[")[0])}
@@ -156,7 +157,7 @@ def graph(
     \b
     python -m pipeline graph workflows/hide_multi.yaml --svg hide_multi.svg
     """
-    with _reported():
+    with _reported(store):
         project = open_project(workflow, store, settings or [], package)
         nodes = project.graph.nodes.values()
         if svg:
@@ -279,7 +280,7 @@ def _say(text: str) -> None:
 
 
 @contextmanager
-def _reported() -> Iterator[None]:
+def _reported(store: Path) -> Iterator[None]:
     """Tells errors as messages; what is no message of ours is a defect of the engine and keeps its traceback."""
     try:
         yield
@@ -290,7 +291,7 @@ def _reported() -> Iterator[None]:
         _say(str(error))
         raise typer.Exit(1) from None
     except OSError as error:
-        _say(f"{error.filename or 'the system'}: {error.strerror or error}")
+        _say(words_of(error, store))
         raise typer.Exit(1) from None
     except KeyboardInterrupt:
         _say(f"Interrupted at once; finished stages are kept. To go on: {_command()}")
