@@ -281,9 +281,7 @@ def sha256_of_array(array: np.ndarray) -> str:
 
 def user_mask() -> int:
     """What the user wants to be hidden from others in new files."""
-    mask = os.umask(
-        0o077
-    )  # it can only be asked for by setting it; others of our threads make nothing public meanwhile
+    mask = os.umask(0o077)  # it can only be asked for by setting it
     os.umask(mask)
     return mask
 

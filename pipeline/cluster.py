@@ -12,11 +12,12 @@ import multiprocessing
 import os
 import queue
 import signal
-import sys
 import uuid
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
+from multiprocessing import resource_tracker
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 import dask
@@ -38,6 +39,7 @@ SETTINGS: dict[str, Any] = {
     "distributed.worker.multiprocessing-method": "spawn",  # forked OpenCL and OpenMP do not work
     "distributed.nanny.pre-spawn-environ": dict(THREADS),  # dask's own would allow one thread only
 }
+STANDARD_ERROR = 2  # where the log of the stage is, while it works
 DIED = "its worker process died: killed from outside, out of memory, or crashed inside a library"
 TOLD = {kind.__name__: kind for kind in (Noted, StageProgressed, StageStarted)}
 
@@ -82,6 +84,7 @@ class DaskExecutor:
         self._client.subscribe_topic(self._run, lambda event: self._inbox.put(("told", event[1])))
 
     def _start_cluster(self, workers: int) -> LocalCluster:
+        others = multiprocessing.active_children()
         with _without_signals():
             cluster = LocalCluster(
                 n_workers=workers,
@@ -92,7 +95,7 @@ class DaskExecutor:
                 scheduler_kwargs={"dashboard": False},
                 silence_logs=logging.CRITICAL,
             )
-        self._resources.callback(_kill_children)
+        self._resources.callback(_kill_children, others)
         self._resources.callback(cluster.close, timeout=5)
         return cluster
 
@@ -159,7 +162,7 @@ class PrepareWorker(WorkerPlugin):
     def setup(self, worker: Any) -> None:
         if self.parent is not None:
             end_with_parent(self.parent)
-        faulthandler.enable(sys.__stderr__)
+        faulthandler.enable(STANDARD_ERROR)
         self.kernel_cache = KernelCache()
 
     def teardown(self, worker: Any) -> None:
@@ -173,6 +176,7 @@ def _without_signals() -> Iterator[None]:
     What a terminal sends to all its processes at once, or a cluster's scheduler to all of a job, would else end workers
     before they save a checkpoint. For this thread it only waits until the end, so nothing is lost.
     """
+    resource_tracker.ensure_running()  # by itself it starts with the first process, and lets signals through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
     try:
         yield
@@ -180,10 +184,11 @@ def _without_signals() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _kill_children() -> None:
+def _kill_children(others: Collection[BaseProcess]) -> None:
     """Ends workers that would not end when told to, or were not told since Ctrl-C interrupted that as well."""
     for child in multiprocessing.active_children():
-        child.kill()
+        if child not in others:
+            child.kill()
 
 
 def _work(work: Work, subject: object, topic: str) -> Any:

@@ -1,13 +1,14 @@
 """What a disk may hold and do: files that are no files, JSON that is no JSON, no space, no permission.
 
-A store may have been damaged, or come from a stranger. So nothing is read but plain files, and whatever is in them is an
-answer or one of two errors; and what the system says when it cannot write is told in the words of a person.
+A store may have been damaged, or come from a stranger. So nothing is read but plain files, and whatever is in them is
+an answer or one of two errors; and what the system says when it cannot write is told in the words of a person.
 """
 
 from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import shutil
 import stat
@@ -80,13 +81,10 @@ def size_words(size: float) -> str:
     >>> size_words(0), size_words(1536), size_words(2_500_000_000)
     ('0 B', '1.5 KB', '2.5 GB')
     """
-    for unit in ("B", "KB", "MB", "GB"):
-        if size < 1000:
-            break
-        size /= 1000
-    else:
-        unit = "TB"
-    return f"{size:.0f} B" if unit == "B" else f"{size:.1f} {unit}"
+    if size < 1000:
+        return f"{size:.0f} B"
+    power = min(4, int(math.log(size, 1000)))
+    return f"{size / 1000**power:.1f} {'KMGT'[power - 1]}B"
 
 
 def _free(store: Path) -> int:

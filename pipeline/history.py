@@ -3,9 +3,9 @@
     runs/<workflow>/<time>-<id>.jsonl
 
 `status` and `explain` learn from it what a stage made last and why it failed since, without opening a record for each
-stage; `gc` learns which results the last runs used. Results do not need it: a line that was lost, to a full disk, a kill
-or a power cut (nothing is flushed here), costs an explanation, so a journal that cannot be written ends no run, and what
-cannot be read is passed over. Names of stages may tell of a message, so nobody else can read these files.
+stage; `gc` learns which results the last runs used. Results do not need it: a line that was lost, to a full disk, a
+kill or a power cut (nothing is flushed here), costs an explanation. So a journal that cannot be written ends no run,
+and what cannot be read is passed over. Names of stages may tell of a message, so nobody else can read these files.
 """
 
 from __future__ import annotations
@@ -137,15 +137,19 @@ def _result(content: Mapping[str, Any]) -> StageResult | None:
     """What a line says of a stage; None where it does not say it as we do."""
     name, state, key, outputs = (content.get(word) for word in ("name", "state", "key", "outputs"))
     seconds, cause = content.get("seconds", 0.0), content.get("cause")
+    outputs = {} if outputs is None else outputs
     sound = (
         isinstance(name, str)
         and state in get_args(State)
         and isinstance(key, str | None)
         and isinstance(seconds, float | int)
         and isinstance(cause, str | None)
-        and (outputs is None or isinstance(outputs, dict) and all(isinstance(value, str) for value in outputs.values()))
+        and isinstance(outputs, dict)
+        and all(isinstance(value, str) for value in outputs.values())
     )
     if not sound:
         return None
     private = content.get("private") is True
-    return StageResult(str(name), cast(State, state), key, outputs or {}, float(seconds), private, cause)
+    return StageResult(
+        str(name), cast(State, state), key, cast(dict[str, str], outputs), float(seconds), private, cause
+    )

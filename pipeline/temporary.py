@@ -1,7 +1,7 @@
 """What a process is writing: a folder of its own, which whoever comes later removes if the process did not.
 
 temporary/<id>/        nobody else can read it
-temporary/<id>.lock    held by the kernel for the process that writes; free means that it has ended, however it ended
+temporary/<id>.lock    held by the kernel for the process that writes; free once that has ended, however it did
 """
 
 from __future__ import annotations
