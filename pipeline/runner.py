@@ -29,6 +29,7 @@ from pipeline.store import Store
 GRACE = 60.0  # seconds that a running stage has to save its checkpoint and stop
 MOMENT = 0.2  # seconds between two looks at the stop flag
 REPAIRS = 1  # times that one artifact is made again in one run
+COMPLAINTS = 3  # times that one stage finds its inputs damaged in one run
 
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -232,17 +233,20 @@ class Run:
         return self._dependents[name]
 
     def _make_again(self, name: str, key: str, outcome: Outcome) -> Iterable[str]:
-        """Puts damaged inputs of a stage aside, and has what made them, and then the stage, done again."""
-        self._damaged.update(outcome.damaged)
-        hopeless = [digest for digest in outcome.damaged if self._damaged[digest] > REPAIRS]
-        if hopeless:
-            cause = f"{self.store.object(hopeless[0])}: damaged again after it was made anew. Check the disk."
+        """Puts damaged inputs of a stage aside, and has what made them, and then the stage, done again.
+
+        Of several stages that take the same one, or several runs, the first that notices has it made again; others may
+        have begun before that and complain later, when it is whole again or just being made.
+        """
+        damaged = {digest for digest in outcome.damaged if not self.store.is_sound(digest)}
+        makers = [other for other, done in self._done.items() if not damaged.isdisjoint(done.outputs.values())]
+        made_again = {digest for maker in makers for digest in self._done[maker].outputs.values()} & damaged
+        self._damaged.update([name, *made_again])
+        if self._damaged[name] > COMPLAINTS or any(self._damaged[digest] > REPAIRS for digest in made_again):
+            cause = f"{self.store.object(outcome.damaged[0])}: damaged again after it was made anew. Check the disk."
             self._end(StageResult(name, "failed", key, cause=cause), outcome.log)
             return self._dependents[name]
-        makers = [
-            other for other, done in self._done.items() if not set(outcome.damaged).isdisjoint(done.outputs.values())
-        ]
-        for digest in outcome.damaged:
+        for digest in made_again:
             self.store.set_aside(digest)
         for maker in makers:
             self.tell(Noted(f"{maker}: its result was damaged on the disk and is made again"))

@@ -39,7 +39,7 @@ def test_killed(tmp_path: Path, where: str) -> None:
 
 
 @pytest.mark.parametrize("where", ["commit", pytest.param("run", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("how", ["full", "broken", "denied"])
+@pytest.mark.parametrize("how", ["full", "broken", pytest.param("denied", marks=pytest.mark.slow)])
 def test_a_failed_write_fails_the_stage(tmp_path: Path, how: str, where: str) -> None:
     """And if it fails nothing, then because nothing was lost but a link, a log line or an explanation."""
     *failed, _ = stopped_at_every_step(tmp_path, how, where)
