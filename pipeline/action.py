@@ -173,6 +173,7 @@ class _Action:
 
     def run(self, work: Path, log: StageLog, tell: Tell) -> Record:
         job, began, started = self.job, now(), time.monotonic()
+        work.mkdir(mode=0o700)
         declared = import_stage(job.package, job.uses)
         parameters = validate(declared, job.arguments)
         inputs = self.inputs(declared)

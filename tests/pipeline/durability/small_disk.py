@@ -65,7 +65,7 @@ class Disk:
         commands.check_whole(Store(self.store))
 
 
-def large_result(folder: Path: str) -> None:
+def large_result(folder: Path) -> None:
     """Full while an artifact or a checkpoint is written."""
     disk = Disk(folder, "1800k")
     disk.call("large: full", "small", "large")
