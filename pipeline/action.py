@@ -20,12 +20,14 @@ from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.canonical import Json
 from pipeline.checkpoint import discard_scratch, scratch_directory
 from pipeline.declaration import import_stage, validate
+from pipeline.disk import FULL, bytes_below, words_of
 from pipeline.errors import CorruptArtifact, Interrupted, PipelineError, UserError
 from pipeline.events import Noted, StageProgressed, StageStarted
 from pipeline.executor import Tell
 from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
 from pipeline.loaded_code import LoadedCode
+from pipeline.process import nobody_else_reads
 from pipeline.provenance import machine, now, versions_of
 from pipeline.stage import Context, InputValue, LineageRecord, Services, Stage, bind_inputs, output_is_private
 from pipeline.stagelog import StageLog, printed_to_stderr
@@ -88,6 +90,16 @@ class Outcome:
 
 def perform(job: Job, tell: Tell) -> Outcome:
     """Does the action of `job`, unless it is done already or all is to stop."""
+    try:
+        return _perform(job, tell)
+    except (
+        OSError,
+        PipelineError,
+    ) as error:  # beside the stage: no lock, no log, a `gc` at work
+        return Outcome("failed", cause=_cause(error, job.store))
+
+
+def _perform(job: Job, tell: Tell) -> Outcome:
     store = Store(job.store)
     lock = store.lock(job.key)
     waits = False
@@ -143,7 +155,8 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         log.traceback()
         damaged = action.damaged_inputs() if isinstance(error, CorruptArtifact) else ()
         state: Literal["damaged", "failed"] = "damaged" if damaged else "failed"
-        return Outcome(state, time.monotonic() - started, None, _cause(error), damaged, log=path)
+        cause = _cause(error, store.root, bytes_below(work))
+        return Outcome(state, time.monotonic() - started, None, cause, damaged, log=path)
     finally:
         log.close()
         shutil.rmtree(work, ignore_errors=True)
@@ -163,6 +176,7 @@ class _Action:
 
     def run(self, work: Path, log: StageLog, tell: Tell) -> Record:
         job, began, started = self.job, now(), time.monotonic()
+        work.mkdir(mode=0o700)
         declared = import_stage(job.package, job.uses)
         self.loaded.check()
         parameters = validate(declared, job.arguments)
@@ -173,7 +187,8 @@ class _Action:
         }
         services = Services(partial(self.progress, tell), log.line, self.stop_requested, self.lineage)
         context = Context(inputs, writers, scratch_directory(self.store, job.key), job.workflow, services)
-        declared(context, parameters)
+        with nobody_else_reads():
+            declared(context, parameters)
         self.loaded.check()
         self.check_external()
         provenance = {
@@ -275,8 +290,10 @@ def _accepted_fact(record: Record) -> dict[str, Json]:
     return {"accepted": "; ".join(notes)} if notes else {}
 
 
-def _cause(error: BaseException) -> str:
-    """One line for a person: our own messages as they are, others with their type."""
+def _cause(error: BaseException, store: Path, written: int = 0) -> str:
+    """One line for a person: our own messages as they are, the disk's in words, others with their type."""
+    if isinstance(error, OSError) and error.errno in FULL:
+        return words_of(error, store, written)
     lines = str(error).strip().splitlines() or [""]
     if isinstance(error, PipelineError):
         return " ".join(line.strip() for line in lines)

@@ -16,10 +16,12 @@ import shutil
 import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
+from pipeline.arrays import check_array
 from pipeline.canonical import Json, digest_of_file
+from pipeline.disk import is_link, size_of_plain_file
 from pipeline.errors import ArtifactError, CorruptArtifact
 from pipeline.manifest import (
     ARRAYS,
@@ -90,11 +92,13 @@ class Artifact:
         if name not in self.manifest.arrays:
             raise ArtifactError(f"{self.path}: no array {name!r}; this {self.kind} holds {', '.join(self.names)}")
         prefix = f"{ARRAYS}/{name}/"
+        self._check_folders()
         for file in self.manifest.files:
             if file.startswith(prefix):
                 self._check_size(file)
         self._check_content(f"{prefix}zarr.json")  # chunks carry checksums of their own, what describes them does not
-        return zarr.open_array(self.path / ARRAYS / name, mode="r")
+        check_array(self.path, self.manifest, name)
+        return zarr.open_array(self.path / ARRAYS / name, mode="r", zarr_format=3)
 
     def read(self, name: str) -> np.ndarray:
         """The whole array `name`, in memory. Raises as `open` does, and CorruptArtifact for a flipped bit."""
@@ -102,9 +106,12 @@ class Artifact:
 
         array = self.open(name)
         try:
-            return np.asarray(array[...])
+            values = np.asarray(array[...])
         except (RuntimeError, ValueError) as error:  # the decoder's own complaint about a checksum
             raise CorruptArtifact(f"{self.path}: array {name!r} cannot be decoded ({error})") from error
+        if sha256_of_array(values) != self.manifest.arrays[name].sha256:
+            raise CorruptArtifact(f"{self.path}: array {name!r} does not hold the numbers that were written")
+        return values
 
     def file(self, name: str) -> Path:
         """The path of the plain file `name`, its bytes checked. Raises as `open` does."""
@@ -115,13 +122,23 @@ class Artifact:
 
     def verify(self) -> None:
         """Reads every byte; raises CorruptArtifact naming the first file that is missing or altered."""
+        self._check_folders()
         for name in self.manifest.files:
             self._check_content(name)
+        for name in self.manifest.arrays:
+            check_array(self.path, self.manifest, name)
 
     def check_sizes(self) -> None:
         """Raises CorruptArtifact naming the first file that is missing or not of its size; reads none."""
+        self._check_folders()
         for name in self.manifest.files:
             self._check_size(name)
+
+    def _check_folders(self) -> None:
+        """Nothing of an artifact lies elsewhere: a folder that is a link could lead to anyone's files."""
+        for folder in {parent for name in self.manifest.files for parent in PurePosixPath(name).parents}:
+            if is_link(self.path / folder):
+                raise CorruptArtifact(f"{self.path / folder}: a link; expected a folder")
 
     def _check_content(self, name: str) -> None:
         if name not in self.manifest.files:
@@ -131,12 +148,11 @@ class Artifact:
             raise CorruptArtifact(f"{self.path / name}: altered since it was written")
 
     def _check_size(self, name: str) -> None:
-        try:
-            size = (self.path / name).stat().st_size
-        except OSError as error:
-            raise CorruptArtifact(f"{self.path / name}: missing") from error
-        if size != self.manifest.files[name].size:
-            raise CorruptArtifact(f"{self.path / name}: {size} bytes; expected {self.manifest.files[name].size}")
+        size, expected = size_of_plain_file(self.path / name), self.manifest.files[name].size
+        if size is None:
+            raise CorruptArtifact(f"{self.path / name}: missing")
+        if size != expected:
+            raise CorruptArtifact(f"{self.path / name}: {size} bytes; expected {expected}")
 
 
 class ArtifactWriter:
@@ -182,9 +198,7 @@ class ArtifactWriter:
             config={"write_empty_chunks": True},  # else a deleted chunk and one of zeros look the same
         )
         stored[...] = array
-        self._arrays[name] = ArrayRecord(
-            array.dtype.str, array.shape, chunks, sha256(array.reshape(-1).view("u1").data)
-        )
+        self._arrays[name] = ArrayRecord(array.dtype.str, array.shape, chunks, sha256_of_array(array))
 
     def write_file(self, name: str, data: bytes | str) -> None:
         """Writes a plain file; text is written as UTF-8."""
@@ -208,9 +222,9 @@ class ArtifactWriter:
         """Writes the manifest, flushes everything to the disk and returns the artifact, still where it was written."""
         manifest = Manifest(self.kind, self.private, check_attributes(self.attributes), self._arrays, survey(self.path))
         manifest.write(self.path)
+        hidden = 0o077 if self.private else user_mask()
         for path in (self.path, *self.path.rglob("*")):
-            if self.private:
-                path.chmod(0o700 if path.is_dir() else 0o600)
+            path.chmod((0o777 if path.is_dir() else 0o666) & ~hidden)
             flush(path)
         return Artifact(self.path, manifest)
 
@@ -255,6 +269,21 @@ def default_chunks(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
     row = max(1, math.prod(shape[1:]) * itemsize)
     rows = 1 if len(shape) >= 3 and row >= LARGE_ROW else min(shape[0], ROWS_OF_A_CHUNK, max(1, LARGEST_CHUNK // row))
     return tuple(max(1, size) for size in (rows, *shape[1:]))
+
+
+def sha256_of_array(array: np.ndarray) -> str:
+    """SHA-256 of the little-endian bytes in C order."""
+    import numpy as np
+
+    array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
+    return sha256(array.reshape(-1).view("u1").data)
+
+
+def user_mask() -> int:
+    """What the user wants to be hidden from others in new files."""
+    mask = os.umask(0o077)  # it can only be asked for by setting it
+    os.umask(mask)
+    return mask
 
 
 def flush(path: Path) -> None:

@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from pipeline.disk import words_of
 from pipeline.drawing import Box, draw
 from pipeline.errors import PipelineError, UserError
 from pipeline.events import Summary
@@ -84,7 +85,7 @@ def run(
 
     Exit status: 0 done, 1 a stage failed, 2 the command or the workflow is wrong, 130 interrupted.
     """
-    with _reported():
+    with _reported(store):
         project = open_project(workflow, store, settings or [], package)
         graph = project.graph.needed_for(stages) if stages else project.graph
         if dry_run:
@@ -112,7 +113,7 @@ def status(
     \b
     python -m pipeline status workflows/hide_multi.yaml
     """
-    with _reported():
+    with _reported(store):
         project = open_project(workflow, store, settings or [], package)
         _print_plan(make_plan(project.graph, project.store), as_json)
 
@@ -138,7 +139,7 @@ def explain(
         input container waits for hide
         because hide: parameter lambda_message: 0.25 → 1.0
     """
-    with _reported():
+    with _reported(store):
         project = open_project(workflow, store, settings or [], package)
         part = project.graph.needed_for([stage])
         steps = make_plan(part, project.store)
@@ -174,7 +175,7 @@ def accept(
     from pipeline.accept import acceptances, keep, still_to_accept
     from pipeline.provenance import git_commit
 
-    with _reported():
+    with _reported(store):
         project = open_project(workflow, store, settings or [], package)
         found = acceptances(project.graph, project.store, stage, git_commit(project.package_folder))
         if not dry_run and found:
@@ -209,7 +210,7 @@ def graph(
     \b
     python -m pipeline graph workflows/hide_multi.yaml --svg hide_multi.svg
     """
-    with _reported():
+    with _reported(store):
         project = open_project(workflow, store, settings or [], package)
         nodes = project.graph.nodes.values()
         if svg:
@@ -317,7 +318,7 @@ def _say(text: str) -> None:
 
 
 @contextmanager
-def _reported() -> Iterator[None]:
+def _reported(store: Path) -> Iterator[None]:
     """Tells errors as messages; what is no message of ours is a defect of the engine and keeps its traceback."""
     try:
         yield
@@ -328,7 +329,7 @@ def _reported() -> Iterator[None]:
         _say(str(error))
         raise typer.Exit(1) from None
     except OSError as error:
-        _say(f"{error.filename or 'the system'}: {error.strerror or error}")
+        _say(words_of(error, store))
         raise typer.Exit(1) from None
     except KeyboardInterrupt:
         _say(f"Interrupted at once; finished stages are kept. To go on: {_command()}")

@@ -6,12 +6,18 @@ imported when there is work to do.
 
 from __future__ import annotations
 
+import faulthandler
 import logging
+import multiprocessing
+import os
 import queue
 import signal
 import uuid
-from contextlib import ExitStack
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
+from multiprocessing import resource_tracker
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 import dask
@@ -21,6 +27,7 @@ from distributed.scheduler import KilledWorker
 from pipeline.errors import CommandError
 from pipeline.events import Event, Noted, StageProgressed, StageStarted
 from pipeline.executor import Lost, Tell, Work
+from pipeline.orphans import end_with_parent
 from pipeline.process import THREADS, KernelCache
 
 SETTINGS: dict[str, Any] = {
@@ -32,6 +39,7 @@ SETTINGS: dict[str, Any] = {
     "distributed.worker.multiprocessing-method": "spawn",  # forked OpenCL and OpenMP do not work
     "distributed.nanny.pre-spawn-environ": dict(THREADS),  # dask's own would allow one thread only
 }
+STANDARD_ERROR = 2  # where the log of the stage is, while it works
 DIED = "its worker process died: killed from outside, out of memory, or crashed inside a library"
 TOLD = {kind.__name__: kind for kind in (Noted, StageProgressed, StageStarted)}
 
@@ -63,6 +71,7 @@ class DaskExecutor:
         self._resources = ExitStack()
         self._resources.enter_context(dask.config.set(SETTINGS))
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        parent = os.getpid() if address is None else None
         if address is None:
             address = self._start_cluster(workers)
         try:
@@ -71,12 +80,12 @@ class DaskExecutor:
             self._resources.close()
             raise CommandError("no dask scheduler answers", where=f"--scheduler {address}", found=error) from error
         self._resources.callback(self._client.close, timeout=5)
-        self._client.register_plugin(PrepareWorker(), name="prepare-worker")
+        self._client.register_plugin(PrepareWorker(parent), name="prepare-worker")
         self._client.subscribe_topic(self._run, lambda event: self._inbox.put(("told", event[1])))
 
     def _start_cluster(self, workers: int) -> LocalCluster:
-        before = _ignore_interrupts()  # inherited: Ctrl-C is for the engine, which tells the workers
-        try:
+        others = multiprocessing.active_children()
+        with _without_signals():
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -86,9 +95,7 @@ class DaskExecutor:
                 scheduler_kwargs={"dashboard": False},
                 silence_logs=logging.CRITICAL,
             )
-        finally:
-            if before is not None:
-                signal.signal(signal.SIGINT, before)
+        self._resources.callback(_kill_children, others)
         self._resources.callback(cluster.close, timeout=5)
         return cluster
 
@@ -144,21 +151,44 @@ class DaskExecutor:
 
 
 class PrepareWorker(WorkerPlugin):
-    """Gives each worker process its kernel cache, and lets Ctrl-C at the terminal pass it by."""
+    """Gives each worker process its kernel cache, and has what crashes it leave a trace in the log of the stage.
+
+    Workers of our own, children of the process `parent`, end with it.
+    """
+
+    def __init__(self, parent: int | None) -> None:
+        self.parent = parent
 
     def setup(self, worker: Any) -> None:
-        _ignore_interrupts()
+        if self.parent is not None:
+            end_with_parent(self.parent)
+        faulthandler.enable(STANDARD_ERROR)
         self.kernel_cache = KernelCache()
 
     def teardown(self, worker: Any) -> None:
         self.kernel_cache.release()
 
 
-def _ignore_interrupts() -> Any:
+@contextmanager
+def _without_signals() -> Iterator[None]:
+    """Processes and threads started meanwhile never see what asks a run to stop: the engine does, and tells them.
+
+    What a terminal sends to all its processes at once, or a cluster's scheduler to all of a job, would else end workers
+    before they save a checkpoint. For this thread it only waits until the end, so nothing is lost.
+    """
+    resource_tracker.ensure_running()  # by itself it starts with the first process, and lets signals through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
     try:
-        return signal.signal(signal.SIGINT, signal.SIG_IGN)
-    except ValueError:  # not the main thread, which alone is interrupted
-        return None
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _kill_children(others: Collection[BaseProcess]) -> None:
+    """Ends workers that would not end when told to, or were not told since Ctrl-C interrupted that as well."""
+    for child in multiprocessing.active_children():
+        if child not in others:
+            child.kill()
 
 
 def _work(work: Work, subject: object, topic: str) -> Any:

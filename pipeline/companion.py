@@ -20,6 +20,7 @@ from typing import IO, Any
 
 from pipeline.canonical import Json
 from pipeline.errors import UserError
+from pipeline.orphans import end_with_parent
 
 POLLING = 0.2  # seconds
 ROOT = Path(__file__).resolve().parents[1]
@@ -108,6 +109,7 @@ def say(**facts: Json) -> None:
 
 def end_with_stage() -> None:
     """In a companion, first of all: end when the stage's process does, which closes the standard input."""
+    end_with_parent(os.getppid())
     threading.Thread(target=_await_end, daemon=True).start()
 
 

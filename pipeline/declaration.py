@@ -11,6 +11,7 @@ import importlib
 import json
 import typing
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from pipeline.canonical import Json, digest_of, plain
 from pipeline.errors import UserError, nearest
 from pipeline.fingerprint import Code, SourceTree
 from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
-from pipeline.store import Store, write_text_whole
+from pipeline.store import Store, read_sealed, sealed, write_text_whole
 
 FORMAT = 2
 
@@ -123,14 +124,12 @@ class Catalogue:
         return self._stages[uses]
 
     def _cached(self, uses: str, question: object) -> Any:
-        try:
-            return json.loads(self._cache_file(uses, question).read_bytes())
-        except (OSError, ValueError):
-            return None
+        return read_sealed(self._cache_file(uses, question))
 
-    def _keep(self, uses: str, question: object, answer: object) -> None:
-        self._store.folder("cache", "declarations")
-        write_text_whole(self._cache_file(uses, question), json.dumps(answer), self._store.temporary())
+    def _keep(self, uses: str, question: object, answer: Mapping[str, Any]) -> None:
+        with suppress(OSError):  # a store that nobody can write to can be read
+            self._store.folder("cache", "declarations")
+            write_text_whole(self._cache_file(uses, question), sealed(answer), self._store.temporary(), mode=0o600)
 
     def _cache_file(self, uses: str, question: object) -> Path:
         engine = [FORMAT, pydantic.VERSION]

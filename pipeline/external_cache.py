@@ -14,7 +14,6 @@ at once the last one's memory stays, and is as true as the other's.
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Mapping
@@ -23,7 +22,7 @@ from pathlib import Path
 
 from pipeline.errors import UserError
 from pipeline.external import Contents, contents_of
-from pipeline.store import Store, read_json, write_text_whole
+from pipeline.store import Store, read_sealed, sealed, write_text_whole
 
 SETTLED = 2_000_000_000  # nanoseconds; the coarsest clock of a file system (FAT) ticks every two seconds
 TRIES = 3
@@ -52,7 +51,7 @@ class ExternalCache:
 
     def contents(self, digest: str) -> Contents | None:
         """The names and digests of the files behind a digest; None where that is not known."""
-        content = read_json(self._listing(digest))
+        content = read_sealed(self._listing(digest))
         return Contents(content["folder"], content["files"]) if content else None
 
     def _listing(self, digest: str) -> Path:
@@ -60,9 +59,7 @@ class ExternalCache:
 
     def _write(self, path: Path, content: Mapping[str, object]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        aside = self._store.temporary()
-        aside.touch(mode=0o600)
-        write_text_whole(path, json.dumps(content), aside)
+        write_text_whole(path, sealed(content), self._store.temporary(), mode=0o600)
 
 
 def _digest(path: Path, before: Memory, after: Memory) -> str:
@@ -97,7 +94,7 @@ def _is_settled(look: Look, moment: int) -> bool:
 
 def _read_memory(path: Path) -> Memory:
     """What was remembered; nothing where there is no such file or it is damaged."""
-    content = read_json(path) or {}
+    content = read_sealed(path) or {}
     try:
         return {name: (tuple(map(int, entry[:-1])), str(entry[-1])) for name, entry in content.items()}
     except (TypeError, ValueError, IndexError):

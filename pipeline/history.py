@@ -3,8 +3,9 @@
     runs/<workflow>/<time>-<id>.jsonl
 
 `status` and `explain` learn from it what a stage made last and why it failed since, without opening a record for each
-stage; `gc` learns which results the last runs used. A line that a killed run left unfinished is passed over. Names of
-stages may tell of a message, so nobody else can read these files.
+stage; `gc` learns which results the last runs used. Results do not need it: a line that was lost, to a full disk, a
+kill or a power cut (nothing is flushed here), costs an explanation. So a journal that cannot be written ends no run,
+and what cannot be read is passed over. Names of stages may tell of a message, so nobody else can read these files.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
+from pipeline.disk import parse_json, read_plain_file
 from pipeline.events import State
 
 
@@ -50,7 +52,8 @@ class Journal:
         started = datetime.now(UTC)
         self.path = folder / f"{started:%Y%m%dT%H%M%S.%fZ}-{uuid.uuid4().hex[:8]}.jsonl"
         descriptor = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o600)
-        self._file = os.fdopen(descriptor, "a", encoding="utf-8", buffering=1)
+        self._file = os.fdopen(descriptor, "ab", buffering=0)
+        self._unfinished = False
         self._write({"started": started.isoformat(timespec="seconds"), "process": os.getpid(), **facts})
 
     def add(self, result: StageResult) -> None:
@@ -63,7 +66,13 @@ class Journal:
         self._write(content)
 
     def _write(self, content: Mapping[str, object]) -> None:
-        self._file.write(json.dumps(content) + "\n")
+        line = json.dumps(content).encode() + b"\n"
+        if self._unfinished:
+            line = b"\n" + line
+        try:
+            self._unfinished = self._file.write(line) != len(line)
+        except OSError:
+            self._unfinished = True
 
     def close(self) -> None:
         self._file.close()
@@ -76,7 +85,7 @@ class History:
         self._runs = runs
 
     def begin(self, workflow: str, **facts: object) -> Journal:
-        """The journal of a run that begins now; `facts` are written first."""
+        """The journal of a run that begins now; `facts` are written first. Raises OSError where there can be none."""
         self._runs.mkdir(parents=True, exist_ok=True, mode=0o700)
         return Journal(self._runs / workflow, **facts)
 
@@ -90,7 +99,8 @@ class History:
 
     def results(self, journal: Path) -> dict[str, StageResult]:
         """How the stages of one run ended, by name."""
-        return {content["name"]: _result(content) for content in _lines(journal) if "name" in content}
+        results = (_result(content) for content in _lines(journal))
+        return {result.name: result for result in results if result}
 
     def last(self, workflow: str, names: Collection[str]) -> dict[str, LastResult]:
         """The last result of each of the stages `names`, as far back as needed."""
@@ -110,22 +120,36 @@ class History:
 
 
 def _lines(journal: Path) -> Iterator[dict[str, Any]]:
-    for line in journal.read_bytes().splitlines():
+    try:
+        lines = read_plain_file(journal).splitlines()
+    except OSError:  # another user's
+        return
+    for line in lines:
         try:
-            content = json.loads(line)
+            content = parse_json(line)
         except ValueError:  # the run was killed while it wrote
             continue
         if isinstance(content, dict):
             yield content
 
 
-def _result(content: Mapping[str, Any]) -> StageResult:
+def _result(content: Mapping[str, Any]) -> StageResult | None:
+    """What a line says of a stage; None where it does not say it as we do."""
+    name, state, key, outputs = (content.get(word) for word in ("name", "state", "key", "outputs"))
+    seconds, cause = content.get("seconds", 0.0), content.get("cause")
+    outputs = {} if outputs is None else outputs
+    sound = (
+        isinstance(name, str)
+        and state in get_args(State)
+        and isinstance(key, str | None)
+        and isinstance(seconds, float | int)
+        and isinstance(cause, str | None)
+        and isinstance(outputs, dict)
+        and all(isinstance(value, str) for value in outputs.values())
+    )
+    if not sound:
+        return None
+    private = content.get("private") is True
     return StageResult(
-        name=content["name"],
-        state=content["state"],
-        key=content.get("key"),
-        outputs=content.get("outputs", {}),
-        seconds=content.get("seconds", 0.0),
-        private=content.get("private", False),
-        cause=content.get("cause"),
+        str(name), cast(State, state), key, cast(dict[str, str], outputs), float(seconds), private, cause
     )

@@ -12,10 +12,13 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, TypeVar
 
 from pipeline.canonical import Json, digest_of, digest_of_file, plain
+from pipeline.disk import parse_json, read_plain_file
 from pipeline.errors import ArtifactError, CorruptArtifact
+
+Typed = TypeVar("Typed")
 
 MANIFEST = "manifest.json"
 ARRAYS = "arrays.zarr"
@@ -77,15 +80,15 @@ def read_manifest(directory: Path) -> Manifest:
     """The manifest in `directory`; raises CorruptArtifact where it is missing, malformed or not what was written."""
     path = directory / MANIFEST
     try:
-        content = json.loads(path.read_bytes())
+        content = parse_json(read_plain_file(path))
         if content["format"] != FORMAT:
             raise CorruptArtifact(f"{path}: format {content['format']}, this program reads format {FORMAT}")
         manifest = Manifest(
-            kind=content["kind"],
-            private=content["private"],
-            attributes=content["attributes"],
+            kind=_of_type(content["kind"], str),
+            private=_of_type(content["private"], bool),
+            attributes=_of_type(content["attributes"], dict),
             arrays={name: _array_record(record) for name, record in content["arrays"].items()},
-            files={name: FileRecord(**record) for name, record in content["files"].items()},
+            files={name: _file_record(record) for name, record in content["files"].items()},
         )
         for name in (*manifest.arrays, *manifest.files):
             check_name(name)
@@ -93,7 +96,7 @@ def read_manifest(directory: Path) -> Manifest:
             raise CorruptArtifact(f"{path}: the content is not the one whose digest it states")
     except OSError as error:
         raise CorruptArtifact(f"{directory}: no readable {MANIFEST} ({error.strerror})") from error
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError, ArtifactError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError, ArtifactError) as error:
         if isinstance(error, CorruptArtifact):
             raise
         raise CorruptArtifact(f"{path}: not a manifest ({error})") from error
@@ -135,4 +138,16 @@ def sha256(data: bytes | memoryview) -> str:
 
 
 def _array_record(record: Any) -> ArrayRecord:
-    return ArrayRecord(record["dtype"], tuple(record["shape"]), tuple(record["chunks"]), record["sha256"])
+    return ArrayRecord(
+        _of_type(record["dtype"], str), tuple(record["shape"]), tuple(record["chunks"]), _of_type(record["sha256"], str)
+    )
+
+
+def _file_record(record: Any) -> FileRecord:
+    return FileRecord(_of_type(record["size"], int), _of_type(record["sha256"], str))
+
+
+def _of_type(value: Any, expected: type[Typed]) -> Typed:
+    if type(value) is not expected:
+        raise TypeError(f"{value!r:.60} is not of type {expected.__name__}")
+    return value

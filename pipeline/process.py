@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -17,6 +18,16 @@ def set_thread_policy() -> None:
     """Sets `THREADS` for this process and its children, except what the user has set."""
     for name, value in THREADS.items():
         os.environ.setdefault(name, value)
+
+
+@contextmanager
+def nobody_else_reads() -> Iterator[None]:
+    """Files that this process and its children make meanwhile are for this user only, whatever makes them."""
+    before = os.umask(0o077)
+    try:
+        yield
+    finally:
+        os.umask(before)
 
 
 class KernelCache:

@@ -17,6 +17,7 @@ from types import FrameType
 
 from pipeline.action import Job, Outcome, perform
 from pipeline.canonical import Json
+from pipeline.disk import words_of
 from pipeline.events import Event, Noted, StageEnded, State, Summary
 from pipeline.executor import Executor, Lost
 from pipeline.explain import key_of, key_parts
@@ -28,6 +29,10 @@ from pipeline.store import Store
 GRACE = 60.0  # seconds that a running stage has to save its checkpoint and stop
 MOMENT = 0.2  # seconds between two looks at the stop flag
 REPAIRS = 1  # times that one artifact is made again in one run
+COMPLAINTS = 3  # times that one stage finds its inputs damaged in one run
+
+
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True)
@@ -70,6 +75,7 @@ class Run:
         started = time.monotonic()
         try:
             with self.store.in_use(), self._history(), self._interruptible():
+                self.store.sweep()
                 self._loop()
         finally:
             if self._executor:
@@ -92,11 +98,16 @@ class Run:
 
     @contextmanager
     def _history(self) -> Iterator[None]:
-        self._journal = self.store.history.begin(self.graph.workflow)
+        """Keeps a journal where one can be kept."""
+        try:
+            self._journal = self.store.history.begin(self.graph.workflow)
+        except OSError as error:
+            self.tell(Noted(f"no history is kept of this run: {words_of(error, self.store.root)}"))
         try:
             yield
         finally:
-            self._journal.close()
+            if self._journal:
+                self._journal.close()
 
     def _loop(self) -> None:
         self._waiting = dict.fromkeys(self.graph.nodes)
@@ -222,17 +233,20 @@ class Run:
         return self._dependents[name]
 
     def _make_again(self, name: str, key: str, outcome: Outcome) -> Iterable[str]:
-        """Puts damaged inputs of a stage aside, and has what made them, and then the stage, done again."""
-        self._damaged.update(outcome.damaged)
-        hopeless = [digest for digest in outcome.damaged if self._damaged[digest] > REPAIRS]
-        if hopeless:
-            cause = f"{self.store.object(hopeless[0])}: damaged again after it was made anew. Check the disk."
+        """Puts damaged inputs of a stage aside, and has what made them, and then the stage, done again.
+
+        Of several stages that take the same one, or several runs, the first that notices has it made again; others may
+        have begun before that and complain later, when it is whole again or just being made.
+        """
+        damaged = {digest for digest in outcome.damaged if not self.store.is_sound(digest)}
+        makers = [other for other, done in self._done.items() if not damaged.isdisjoint(done.outputs.values())]
+        made_again = {digest for maker in makers for digest in self._done[maker].outputs.values()} & damaged
+        self._damaged.update([name, *made_again])
+        if self._damaged[name] > COMPLAINTS or any(self._damaged[digest] > REPAIRS for digest in made_again):
+            cause = f"{self.store.object(outcome.damaged[0])}: damaged again after it was made anew. Check the disk."
             self._end(StageResult(name, "failed", key, cause=cause), outcome.log)
             return self._dependents[name]
-        makers = [
-            other for other, done in self._done.items() if not set(outcome.damaged).isdisjoint(done.outputs.values())
-        ]
-        for digest in outcome.damaged:
+        for digest in made_again:
             self.store.set_aside(digest)
         for maker in makers:
             self.tell(Noted(f"{maker}: its result was damaged on the disk and is made again"))
@@ -252,31 +266,38 @@ class Run:
         self._done[node.name] = Done(
             str(result.key), result.outputs, {**self._lineage(node), node.name: str(result.key)}
         )
-        self.store.link_latest(self.graph.workflow, node.name, result.outputs)
+        try:
+            self.store.link_latest(self.graph.workflow, node.name, result.outputs)
+        except OSError as error:
+            self.tell(Noted(f"{node.name}: no link to its result: {words_of(error, self.store.root)}"))
         self._end(result, log)
 
     def _end(self, result: StageResult, log: Path | None = None) -> None:
         self._waiting.pop(result.name, None)
         self._ended[result.name] = result.state
-        assert self._journal is not None
-        self._journal.add(result)
+        if self._journal:
+            self._journal.add(result)
         paths = {output: self.store.object(digest) for output, digest in result.outputs.items()}
         self.tell(StageEnded(result.name, result.state, result.key, result.seconds, paths, result.cause, log))
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:
-        """The first Ctrl-C asks running stages to stop, the second stops at once by KeyboardInterrupt."""
+        """The first Ctrl-C asks running stages to stop, the second stops at once by KeyboardInterrupt.
+
+        So do SIGTERM, which cluster schedulers send ahead of SIGKILL, and SIGHUP, when a terminal is closed.
+        """
 
         def ask(number: int, frame: FrameType | None) -> None:
             if self._stopped_at is not None:
                 raise KeyboardInterrupt
             self._stopped_at = time.monotonic()
-            self._stop_flag.touch()
-            with suppress(RuntimeError):  # Python refuses to print where the signal interrupted printing
+            with suppress(OSError):  # a full disk: there is no checkpoint to be saved either
+                self._stop_flag.touch()
+            with suppress(RuntimeError, OSError):  # printing was interrupted to come here, or the terminal is gone
                 self.tell(Noted("stopping: running stages save what they have (Ctrl-C again stops at once)"))
 
         try:
-            before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+            before = {number: signal.signal(number, ask) for number in STOPPING if heeded(number)}
         except ValueError:  # not the main thread: nothing is interrupted there
             before = {}
         try:
@@ -284,3 +305,8 @@ class Run:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def heeded(number: signal.Signals) -> bool:
+    """Whether a signal means something to this process: `nohup` has it ignore SIGHUP."""
+    return signal.getsignal(number) is not signal.SIG_IGN

@@ -1,4 +1,7 @@
-"""The log of one stage: what it says, what the libraries under it print, and the traceback if it fails."""
+"""The log of one stage: what it says, what the libraries under it print, and the traceback if it fails.
+
+A line that cannot be written, on a full disk for one, is lost and fails nothing: the result of a stage is worth more.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import os
 import sys
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -19,15 +22,19 @@ class StageLog:
         path.parent.mkdir(mode=0o700 if private else 0o777, exist_ok=True)
         path.unlink(missing_ok=True)
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600 if private else 0o644)
-        self._file = os.fdopen(descriptor, "a", encoding="utf-8", buffering=1)
+        self._file = os.fdopen(descriptor, "ab", buffering=0)
 
     def line(self, text: str) -> None:
         """Writes a line, or several, with the time before the first."""
-        self._file.write(f"{datetime.now():%H:%M:%S} {text}\n")
+        self._write(f"{datetime.now():%H:%M:%S} {text}\n")
 
     def traceback(self) -> None:
         """Writes the exception that is being handled."""
-        self._file.write(traceback.format_exc())
+        self._write(traceback.format_exc())
+
+    def _write(self, text: str) -> None:
+        with suppress(OSError):
+            self._file.write(text.encode(errors="replace"))
 
     def close(self) -> None:
         self._file.close()
@@ -48,16 +55,20 @@ def printed_to_stderr() -> Iterator[None]:
 
 @contextmanager
 def _descriptors_to(target: int, descriptors: tuple[int, ...]) -> Iterator[None]:
-    sys.stdout.flush()
-    sys.stderr.flush()
+    _flush_printed()
     kept = [os.dup(descriptor) for descriptor in descriptors]
     for descriptor in descriptors:
         os.dup2(target, descriptor)
     try:
         yield
     finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
+        _flush_printed()
         for copy, descriptor in zip(kept, descriptors, strict=True):
             os.dup2(copy, descriptor)
             os.close(copy)
+
+
+def _flush_printed() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):  # a full disk under the log, or a terminal that is gone
+            stream.flush()

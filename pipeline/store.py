@@ -10,7 +10,7 @@
     locks/<key>.lock                 held by the kernel for the process that works on an action
     external/<digest>.json           names and digests of the files behind a digest, for `explain`
     cache/                           what can be computed again: declarations of stages, digests of external files
-    temporary/                       what is being written; everything else appears by renaming, whole
+    temporary/<id>/                  what a process is writing; everything else appears by renaming, whole
 
 Two processes may use one store: a lock lets one of them do an action, and whoever comes second finds it done. All who
 run hold `locks/in_use` together; `gc` holds it alone.
@@ -30,14 +30,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
+from filelock import FileLock, Timeout
 
 from pipeline.artifact import Artifact, ArtifactWriter, flush, load, publish
-from pipeline.canonical import Json
+from pipeline.canonical import Json, digest_of
+from pipeline.disk import read_json_object
 from pipeline.errors import CommandError, CorruptArtifact
 from pipeline.history import History
+from pipeline.temporary import OwnFolder, sweep
 
 RECORD = "record.json"
+SEAL = "sha256"
 KEY = re.compile(r"[0-9a-f]{64}")
 
 
@@ -76,6 +79,7 @@ class Store:
     def __init__(self, root: Path) -> None:
         self.root = root.absolute()
         self.root.mkdir(parents=True, exist_ok=True)
+        self._own: OwnFolder | None = None
 
     def __repr__(self) -> str:
         return f"Store({str(self.root)!r})"
@@ -85,8 +89,14 @@ class Store:
         return self.root / "objects" / digest
 
     def artifact(self, digest: str) -> Artifact:
-        """Raises CorruptArtifact where it is missing or damaged."""
-        return load(self.object(digest))
+        """Raises CorruptArtifact where it is missing or damaged, or another one lies in its place."""
+        path = self.object(digest)
+        if path.is_symlink():
+            raise CorruptArtifact(f"{path}: a link; expected a folder")
+        artifact = load(path)
+        if artifact.digest != digest:
+            raise CorruptArtifact(f"{path}: holds the artifact {artifact.digest}")
+        return artifact
 
     def log(self, workflow: str, name: str, private: bool = False) -> Path:
         folder = self.root / "logs" / workflow
@@ -111,14 +121,30 @@ class Store:
         return frozenset(entry.name for entry in os.scandir(path)) if path.is_dir() else frozenset()
 
     def folder(self, *names: str) -> Path:
-        """A folder of the store, made where it is missing."""
+        """A folder of the store, made where it is missing; it survives a power cut."""
         path = self.root.joinpath(*names)
-        path.mkdir(parents=True, exist_ok=True)
+        if not path.is_dir():
+            path.mkdir(parents=True, exist_ok=True)
+            for parent in (path, *path.parents[: len(names)]):
+                flush(parent)
         return path
 
     def temporary(self) -> Path:
-        """A new path to write to, on the file system of the store."""
-        return self.folder("temporary") / uuid.uuid4().hex
+        """A new path to write to, on the file system of the store, that nobody else can reach.
+
+        What is there is removed when this store, or the process, comes to its end: by the next run if need be.
+        """
+        if self._own is None or not self._own.path.is_dir():
+            self._own = OwnFolder(self.folder("temporary"))
+        return self._own.path / uuid.uuid4().hex
+
+    def sweep(self) -> None:
+        """Removes what processes left behind that were killed: what they wrote, and checkpoints of finished actions."""
+        sweep(self.root / "temporary")
+        for key in self._names("scratch"):
+            with suppress(OSError, Timeout), self.lock(key).acquire(blocking=False):
+                if self.find(key):
+                    shutil.rmtree(self.root / "scratch" / key)
 
     def lock(self, key: str) -> FileLock:
         """The lock of an action; the kernel frees it when the process ends, however it ends."""
@@ -161,14 +187,14 @@ class Store:
         return True
 
     def set_aside(self, digest: str) -> None:
-        """Takes a damaged artifact out of the store, so that a whole one can take its place."""
-        with suppress(FileNotFoundError):  # another process was first
-            self.object(digest).rename(self.temporary())
+        """Takes a damaged artifact out of the store, so that a whole one can take its place; a sound one stays."""
+        with self.lock(digest):  # else a whole one that another process has just put there could be taken
+            self._clear_damaged(digest)
 
     def record(self, key: str) -> Record | None:
         """The record of an action, whether or not its outputs are still there."""
-        content = read_json(self.root / "actions" / key / RECORD)
-        if not content or not {"key", "parts", "outputs", "provenance"} <= content.keys():
+        content = read_sealed(self.root / "actions" / key / RECORD)
+        if not content or content["key"] != key:
             return None
         return Record(content["key"], content["parts"], content["outputs"], content["provenance"])
 
@@ -183,9 +209,10 @@ class Store:
         for name, writer in writers.items():
             artifact = writer.seal()
             outputs[name] = artifact.digest
-            self._clear_damaged(artifact.digest)
             self.folder("objects")
-            publish(artifact, self.object(artifact.digest))
+            with self.lock(artifact.digest):
+                self._clear_damaged(artifact.digest)
+                publish(artifact, self.object(artifact.digest))
         record = Record(key, parts, outputs, provenance)
         private = any(writer.private for writer in writers.values())
         self._write_record(record, private)
@@ -200,11 +227,11 @@ class Store:
         aside.mkdir(mode=0o700 if private else 0o777)
         content = {"key": record.key, "parts": record.parts, "outputs": record.outputs, "provenance": record.provenance}
         file = aside / RECORD
-        file.write_text(json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n")
-        file.chmod(0o600 if private else 0o644)
+        file.touch(mode=0o600 if private else 0o644)
+        file.write_text(sealed(content))
         flush(file)
         flush(aside)
-        if target.exists() and self.find(record.key) is None:
+        if os.path.lexists(target) and self.find(record.key) is None:
             target.rename(self.temporary())
         try:
             aside.rename(target)
@@ -215,9 +242,8 @@ class Store:
         flush(target.parent)
 
     def _clear_damaged(self, digest: str) -> None:
-        """Moves an object aside that is there but cannot be read, so that a whole one can take its place."""
-        if self.object(digest).exists() and not self.is_sound(digest):
-            self.set_aside(digest)
+        if os.path.lexists(self.object(digest)) and not self.is_sound(digest):
+            self.object(digest).rename(self.temporary())
 
     def link_latest(self, workflow: str, name: str, outputs: Mapping[str, str]) -> None:
         """Points `latest/<workflow>/<stage>.<output>` to the objects of a result."""
@@ -236,33 +262,38 @@ class Store:
 
     def keep_code(self, digest: str, modules: Mapping[str, str], definitions: Mapping[str, Mapping[str, str]]) -> None:
         """Keeps which modules a digest of code stands for, and the digests of what each of them defines."""
-        path = self._code(digest)
         content = {name: {"digest": module, "definitions": dict(definitions[name])} for name, module in modules.items()}
         self.folder("code")
-        write_text_whole(path, json.dumps({"modules": content}, sort_keys=True) + "\n", self.temporary())
+        write_text_whole(self._code(digest), sealed({"modules": content}), self.temporary())
 
     def knows_code(self, digest: str) -> bool:
         return self._code(digest).is_file()
 
     def code(self, digest: str) -> dict[str, Any] | None:
         """For each module that a digest of code stands for its `digest` and `definitions`; None where not known."""
-        content = read_json(self._code(digest)) or {}
-        return content.get("modules")
+        content = read_sealed(self._code(digest))
+        return content["modules"] if content else None
 
     def _code(self, digest: str) -> Path:
         return self.root / "code" / f"{digest}.json"
 
 
-def write_text_whole(path: Path, text: str, aside: Path) -> None:
+def write_text_whole(path: Path, text: str, aside: Path, mode: int = 0o666) -> None:
     """Writes a file so that readers see the old or the new one, never a part."""
+    aside.touch(mode)
     aside.write_text(text)
     aside.replace(path)
 
 
-def read_json(path: Path) -> dict[str, Any] | None:
-    """The object in a file of JSON; None where there is no such file or it holds anything else."""
+def sealed(content: Mapping[str, Any]) -> str:
+    """JSON with a checksum in it, by which `read_sealed` knows that it is whole."""
+    return json.dumps({**content, SEAL: digest_of(dict(content))}, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
+def read_sealed(path: Path) -> dict[str, Any] | None:
+    """What `sealed` made of something; None where that is missing or not what was written."""
+    content = read_json_object(path)
     try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError):
+        return content if content and content.pop(SEAL, None) == digest_of(content) else None
+    except (TypeError, ValueError, RecursionError):
         return None
-    return content if isinstance(content, dict) else None

@@ -14,8 +14,9 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 ENGINE = [
-    "errors canonical",
+    "errors canonical disk orphans temporary",
     "companion located external events provenance process stagelog drawing manifest",
+    "arrays",
     "matrix artifact executor progress fingerprint history",
     "stage store workflow cluster loaded_code",
     "declaration checkpoint external_cache",

@@ -298,3 +298,14 @@ def test_provenance_is_kept(workspace: Workspace) -> None:
     assert "pydantic" in record.provenance["versions"]
     assert record.provenance["machine"]["cores"] >= 1
     assert len(record.provenance["commit"].rstrip("+")) == 40
+
+
+def test_all_who_take_a_damaged_input_wait_for_its_repair(workspace: Workspace) -> None:
+    """Stages that began, and noticed, before it was made again do not count as further damage."""
+    more = [f"      more{n}: {{uses: scale, in: {{numbers: base}}, with: {{factor: {n}}}}}" for n in (6, 7)]
+    ran = workspace.write(CHAIN).run(stages=["base"])
+    chunk = ran.ended["base"].outputs["numbers"] / "arrays.zarr/values/c/0"
+    chunk.write_bytes(chunk.read_bytes()[:-1] + b"?")
+    again = workspace.write("\n".join([CHAIN.rstrip(), *more])).run()
+    assert set(again.states.values()) == {"ran"}
+    np.testing.assert_array_equal(again.values("more7"), [0.0, 7.0, 14.0])

@@ -1,0 +1,136 @@
+"""What the folder of an array must look like before zarr is let near it.
+
+zarr believes what `zarr.json` says: codecs by their names, shapes of any size; it returns zeros for chunks that are
+missing, and a chunk decides itself how much memory it unfolds into. Artifacts come from strangers, so only the form
+that our own writer gives them is read, and a chunk unfolds into exactly what the manifest says.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from pipeline.disk import parse_json, read_plain_file
+from pipeline.errors import CorruptArtifact
+from pipeline.manifest import ARRAYS, ArrayRecord, Manifest
+
+DESCRIPTION = "zarr.json"
+LARGEST_READ = 2**31  # bytes that a chunk may unfold into
+TYPE = re.compile(r"[<|]([biufc])(\d{1,2})")
+NAMES = {"b": "bool", "i": "int", "u": "uint", "f": "float", "c": "complex"}
+CODECS = ({"bytes"}, {"bytes", "zstd"})
+ZSTANDARD = b"\x28\xb5\x2f\xfd"
+SINGLE_SEGMENT, CHECKSUM, RESERVED_OR_DICTIONARY = 0x20, 0x04, 0x0B
+REPEATED_BYTE = 1  # kind of a block
+CHECKSUM_BYTES = 4
+SIZE_BYTES = {0: 0, 1: 2, 2: 4, 3: 8}  # of the field that says how much a frame unfolds into
+
+
+def check_array(directory: Path, manifest: Manifest, name: str) -> None:
+    """Raises CorruptArtifact unless the array `name` is stored as we store arrays; unfolds nothing."""
+    where = directory / ARRAYS / name
+    record = manifest.arrays[name]
+    bytes_of_a_chunk = _bytes_of_a_chunk(where, record)
+    _check_description(where, record)
+    first = f"{ARRAYS}/{name}/c"
+    chunks = {file for file in manifest.files if file == first or file.startswith(f"{first}/")}
+    counts = [-(-size // chunk) for size, chunk in zip(record.shape, record.chunks, strict=True)]
+    if len(chunks) != math.prod(counts):
+        raise CorruptArtifact(f"{where}: {len(chunks)} chunks; expected {math.prod(counts)}")
+    for indices in itertools.product(*map(range, counts)):
+        chunk = "/".join([first, *map(str, indices)])
+        if chunk not in chunks:
+            raise CorruptArtifact(f"{directory / chunk}: the manifest does not name it")
+        _check_chunk(directory / chunk, bytes_of_a_chunk)
+
+
+def _bytes_of_a_chunk(where: Path, record: ArrayRecord) -> int:
+    kind = TYPE.fullmatch(record.dtype)
+    sizes = (*record.shape, *record.chunks)
+    if not kind or len(record.shape) != len(record.chunks) or any(type(size) is not int or size < 0 for size in sizes):
+        raise CorruptArtifact(f"{where}: of type {record.dtype!r} and shape {record.shape}; expected numbers")
+    size = math.prod(record.chunks) * int(kind[2])
+    if not 0 < size <= LARGEST_READ:
+        raise CorruptArtifact(f"{where}: {size} bytes in a chunk; expected 1 to {LARGEST_READ}")
+    return size
+
+
+def _check_description(where: Path, record: ArrayRecord) -> None:
+    """Refuses a `zarr.json` that says anything else than the manifest, or names what we never use."""
+    try:
+        found = parse_json(read_plain_file(where / DESCRIPTION))
+        codecs = list(_codecs(found))
+        same = (
+            found["zarr_format"] == 3
+            and found["node_type"] == "array"
+            and found["shape"] == list(record.shape)
+            and found["data_type"] == _name_of_type(record.dtype)
+            and found["chunk_grid"] == {"name": "regular", "configuration": {"chunk_shape": list(record.chunks)}}
+            and found["chunk_key_encoding"] == {"name": "default", "configuration": {"separator": "/"}}
+            and codecs == ["bytes", "zstd"]
+            and not found.get("storage_transformers")
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise CorruptArtifact(f"{where / DESCRIPTION}: describes no array ({error})") from error
+    if not same:
+        raise CorruptArtifact(f"{where / DESCRIPTION}: does not describe the array of the manifest")
+
+
+def _codecs(found: Any) -> Iterator[str]:
+    for codec in found["codecs"]:
+        settings = codec.get("configuration", {})
+        if codec["name"] == "bytes" and settings.get("endian", "little") != "little":
+            raise ValueError("not little-endian")
+        yield codec["name"]
+
+
+def _name_of_type(code: str) -> str:
+    kind = TYPE.fullmatch(code)
+    assert kind
+    return NAMES[kind[1]] if kind[1] == "b" else f"{NAMES[kind[1]]}{8 * int(kind[2])}"
+
+
+def _check_chunk(path: Path, expected: int) -> None:
+    """Walks along a Zstandard frame (RFC 8878, 3.1.1): it must unfold into `expected` bytes, and be alone in its file.
+
+    The decoder would make room for whatever the frame states, and go on with frames behind it.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(14)
+            stated, start = _frame(head)
+            if stated != expected or _end_of_frame(file, start) != os.fstat(file.fileno()).st_size:
+                raise CorruptArtifact(f"{path}: does not unfold into the {expected} bytes of a chunk")
+    except OSError as error:
+        raise CorruptArtifact(f"{path}: missing") from error
+
+
+def _frame(head: bytes) -> tuple[int | None, int]:
+    """What the head of a frame states as its unfolded size, and where its blocks begin; None for a head not of ours."""
+    if head[:4] != ZSTANDARD or len(head) < 6:
+        return None, 0
+    flags = head[4]
+    start = 5 if flags & SINGLE_SEGMENT else 6
+    length = SIZE_BYTES[flags >> 6] or (1 if flags & SINGLE_SEGMENT else 0)
+    if not flags & CHECKSUM or flags & RESERVED_OR_DICTIONARY or not length:
+        return None, 0
+    return int.from_bytes(head[start : start + length], "little") + (256 if length == 2 else 0), start + length
+
+
+def _end_of_frame(file: BinaryIO, position: int) -> int | None:
+    """Where the checksum behind the last block ends; None where a block is cut off."""
+    while True:
+        file.seek(position)
+        header = file.read(3)
+        if len(header) < 3:
+            return None
+        block = int.from_bytes(header, "little")
+        last, kind, size = block & 1, block >> 1 & 3, block >> 3
+        position += 3 + (1 if kind == REPEATED_BYTE else size)
+        if last:
+            return position + CHECKSUM_BYTES

@@ -1,0 +1,94 @@
+"""What a disk may hold and do: files that are no files, JSON that is no JSON, no space, no permission.
+
+A store may have been damaged, or come from a stranger. So nothing is read but plain files, and whatever is in them is
+an answer or one of two errors; and what the system says when it cannot write is told in the words of a person.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import os
+import shutil
+import stat
+from pathlib import Path
+from typing import Any
+
+FULL = {errno.ENOSPC, errno.EDQUOT}
+
+
+def read_plain_file(path: Path) -> bytes:
+    """The bytes of a file. Raises OSError where it is none: a link, a folder, or a pipe that one would wait for."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    with os.fdopen(descriptor, "rb") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(errno.EINVAL, "not a plain file", str(path))
+        return file.read()
+
+
+def parse_json(data: bytes) -> Any:
+    """What `data` says. Raises ValueError for what is no JSON, nested so deeply that it cannot be read included."""
+    try:
+        return json.loads(data)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
+
+
+def read_json_object(path: Path) -> dict[str, Any] | None:
+    """The JSON object in a file; None where there is none that can be read."""
+    try:
+        content = parse_json(read_plain_file(path))
+    except (OSError, ValueError):
+        return None
+    return content if isinstance(content, dict) else None
+
+
+def size_of_plain_file(path: Path) -> int | None:
+    """Bytes; None where there is no plain file."""
+    try:
+        found = path.lstat()
+    except (OSError, ValueError):  # a name that no file can have
+        return None
+    return found.st_size if stat.S_ISREG(found.st_mode) else None
+
+
+def is_link(path: Path) -> bool:
+    """Whether there is a symbolic link; False for names that no file can have."""
+    try:
+        return path.is_symlink()
+    except OSError:
+        return False
+
+
+def words_of(error: OSError, store: Path, written: int = 0) -> str:
+    """What the system refused, in one line; `written` are the bytes that the work at hand had written by then."""
+    if error.errno not in FULL:
+        where = f"{error.filename}: " if error.filename else ""
+        return f"{where}{error.strerror or error}"
+    so_far = f", after {size_words(written)} were written" if written else ""
+    kept = "What is done is kept; make room, then run again."
+    return f"no space left on the disk that holds {store}: {size_words(_free(store))} free{so_far}. {kept}"
+
+
+def bytes_below(folder: Path) -> int:
+    """What the files in a folder hold together, as far as they can be seen."""
+    return sum(size_of_plain_file(path) or 0 for path in folder.rglob("*")) if folder.is_dir() else 0
+
+
+def size_words(size: float) -> str:
+    """
+    >>> size_words(0), size_words(1536), size_words(2_500_000_000)
+    ('0 B', '1.5 KB', '2.5 GB')
+    """
+    if size < 1000:
+        return f"{size:.0f} B"
+    power = min(4, int(math.log(size, 1000)))
+    return f"{size / 1000**power:.1f} {'KMGT'[power - 1]}B"
+
+
+def _free(store: Path) -> int:
+    try:
+        return shutil.disk_usage(store).free
+    except OSError:
+        return 0

@@ -1,0 +1,42 @@
+"""Disks that are full or cannot be written to: one clear line, nothing corrupt, and a run that goes on later."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.pipeline.durability import small_disk
+from tests.pipeline.durability.commands import ROOT
+
+
+def may_mount() -> bool:
+    return shutil.which("unshare") is not None and subprocess.run(["unshare", "-Urm", "true"]).returncode == 0
+
+
+@pytest.mark.skipif(not may_mount(), reason="no name spaces for users here")
+@pytest.mark.parametrize("flags", ["--serial", pytest.param("--workers=1", marks=pytest.mark.slow)])
+def test_small_and_read_only_disks(tmp_path: Path, flags: str) -> None:
+    done = subprocess.run(
+        ["unshare", "-Urm", sys.executable, "-m", small_disk.__name__, str(tmp_path), flags],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    said = {line["name"]: line for line in map(json.loads, done.stdout.splitlines())}
+    assert not [name for name, line in said.items() if "Traceback" in line["printed"]]
+    statuses = {name: line["status"] for name, line in said.items()}
+    full = {"large: full", "checkpoint: full", "before: full"}
+    failing = full | {"read-only: to run"}
+    assert {name for name, status in statuses.items() if status == 1} - {"log: full"} == failing
+    assert set(statuses.values()) == {0, 1}
+    for name in full:
+        assert "no space left on the disk that holds" in said[name]["printed"], said[name]
+    assert "Read-only file system" in said["read-only: to run"]["printed"]
+    assert len(said["read-only: to run"]["printed"].splitlines()) == 1
+    assert "1 cached" in said["read-only: status"]["printed"]

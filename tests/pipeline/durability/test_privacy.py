@@ -1,0 +1,49 @@
+"""What is private is nobody else's, while it is written and afterwards, whatever the user's mask."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.pipeline.durability.commands import TOYS
+from tests.pipeline.helpers import Workspace
+
+
+@pytest.fixture(params=[0o000, 0o022, 0o077])
+def mask(request: pytest.FixtureRequest) -> Iterator[int]:
+    before = os.umask(request.param)
+    yield request.param
+    os.umask(before)
+
+
+def mode(path: Path) -> int:
+    return stat.S_IMODE(path.lstat().st_mode)
+
+
+def test_modes(tmp_path: Path, mask: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TOLD", str(tmp_path / "told.txt"))
+    workspace = Workspace(tmp_path, TOYS).write("name: modes\nstages:\n  a: {uses: spread}\n")
+    ran = workspace.run()
+    meanwhile = json.loads((tmp_path / "told.txt").read_text())
+    assert len(meanwhile) > 8
+    for path, found in meanwhile.items():
+        assert int(found, 8) & 0o077 == 0, f"{path} was {found} while it was written"
+    hidden, shown = (ran.ended["a"].outputs[name] for name in ("hidden", "shown"))
+    store = tmp_path / "store"
+    private = [
+        *(hidden, *hidden.rglob("*")),
+        *(store / "runs", *(store / "runs").rglob("*")),
+        *(store / "logs/modes/private", store / "logs/modes/private/a.log"),
+        *(store / "actions" / str(ran.ended["a"].key)).rglob("*"),
+        *(store / "cache/declarations").glob("*"),
+    ]
+    for path in private:
+        assert mode(path) == (0o700 if path.is_dir() else 0o600), path
+    for path in (shown, *shown.rglob("*")):
+        assert mode(path) == (0o777 if path.is_dir() else 0o666) & ~mask, path
+    assert os.umask(mask) == mask, "the mask is the user's again"
