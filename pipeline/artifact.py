@@ -10,6 +10,7 @@ takes half a second that a run with nothing to do would otherwise spend.
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import shutil
@@ -98,11 +99,25 @@ class Artifact:
 
     def read(self, name: str) -> np.ndarray:
         """The whole array `name`, in memory. Raises as `open` does, and CorruptArtifact for a flipped bit."""
+        return self._part(name, self.open(name), ...)
+
+    def blocks(self, name: str) -> Iterator[np.ndarray]:
+        """The array `name` chunk by chunk, so that one larger than memory can be looked at. Raises as `read` does."""
+        array = self.open(name)
+        starts = [range(0, size, chunk) for size, chunk in zip(array.shape, array.chunks, strict=True)]
+        for corner in itertools.product(*starts):
+            ends = [start + chunk for start, chunk in zip(corner, array.chunks, strict=True)]
+            yield self._part(name, array, tuple(map(slice, corner, ends)))
+
+    def item(self, name: str, index: tuple[int, ...]) -> np.ndarray:
+        """The part of the array `name` at `index` along its first axes. Raises as `read` does."""
+        return self._part(name, self.open(name), index)
+
+    def _part(self, name: str, array: zarr.Array, part: object) -> np.ndarray:
         import numpy as np
 
-        array = self.open(name)
         try:
-            return np.asarray(array[...])
+            return np.asarray(array[part])
         except (RuntimeError, ValueError) as error:  # the decoder's own complaint about a checksum
             raise CorruptArtifact(f"{self.path}: array {name!r} cannot be decoded ({error})") from error
 

@@ -3,14 +3,15 @@
     runs/<workflow>/<time>-<id>.jsonl
 
 `status` and `explain` learn from it what a stage made last and why it failed since, without opening a record for each
-stage; `gc` learns which results the last runs used. A line that a killed run left unfinished is passed over. Names of
-stages may tell of a message, so nobody else can read these files.
+stage; `gc` learns which results the last runs used and which checkpoints they left. A line that a killed run left
+unfinished is passed over. Names of stages may tell of a message, so nobody else can read these files.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 import uuid
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -42,6 +43,19 @@ class LastResult:
     failed: str | None = None
 
 
+@dataclass(frozen=True)
+class PastRun:
+    """One run as its journal tells it; `began` holds the keys of the actions that it started.
+
+    `whole`: a run of all stages of the workflow that came to its end, with failures or without; not one of some
+    stages only, nor one that was interrupted or killed.
+    """
+
+    results: Mapping[str, StageResult]
+    began: frozenset[str]
+    whole: bool
+
+
 class Journal:
     """The file of a run under way."""
 
@@ -61,6 +75,14 @@ class Journal:
         content |= {"private": True} if result.private else {}
         content |= {"cause": result.cause} if result.cause else {}
         self._write(content)
+
+    def begin(self, key: str) -> None:
+        """Keeps that an action was started: if no end follows, its checkpoint may be worth something."""
+        self._write({"began": key})
+
+    def end(self) -> None:
+        """Keeps that the run came to its end."""
+        self._write({"ended": datetime.now(UTC).isoformat(timespec="seconds")})
 
     def _write(self, content: Mapping[str, object]) -> None:
         self._file.write(json.dumps(content) + "\n")
@@ -91,6 +113,20 @@ class History:
     def results(self, journal: Path) -> dict[str, StageResult]:
         """How the stages of one run ended, by name."""
         return {content["name"]: _result(content) for content in _lines(journal) if "name" in content}
+
+    def read(self, journal: Path) -> PastRun:
+        """All that a journal tells."""
+        lines = list(_lines(journal))
+        return PastRun(
+            results={content["name"]: _result(content) for content in lines if "name" in content},
+            began=frozenset(content["began"] for content in lines if "began" in content),
+            whole=any(content.get("whole") is True for content in lines)
+            and any("ended" in content for content in lines),
+        )
+
+    def forget(self, workflow: str) -> None:
+        """Deletes the journals of a workflow."""
+        shutil.rmtree(self._runs / workflow, ignore_errors=True)
 
     def last(self, workflow: str, names: Collection[str]) -> dict[str, LastResult]:
         """The last result of each of the stages `names`, as far back as needed."""

@@ -41,7 +41,10 @@ class Done:
 
 @dataclass
 class Run:
-    """One run of a graph. `make_executor` is called when there is something to do; `captures` is for its workers."""
+    """One run of a graph. `make_executor` is called when there is something to do; `captures` is for its workers.
+
+    `whole` says that the graph is all of its workflow: `gc` counts such runs.
+    """
 
     graph: Graph
     store: Store
@@ -50,6 +53,7 @@ class Run:
     make_executor: Callable[[], Executor]
     captures: bool
     tell: Callable[[Event], None]
+    whole: bool = True
     _done: dict[str, Done] = field(default_factory=dict)
     _ended: dict[str, State] = field(default_factory=dict)
     _running: dict[str, str] = field(default_factory=dict)
@@ -92,9 +96,11 @@ class Run:
 
     @contextmanager
     def _history(self) -> Iterator[None]:
-        self._journal = self.store.history.begin(self.graph.workflow)
+        self._journal = self.store.history.begin(self.graph.workflow, whole=self.whole)
         try:
             yield
+            if self._stopped_at is None:
+                self._journal.end()
         finally:
             self._journal.close()
 
@@ -199,6 +205,8 @@ class Run:
         if self._executor is None:
             self._commit = git_commit(self.package_folder)
             self._executor = self.make_executor()
+        assert self._journal is not None
+        self._journal.begin(key)
         self._running[node.name] = key
         del self._waiting[node.name]
         self._executor.start(node.name, perform, self._job(node, key, parts), urgency=-self._order[node.name])

@@ -5,6 +5,7 @@
     latest/<workflow>/<stage>.<output>   links to the objects of the last run, for people
     code/<digest>.json               the digests of the modules behind a stage, for `explain`
     runs/<workflow>/<time>-<id>.jsonl    how the stages of a run ended: see `history`
+    pins/<name>.json                 results that `gc` keeps: see `pins`
     logs/<workflow>/<stage>.log      what a stage said when it last ran; `logs/<workflow>/private` if it is private
     scratch/<key>/                   checkpoints of an action that was interrupted
     locks/<key>.lock                 held by the kernel for the process that works on an action
@@ -23,7 +24,7 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,11 +33,13 @@ from typing import Any
 from filelock import FileLock
 
 from pipeline.artifact import Artifact, ArtifactWriter, flush, load, publish
-from pipeline.canonical import Json
+from pipeline.canonical import Json, digest_of
 from pipeline.errors import CommandError, CorruptArtifact
 from pipeline.history import History
+from pipeline.pins import Pins
 
 RECORD = "record.json"
+CHECKSUM = "sha256"
 KEY = re.compile(r"[0-9a-f]{64}")
 
 
@@ -56,6 +59,23 @@ class Record:
     @property
     def seconds(self) -> float:
         return float(self.provenance["seconds"])
+
+    @property
+    def name(self) -> str:
+        """The stage's name in the workflow that had it done."""
+        return str(self.provenance.get("name", ""))
+
+    @property
+    def workflow(self) -> str:
+        """The workflow that had it done; others may use the result."""
+        return str(self.provenance.get("workflow", ""))
+
+    @property
+    def inputs(self) -> dict[str, list[str]]:
+        """The digests of the artifacts that it took, by input."""
+        given = self.parts.get("inputs")
+        groups = given.items() if isinstance(given, dict) else ()
+        return {name: [str(digest) for digest in group] for name, group in groups if isinstance(group, list)}
 
     @property
     def private(self) -> bool:
@@ -88,6 +108,10 @@ class Store:
     @property
     def history(self) -> History:
         return History(self.root / "runs")
+
+    @property
+    def pins(self) -> Pins:
+        return Pins(self.root / "pins")
 
     @property
     def actions(self) -> frozenset[str]:
@@ -161,9 +185,47 @@ class Store:
     def record(self, key: str) -> Record | None:
         """The record of an action, whether or not its outputs are still there."""
         content = _read_json(self.root / "actions" / key / RECORD)
-        if not content or not {"key", "parts", "outputs", "provenance"} <= content.keys():
+        if not content or not isinstance(content.get("key"), str):
+            return None
+        if not all(isinstance(content.get(name), dict) for name in ("parts", "outputs", "provenance")):
             return None
         return Record(content["key"], content["parts"], content["outputs"], content["provenance"])
+
+    def records(self) -> Iterator[Record]:
+        """All records that can be read, by key."""
+        for key in sorted(self.actions):
+            record = self.record(key)
+            if record:
+                yield record
+
+    def is_record_sound(self, key: str) -> bool:
+        """Whether a record is what was written; those of before records had checksums are believed."""
+        content = _read_json(self.root / "actions" / key / RECORD) or {}
+        checksum = content.pop(CHECKSUM, None)
+        return bool(content) and (checksum is None or checksum == digest_of(content))
+
+    def set_record_aside(self, key: str) -> None:
+        """Takes a damaged record out of the store, so that its action is done again."""
+        with suppress(FileNotFoundError):
+            (self.root / "actions" / key).rename(self.temporary())
+
+    def delete_record(self, key: str) -> None:
+        """Deletes a record, at once or not at all; what it told of stays until `delete_object`."""
+        self._delete(self.root / "actions" / key)
+
+    def delete_object(self, digest: str) -> None:
+        """Deletes an artifact, at once or not at all. Its records must be deleted before."""
+        self._delete(self.object(digest))
+
+    def _delete(self, path: Path) -> None:
+        aside = self.temporary()
+        with suppress(FileNotFoundError):
+            path.rename(aside)
+        remove(aside)
+
+    def size_of_object(self, digest: str) -> int:
+        """Bytes of all files of an artifact, damaged or not."""
+        return size_of(self.object(digest))
 
     def commit(
         self, key: str, parts: Mapping[str, Json], writers: Mapping[str, ArtifactWriter], provenance: Mapping[str, Any]
@@ -187,7 +249,13 @@ class Store:
     def _write_record(self, record: Record, private: bool) -> None:
         aside, target = self.temporary(), self.folder("actions") / record.key
         aside.mkdir(mode=0o700 if private else 0o777)
-        content = {"key": record.key, "parts": record.parts, "outputs": record.outputs, "provenance": record.provenance}
+        content = {
+            "key": record.key,
+            "parts": dict(record.parts),
+            "outputs": dict(record.outputs),
+            "provenance": dict(record.provenance),
+        }
+        content[CHECKSUM] = digest_of(content)
         file = aside / RECORD
         file.write_text(json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n")
         file.chmod(0o600 if private else 0o644)
@@ -223,6 +291,15 @@ class Store:
     def latest(self, workflow: str, name: str, output: str) -> Path:
         return self.root / "latest" / workflow / f"{name}.{output}"
 
+    def latest_digests(self) -> dict[str, str]:
+        """The digest that each link `<workflow>/<stage>.<output>` in `latest` leads to, in the store or no longer."""
+        links = sorted((self.root / "latest").glob("*/*"))
+        return {f"{link.parent.name}/{link.name}": link.readlink().name for link in links if link.is_symlink()}
+
+    def unlink_latest(self, name: str) -> None:
+        """Removes a link of `latest_digests`."""
+        (self.root / "latest" / name).unlink(missing_ok=True)
+
     def keep_code(self, digest: str, modules: Mapping[str, str]) -> None:
         """Keeps which modules a digest of code stands for."""
         path = self._code(digest)
@@ -236,6 +313,27 @@ class Store:
 
     def _code(self, digest: str) -> Path:
         return self.root / "code" / f"{digest}.json"
+
+
+def newest_makers(records: Iterable[Record]) -> dict[str, Record]:
+    """For each artifact the last of `records` that made it, by digest."""
+    ordered = sorted(records, key=lambda record: str(record.provenance.get("started", "")))
+    return {digest: record for record in ordered for digest in record.outputs.values()}
+
+
+def size_of(path: Path) -> int:
+    """Bytes of a file, or of all files under a folder; 0 where there is nothing."""
+    if not path.is_dir():
+        return path.lstat().st_size if path.exists() else 0
+    return sum(file.lstat().st_size for file in path.rglob("*") if not file.is_dir())
+
+
+def remove(path: Path) -> None:
+    """Deletes a file, or a folder with all that is in it, if it is there."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def write_text_whole(path: Path, text: str, aside: Path) -> None:

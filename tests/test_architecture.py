@@ -14,15 +14,16 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 ENGINE = [
-    "errors canonical",
-    "companion located external events provenance process stagelog drawing manifest",
+    "errors canonical completion",
+    "companion located external events provenance process stagelog drawing manifest console tables pins",
     "matrix artifact executor progress fingerprint history",
     "stage store workflow cluster",
-    "declaration checkpoint",
-    "graph action",
-    "explain",
+    "declaration checkpoint naming privacy garbage verification",
+    "graph action description exporting storewords",
+    "explain showing pictures",
     "plan runner",
-    "project",
+    "project planwords",
+    "commands_results commands_store",
     "cli",
     "__main__",
 ]
