@@ -87,7 +87,9 @@ def _document(ctx: typer.Context) -> dict[str, Any]:
     """The workflow file as plain data."""
     from ruamel.yaml import YAML
 
-    return YAML(typ="safe", pure=True).load(Path(ctx.params["workflow"]))
+    # Behind an option that still lacks its value, typer leaves what it read before among the other words.
+    file = ctx.params.get("workflow") or next(word for word in ctx.args if word.endswith((".yaml", ".yml")))
+    return YAML(typ="safe", pure=True).load(Path(file))
 
 
 def _store(ctx: typer.Context) -> Path:

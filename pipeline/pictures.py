@@ -71,9 +71,10 @@ def leading_axes(array: ArrayRecord) -> tuple[int, ...] | None:
 
 
 def write_pictures(artifact: Artifact, folder: Path, most: int | None) -> tuple[list[Path], int]:
-    """Writes at most `most` pictures, evenly drawn from all, into `folder`; returns their paths, and how many there are.
+    """Writes at most `most` pictures, evenly drawn from all, into `folder`; None for `most` writes all.
 
-    None for `most` writes all. Files of a private artifact are closed to others, and so is the folder where it is made here.
+    Returns their paths, and how many there are in the artifact. Files of a private artifact are closed to others, and
+    so is the folder where it is made here.
     """
     found = pictures_of(artifact)
     number = len(found) if most is None else min(most, len(found))
