@@ -215,14 +215,7 @@ def _run(
     display = make_display(graph.workflow, len(graph.nodes), json=as_json)
     with display:
         work = Run(
-            graph,
-            project.store,
-            project.package,
-            project.package_folder,
-            make_executor,
-            captures,
-            display.__call__,
-            whole=graph is project.graph,
+            graph, project.store, project.package, project.package_folder, make_executor, captures, display.__call__
         )
         summary = work.run()
     if not as_json:

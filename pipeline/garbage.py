@@ -163,8 +163,11 @@ class _Collector:
                 self.steps.append(partial(self.store.unlink_latest, name))
 
     def drop_records(self, kept: set[str]) -> None:
-        for key in self.store.actions - kept:
-            self.steps.append(partial(self.store.delete_record, key))
+        dropped = sorted(self.store.actions - kept)
+        if dropped:
+            size = sum(self.store.size_of_record(key) for key in dropped)
+            self.waste.append(Waste("records of how they were made", len(dropped), size))
+            self.steps += [partial(self.store.delete_record, key) for key in dropped]
 
     def drop_objects(self, digests: set[str]) -> None:
         numbers: Counter[tuple[str, str]] = Counter()

@@ -41,10 +41,7 @@ class Done:
 
 @dataclass
 class Run:
-    """One run of a graph. `make_executor` is called when there is something to do; `captures` is for its workers.
-
-    `whole` says that the graph is all of its workflow: `gc` counts such runs.
-    """
+    """One run of a graph. `make_executor` is called when there is something to do; `captures` is for its workers."""
 
     graph: Graph
     store: Store
@@ -53,7 +50,6 @@ class Run:
     make_executor: Callable[[], Executor]
     captures: bool
     tell: Callable[[Event], None]
-    whole: bool = True
     _done: dict[str, Done] = field(default_factory=dict)
     _ended: dict[str, State] = field(default_factory=dict)
     _running: dict[str, str] = field(default_factory=dict)
@@ -96,7 +92,7 @@ class Run:
 
     @contextmanager
     def _history(self) -> Iterator[None]:
-        self._journal = self.store.history.begin(self.graph.workflow, whole=self.whole)
+        self._journal = self.store.history.begin(self.graph.workflow, whole=self.graph.whole)
         try:
             yield
             if self._stopped_at is None:

@@ -223,6 +223,10 @@ class Store:
             path.rename(aside)
         remove(aside)
 
+    def size_of_record(self, key: str) -> int:
+        """Bytes of a record."""
+        return size_of(self.root / "actions" / key)
+
     def size_of_object(self, digest: str) -> int:
         """Bytes of all files of an artifact, damaged or not."""
         return size_of(self.object(digest))
