@@ -32,7 +32,7 @@ def find_artifact(text: str, folder: Path) -> tuple[Artifact, Store | None]:
         found = {digest: _names_of(digest, names) for digest in store.objects if digest.startswith(text)}
         if found:
             return store.artifact(_only(text, found)), store
-    found_names = {name: [name] for name in names if _means(text, name)}
+    found_names = {name: [name] for name in names if text in forms_of(name)}
     if not found_names:
         raise CommandError(f"no artifact {text!r}", where=store.root, expected=_expected(text, names))
     return store.artifact(names[_only(text, found_names)]), store
@@ -79,17 +79,18 @@ def _store_around(path: Path) -> Store | None:
     return Store(root) if path.parent.name == "objects" and (root / "actions").is_dir() else None
 
 
-def _means(text: str, name: str) -> bool:
-    """Whether `text` may be short for `name`.
+def forms_of(name: str) -> list[str]:
+    """What a person may type for a name in `latest`, the name itself first.
 
-    >>> [_means(text, "hide/views[reef].views") for text in ("hide/views[reef].views", "views[reef]", "views", "view")]
-    [True, True, True, False]
+    >>> forms_of("hide/views[reef].views")  # doctest: +NORMALIZE_WHITESPACE
+    ['hide/views[reef].views', 'hide/views[reef]', 'hide/views', 'hide/views.views',
+     'views[reef].views', 'views[reef]', 'views', 'views.views']
     """
     workflow, _, rest = name.partition("/")
-    stage = rest.rpartition(".")[0]
+    stage, _, output = rest.rpartition(".")
     entry, bracket, _ = stage.partition("[")
-    forms = {rest, stage, entry, f"{entry}.{rest.rpartition('.')[2]}" if bracket else rest}
-    return text in forms or text in {f"{workflow}/{form}" for form in forms}
+    forms = [rest, stage, entry, *([f"{entry}.{output}"] if bracket else [])]
+    return list(dict.fromkeys([*(f"{workflow}/{form}" for form in forms), *forms]))
 
 
 def _only(text: str, found: dict[str, list[str]]) -> str:
@@ -104,7 +105,7 @@ def _only(text: str, found: dict[str, list[str]]) -> str:
 
 
 def _expected(text: str, names: dict[str, str]) -> str:
-    hint = nearest(text, names) or nearest(text, [name.partition("/")[2] for name in names])
+    hint = nearest(text, [form for name in names for form in forms_of(name)])
     listed = f"; there are {_listed(names)}" if names else ""
     return f"the path of an artifact, 6 or more characters of a digest, or WORKFLOW/STAGE.OUTPUT{listed}{hint}"
 

@@ -33,7 +33,10 @@ def rows_table(rows: Sequence[Row]) -> list[str]:
         name for name in dict.fromkeys(name for row in rows for name in row) if any(_cell(row, name) for row in rows)
     ]
     numbers = [i for i, name in enumerate(columns) if not any(isinstance(row.get(name), str) for row in rows)]
-    return table([columns, *([_cell(row, name) for name in columns] for row in rows)], numbers)
+    if not columns:
+        return []
+    cells = ([_cell(row, name) for name in columns] for row in rows)
+    return table([[printable(name) for name in columns], *cells], numbers)
 
 
 def in_short(rows: Sequence[Row], most: int) -> tuple[list[Row], str | None]:
