@@ -54,9 +54,10 @@ app = typer.Typer(
     python -m pipeline show hide_multi/cover.scene --pictures seen    its pictures as PNG files
     python -m pipeline gc --dry-run                                   what nobody needs any more
 
-    `COMMAND --help` shows more examples. `gs-hider` is the same program; `gs-hider --install-completion` teaches your
-    shell to complete workflows, stages, settings and results.
+    `COMMAND --help` shows more. The same program is called gs-hider: `gs-hider --install-completion` teaches your shell
+    to complete workflows, stages, settings and results.
     """,
+    context_settings={"max_content_width": 120},
 )
 
 

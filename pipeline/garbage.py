@@ -23,6 +23,7 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 
+from pipeline.errors import UserError
 from pipeline.store import Record, Store, newest_makers, remove, size_of
 
 CHECKPOINT_DAYS = 14.0
@@ -74,7 +75,10 @@ class Collection:
 
 
 def collect(store: Store, rules: Rules) -> Collection:
-    """Finds out what can go, and deletes nothing. Raises UserError for a pin that cannot be read."""
+    """Finds out what can go, and deletes nothing.
+
+    Raises UserError for a pin or a record that cannot be read: nobody knows then what it was to keep.
+    """
     return _Collector(store, rules).collection()
 
 
@@ -103,6 +107,13 @@ class _Collector:
         return Collection(tuple(self.waste), len(kept), tuple(self.remarks), tuple(self.steps))
 
     def kept_keys(self) -> set[str]:
+        unreadable = self.store.actions - self.records.keys()
+        if unreadable:
+            raise UserError(
+                f"{len(unreadable)} records cannot be read, {min(unreadable)[:12]} for one",
+                where=self.store.root,
+                remedy="Nothing was deleted. Run `verify` first, which sets damaged records aside.",
+            )
         wanted: set[str] = set()
         for workflow in self.workflows:
             wanted |= self.of_workflow(workflow)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -40,9 +41,12 @@ def find_artifact(text: str, folder: Path) -> tuple[Artifact, Store | None]:
 
 @contextmanager
 def finding(text: str, folder: Path) -> Iterator[tuple[Artifact, Store | None]]:
-    """`find_artifact`, and the store stays in use: nothing is deleted from it meanwhile."""
+    """`find_artifact`, and the store stays in use: nothing is deleted from it meanwhile.
+
+    Another user's store, which cannot be written, is looked at without.
+    """
     artifact, store = find_artifact(text, folder)
-    with store.in_use() if store else nullcontext():
+    with store.in_use() if store and os.access(store.root, os.W_OK) else nullcontext():
         yield artifact, store
 
 

@@ -170,6 +170,20 @@ def test_a_pin_that_cannot_be_read_stops_everything(chain: Workspace) -> None:
         collect(store, Rules(keep_last=1))
 
 
+def test_a_record_that_cannot_be_read_stops_everything(chain: Workspace) -> None:
+    """A disk that just does not answer must not cost what the record names."""
+    ran = chain.run("factor=2")
+    store = store_of(chain)
+    file = store.root / "actions" / str(ran.ended["base"].key) / "record.json"
+    kept = file.read_bytes()
+    file.write_bytes(b"")
+    with pytest.raises(UserError, match="Run `verify` first"):
+        collect(store, Rules(keep_last=1))
+    file.write_bytes(kept)
+    collected(chain)
+    assert is_cached(chain, "factor=2")
+
+
 def test_young_results_stay_on_request(chain: Workspace) -> None:
     chain.run("factor=2")
     chain.run("factor=3")
