@@ -146,7 +146,7 @@ class _Collector:
                     self.old_journals.append(journal)
             found |= made.keys()
         runs = f"its last {counted} whole runs" if counted > 1 else "its last whole run" if counted else "all its runs"
-        self.remarks.append(f"{workflow}: {runs}, and the last result of each stage")
+        self.remarks.append(f"{workflow}: {runs}, what came after, and the last result of each stage")
         return keys
 
     def of_links(self) -> set[str]:
