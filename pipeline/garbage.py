@@ -89,7 +89,9 @@ class _Collector:
         self.now = time.time()
         self.records = {record.key: record for record in store.records()}
         self.makers = newest_makers(self.records.values())
+        self.links = store.latest_digests()
         self.workflows = [name for name in store.history.workflows() if name not in rules.forgotten]
+        self.gone: set[str] = set()
         self.begun: set[str] = set()
         self.old_journals: list[Path] = []
         self.waste: list[Waste] = []
@@ -121,13 +123,13 @@ class _Collector:
             pin = self.store.pins.read(name)
             self.remarks.append(f"pin {name}: {len(pin.keys)} results of {pin.workflow}")
             wanted |= set(pin.keys.values())
-        wanted |= self.of_links()
         wanted |= {key for key, record in self.records.items() if self.age(record) < self.rules.younger_than * DAY}
-        return self.with_what_made_them(wanted & self.records.keys())
+        return self.with_what_made(self.linked(), wanted & self.records.keys())
 
     def of_workflow(self, workflow: str) -> set[str]:
         """Keys that the last runs of a workflow used, and those of the last results of their stages."""
         counted = 0
+        newest_is_whole = False
         keys: set[str] = set()
         stages: set[str] = set()
         found: set[str] = set()
@@ -136,6 +138,7 @@ class _Collector:
             made = {name: str(result.key) for name, result in run.results.items() if result.outputs}
             if counted < self.rules.keep_last:
                 counted += run.whole
+                newest_is_whole |= number == 0 and run.whole
                 stages |= run.results.keys()
                 self.begun |= run.began
                 keys |= set(made.values())
@@ -145,31 +148,40 @@ class _Collector:
                 if number >= JOURNALS_KEPT and not last:
                     self.old_journals.append(journal)
             found |= made.keys()
+        if newest_is_whole:
+            linked = {name for name in self.links if name.startswith(f"{workflow}/")}
+            self.gone |= {name for name in linked if name.partition("/")[2].rpartition(".")[0] not in stages}
         runs = f"its last {counted} whole runs" if counted > 1 else "its last whole run" if counted else "all its runs"
         self.remarks.append(f"{workflow}: {runs}, what came after, and the last result of each stage")
         return keys
 
-    def of_links(self) -> set[str]:
-        """Keys of the last results of workflows without journals: those that ran before there were any."""
-        known = {*self.workflows, *self.rules.forgotten}
-        links = self.store.latest_digests().items()
-        digests = {digest for name, digest in links if name.partition("/")[0] not in known}
-        return {self.makers[digest].key for digest in digests if digest in self.makers}
+    def linked(self) -> set[str]:
+        """The artifacts that `latest` leads to, whatever journals tell: lines of these can be lost.
 
-    def with_what_made_them(self, wanted: set[str]) -> set[str]:
-        """`wanted`, and the actions behind them: for each artifact the latest that made it."""
-        kept, queue = set(wanted), list(wanted)
+        But not those of stages that the workflow no longer has, as far as its newest run knows.
+        """
+        return {
+            digest
+            for name, digest in self.links.items()
+            if name not in self.gone and name.partition("/")[0] not in self.rules.forgotten
+        }
+
+    def with_what_made(self, digests: set[str], wanted: set[str]) -> set[str]:
+        """`wanted`, and what made `digests` and all that these take; where several did, one of `wanted` or the last."""
+        kept = set(wanted)
+        made = {digest for key in kept for digest in self.records[key].outputs.values()}
+        queue = [*digests, *(digest for key in kept for digest in self.records[key].taken)]
         while queue:
-            record = self.records[queue.pop()]
-            for digest in (digest for digests in record.inputs.values() for digest in digests):
-                maker = self.makers.get(digest)
-                if maker and maker.key not in kept:
-                    kept.add(maker.key)
-                    queue.append(maker.key)
+            digest = queue.pop()
+            maker = self.makers.get(digest)
+            if maker and digest not in made:
+                kept.add(maker.key)
+                made.update(maker.outputs.values())
+                queue += maker.taken
         return kept
 
     def drop_links(self, digests: set[str]) -> None:
-        for name, digest in self.store.latest_digests().items():
+        for name, digest in self.links.items():
             if digest not in digests or name.partition("/")[0] in self.rules.forgotten:
                 self.steps.append(partial(self.store.unlink_latest, name))
 
@@ -210,7 +222,7 @@ class _Collector:
 
     def drop_the_rest(self, kept: set[str]) -> None:
         root = self.store.root
-        known = {*self.workflows, *(name.partition("/")[0] for name in self.store.latest_digests())}
+        known = {*self.workflows, *(name.partition("/")[0] for name in self.links)}
         codes = {str(self.records[key].parts.get("code")) for key in kept}
         self.drop("leftovers of interrupted and damaged work", self.leftovers())
         self.drop("journals of old runs", self.old_journals)

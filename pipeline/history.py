@@ -47,8 +47,8 @@ class LastResult:
 class PastRun:
     """One run as its journal tells it; `began` holds the keys of the actions that it started.
 
-    `whole`: a run of all stages of the workflow that came to its end, with failures or without; not one of some
-    stages only, nor one that was interrupted or killed.
+    `whole`: a run of all stages of the workflow that came to its end, with failures or without, and whose journal
+    tells of every stage; not one of some stages only, nor one that was interrupted or killed.
     """
 
     results: Mapping[str, StageResult]
@@ -117,12 +117,11 @@ class History:
     def read(self, journal: Path) -> PastRun:
         """All that a journal tells."""
         lines = list(_lines(journal))
-        return PastRun(
-            results={content["name"]: _result(content) for content in lines if "name" in content},
-            began=frozenset(content["began"] for content in lines if "began" in content),
-            whole=any(content.get("whole") is True for content in lines)
-            and any("ended" in content for content in lines),
-        )
+        results = {content["name"]: _result(content) for content in lines if "name" in content}
+        began = any(content.get("whole") is True and content.get("stages") == len(results) for content in lines)
+        ended = any("ended" in content for content in lines)
+        keys = frozenset(content["began"] for content in lines if "began" in content)
+        return PastRun(results, keys, whole=began and ended)
 
     def forget(self, workflow: str) -> None:
         """Deletes the journals of a workflow."""

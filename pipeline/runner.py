@@ -92,7 +92,8 @@ class Run:
 
     @contextmanager
     def _history(self) -> Iterator[None]:
-        self._journal = self.store.history.begin(self.graph.workflow, whole=self.graph.whole)
+        facts = {"whole": self.graph.whole, "stages": len(self.graph.nodes)}
+        self._journal = self.store.history.begin(self.graph.workflow, **facts)
         try:
             yield
             if self._stopped_at is None:

@@ -78,6 +78,11 @@ class Record:
         return {name: [str(digest) for digest in group] for name, group in groups if isinstance(group, list)}
 
     @property
+    def taken(self) -> list[str]:
+        """The digests of all artifacts that it took."""
+        return [digest for digests in self.inputs.values() for digest in digests]
+
+    @property
     def private(self) -> bool:
         """Whether any output is private."""
         return bool(self.provenance.get("private"))

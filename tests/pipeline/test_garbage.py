@@ -101,6 +101,18 @@ def test_an_interrupted_run_pushes_nothing_out(chain: Workspace) -> None:
     assert is_cached(chain, "factor=2")
 
 
+def test_a_result_whose_line_was_lost_stays(chain: Workspace) -> None:
+    """A full disk costs a line of the journal; the link in `latest` is there all the same."""
+    chain.run("factor=2")
+    chain.run("factor=3")
+    journal = store_of(chain).history.journals("chain")[0]
+    lines = journal.read_text().splitlines(True)
+    journal.write_text("".join(line for line in lines if '"name": "twice"' not in line))
+    collected(chain, keep_last=1)
+    assert is_cached(chain, "factor=3")
+    assert is_cached(chain, "factor=2"), "a run with lost lines does not count"
+
+
 def test_runs_that_fail_keep_what_succeeded_before(workspace: Workspace) -> None:
     """The last result of a stage stays, with all that it was made from, though that is not of the last run."""
     text = """
