@@ -10,6 +10,7 @@ takes half a second that a run with nothing to do would otherwise spend.
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import shutil
@@ -102,16 +103,30 @@ class Artifact:
 
     def read(self, name: str) -> np.ndarray:
         """The whole array `name`, in memory. Raises as `open` does, and CorruptArtifact for a flipped bit."""
-        import numpy as np
-
-        array = self.open(name)
-        try:
-            values = np.asarray(array[...])
-        except (RuntimeError, ValueError) as error:  # the decoder's own complaint about a checksum
-            raise CorruptArtifact(f"{self.path}: array {name!r} cannot be decoded ({error})") from error
+        values = self._part(name, self.open(name), ...)
         if sha256_of_array(values) != self.manifest.arrays[name].sha256:
             raise CorruptArtifact(f"{self.path}: array {name!r} does not hold the numbers that were written")
         return values
+
+    def blocks(self, name: str) -> Iterator[np.ndarray]:
+        """The array `name` chunk by chunk, so that one larger than memory can be looked at. Raises as `read` does."""
+        array = self.open(name)
+        starts = [range(0, size, chunk) for size, chunk in zip(array.shape, array.chunks, strict=True)]
+        for corner in itertools.product(*starts):
+            ends = [start + chunk for start, chunk in zip(corner, array.chunks, strict=True)]
+            yield self._part(name, array, tuple(map(slice, corner, ends)))
+
+    def item(self, name: str, index: tuple[int, ...]) -> np.ndarray:
+        """The part of the array `name` at `index` along its first axes. Raises as `read` does."""
+        return self._part(name, self.open(name), index)
+
+    def _part(self, name: str, array: zarr.Array, part: object) -> np.ndarray:
+        import numpy as np
+
+        try:
+            return np.asarray(array[part])
+        except (RuntimeError, ValueError) as error:  # the decoder's own complaint about a checksum
+            raise CorruptArtifact(f"{self.path}: array {name!r} cannot be decoded ({error})") from error
 
     def file(self, name: str) -> Path:
         """The path of the plain file `name`, its bytes checked. Raises as `open` does."""

@@ -1,67 +1,76 @@
-"""The command line: `python -m pipeline run | status | explain | accept | graph`."""
+"""The command line: `python -m pipeline run | status | explain | accept | graph | show | export | verify | gc | pin`.
+
+Each command imports what it works with when it is called: help and the completion of the shell, which a person waits
+for, load neither the engine nor any library of numbers.
+"""
 
 from __future__ import annotations
 
 import json
 import os
-import shlex
 import sys
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.disk import words_of
-from pipeline.drawing import Box, draw
-from pipeline.errors import PipelineError, UserError
-from pipeline.events import Summary
-from pipeline.executor import Executor, SerialExecutor
-from pipeline.explanation import as_json as explanation_as_json
-from pipeline.explanation import explain as explained
-from pipeline.explanation import in_words
-from pipeline.graph import Graph, Node
-from pipeline.plan import Step, make_plan
+from pipeline.commands_results import export, show
+from pipeline.commands_store import gc, pin, pins, unpin, verify
+from pipeline.completion import complete_stage
+from pipeline.console import (
+    Json,
+    Package,
+    Settings,
+    StageNames,
+    StoreFolder,
+    WorkflowFile,
+    command_line,
+    near,
+    reported,
+    say,
+)
 from pipeline.process import set_thread_policy
-from pipeline.progress import duration, make_display, summary_words
-from pipeline.project import Project, open_project
-from pipeline.runner import Run
 
-STATES = {"cached": "cached", "run": "to run", "depends": "depends"}
+if TYPE_CHECKING:
+    from pipeline.events import Summary
+    from pipeline.executor import Executor
+    from pipeline.graph import Graph
+    from pipeline.project import Project
+
+COMMAND = "gs-hider"  # the same program under a name of its own, which is what a shell can complete
 
 app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    help="Runs workflows of stages, keeps every result, and repeats only what changed.",
-)
+    help="""Runs workflows of stages, keeps every result, and repeats only what changed.
 
-WorkflowFile = Annotated[Path, typer.Argument(metavar="WORKFLOW", help="The workflow file.", show_default=False)]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Sets a var, or a parameter as STAGE.PARAMETER. Repeatable."),
-]
-StoreFolder = Annotated[
-    Path, typer.Option("--store", metavar="DIR", envvar="GS_HIDER_STORE", help="Where results are kept.")
-]
-Package = Annotated[str, typer.Option("--stages", metavar="PACKAGE", help="The package whose modules are the stages.")]
-Json = Annotated[bool, typer.Option("--json", help="Prints one JSON object a line.")]
+    \b
+    python -m pipeline run workflows/hide_multi.yaml                  do it, or what is missing of it
+    python -m pipeline status workflows/hide_multi.yaml               what is done, and what would run
+    python -m pipeline explain workflows/hide_multi.yaml hide         why a stage would run
+    python -m pipeline show hide_multi/hide.container                 what came out, and how it was made
+    python -m pipeline show hide_multi/cover.scene --pictures seen    its pictures as PNG files
+    python -m pipeline gc --dry-run                                   what nobody needs any more
+
+    `COMMAND --help` shows more. The same program is called gs-hider: `gs-hider --install-completion` teaches your shell
+    to complete workflows, stages, settings and results.
+    """,
+    context_settings={"max_content_width": 120},
+)
 
 
 def main() -> None:
     set_thread_policy()
-    app(prog_name="python -m pipeline")
+    by_name = Path(sys.argv[0]).name == COMMAND or any(word.endswith("-completion") for word in sys.argv[1:2])
+    app(prog_name=COMMAND if by_name else "python -m pipeline")
 
 
 @app.command()
 def run(
     workflow: WorkflowFile,
-    stages: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="STAGE", help="Only these and what they need.", show_default=False),
-    ] = None,
+    stages: StageNames = None,
     settings: Settings = None,
     store: StoreFolder = Path("store"),
     workers: Annotated[int, typer.Option("--workers", min=1, metavar="N", help="Stages at the same time.")] = min(
@@ -85,18 +94,22 @@ def run(
 
     Exit status: 0 done, 1 a stage failed, 2 the command or the workflow is wrong, 130 interrupted.
     """
-    with _reported(store):
+    with reported(store):
+        from pipeline.plan import make_plan
+        from pipeline.planwords import print_plan
+        from pipeline.project import open_project
+
         project = open_project(workflow, store, settings or [], package)
         graph = project.graph.needed_for(stages) if stages else project.graph
         if dry_run:
-            _print_plan(make_plan(graph, project.store), as_json)
+            print_plan(make_plan(graph, project.store), as_json)
             return
         summary = _run(project, graph, _executor_maker(workers, scheduler, serial), not serial, as_json)
         if summary.interrupted:
-            _say(f"Interrupted; what is done is kept. To go on: {_command()}")
+            say(f"Interrupted; what is done is kept. To go on: {command_line()}")
             raise typer.Exit(130)
         if summary.counts.get("failed"):
-            _say(f"What is done is kept. After a repair, go on with: {_command()}")
+            say(f"What is done is kept. After a repair, go on with: {command_line()}")
             raise typer.Exit(1)
 
 
@@ -113,15 +126,24 @@ def status(
     \b
     python -m pipeline status workflows/hide_multi.yaml
     """
-    with _reported(store):
+    with reported(store):
+        from pipeline.plan import make_plan
+        from pipeline.planwords import print_plan
+        from pipeline.project import open_project
+
         project = open_project(workflow, store, settings or [], package)
-        _print_plan(make_plan(project.graph, project.store), as_json)
+        print_plan(make_plan(project.graph, project.store), as_json)
 
 
 @app.command()
 def explain(
     workflow: WorkflowFile,
-    stage: Annotated[str, typer.Argument(metavar="STAGE", help="A stage of the workflow.", show_default=False)],
+    stage: Annotated[
+        str,
+        typer.Argument(
+            metavar="STAGE", help="A stage of the workflow.", show_default=False, autocompletion=complete_stage
+        ),
+    ],
     settings: Settings = None,
     store: StoreFolder = Path("store"),
     as_json: Json = False,
@@ -139,14 +161,21 @@ def explain(
         input container waits for hide
         because hide: parameter lambda_message: 0.25 → 1.0
     """
-    with _reported(store):
+    with reported(store):
+        from pipeline.explanation import as_json as fields_of
+        from pipeline.explanation import explain as explained
+        from pipeline.explanation import in_words
+        from pipeline.plan import make_plan
+        from pipeline.progress import duration
+        from pipeline.project import open_project
+
         project = open_project(workflow, store, settings or [], package)
         part = project.graph.needed_for([stage])
         steps = make_plan(part, project.store)
         for name in (name for name in steps if stage in (name, name.partition("[")[0])):
             explanation = explained(part, steps, project.store, name)
             if as_json:
-                print(json.dumps(explanation_as_json(explanation)))
+                print(json.dumps(fields_of(explanation)))
             else:
                 took = duration(explanation.record.seconds) if explanation.record else ""
                 print("\n".join(in_words(explanation, part, took)))
@@ -155,7 +184,12 @@ def explain(
 @app.command()
 def accept(
     workflow: WorkflowFile,
-    stage: Annotated[str, typer.Argument(metavar="STAGE", help="A stage, or one item of it.", show_default=False)],
+    stage: Annotated[
+        str,
+        typer.Argument(
+            metavar="STAGE", help="A stage, or one item of it.", show_default=False, autocompletion=complete_stage
+        ),
+    ],
     settings: Settings = None,
     store: StoreFolder = Path("store"),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only says what would be kept.")] = False,
@@ -172,10 +206,11 @@ def accept(
     Refused, with exit status 2, where parameters, inputs, files or privacy changed. Explanations and reports say that
     a result was accepted.
     """
-    from pipeline.accept import acceptances, keep, still_to_accept
-    from pipeline.provenance import git_commit
+    with reported(store):
+        from pipeline.accept import acceptances, keep, still_to_accept
+        from pipeline.project import open_project
+        from pipeline.provenance import git_commit
 
-    with _reported(store):
         project = open_project(workflow, store, settings or [], package)
         found = acceptances(project.graph, project.store, stage, git_commit(project.package_folder))
         if not dry_run and found:
@@ -188,10 +223,10 @@ def accept(
                 kept = "would be kept" if dry_run else "kept"
                 print(f"{each.name}: {kept} although {'; '.join(each.changes)}")
         if not found:
-            _say(f"{stage}: cached, there is nothing to accept")
+            say(f"{stage}: cached, there is nothing to accept")
         if not dry_run:
             for name in still_to_accept(project.graph, project.store):
-                _say(f"{name} has changed code, too: python -m pipeline accept {shlex.quote(str(workflow))} {name}")
+                say(f"{name} has changed code, too: python -m pipeline accept {shlex.quote(str(workflow))} {name}")
 
 
 @app.command()
@@ -210,18 +245,23 @@ def graph(
     \b
     python -m pipeline graph workflows/hide_multi.yaml --svg hide_multi.svg
     """
-    with _reported(store):
+    with reported(store):
+        from pipeline.drawing import draw
+        from pipeline.plan import make_plan
+        from pipeline.planwords import box, node_as_json
+        from pipeline.project import open_project
+
         project = open_project(workflow, store, settings or [], package)
         nodes = project.graph.nodes.values()
         if svg:
             steps = make_plan(project.graph, project.store)
-            svg.write_text(draw([_box(node, steps[node.name]) for node in nodes]))
-            _say(f"Drawn into {svg}")
+            svg.write_text(draw([box(node, steps[node.name]) for node in nodes]))
+            say(f"Drawn into {svg}")
             return
         width = max((len(node.name) for node in nodes), default=0)
         for node in nodes:
             if as_json:
-                print(json.dumps(_node_as_json(node)))
+                print(json.dumps(node_as_json(node)))
             else:
                 takes = f"  ← {', '.join(node.upstream)}" if node.upstream else ""
                 print(f"{node.name:{width}}  {node.uses}{' (private)' if node.private else ''}{takes}")
@@ -230,6 +270,9 @@ def graph(
 def _run(
     project: Project, graph: Graph, make_executor: Callable[[], Executor], captures: bool, as_json: bool
 ) -> Summary:
+    from pipeline.progress import make_display, summary_words
+    from pipeline.runner import Run
+
     display = make_display(graph.workflow, len(graph.nodes), json=as_json)
     with display:
         work = Run(
@@ -237,16 +280,18 @@ def _run(
         )
         summary = work.run()
     if not as_json:
-        _say(summary_words(graph.workflow, summary))
+        say(summary_words(graph.workflow, summary))
         for path in work.reports():
-            print(f"Open {_near(path)}")
-        print(f"The store is {_near(project.store.root)}")
+            print(f"Open {near(path)}")
+        print(f"The store is {near(project.store.root)}")
     return summary
 
 
 def _executor_maker(workers: int, scheduler: str | None, serial: bool) -> Callable[[], Executor]:
     def make() -> Executor:
         if serial:
+            from pipeline.executor import SerialExecutor
+
             return SerialExecutor()
         from pipeline.cluster import DaskExecutor  # dask takes a second to import, which a cached run can do without
 
@@ -255,82 +300,5 @@ def _executor_maker(workers: int, scheduler: str | None, serial: bool) -> Callab
     return make
 
 
-def _print_plan(steps: Mapping[str, Step], as_json: bool) -> None:
-    width = max((len(name) for name in steps), default=0)
-    for name, step in steps.items():
-        if as_json:
-            print(json.dumps(_step_as_json(step)))
-        else:
-            print(f"{name:{width}}  {_state_words(step)}")
-    if not as_json:
-        counts = Counter(step.state for step in steps.values())
-        print(", ".join(f"{number} {STATES[state]}" for state, number in sorted(counts.items())))
-
-
-def _state_words(step: Step) -> str:
-    if step.result:
-        words = f"{STATES[step.state]}  {duration(step.result.seconds)}"
-    else:
-        words = f"{STATES[step.state]}  {'; '.join(step.reasons)}"
-    return f"{words} (failed last time: {step.failed})" if step.failed else words
-
-
-def _step_as_json(step: Step) -> dict[str, object]:
-    return {
-        "event": "plan",
-        "name": step.name,
-        "state": step.state,
-        "key": step.key,
-        "reasons": step.reasons,
-        "seconds": step.result.seconds if step.result else None,
-        "failed": step.failed,
-    }
-
-
-def _node_as_json(node: Node) -> dict[str, object]:
-    return {
-        "event": "node",
-        "name": node.name,
-        "uses": node.uses,
-        "inputs": {name: [f"{s.node}.{s.output}" for s in sources] for name, sources in node.sources.items()},
-        "outputs": {name: output.kind for name, output in node.declaration.outputs.items()},
-        "private": node.private,
-    }
-
-
-def _box(node: Node, step: Step) -> Box:
-    lines = (node.uses, duration(step.result.seconds)) if step.result else (node.uses,)
-    private = node.private or (step.result is not None and step.result.private)
-    return Box(node.name, node.upstream, lines, "private" if private else "done" if step.result else "plain")
-
-
-def _near(path: Path) -> Path:
-    """The path as one would type it here."""
-    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
-
-
-def _command() -> str:
-    return shlex.join(["python", "-m", "pipeline", *sys.argv[1:]])
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
-@contextmanager
-def _reported(store: Path) -> Iterator[None]:
-    """Tells errors as messages; what is no message of ours is a defect of the engine and keeps its traceback."""
-    try:
-        yield
-    except UserError as error:
-        _say(str(error))
-        raise typer.Exit(2) from None
-    except PipelineError as error:
-        _say(str(error))
-        raise typer.Exit(1) from None
-    except OSError as error:
-        _say(words_of(error, store))
-        raise typer.Exit(1) from None
-    except KeyboardInterrupt:
-        _say(f"Interrupted at once; finished stages are kept. To go on: {_command()}")
-        raise typer.Exit(130) from None
+for command in (show, export, verify, gc, pin, unpin, pins):
+    app.command()(command)

@@ -53,10 +53,11 @@ class Node:
 
 @dataclass(frozen=True)
 class Graph:
-    """All nodes of a workflow, each after those that it takes artifacts from."""
+    """The nodes of a workflow, all of them if it is `whole`, each after those that it takes artifacts from."""
 
     workflow: str
     nodes: Mapping[str, Node]
+    whole: bool = True
 
     def needed_for(self, stages: Iterable[str]) -> Graph:
         """The part of the graph that makes `stages`, given by their names in the file or with the item of a foreach.
@@ -73,7 +74,8 @@ class Graph:
         for name in reversed(list(self.nodes)):
             if name in wanted:
                 wanted.update(self.nodes[name].upstream)
-        return Graph(self.workflow, {name: node for name, node in self.nodes.items() if name in wanted})
+        chosen = {name: node for name, node in self.nodes.items() if name in wanted}
+        return Graph(self.workflow, chosen, self.whole and len(chosen) == len(self.nodes))
 
     @property
     def dependents(self) -> dict[str, list[str]]:

@@ -3,17 +3,20 @@
     runs/<workflow>/<time>-<id>.jsonl
 
 `status` and `explain` learn from it what a stage made last and why it failed since, without opening a record for each
-stage; `gc` learns which results the last runs used. Results do not need it: a line that was lost, to a full disk, a
-kill or a power cut (nothing is flushed here), costs an explanation. So a journal that cannot be written ends no run,
-and what cannot be read is passed over. Names of stages may tell of a message, so nobody else can read these files.
+stage; `gc` learns which results the last runs used and which checkpoints they left. Results do not need it: a line
+that was lost, to a full disk, a kill or a power cut (nothing is flushed here), costs an explanation. So a journal that
+cannot be written ends no run, and lines that cannot be read are passed over. Names of stages may tell of a message, so
+nobody else can read these files.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 import uuid
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -44,6 +47,19 @@ class LastResult:
     failed: str | None = None
 
 
+@dataclass(frozen=True)
+class PastRun:
+    """One run as its journal tells it; `began` holds the keys of the actions that it started.
+
+    `whole`: a run of all stages of the workflow that came to its end, with failures or without, and whose journal
+    tells of every stage; not one of some stages only, nor one that was interrupted or killed.
+    """
+
+    results: Mapping[str, StageResult]
+    began: frozenset[str]
+    whole: bool
+
+
 class Journal:
     """The file of a run under way."""
 
@@ -64,6 +80,14 @@ class Journal:
         content |= {"private": True} if result.private else {}
         content |= {"cause": result.cause} if result.cause else {}
         self._write(content)
+
+    def begin(self, key: str) -> None:
+        """Keeps that an action was started: if no end follows, its checkpoint may be worth something."""
+        self._write({"began": key})
+
+    def end(self) -> None:
+        """Keeps that the run came to its end."""
+        self._write({"ended": datetime.now(UTC).isoformat(timespec="seconds")})
 
     def _write(self, content: Mapping[str, object]) -> None:
         line = json.dumps(content).encode() + b"\n"
@@ -99,8 +123,22 @@ class History:
 
     def results(self, journal: Path) -> dict[str, StageResult]:
         """How the stages of one run ended, by name."""
-        results = (_result(content) for content in _lines(journal))
-        return {result.name: result for result in results if result}
+        with suppress(OSError):  # another user's
+            return _results(_lines(journal))
+        return {}
+
+    def read(self, journal: Path) -> PastRun:
+        """All that a journal tells. Raises OSError where it cannot be read."""
+        lines = list(_lines(journal))
+        results = _results(lines)
+        began = any(content.get("whole") is True and content.get("stages") == len(results) for content in lines)
+        ended = any("ended" in content for content in lines)
+        keys = frozenset(content["began"] for content in lines if isinstance(content.get("began"), str))
+        return PastRun(results, keys, whole=began and ended)
+
+    def forget(self, workflow: str) -> None:
+        """Deletes the journals of a workflow."""
+        shutil.rmtree(self._runs / workflow, ignore_errors=True)
 
     def last(self, workflow: str, names: Collection[str]) -> dict[str, LastResult]:
         """The last result of each of the stages `names`, as far back as needed."""
@@ -120,17 +158,18 @@ class History:
 
 
 def _lines(journal: Path) -> Iterator[dict[str, Any]]:
-    try:
-        lines = read_plain_file(journal).splitlines()
-    except OSError:  # another user's
-        return
-    for line in lines:
+    for line in read_plain_file(journal).splitlines():
         try:
             content = parse_json(line)
         except ValueError:  # the run was killed while it wrote
             continue
         if isinstance(content, dict):
             yield content
+
+
+def _results(lines: Iterable[Mapping[str, Any]]) -> dict[str, StageResult]:
+    results = (_result(content) for content in lines)
+    return {result.name: result for result in results if result}
 
 
 def _result(content: Mapping[str, Any]) -> StageResult | None:

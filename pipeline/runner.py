@@ -100,11 +100,14 @@ class Run:
     def _history(self) -> Iterator[None]:
         """Keeps a journal where one can be kept."""
         try:
-            self._journal = self.store.history.begin(self.graph.workflow)
+            facts = {"whole": self.graph.whole, "stages": len(self.graph.nodes)}
+            self._journal = self.store.history.begin(self.graph.workflow, **facts)
         except OSError as error:
             self.tell(Noted(f"no history is kept of this run: {words_of(error, self.store.root)}"))
         try:
             yield
+            if self._journal and self._stopped_at is None:
+                self._journal.end()
         finally:
             if self._journal:
                 self._journal.close()
@@ -210,6 +213,8 @@ class Run:
         if self._executor is None:
             self._commit = git_commit(self.package_folder)
             self._executor = self.make_executor()
+        if self._journal:
+            self._journal.begin(key)
         self._running[node.name] = key
         del self._waiting[node.name]
         self._executor.start(node.name, perform, self._job(node, key, parts), urgency=-self._order[node.name])

@@ -5,6 +5,7 @@
     latest/<workflow>/<stage>.<output>   links to the objects of the last run, for people
     code/<digest>.json               the digests of the modules behind a stage and of what they define, for `explain`
     runs/<workflow>/<time>-<id>.jsonl    how the stages of a run ended: see `history`
+    pins/<name>.json                 results that `gc` keeps: see `pins`
     logs/<workflow>/<stage>.log      what a stage said when it last ran; `logs/<workflow>/private` if it is private
     scratch/<key>/                   checkpoints of an action that was interrupted
     locks/<key>.lock                 held by the kernel for the process that works on an action
@@ -24,7 +25,7 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +38,7 @@ from pipeline.canonical import Json, digest_of
 from pipeline.disk import read_json_object
 from pipeline.errors import CommandError, CorruptArtifact
 from pipeline.history import History
+from pipeline.pins import Pins
 from pipeline.temporary import OwnFolder, sweep
 
 RECORD = "record.json"
@@ -66,6 +68,28 @@ class Record:
         """How often a person said that a change did not matter: `from` which key, `when`, at which `commit`, and
         the `changes` in words; empty for a result that the action itself made."""
         return tuple(self.provenance.get("accepted", ()))
+
+    @property
+    def name(self) -> str:
+        """The stage's name in the workflow that had it done."""
+        return str(self.provenance.get("name", ""))
+
+    @property
+    def workflow(self) -> str:
+        """The workflow that had it done; others may use the result."""
+        return str(self.provenance.get("workflow", ""))
+
+    @property
+    def inputs(self) -> dict[str, list[str]]:
+        """The digests of the artifacts that it took, by input."""
+        given = self.parts.get("inputs")
+        groups = given.items() if isinstance(given, dict) else ()
+        return {name: [str(digest) for digest in group] for name, group in groups if isinstance(group, list)}
+
+    @property
+    def taken(self) -> list[str]:
+        """The digests of all artifacts that it took."""
+        return [digest for digests in self.inputs.values() for digest in digests]
 
     @property
     def private(self) -> bool:
@@ -105,6 +129,10 @@ class Store:
     @property
     def history(self) -> History:
         return History(self.root / "runs")
+
+    @property
+    def pins(self) -> Pins:
+        return Pins(self.root / "pins")
 
     @property
     def actions(self) -> frozenset[str]:
@@ -198,6 +226,44 @@ class Store:
             return None
         return Record(content["key"], content["parts"], content["outputs"], content["provenance"])
 
+    def records(self) -> Iterator[Record]:
+        """All records that can be read, by key."""
+        for key in sorted(self.actions):
+            record = self.record(key)
+            if record:
+                yield record
+
+    def is_record_sound(self, key: str) -> bool:
+        """Whether a record is what was written."""
+        return self.record(key) is not None
+
+    def set_record_aside(self, key: str) -> None:
+        """Takes a damaged record out of the store, so that its action is done again."""
+        with suppress(FileNotFoundError):
+            (self.root / "actions" / key).rename(self.temporary())
+
+    def delete_record(self, key: str) -> None:
+        """Deletes a record, at once or not at all; what it told of stays until `delete_object`."""
+        self._delete(self.root / "actions" / key)
+
+    def delete_object(self, digest: str) -> None:
+        """Deletes an artifact, at once or not at all. Its records must be deleted before."""
+        self._delete(self.object(digest))
+
+    def _delete(self, path: Path) -> None:
+        aside = self.temporary()
+        with suppress(FileNotFoundError):
+            path.rename(aside)
+        remove(aside)
+
+    def size_of_record(self, key: str) -> int:
+        """Bytes of a record."""
+        return size_of(self.root / "actions" / key)
+
+    def size_of_object(self, digest: str) -> int:
+        """Bytes of all files of an artifact, damaged or not."""
+        return size_of(self.object(digest))
+
     def commit(
         self, key: str, parts: Mapping[str, Json], writers: Mapping[str, ArtifactWriter], provenance: Mapping[str, Any]
     ) -> Record:
@@ -225,7 +291,12 @@ class Store:
     def _write_record(self, record: Record, private: bool) -> None:
         aside, target = self.temporary(), self.folder("actions") / record.key
         aside.mkdir(mode=0o700 if private else 0o777)
-        content = {"key": record.key, "parts": record.parts, "outputs": record.outputs, "provenance": record.provenance}
+        content = {
+            "key": record.key,
+            "parts": dict(record.parts),
+            "outputs": dict(record.outputs),
+            "provenance": dict(record.provenance),
+        }
         file = aside / RECORD
         file.touch(mode=0o600 if private else 0o644)
         file.write_text(sealed(content))
@@ -266,6 +337,15 @@ class Store:
         self.folder("code")
         write_text_whole(self._code(digest), sealed({"modules": content}), self.temporary())
 
+    def latest_digests(self) -> dict[str, str]:
+        """The digest that each link `<workflow>/<stage>.<output>` in `latest` leads to, in the store or no longer."""
+        links = sorted((self.root / "latest").glob("*/*"))
+        return {f"{link.parent.name}/{link.name}": link.readlink().name for link in links if link.is_symlink()}
+
+    def unlink_latest(self, name: str) -> None:
+        """Removes a link of `latest_digests`."""
+        (self.root / "latest" / name).unlink(missing_ok=True)
+
     def knows_code(self, digest: str) -> bool:
         return self._code(digest).is_file()
 
@@ -276,6 +356,27 @@ class Store:
 
     def _code(self, digest: str) -> Path:
         return self.root / "code" / f"{digest}.json"
+
+
+def newest_makers(records: Iterable[Record]) -> dict[str, Record]:
+    """For each artifact the last of `records` that made it, by digest."""
+    ordered = sorted(records, key=lambda record: str(record.provenance.get("started", "")))
+    return {digest: record for record in ordered for digest in record.outputs.values()}
+
+
+def size_of(path: Path) -> int:
+    """Bytes of a file, or of all files under a folder; 0 where there is nothing."""
+    if not path.is_dir():
+        return path.lstat().st_size if path.exists() else 0
+    return sum(file.lstat().st_size for file in path.rglob("*") if not file.is_dir())
+
+
+def remove(path: Path) -> None:
+    """Deletes a file, or a folder with all that is in it, if it is there."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def write_text_whole(path: Path, text: str, aside: Path, mode: int = 0o666) -> None:

@@ -40,6 +40,18 @@ def sweep(temporary: Path) -> None:
                 _remove(path, descriptor)
 
 
+def left_behind(temporary: Path) -> list[Path]:
+    """What `sweep` would remove."""
+    left = []
+    for path in sorted(temporary.iterdir()) if temporary.is_dir() else []:
+        if not path.name.endswith(LOCK):
+            descriptor = _hold(_lock_of(path), wait=False)
+            if descriptor is not None:
+                os.close(descriptor)
+                left.append(path)
+    return left
+
+
 def _lock_of(path: Path) -> Path:
     return path.with_name(path.name + LOCK)
 

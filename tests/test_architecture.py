@@ -14,17 +14,18 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 ENGINE = [
-    "errors canonical disk orphans temporary",
-    "companion located external events provenance process stagelog drawing manifest",
+    "errors canonical completion disk orphans temporary",
+    "companion located external events provenance process stagelog drawing manifest console tables pins",
     "arrays",
     "matrix artifact executor progress fingerprint history",
     "stage store workflow cluster loaded_code",
-    "declaration checkpoint external_cache",
-    "graph action",
-    "explain changes",
+    "declaration checkpoint external_cache naming privacy garbage verification",
+    "graph action description exporting storewords",
+    "explain changes showing pictures",
     "plan runner",
     "explanation accept",
-    "project",
+    "project planwords",
+    "commands_results commands_store",
     "cli",
     "__main__",
 ]

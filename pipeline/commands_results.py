@@ -1,0 +1,92 @@
+"""`show` and `export`: looking at results, and taking them elsewhere."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.console import ArtifactName, Json, Reveal, StoreFolder, near, reported, say
+
+
+def show(
+    artifact: ArtifactName,
+    store: StoreFolder = Path("store"),
+    pictures: Annotated[
+        Path | None,
+        typer.Option(
+            "--pictures", "--png", metavar="FOLDER", help="Also writes its pictures there, as PNG.", show_default=False
+        ),
+    ] = None,
+    limit: Annotated[
+        int, typer.Option("--limit", min=1, metavar="N", help="At most so many pictures, evenly drawn from all.")
+    ] = 16,
+    everything: Annotated[bool, typer.Option("--all", help="Every row, line, file and picture.")] = False,
+    reveal: Reveal = False,
+    as_json: Json = False,
+) -> None:
+    """Says what is in an artifact and how it was made, and writes its pictures to files.
+
+    \b
+    python -m pipeline show hide_multi/hide.container
+    python -m pipeline show scores.public_scores --all       STAGE.OUTPUT: there is only one of that name
+    python -m pipeline show 3fa9c1d2                         the start of a digest, as `show` prints them
+    python -m pipeline show hide_multi/cover.scene --pictures seen --limit 4
+    python -m pipeline show 'message_views[reef]' --reveal   a private one, with its values
+
+    Of a private artifact only names, shapes and sizes are shown, unless --reveal is given. Its pictures are written,
+    as files that only you can read, into private places: folders that only you can enter, since they or one above them
+    are yours and closed to others (mode 0700), and that are in no git work tree. With --reveal they are written
+    anywhere.
+    """
+    with reported(store):
+        from pipeline.description import as_json as description_as_json
+        from pipeline.description import describe
+        from pipeline.naming import finding
+        from pipeline.pictures import write_pictures
+        from pipeline.privacy import check_place
+        from pipeline.showing import lines_of
+
+        with finding(artifact, store) as (found, its_store):
+            if pictures:
+                check_place(found, pictures, reveal)
+            description = describe(found, its_store, reveal)
+            if as_json:
+                print(json.dumps(description_as_json(description)))
+            else:
+                print("\n".join(lines_of(description, everything)))
+            if pictures:
+                paths, number = write_pictures(found, pictures, None if everything else limit)
+                of = f" of {number}; --all or --limit N writes more" if len(paths) < number else ""
+                say(f"{len(paths)} pictures{of}, in {near(pictures.absolute())}" if number else "It holds no pictures.")
+
+
+def export(
+    artifact: ArtifactName,
+    target: Annotated[Path, typer.Argument(metavar="TARGET", help="Where to; nothing may be there.")],
+    store: StoreFolder = Path("store"),
+    zipped: Annotated[bool, typer.Option("--zip", help="One .zip file; so does a TARGET that ends in .zip.")] = False,
+    reveal: Reveal = False,
+) -> None:
+    """Copies an artifact out of the store, every byte of it checked: a folder, or one .zip file of the same layout.
+
+    \b
+    python -m pipeline export hide_multi/hide.container container
+    python -m pipeline export hide_multi/hide.container container.zip
+    mkdir -m 700 ~/secrets && python -m pipeline export hide_multi/hide.secret ~/secrets/reef
+
+    `pipeline.artifact.load` opens the folder, and `show` shows it. A private artifact is copied, for your eyes only,
+    into private places: folders that only you can enter, since they or one above them are yours and closed to others
+    (mode 0700), and that are in no git work tree. With --reveal it is copied anywhere.
+    """
+    with reported(store):
+        from pipeline.exporting import export_artifact
+        from pipeline.naming import finding
+        from pipeline.privacy import check_place
+
+        with finding(artifact, store) as (found, its_store):
+            check_place(found, target, reveal)
+            export_artifact(found, target, zipped or target.suffix == ".zip", its_store)
+            say(f"{found.kind} {found.digest[:12]} is in {near(target.absolute())}")

@@ -1,0 +1,167 @@
+"""`verify`, `gc` and pins: keeping a store sound and small."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.completion import complete_known_workflow, complete_pin
+from pipeline.console import Json, Package, Settings, StageNames, StoreFolder, WorkflowFile, reported, say
+
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Only says what would be done.")]
+
+
+def verify(store: StoreFolder = Path("store"), dry_run: DryRun = False, as_json: Json = False) -> None:
+    """Reads every byte of the store, and sets aside what is damaged: the next run makes it again.
+
+    \b
+    python -m pipeline verify
+    python -m pipeline verify --store /scratch/store --dry-run
+
+    Looked at are artifacts, the records of how they were made, pins, and the links in `latest`. What is set aside is
+    gone with the next `gc`. Exit status: 0 all is sound, 1 something was damaged.
+    """
+    with reported(store):
+        from pipeline.naming import open_existing
+        from pipeline.storewords import Verified, verified_as_json, verified_words
+        from pipeline.verification import verify_store
+
+        opened = open_existing(store)
+        with opened.in_use():
+            total = Verified()
+            with total.shown(len(opened.objects), quiet=as_json) as progress:
+                for checked in verify_store(opened, dry_run):
+                    progress(checked)
+                    if checked.damage:
+                        print(json.dumps(verified_as_json(checked)) if as_json else verified_words(checked))
+        print(json.dumps(total.as_json()) if as_json else total.words(dry_run))
+        if total.damaged:
+            raise typer.Exit(1)
+
+
+def gc(
+    store: StoreFolder = Path("store"),
+    dry_run: DryRun = False,
+    keep_last: Annotated[
+        int, typer.Option("--keep-last", min=1, metavar="N", help="Runs whose results are kept, of each workflow.")
+    ] = 3,
+    older_than: Annotated[
+        float, typer.Option("--older-than", min=0, metavar="DAYS", help="Keeps all results that are younger.")
+    ] = 0.0,
+    forget: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--forget",
+            metavar="NAME",
+            help="A workflow whose runs no longer count. Repeatable.",
+            autocompletion=complete_known_workflow,
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Deletes the results that nobody needs any more, and says which.
+
+    \b
+    python -m pipeline gc --dry-run
+    python -m pipeline gc --keep-last 1
+    python -m pipeline gc --older-than 30 --dry-run
+    python -m pipeline pin workflows/hide_multi.yaml --name paper     and gc keeps these results for ever
+
+    Kept are the results that the last N runs of each workflow used, the last result of each of their stages with all
+    that it was made from, and what is pinned. Only runs of a whole workflow that came to their end count; results of a
+    part, and of interrupted runs, are kept besides. So are the checkpoints of runs that are kept, and those younger
+    than 14 days. No run may use the store meanwhile. A gc that is interrupted leaves a valid store.
+    """
+    with reported(store):
+        from pipeline.garbage import Rules, collect
+        from pipeline.naming import check_workflows, open_existing
+        from pipeline.storewords import collection_as_json, collection_words
+
+        opened = open_existing(store)
+        check_workflows(opened, forget or [])
+        with opened.in_use(alone=True):
+            collection = collect(opened, Rules(keep_last, older_than, frozenset(forget or [])))
+            if not dry_run:
+                collection.delete()
+        for line in collection_as_json(collection) if as_json else collection_words(collection, dry_run):
+            print(line)
+
+
+def pin(
+    workflow: WorkflowFile,
+    stages: StageNames = None,
+    name: Annotated[
+        str | None,
+        typer.Option("--name", metavar="NAME", help="What to call it.", show_default="the workflow's name"),
+    ] = None,
+    settings: Settings = None,
+    store: StoreFolder = Path("store"),
+    package: Package = "stages",
+) -> None:
+    """Keeps the results of a workflow, or of some of its stages and what they need, from `gc`, until `unpin`.
+
+    \b
+    python -m pipeline pin workflows/hide_multi.yaml
+    python -m pipeline pin workflows/hide_multi.yaml hide --set iterations=30000 --name long_training
+    """
+    with reported(store):
+        from pipeline.errors import CommandError
+        from pipeline.pins import Pin
+        from pipeline.plan import make_plan
+        from pipeline.project import open_project
+        from pipeline.provenance import now
+
+        project = open_project(workflow, store, settings or [], package)
+        graph = project.graph.needed_for(stages) if stages else project.graph
+        with project.store.in_use():
+            steps = make_plan(graph, project.store)
+            lacking = [step.name for step in steps.values() if step.state != "cached"]
+            if lacking:
+                raise CommandError(
+                    f"not all of this is in the store: {', '.join(lacking)}",
+                    where=workflow,
+                    remedy="Run it first, or name the stages that are to be pinned.",
+                )
+            chosen = name or ".".join([graph.workflow, *(stages or [])])
+            keys = {step.name: step.key for step in steps.values() if step.key}
+            project.store.pins.add(chosen, Pin(graph.workflow, now(), keys))
+        say(f"{len(keys)} results are pinned as {chosen}; `unpin {chosen}` lets them go")
+
+
+def unpin(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A name of `pins`.", autocompletion=complete_pin)],
+    store: StoreFolder = Path("store"),
+) -> None:
+    """Lets pinned results go: the next `gc` deletes them unless something else needs them.
+
+    \b
+    python -m pipeline unpin long_training
+    """
+    with reported(store):
+        from pipeline.naming import open_existing
+
+        open_existing(store).pins.remove(name)
+        say(f"{name} is no longer pinned")
+
+
+def pins(store: StoreFolder = Path("store"), as_json: Json = False) -> None:
+    """Lists what is pinned: name, workflow, when, and how many results.
+
+    \b
+    python -m pipeline pins
+    """
+    with reported(store):
+        from pipeline.naming import open_existing
+        from pipeline.storewords import pin_as_json, pins_words
+
+        opened = open_existing(store)
+        found = {name: opened.pins.read(name) for name in opened.pins.names}
+        actions = opened.actions
+        if as_json:
+            for name, kept in found.items():
+                print(json.dumps(pin_as_json(name, kept, actions)))
+        else:
+            print("\n".join(pins_words(found, actions)))

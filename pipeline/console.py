@@ -1,0 +1,92 @@
+"""What all commands share: their options, and how errors are told."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.completion import complete_artifact, complete_setting, complete_stage, complete_workflow
+from pipeline.disk import words_of
+from pipeline.errors import PipelineError, UserError
+
+WorkflowFile = Annotated[
+    Path,
+    typer.Argument(metavar="WORKFLOW", help="The workflow file.", show_default=False, autocompletion=complete_workflow),
+]
+StageNames = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="STAGE", help="Only these and what they need.", show_default=False, autocompletion=complete_stage
+    ),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Sets a var, or a parameter as STAGE.PARAMETER. Repeatable.",
+        autocompletion=complete_setting,
+    ),
+]
+StoreFolder = Annotated[
+    Path, typer.Option("--store", metavar="DIR", envvar="GS_HIDER_STORE", help="Where results are kept.")
+]
+Package = Annotated[str, typer.Option("--stages", metavar="PACKAGE", help="The package whose modules are the stages.")]
+Json = Annotated[bool, typer.Option("--json", help="Prints one JSON object a line.")]
+ArtifactName = Annotated[
+    str,
+    typer.Argument(
+        metavar="ARTIFACT",
+        help="WORKFLOW/STAGE.OUTPUT as in the store's folder `latest` (or STAGE.OUTPUT, or STAGE, where that leaves no "
+        "choice), at least 6 characters of a digest, or the path of an artifact.",
+        show_default=False,
+        autocompletion=complete_artifact,
+    ),
+]
+Reveal = Annotated[
+    bool,
+    typer.Option("--reveal", help="Shows what is private, and writes it into public places, too."),
+]
+
+
+@contextmanager
+def reported(store: Path) -> Iterator[None]:
+    """Tells errors as messages; what is no message of ours is a defect of the engine and keeps its traceback."""
+    try:
+        yield
+    except UserError as error:
+        say(str(error))
+        raise typer.Exit(2) from None
+    except PipelineError as error:
+        say(str(error))
+        raise typer.Exit(1) from None
+    except BrokenPipeError:  # whoever read our output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit(1) from None
+    except OSError as error:
+        say(words_of(error, store))
+        raise typer.Exit(1) from None
+    except KeyboardInterrupt:
+        say(f"Interrupted at once; finished stages are kept. To go on: {command_line()}")
+        raise typer.Exit(130) from None
+
+
+def say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def near(path: Path) -> Path:
+    """The path as one would type it here."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
+def command_line() -> str:
+    """The command that is being executed."""
+    return shlex.join(["python", "-m", "pipeline", *sys.argv[1:]])

@@ -1,0 +1,236 @@
+"""What an artifact holds and how it came about, as far as a person may see it.
+
+Of a private artifact no value is told unless that is asked for: neither attributes, ranges and text nor parameters.
+What it is made of (names, shapes, types, sizes) is.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+from pipeline.artifact import Artifact
+from pipeline.canonical import Json
+from pipeline.manifest import ARRAYS
+from pipeline.naming import names_of
+from pipeline.store import Record, Store, newest_makers
+
+if TYPE_CHECKING:
+    import numpy as np
+
+TEXTS = (".txt", ".md", ".json", ".csv", ".yaml", ".yml", ".log")
+TABLES = (".jsonl",)
+LONGEST_TEXT = 4 * 1024 * 1024  # bytes of a file that is shown; a longer one is named only
+
+
+@dataclass(frozen=True)
+class Range:
+    """The values of an array: least, mean and greatest of the finite ones (None where there are none), and the rest."""
+
+    least: float | None
+    mean: float | None
+    greatest: float | None
+    nan: int
+    infinite: int
+
+
+@dataclass(frozen=True)
+class ArrayDescription:
+    """`stored` is its bytes on the disk, compressed; `range` None where it is not told or there is no such thing."""
+
+    name: str
+    dtype: str
+    shape: tuple[int, ...]
+    chunks: tuple[int, ...]
+    stored: int
+    range: Range | None
+
+
+@dataclass(frozen=True)
+class FileDescription:
+    """A plain file; `rows` are those of a table, `text` the lines of a text, None where it is neither or not told."""
+
+    name: str
+    size: int
+    rows: tuple[Mapping[str, Json], ...] | None = None
+    text: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Ancestor:
+    """An action that something was made from."""
+
+    name: str
+    uses: str
+    seconds: float
+    key: str
+
+
+@dataclass(frozen=True)
+class Taken:
+    """An artifact that an action took, and the stage that made it, empty where that is not known."""
+
+    digest: str
+    made_by: str
+
+
+@dataclass(frozen=True)
+class Origin:
+    """How an artifact was made; `lineage` is all actions behind it, each after those that it took from."""
+
+    made_by: str
+    uses: str
+    key: str
+    started: str
+    seconds: float
+    commit: str | None
+    machine: Mapping[str, Json]
+    facts: Mapping[str, Json] | None
+    versions: Mapping[str, str]
+    parameters: Mapping[str, Json] | None
+    inputs: Mapping[str, tuple[Taken, ...]]
+    lineage: tuple[Ancestor, ...]
+
+
+@dataclass(frozen=True)
+class Description:
+    """An artifact. `names` are those in `latest`, `revealed` whether values are told, `attributes` None where not."""
+
+    kind: str
+    private: bool
+    revealed: bool
+    digest: str
+    path: str
+    names: tuple[str, ...]
+    size: int
+    attributes: Mapping[str, Json] | None
+    arrays: tuple[ArrayDescription, ...]
+    files: tuple[FileDescription, ...]
+    origin: Origin | None
+
+
+def describe(artifact: Artifact, store: Store | None, reveal: bool) -> Description:
+    """Reads all of an artifact, one chunk at a time. Raises CorruptArtifact where it is not what was written."""
+    told = reveal or not artifact.private
+    return Description(
+        kind=artifact.kind,
+        private=artifact.private,
+        revealed=told,
+        digest=artifact.digest,
+        path=str(artifact.path),
+        names=tuple(names_of(artifact.digest, store)) if store else (),
+        size=sum(file.size for file in artifact.manifest.files.values()),
+        attributes=artifact.attributes if told else None,
+        arrays=tuple(_array(artifact, name, told) for name in artifact.names),
+        files=tuple(_file(artifact, name, told) for name in artifact.files),
+        origin=_origin(artifact, store, told) if store else None,
+    )
+
+
+def as_json(description: Description) -> dict[str, object]:
+    """What `show --json` prints."""
+    return {"event": "artifact", **asdict(description)}
+
+
+def _array(artifact: Artifact, name: str, told: bool) -> ArrayDescription:
+    record = artifact.manifest.arrays[name]
+    prefix = f"{ARRAYS}/{name}/"
+    stored = sum(file.size for path, file in artifact.manifest.files.items() if path.startswith(prefix))
+    values = range_of(artifact, name) if told else None
+    return ArrayDescription(name, record.dtype, record.shape, record.chunks, stored, values)
+
+
+def range_of(artifact: Artifact, name: str) -> Range | None:
+    """The range of an array, read chunk by chunk; None for complex numbers. Raises CorruptArtifact."""
+    import numpy as np
+
+    if np.dtype(artifact.manifest.arrays[name].dtype).kind == "c":
+        return None
+    least, greatest, total, finite, nan, infinite = math.inf, -math.inf, 0.0, 0, 0, 0
+    for block in artifact.blocks(name):
+        values, missing, unbounded = _finite(block)
+        nan, infinite, finite = nan + missing, infinite + unbounded, finite + values.size
+        if values.size:
+            least, greatest = min(least, float(values.min())), max(greatest, float(values.max()))
+            total += float(values.sum(dtype=np.float64))
+    return Range(least, total / finite, greatest, nan, infinite) if finite else Range(None, None, None, nan, infinite)
+
+
+def _finite(block: np.ndarray) -> tuple[np.ndarray, int, int]:
+    """The finite values of a block, and how many are not numbers and how many infinite."""
+    import numpy as np
+
+    if block.dtype.kind != "f":
+        return block, 0, 0
+    finite = np.isfinite(block)
+    if finite.all():
+        return block, 0, 0
+    nan = int(np.isnan(block).sum())
+    return block[finite], nan, int(block.size - finite.sum()) - nan
+
+
+def _file(artifact: Artifact, name: str, told: bool) -> FileDescription:
+    size = artifact.manifest.files[name].size
+    suffix = PurePosixPath(name).suffix.lower()
+    if not told or size > LONGEST_TEXT or suffix not in (*TEXTS, *TABLES):
+        return FileDescription(name, size)
+    lines = artifact.file(name).read_text(encoding="utf-8", errors="replace").splitlines()
+    rows = _rows(lines) if suffix in TABLES else None
+    return FileDescription(name, size, rows, None if rows is not None else tuple(lines))
+
+
+def _rows(lines: list[str]) -> tuple[Mapping[str, Json], ...] | None:
+    """The rows of a table, an object a line; None where it is none."""
+    try:
+        rows = [json.loads(line) for line in lines if line.strip()]
+    except ValueError:
+        return None
+    return tuple(rows) if all(isinstance(row, dict) for row in rows) else None
+
+
+def _origin(artifact: Artifact, store: Store, told: bool) -> Origin | None:
+    makers = newest_makers(store.records())
+    record = makers.get(artifact.digest)
+    if record is None:
+        return None
+    provenance: Mapping[str, Any] = record.provenance
+    parts: Mapping[str, Any] = record.parts
+    return Origin(
+        made_by=f"{record.workflow}/{record.name}",
+        uses=str(parts.get("stage")),
+        key=record.key,
+        started=str(provenance.get("started")),
+        seconds=record.seconds,
+        commit=provenance.get("commit"),
+        machine=provenance.get("machine", {}),
+        facts=provenance.get("facts", {}) if told else None,
+        versions=provenance.get("versions", {}),
+        parameters=parts.get("parameters", {}) if told else None,
+        inputs={name: tuple(_taken(digest, makers) for digest in group) for name, group in record.inputs.items()},
+        lineage=tuple(_lineage(record, makers)),
+    )
+
+
+def _taken(digest: str, makers: Mapping[str, Record]) -> Taken:
+    return Taken(digest, makers[digest].name if digest in makers else "")
+
+
+def _lineage(record: Record, makers: Mapping[str, Record]) -> list[Ancestor]:
+    """The actions behind `record`, each after those that it took from; `record` itself is the last."""
+    ordered: dict[str, Ancestor] = {}
+    waiting = [record]
+    while waiting:
+        action = waiting[-1]
+        before = [makers[digest] for digests in action.inputs.values() for digest in digests if digest in makers]
+        lacking = [maker for maker in before if maker.key not in ordered and maker not in waiting]
+        if lacking:
+            waiting += lacking[:1]
+            continue
+        waiting.pop()
+        uses = str(action.parts.get("stage"))
+        ordered[action.key] = Ancestor(action.name, uses, action.seconds, action.key)
+    return list(ordered.values())

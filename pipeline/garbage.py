@@ -1,0 +1,264 @@
+"""What of a store nobody needs any more, and its deletion.
+
+Kept is what a rerun of the kept runs would look up, so that it finds everything:
+
+- of each workflow the results of its last N whole runs, and of all runs since the oldest of these; a run of some stages
+  only, or one that was interrupted, is kept besides and never counts;
+- the last result of each stage of these runs, with all that it was made from, however long ago that was;
+- pinned results, and those younger than a given age.
+
+Checkpoints are kept as long as a kept run may go on from them, and otherwise for `CHECKPOINT_DAYS`.
+
+Deleted is in an order that leaves a valid store wherever it breaks off: links first, then records, then the artifacts
+that no record names any more. What breaks off half way is left over, and goes the next time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+
+from pipeline.errors import UserError
+from pipeline.store import Record, Store, newest_makers, remove, size_of
+from pipeline.temporary import left_behind
+
+CHECKPOINT_DAYS = 14.0
+JOURNALS_KEPT = 20  # of a workflow, at least: `explain` and `status` learn from them
+DAY = 86400.0  # seconds
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What is to be kept: the last runs of each workflow, at least one, and results younger than so many days.
+
+    `forgotten` are workflows whose runs do not count any more.
+    """
+
+    keep_last: int = 3
+    younger_than: float = 0.0
+    forgotten: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class Waste:
+    """Something that goes: `what` it is in words, of which workflow and stage where that is known, and its bytes."""
+
+    what: str
+    number: int
+    size: int
+    workflow: str = ""
+    stage: str = ""
+
+
+@dataclass(frozen=True)
+class Collection:
+    """What a collection would delete, how much stays, and what of note stays and why."""
+
+    waste: tuple[Waste, ...]
+    results_kept: int
+    remarks: tuple[str, ...]
+    _steps: tuple[Callable[[], None], ...] = field(repr=False, default=())
+
+    @property
+    def size(self) -> int:
+        """Bytes that are freed."""
+        return sum(waste.size for waste in self.waste)
+
+    def delete(self) -> None:
+        """Deletes it. The store must be in use by nobody else since before the collection was made."""
+        for step in self._steps:
+            step()
+
+
+def collect(store: Store, rules: Rules) -> Collection:
+    """Finds out what can go, and deletes nothing.
+
+    Raises UserError for a pin or a record that cannot be read: nobody knows then what it was to keep.
+    """
+    return _Collector(store, rules).collection()
+
+
+class _Collector:
+    def __init__(self, store: Store, rules: Rules) -> None:
+        self.store = store
+        self.rules = rules
+        self.now = time.time()
+        self.records = {record.key: record for record in store.records()}
+        self.makers = newest_makers(self.records.values())
+        self.links = store.latest_digests()
+        self.workflows = [name for name in store.history.workflows() if name not in rules.forgotten]
+        self.gone: set[str] = set()
+        self.begun: set[str] = set()
+        self.old_journals: list[Path] = []
+        self.waste: list[Waste] = []
+        self.remarks: list[str] = []
+        self.steps: list[Callable[[], None]] = []
+
+    def collection(self) -> Collection:
+        kept = self.kept_keys()
+        digests = {digest for key in kept for digest in self.records[key].outputs.values()}
+        self.drop_links(digests)
+        self.drop_records(kept)
+        self.drop_objects(digests)
+        self.drop_checkpoints()
+        self.drop_the_rest(kept)
+        return Collection(tuple(self.waste), len(kept), tuple(self.remarks), tuple(self.steps))
+
+    def kept_keys(self) -> set[str]:
+        unreadable = self.store.actions - self.records.keys()
+        if unreadable:
+            raise UserError(
+                f"{len(unreadable)} records cannot be read, {min(unreadable)[:12]} for one",
+                where=self.store.root,
+                remedy="Nothing was deleted. Run `verify` first, which sets damaged records aside.",
+            )
+        wanted: set[str] = set()
+        for workflow in self.workflows:
+            wanted |= self.of_workflow(workflow)
+        for name in self.store.pins.names:
+            pin = self.store.pins.read(name)
+            self.remarks.append(f"pin {name}: {len(pin.keys)} results of {pin.workflow}")
+            wanted |= set(pin.keys.values())
+        wanted |= {key for key, record in self.records.items() if self.age(record) < self.rules.younger_than * DAY}
+        return self.with_what_made(self.linked(), wanted & self.records.keys())
+
+    def of_workflow(self, workflow: str) -> set[str]:
+        """Keys that the last runs of a workflow used, and those of the last results of their stages."""
+        counted = 0
+        newest_is_whole = False
+        keys: set[str] = set()
+        stages: set[str] = set()
+        found: set[str] = set()
+        for number, journal in enumerate(self.store.history.journals(workflow)):
+            run = self.store.history.read(journal)
+            made = {name: str(result.key) for name, result in run.results.items() if result.outputs}
+            if counted < self.rules.keep_last:
+                counted += run.whole
+                newest_is_whole |= number == 0 and run.whole
+                stages |= run.results.keys()
+                self.begun |= run.began
+                keys |= set(made.values())
+            else:
+                last = {key for name, key in made.items() if name in stages - found}
+                keys |= last
+                if number >= JOURNALS_KEPT and not last:
+                    self.old_journals.append(journal)
+            found |= made.keys()
+        if newest_is_whole:
+            linked = {name for name in self.links if name.startswith(f"{workflow}/")}
+            self.gone |= {name for name in linked if name.partition("/")[2].rpartition(".")[0] not in stages}
+        runs = f"its last {counted} whole runs" if counted > 1 else "its last whole run" if counted else "all its runs"
+        self.remarks.append(f"{workflow}: {runs}, what came after, and the last result of each stage")
+        return keys
+
+    def linked(self) -> set[str]:
+        """The artifacts that `latest` leads to, whatever journals tell: lines of these can be lost.
+
+        But not those of stages that the workflow no longer has, as far as its newest run knows.
+        """
+        return {
+            digest
+            for name, digest in self.links.items()
+            if name not in self.gone and name.partition("/")[0] not in self.rules.forgotten
+        }
+
+    def with_what_made(self, digests: set[str], wanted: set[str]) -> set[str]:
+        """`wanted`, and what made `digests` and all that these take; where several did, one of `wanted` or the last."""
+        kept = set(wanted)
+        made = {digest for key in kept for digest in self.records[key].outputs.values()}
+        queue = [*digests, *(digest for key in kept for digest in self.records[key].taken)]
+        while queue:
+            digest = queue.pop()
+            maker = self.makers.get(digest)
+            if maker and digest not in made:
+                kept.add(maker.key)
+                made.update(maker.outputs.values())
+                queue += maker.taken
+        return kept
+
+    def drop_links(self, digests: set[str]) -> None:
+        for name, digest in self.links.items():
+            if digest not in digests or name.partition("/")[0] in self.rules.forgotten:
+                self.steps.append(partial(self.store.unlink_latest, name))
+
+    def drop_records(self, kept: set[str]) -> None:
+        dropped = sorted(self.store.actions - kept)
+        if dropped:
+            size = sum(self.store.size_of_record(key) for key in dropped)
+            self.waste.append(Waste("records of how they were made", len(dropped), size))
+            self.steps += [partial(self.store.delete_record, key) for key in dropped]
+
+    def drop_objects(self, digests: set[str]) -> None:
+        numbers: Counter[tuple[str, str]] = Counter()
+        sizes: Counter[tuple[str, str]] = Counter()
+        for digest in sorted(self.store.objects - digests):
+            self.steps.append(partial(self.store.delete_object, digest))
+            maker = self.makers.get(digest)
+            group = (maker.workflow, maker.name) if maker else ("", "")
+            numbers[group] += 1
+            sizes[group] += self.store.size_of_object(digest)
+        for workflow, stage in sorted(numbers):
+            what = "artifacts" if stage else "artifacts that no record names"
+            group = (workflow, stage)
+            self.waste.append(Waste(what, numbers[group], sizes[group], workflow, stage))
+
+    def drop_checkpoints(self) -> None:
+        dropped = []
+        for folder in _entries(self.store.root / "scratch"):
+            done = folder.name in self.records
+            days = (self.now - _newest(folder)) / DAY
+            if not done and folder.name in self.begun:
+                self.remarks.append(f"checkpoint {folder.name[:8]}: a kept run began it and may go on from it")
+            elif not done and days < CHECKPOINT_DAYS:
+                left = f"{CHECKPOINT_DAYS - days:.0f} days more"
+                self.remarks.append(f"checkpoint {folder.name[:8]}: of unfinished work {days:.0f} days ago; {left}")
+            else:
+                dropped.append(folder)
+        self.drop("checkpoints that nothing goes on from", dropped)
+
+    def drop_the_rest(self, kept: set[str]) -> None:
+        root = self.store.root
+        known = {*self.workflows, *(name.partition("/")[0] for name in self.links)}
+        codes = {str(self.records[key].parts.get("code")) for key in kept}
+        self.drop_leftovers()
+        self.drop("journals of old runs", self.old_journals)
+        self.drop("workflows' histories", [root / "runs" / name for name in self.rules.forgotten])
+        self.drop(
+            "workflows' logs",
+            [path for path in _entries(root / "logs") if path.name not in known - self.rules.forgotten],
+        )
+        self.drop("lists of code", [path for path in _entries(root / "code") if path.stem not in codes])
+
+    def drop_leftovers(self) -> None:
+        """What processes left in `temporary` that have ended; every run removes it, too."""
+        left = left_behind(self.store.root / "temporary")
+        if left:
+            self.waste.append(Waste("leftovers of interrupted and damaged work", len(left), sum(map(size_of, left))))
+            self.steps.append(self.store.sweep)
+
+    def drop(self, what: str, paths: Iterable[Path]) -> None:
+        present = [path for path in paths if path.exists() or path.is_symlink()]
+        if present:
+            self.waste.append(Waste(what, len(present), sum(size_of(path) for path in present)))
+            self.steps += [partial(remove, path) for path in present]
+
+    def age(self, record: Record) -> float:
+        """Seconds since an action began."""
+        try:
+            return self.now - datetime.fromisoformat(str(record.provenance["started"])).timestamp()
+        except (KeyError, ValueError):
+            return float("inf")
+
+
+def _entries(folder: Path) -> list[Path]:
+    return sorted(folder.iterdir()) if folder.is_dir() else []
+
+
+def _newest(folder: Path) -> float:
+    """When anything in a folder was last written, in seconds since 1970."""
+    return max(path.lstat().st_mtime for path in (folder, *folder.rglob("*")))

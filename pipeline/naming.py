@@ -1,0 +1,120 @@
+"""Finding the artifact that a person means: by its path, its digest, or the name that it has in `latest`."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+
+from pipeline.artifact import Artifact, load
+from pipeline.errors import CommandError, nearest
+from pipeline.manifest import MANIFEST
+from pipeline.store import Store
+
+PREFIX = re.compile(r"[0-9a-f]{6,64}")
+SHOWN = 12  # names in an error
+
+
+def find_artifact(text: str, folder: Path) -> tuple[Artifact, Store | None]:
+    """The artifact that `text` names, and the store that it is in, if any; `folder` is where the store should be.
+
+    `text` is the path of an artifact; at least six characters of a digest; or `WORKFLOW/STAGE.OUTPUT`, of which the
+    workflow and the output may be left out where that leaves no choice. Raises CommandError where nothing or more than
+    one thing has that name, CorruptArtifact where what has it is damaged.
+    """
+    path = Path(text)
+    if (path / MANIFEST).is_file():
+        return load(path.resolve()), _store_around(path.resolve())
+    store = open_existing(folder)
+    names = store.latest_digests()
+    if PREFIX.fullmatch(text):
+        found = {digest: _names_of(digest, names) for digest in store.objects if digest.startswith(text)}
+        if found:
+            return store.artifact(_only(text, found)), store
+    found_names = {name: [name] for name in names if text in forms_of(name)}
+    if not found_names:
+        raise CommandError(f"no artifact {text!r}", where=store.root, expected=_expected(text, names))
+    return store.artifact(names[_only(text, found_names)]), store
+
+
+@contextmanager
+def finding(text: str, folder: Path) -> Iterator[tuple[Artifact, Store | None]]:
+    """`find_artifact`, and the store stays in use: nothing is deleted from it meanwhile.
+
+    Another user's store, which cannot be written, is looked at without.
+    """
+    artifact, store = find_artifact(text, folder)
+    with store.in_use() if store and os.access(store.root, os.W_OK) else nullcontext():
+        yield artifact, store
+
+
+def check_workflows(store: Store, names: Iterable[str]) -> None:
+    """Raises CommandError for a name that is none of a workflow that ran."""
+    known = store.history.workflows()
+    for name in names:
+        if name not in known:
+            listed = ", ".join(known) or "none"
+            raise CommandError(f"no workflow {name!r} ran here; those that did are {listed}{nearest(name, known)}")
+
+
+def open_existing(folder: Path) -> Store:
+    """The store in `folder`. Raises CommandError where there is none: looking must not make one."""
+    if not folder.is_dir():
+        raise CommandError(
+            "no store there", where=folder, remedy="Say with --store, or in $GS_HIDER_STORE, where results are kept."
+        )
+    return Store(folder)
+
+
+def names_of(digest: str, store: Store) -> list[str]:
+    """The names that an artifact has in `latest`."""
+    return _names_of(digest, store.latest_digests())
+
+
+def _names_of(digest: str, names: dict[str, str]) -> list[str]:
+    return [name for name, other in names.items() if other == digest]
+
+
+def _store_around(path: Path) -> Store | None:
+    """The store whose object `path` is."""
+    root = path.parent.parent
+    return Store(root) if path.parent.name == "objects" and (root / "actions").is_dir() else None
+
+
+def forms_of(name: str) -> list[str]:
+    """What a person may type for a name in `latest`, the name itself first.
+
+    >>> forms_of("hide/views[reef].views")  # doctest: +NORMALIZE_WHITESPACE
+    ['hide/views[reef].views', 'hide/views[reef]', 'hide/views', 'hide/views.views',
+     'views[reef].views', 'views[reef]', 'views', 'views.views']
+    """
+    workflow, _, rest = name.partition("/")
+    stage, _, output = rest.rpartition(".")
+    entry, bracket, _ = stage.partition("[")
+    forms = [rest, stage, entry, *([f"{entry}.{output}"] if bracket else [])]
+    return list(dict.fromkeys([*(f"{workflow}/{form}" for form in forms), *forms]))
+
+
+def _only(text: str, found: dict[str, list[str]]) -> str:
+    """The one key of `found`, whose values are the names to tell them by."""
+    if len(found) > 1:
+        listed = _listed(
+            " = ".join(dict.fromkeys([name[:12] if PREFIX.fullmatch(name) else name, *names]))
+            for name, names in found.items()
+        )
+        raise CommandError(f"{text!r} may mean several artifacts; say which of {listed}")
+    return next(iter(found))
+
+
+def _expected(text: str, names: dict[str, str]) -> str:
+    hint = nearest(text, [form for name in names for form in forms_of(name)])
+    listed = f"; there are {_listed(names)}" if names else ""
+    return f"the path of an artifact, 6 or more characters of a digest, or WORKFLOW/STAGE.OUTPUT{listed}{hint}"
+
+
+def _listed(names: Iterable[str]) -> str:
+    shown = list(names)
+    more = f" and {len(shown) - SHOWN} more" if len(shown) > SHOWN else ""
+    return f"{', '.join(shown[:SHOWN])}{more}"

@@ -1,0 +1,123 @@
+"""The pictures in an artifact, as files: what an array's shape says is a picture, and plain files that are one.
+
+A picture is what ends in [height, width] or [height, width, 3 or 4] with sides of at least `SMALLEST` pixels, neither
+`LONGEST` times the other: so tables and weights are none. Values are uint8, bool, or floating point in [0, 1]; colours
+beyond that are cut off, grey values scaled.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+from pipeline.artifact import Artifact
+from pipeline.description import range_of
+from pipeline.manifest import ArrayRecord
+from pipeline.privacy import make_folder, new_file
+
+if TYPE_CHECKING:
+    import numpy as np
+    from PIL import Image
+
+SMALLEST = 16
+LONGEST = 8
+FILES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture: a plain file, or what is in an array at `index` along its first axes."""
+
+    source: str
+    index: tuple[int, ...] | None
+
+    def file_name(self, digits: int) -> str:
+        """`1/truth` at 7 becomes `1-truth-0007.png`; files keep their names."""
+        if self.index is None:
+            return self.source.replace("/", "-")
+        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", self.source)
+        return f"{'-'.join([name, *(f'{number:0{digits}}' for number in self.index)])}.png"
+
+
+def pictures_of(artifact: Artifact) -> list[Picture]:
+    """All pictures in an artifact, in order."""
+    found = []
+    for name in artifact.names:
+        axes = leading_axes(artifact.manifest.arrays[name])
+        if axes is not None:
+            found += [Picture(name, index) for index in itertools.product(*map(range, axes))]
+    files = [name for name in artifact.files if PurePosixPath(name).suffix.lower() in FILES]
+    return found + [Picture(name, None) for name in files]
+
+
+def leading_axes(array: ArrayRecord) -> tuple[int, ...] | None:
+    """The shape of the axes before those of a picture; None where an array holds no pictures.
+
+    >>> [leading_axes(ArrayRecord("|u1", shape, shape, "")) for shape in ((48, 72, 96, 3), (72, 96), (9000, 16, 3))]
+    [(48,), (), None]
+    """
+    shape = array.shape
+    colours = len(shape) >= 3 and shape[-1] in (3, 4)
+    sides = shape[-3:-1] if colours else shape[-2:]
+    if array.dtype[1:] not in ("u1", "b1", "f2", "f4", "f8") or len(sides) < 2 or min(sides) < SMALLEST:
+        return None
+    if max(sides) > LONGEST * min(sides) or 0 in shape:
+        return None
+    return shape[: len(shape) - (3 if colours else 2)]
+
+
+def write_pictures(artifact: Artifact, folder: Path, most: int | None) -> tuple[list[Path], int]:
+    """Writes at most `most` pictures, evenly drawn from all, into `folder`; None for `most` writes all.
+
+    Returns their paths, and how many there are in the artifact. Files of a private artifact are closed to others, and
+    so is the folder where it is made here.
+    """
+    found = pictures_of(artifact)
+    number = len(found) if most is None else min(most, len(found))
+    chosen = [found[position * len(found) // number] for position in range(number)]
+    if chosen:
+        make_folder(folder.absolute(), artifact.private)
+    digits = max((len(str(max(picture.index))) for picture in found if picture.index), default=1)
+    scales: dict[str, tuple[float, float]] = {}
+    paths = []
+    for picture in chosen:
+        path = folder / picture.file_name(digits)
+        with new_file(path, artifact.private) as file:
+            if picture.index is None:
+                with artifact.file(picture.source).open("rb") as source:
+                    shutil.copyfileobj(source, file)
+            else:
+                if picture.source not in scales:
+                    scales[picture.source] = _scale(artifact, picture.source)
+                _to_image(artifact.item(picture.source, picture.index), *scales[picture.source]).save(
+                    file, format="PNG"
+                )
+        paths.append(path)
+    return paths, len(found)
+
+
+def _scale(artifact: Artifact, name: str) -> tuple[float, float]:
+    """What becomes black and what white."""
+    record = artifact.manifest.arrays[name]
+    grey = len(record.shape) - len(leading_axes(record) or ()) == 2
+    values = range_of(artifact, name) if grey and record.dtype[1] == "f" else None
+    if values is None or values.least is None or values.greatest is None:
+        return 0.0, 1.0
+    inside = values.least >= 0 and values.greatest <= 1
+    return (0.0, 1.0) if inside else (values.least, values.greatest)
+
+
+def _to_image(pixels: np.ndarray, black: float, white: float) -> Image.Image:
+    import numpy as np
+    from PIL import Image
+
+    if pixels.dtype.kind == "b":
+        pixels = pixels.astype(np.uint8) * 255
+    if pixels.dtype.kind == "f":
+        shares = (pixels.astype(np.float64) - black) / ((white - black) or 1.0)
+        pixels = np.rint(np.nan_to_num(np.clip(shares, 0.0, 1.0)) * 255).astype(np.uint8)
+    return Image.fromarray(np.ascontiguousarray(pixels))

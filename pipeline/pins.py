@@ -1,0 +1,87 @@
+"""Pins: results that `gc` keeps whatever runs come after, under a name of the user's.
+
+    pins/<name>.json     the keys of all actions behind the pinned results, by stage
+
+Names of stages may tell of a message, so nobody else can read these files.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from pipeline.errors import CommandError, UserError, nearest
+
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,\[\]-]{0,199}")
+
+
+@dataclass(frozen=True)
+class Pin:
+    """The pinned results of a workflow: the key of the action of each stage; `made` is when it was pinned."""
+
+    workflow: str
+    made: str
+    keys: Mapping[str, str]
+
+
+class Pins:
+    """The pins of one store, in a folder that is made with the first."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all pins, sorted."""
+        return sorted(path.stem for path in self._folder.glob("*.json"))
+
+    def read(self, name: str) -> Pin:
+        """Raises UserError for a pin that cannot be read: nobody knows then what it was to keep."""
+        path = self._path(name)
+        try:
+            content = json.loads(path.read_bytes())
+            return Pin(
+                content["workflow"],
+                content["made"],
+                {str(stage): str(content["keys"][stage]) for stage in content["keys"]},
+            )
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise UserError(
+                "not a readable pin",
+                where=path,
+                found=error,
+                remedy=f"Remove it with `unpin {name}`, and pin the results again.",
+            ) from error
+
+    def add(self, name: str, pin: Pin) -> None:
+        """Raises CommandError for a name that is taken or cannot be one."""
+        if not NAME.fullmatch(name):
+            raise CommandError(f"{name!r} cannot name a pin", expected="letters, digits and '_' '-' '.' ',' '[' ']'")
+        self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        aside = self._folder / f".{name}.{os.getpid()}"
+        with os.fdopen(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
+            json.dump(asdict(pin), file, indent=1, sort_keys=True)
+            file.flush()
+            os.fsync(file.fileno())
+        try:
+            os.link(aside, self._path(name))
+        except FileExistsError:
+            remedy = f"Choose another with --name, or remove that one with `unpin {name}`."
+            raise CommandError(f"there is a pin {name!r} already", remedy=remedy) from None
+        finally:
+            aside.unlink()
+
+    def remove(self, name: str) -> None:
+        """Raises CommandError where there is no pin of that name."""
+        if name not in self.names:
+            raise CommandError(
+                f"no pin {name!r}; there are {', '.join(self.names) or 'none'}{nearest(name, self.names)}"
+            )
+        self._path(name).unlink()
+
+    def _path(self, name: str) -> Path:
+        return self._folder / f"{name}.json"

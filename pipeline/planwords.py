@@ -1,0 +1,63 @@
+"""Plans and graphs as the command line tells them: in lines for people, and in JSON for programs."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+
+from pipeline.drawing import Box
+from pipeline.graph import Node
+from pipeline.plan import Step
+from pipeline.progress import duration
+
+STATES = {"cached": "cached", "run": "to run", "depends": "depends"}
+
+
+def print_plan(steps: Mapping[str, Step], as_json: bool) -> None:
+    width = max((len(name) for name in steps), default=0)
+    for name, step in steps.items():
+        if as_json:
+            print(json.dumps(_step_as_json(step)))
+        else:
+            print(f"{name:{width}}  {_state_words(step)}")
+    if not as_json:
+        counts = Counter(step.state for step in steps.values())
+        print(", ".join(f"{number} {STATES[state]}" for state, number in sorted(counts.items())))
+
+
+def _state_words(step: Step) -> str:
+    if step.result:
+        words = f"{STATES[step.state]}  {duration(step.result.seconds)}"
+    else:
+        words = f"{STATES[step.state]}  {'; '.join(step.reasons)}"
+    return f"{words} (failed last time: {step.failed})" if step.failed else words
+
+
+def _step_as_json(step: Step) -> dict[str, object]:
+    return {
+        "event": "plan",
+        "name": step.name,
+        "state": step.state,
+        "key": step.key,
+        "reasons": step.reasons,
+        "seconds": step.result.seconds if step.result else None,
+        "failed": step.failed,
+    }
+
+
+def node_as_json(node: Node) -> dict[str, object]:
+    return {
+        "event": "node",
+        "name": node.name,
+        "uses": node.uses,
+        "inputs": {name: [f"{s.node}.{s.output}" for s in sources] for name, sources in node.sources.items()},
+        "outputs": {name: output.kind for name, output in node.declaration.outputs.items()},
+        "private": node.private,
+    }
+
+
+def box(node: Node, step: Step) -> Box:
+    lines = (node.uses, duration(step.result.seconds)) if step.result else (node.uses,)
+    private = node.private or (step.result is not None and step.result.private)
+    return Box(node.name, node.upstream, lines, "private" if private else "done" if step.result else "plain")

@@ -1,0 +1,137 @@
+"""What `verify`, `gc` and `pins` say: in lines for people, and in JSON for programs."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
+
+from pipeline.garbage import Collection as Garbage
+from pipeline.pins import Pin
+from pipeline.progress import duration
+from pipeline.tables import printable, size_words, table
+from pipeline.verification import Checked
+
+
+class Verified:
+    """Counts what was looked at."""
+
+    def __init__(self) -> None:
+        self.numbers: Counter[str] = Counter()
+        self.damaged = 0
+        self.size = 0
+        self._started = time.monotonic()
+
+    @contextmanager
+    def shown(self, artifacts: int, quiet: bool) -> Iterator[Callable[[Checked], None]]:
+        """Takes what was looked at, and shows on a terminal how far it is."""
+        from rich.console import Console
+        from rich.progress import Progress
+
+        console = Console(stderr=True)
+        with Progress(console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+            task = bar.add_task("reading", total=artifacts)
+
+            def count(checked: Checked) -> None:
+                self.numbers[checked.what] += 1
+                self.damaged += checked.damage is not None
+                self.size += checked.size
+                bar.update(task, advance=checked.what == "artifact", description=f"read {size_words(self.size)}")
+
+            yield count
+
+    def words(self, dry_run: bool) -> str:
+        counted = ", ".join(f"{number} {what}{'s' * (number != 1)}" for what, number in self.numbers.items())
+        found = f"{counted or 'nothing to look at'}; {size_words(self.size)} read in {self._duration()}"
+        if not self.damaged:
+            return f"All is sound: {found}"
+        remedy = "nothing was changed" if dry_run else "what was damaged is set aside, and the next run makes it again"
+        return f"{self.damaged} damaged of {found}; {remedy}"
+
+    def as_json(self) -> dict[str, object]:
+        numbers = {f"{what}s": self.numbers[what] for what in ("artifact", "record", "pin", "link")}
+        seconds = round(time.monotonic() - self._started, 3)
+        return {"event": "summary", **numbers, "bytes": self.size, "damaged": self.damaged, "seconds": seconds}
+
+    def _duration(self) -> str:
+        return duration(time.monotonic() - self._started)
+
+
+def verified_words(checked: Checked) -> str:
+    """One damaged thing in a line."""
+    name = checked.name[:12] if checked.what in ("artifact", "record") else checked.name
+    stages = f" ({', '.join(checked.stages)})" if checked.stages else ""
+    return printable_line(f"{checked.what} {name}{stages}: {checked.damage}")
+
+
+def verified_as_json(checked: Checked) -> dict[str, object]:
+    return {
+        "event": "damaged",
+        "what": checked.what,
+        "name": checked.name,
+        "stages": list(checked.stages),
+        "cause": checked.damage,
+    }
+
+
+def collection_words(garbage: Garbage, dry_run: bool) -> list[str]:
+    """What goes, from which workflow and stage, and what stays and why."""
+    rows = [
+        [waste.workflow or waste.what, waste.stage, f"{waste.number}", size_words(waste.size)]
+        for waste in garbage.waste
+    ]
+    verb = "Would delete" if dry_run else "Deleted"
+    lines = [f"{verb}:", *(f"  {line}" for line in table(rows, right=(2, 3)))] if rows else []
+    lines += ["Kept:", *(f"  {printable(remark)}" for remark in garbage.remarks)] if garbage.remarks else []
+    total = (
+        f"{size_words(garbage.size)} {'would be' if dry_run else 'were'} freed"
+        if rows
+        else "There is nothing to delete"
+    )
+    return [*lines, f"{total}; {garbage.results_kept} results are kept."]
+
+
+def collection_as_json(garbage: Garbage) -> list[str]:
+    objects: list[dict[str, object]] = [
+        {
+            "event": "waste",
+            "what": waste.what,
+            "workflow": waste.workflow or None,
+            "stage": waste.stage or None,
+            "number": waste.number,
+            "bytes": waste.size,
+        }
+        for waste in garbage.waste
+    ]
+    objects += [{"event": "kept", "why": remark} for remark in garbage.remarks]
+    objects.append({"event": "summary", "bytes": garbage.size, "results_kept": garbage.results_kept})
+    return [json.dumps(content) for content in objects]
+
+
+def pins_words(pins: Mapping[str, Pin], actions: Collection[str]) -> list[str]:
+    """A line for each pin, with how many of its results are in the store if not all are."""
+    rows = []
+    for name, pin in pins.items():
+        present = sum(key in actions for key in pin.keys.values())
+        left = f" ({present} in the store)" if present < len(pin.keys) else ""
+        rows.append([name, pin.workflow, pin.made, f"{len(pin.keys)} results{left}"])
+    return table(rows) or ["Nothing is pinned."]
+
+
+def pin_as_json(name: str, pin: Pin, actions: Collection[str]) -> dict[str, object]:
+    present = sum(key in actions for key in pin.keys.values())
+    return {
+        "event": "pin",
+        "name": name,
+        "workflow": pin.workflow,
+        "made": pin.made,
+        "results": len(pin.keys),
+        "present": present,
+    }
+
+
+def printable_line(text: str) -> str:
+    """The text in one line, without what a terminal would obey."""
+    return "".join(character if character.isprintable() else " " for character in text)

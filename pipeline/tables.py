@@ -1,0 +1,130 @@
+"""Tables of text: columns as wide as they need to be, and long tables in short."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from pipeline.canonical import Json
+
+LONGEST = 120  # characters of a value
+QUANTITY, VALUE = "quantity", "value"  # columns of tables with one figure a row
+Row = Mapping[str, Json]
+
+
+def table(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
+    """Lines with the columns of `rows` side by side, those numbered in `right` flush right; no rows, no lines.
+
+    >>> table([["name", "size"], ["cover", "12"]], right=[1])
+    ['name   size', 'cover    12']
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.rjust(width) if number in right else cell.ljust(width)
+            for number, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def rows_table(rows: Sequence[Row]) -> list[str]:
+    """Lines that show rows with the columns that hold anything in any of them."""
+    columns = [
+        name for name in dict.fromkeys(name for row in rows for name in row) if any(_cell(row, name) for row in rows)
+    ]
+    numbers = [i for i, name in enumerate(columns) if not any(isinstance(row.get(name), str) for row in rows)]
+    if not columns:
+        return []
+    cells = ([_cell(row, name) for name in columns] for row in rows)
+    return table([[printable(name) for name in columns], *cells], numbers)
+
+
+def in_short(rows: Sequence[Row], most: int) -> tuple[list[Row], str | None]:
+    """At most about `most` rows, and how they were arrived at; None where they are all.
+
+    Where each row is one figure (a `quantity` and its `value`), figures become one row that differ in numbers only (the
+    iteration, say), and, if those are still too many, in the text with most values (the picture's name, say). Of other
+    tables the first and the last rows stay.
+    """
+    if len(rows) <= most:
+        return list(rows), None
+    if not all(isinstance(row.get(QUANTITY), str) and VALUE in row for row in rows):
+        half = most // 2
+        return [
+            *rows[: most - half],
+            *rows[len(rows) - half :],
+        ], f"first {most - half} and last {half} of {len(rows)} rows"
+    columns = [name for name in _texts(rows) if name != QUANTITY]
+    left_out: list[str] = []
+    groups = _groups(rows, [QUANTITY, *columns])
+    while len(groups) > most and columns:
+        various = max(columns, key=lambda name: len({row.get(name) for row in rows}))
+        columns.remove(various)
+        left_out.append(various)
+        groups = _groups(rows, [QUANTITY, *columns])
+    over = f" over {' and '.join(left_out)}" if left_out else ""
+    return [_figures(group, [QUANTITY, *columns]) for group in groups], f"{len(rows)} rows in short{over}"
+
+
+def _groups(rows: Sequence[Row], columns: Sequence[str]) -> list[list[Row]]:
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(str(row.get(name)) for name in columns), []).append(row)
+    return list(groups.values())
+
+
+def _figures(group: Sequence[Row], columns: Sequence[str]) -> Row:
+    """One row that stands for a group."""
+    values = [float(value) for row in group if _is_number(value := row[VALUE]) and isinstance(value, int | float)]
+    figures: dict[str, Json] = {name: group[0].get(name) for name in columns}
+    figures["rows"] = len(group)
+    if values:
+        figures |= {"mean": sum(values) / len(values), "least": min(values), "greatest": max(values)}
+        if any(_is_number(value) for name, value in group[0].items() if name != VALUE):
+            figures["last"] = values[-1]
+    return figures
+
+
+def _texts(rows: Sequence[Row]) -> list[str]:
+    """Columns that hold a text in any row."""
+    return list(dict.fromkeys(name for row in rows for name, value in row.items() if isinstance(value, str)))
+
+
+def _is_number(value: Json) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _cell(row: Row, name: str) -> str:
+    value = row.get(name)
+    return "" if value is None else number_words(value) if isinstance(value, float) else printable(str(value))
+
+
+def number_words(value: float) -> str:
+    """
+    >>> number_words(0.0), number_words(31000.0), number_words(16.9656), number_words(1.6e-06)
+    ('0', '31000', '16.97', '1.6e-06')
+    """
+    return f"{value:.0f}" if value == int(value) and abs(value) < 1e9 else f"{value:.4g}"
+
+
+def size_words(size: int) -> str:
+    """
+    >>> size_words(512), size_words(12_600_000)
+    ('512 B', '12.6 MB')
+    """
+    amount, unit = float(size), "B"
+    for unit in ("B", "kB", "MB", "GB", "TB"):
+        if amount < 1000 or unit == "TB":
+            break
+        amount /= 1000
+    return f"{amount:.0f} {unit}" if unit == "B" else f"{amount:.1f} {unit}"
+
+
+def printable(text: str) -> str:
+    """The text without what a terminal would obey, and not longer than a line: artifacts come from strangers.
+
+    >>> printable("red " + chr(27) + "[31m")
+    'red ?[31m'
+    """
+    plain = "".join(character if character.isprintable() else "?" for character in text)
+    return plain if len(plain) <= LONGEST else f"{plain[: LONGEST - 1]}…"

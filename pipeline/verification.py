@@ -1,0 +1,117 @@
+"""Whether a store is what was written: every byte of every artifact, every record, pin and link.
+
+What is damaged is set aside, so that the next run makes it again: an artifact, with the records that name it, or a
+record alone. Other processes may run meanwhile; what they add is looked at or not.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+from pipeline.artifact import Artifact
+from pipeline.canonical import digest_of
+from pipeline.errors import ArtifactError, CorruptArtifact, UserError
+from pipeline.manifest import MANIFEST
+from pipeline.store import Record, Store
+
+THREADS = min(4, os.cpu_count() or 1)  # hashing lets go of Python's lock; a disk is not read faster by more
+
+
+@dataclass(frozen=True)
+class Checked:
+    """One thing that was looked at; `damage` says what is wrong with it, None where it is sound.
+
+    `stages` are the names `<workflow>/<stage>.<output>` that an artifact was made under, as far as records tell.
+    """
+
+    what: Literal["artifact", "record", "pin", "link"]
+    name: str
+    size: int = 0
+    damage: str | None = None
+    stages: tuple[str, ...] = ()
+
+
+def verify_store(store: Store, dry_run: bool = False) -> Iterator[Checked]:
+    """Looks at everything, the artifacts first; sets aside what is damaged, unless it is a `dry_run`."""
+    names = _names(store.records())
+    lost: set[str] = set()
+    with ThreadPoolExecutor(THREADS) as pool:
+        for checked in pool.map(partial(_artifact, store), sorted(store.objects)):
+            if checked.damage:
+                lost.add(checked.name)
+                if not dry_run:
+                    store.set_aside(checked.name)
+            yield replace(checked, stages=names.get(checked.name, ()))
+    for key in sorted(store.actions):
+        record = store.record(key)
+        damage = _damage_of_record(store, key, record, lost)
+        if damage and not dry_run:
+            store.set_record_aside(key)
+        stages = (f"{record.workflow}/{record.name}",) if record else ()
+        yield Checked("record", key, damage=damage, stages=stages)
+    yield from _pins(store)
+    for name, digest in store.latest_digests().items():
+        gone = digest in lost or not store.object(digest).is_dir()
+        if gone and not dry_run:
+            store.unlink_latest(name)
+        yield Checked("link", name, damage=f"leads to {digest[:8]}, which is not in the store" if gone else None)
+
+
+def _artifact(store: Store, digest: str) -> Checked:
+    path = store.object(digest)
+    try:
+        artifact = store.artifact(digest)
+        if artifact.digest != digest:
+            raise CorruptArtifact(f"{path}: it is the artifact {artifact.digest[:8]}")
+        artifact.verify()
+        _refuse_foreign_files(artifact)
+    except (ArtifactError, OSError) as error:
+        if not path.exists():  # another process set it aside meanwhile
+            return Checked("artifact", digest)
+        return Checked("artifact", digest, damage=str(error).replace(f"{path}/", "").replace(f"{path}: ", ""))
+    return Checked("artifact", digest, sum(file.size for file in artifact.manifest.files.values()))
+
+
+def _refuse_foreign_files(artifact: Artifact) -> None:
+    for path in sorted(artifact.path.rglob("*")):
+        name = path.relative_to(artifact.path).as_posix()
+        known = name == MANIFEST or name in artifact.manifest.files
+        if path.is_symlink() or not (path.is_dir() or known):
+            raise CorruptArtifact(f"{name}: not a part of the artifact; something else put it there")
+
+
+def _damage_of_record(store: Store, key: str, record: Record | None, lost: set[str]) -> str | None:
+    if record is None:
+        return "not a readable record"
+    if record.key != key or digest_of(dict(record.parts)) != key:
+        return "its parts are not those whose hash is its key"
+    if not store.is_record_sound(key):
+        return "altered since it was written"
+    for output, digest in record.outputs.items():
+        if digest in lost or not store.object(digest).is_dir():
+            return f"its output {output} ({digest[:8]}) is damaged or gone"
+    return None
+
+
+def _pins(store: Store) -> Iterator[Checked]:
+    for name in store.pins.names:
+        try:
+            store.pins.read(name)
+        except UserError as error:
+            yield Checked("pin", name, damage=str(error))
+        else:
+            yield Checked("pin", name)
+
+
+def _names(records: Iterable[Record]) -> dict[str, tuple[str, ...]]:
+    """The names that each artifact was made under, by digest."""
+    names: dict[str, tuple[str, ...]] = {}
+    for record in records:
+        for output, digest in record.outputs.items():
+            names[digest] = (*names.get(digest, ()), f"{record.workflow}/{record.name}.{output}")
+    return names

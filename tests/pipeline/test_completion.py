@@ -1,0 +1,148 @@
+"""What the shell is offered: by the functions themselves, and by the program as bash calls it."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from tests.pipeline.helpers import TOYS, Workspace
+from tests.pipeline.test_runner import CHAIN
+
+ROOT = Path(__file__).parents[2]
+PROGRAM = "import sys; sys.argv = ['gs-hider']; from pipeline.cli import main; main()"
+
+
+@pytest.fixture
+def here(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> Workspace:
+    """In a folder with a workflow that ran, and a folder `workflows`."""
+    workspace.write(CHAIN).run()
+    (workspace.folder / "workflows").mkdir()
+    (workspace.folder / "workflows" / "hide.yaml").write_text("stages: {}\n")
+    monkeypatch.chdir(workspace.folder)
+    monkeypatch.delenv("GS_HIDER_STORE", raising=False)
+    return workspace
+
+
+def offered(line: str) -> list[str]:
+    """What is offered for the last word of a line, in this process."""
+    words = ["gs-hider", *line.split(" ")]
+    environment = {
+        "COMP_WORDS": " ".join(words),
+        "COMP_CWORD": str(len(words) - 1),
+        "_GS_HIDER_COMPLETE": "complete_bash",
+    }
+    result = CliRunner().invoke(app, prog_name="gs-hider", env=environment)
+    assert (result.exit_code, result.stderr) == (0, "")
+    return result.stdout.split()
+
+
+def test_commands() -> None:
+    assert offered("s") == ["status", "show"]
+    assert "--keep-last" in offered("gc --")
+
+
+def test_workflow_files(here: Workspace) -> None:
+    assert offered("run w") == ["workflow.yaml", "workflows/", "workflows/hide.yaml"]
+    assert "store/" in offered("run ")
+    assert offered("status workflows/h") == ["workflows/hide.yaml"]
+    assert offered("graph nowhere/h") == []
+
+
+def test_stages(here: Workspace) -> None:
+    assert offered("run workflow.yaml ") == ["base", "twice", "other", "sum"]
+    assert offered("explain workflow.yaml t") == ["twice"]
+    assert offered("pin workflow.yaml su") == ["sum"]
+
+
+def test_settings(here: Workspace) -> None:
+    assert offered("run workflow.yaml --set ") == ["count=3", "factor=2.0", "base.", "twice.", "other.", "sum."]
+    assert offered("run workflow.yaml --set co") == ["count=3"]
+    assert offered(f"run workflow.yaml --stages {TOYS} --set twice.") == ["twice.factor="]
+    assert offered(f"status --stages {TOYS} workflow.yaml --set base.f") == ["base.first=", "base.file="]
+    assert offered("run workflow.yaml --set nosuch.") == []
+
+
+def test_parameters_of_a_base_class_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    found = offered("run workflows/hide_multi.yaml --set hide.")
+    assert {"hide.lambda_message=", "hide.iterations=", "hide.threads="} <= set(found)
+    assert "hide.model_config=" not in found
+
+
+def test_artifacts_pins_and_workflows_that_ran(here: Workspace) -> None:
+    assert offered("show chain/su") == ["chain/sum.key", "chain/sum.page", "chain/sum.total"]
+    assert offered("export sum.k") == ["sum.key"]
+    (here.folder / "store/pins").mkdir()
+    (here.folder / "store/pins/paper.json").write_text("{}")
+    assert offered("unpin p") == ["paper"]
+    assert offered("gc --forget c") == ["chain"]
+    assert offered("gc --store nowhere --forget c") == []
+
+
+@pytest.mark.parametrize("text", ["", "{", "stages: 3", "vars: [1]\nstages: {a: }", "\x00"])
+def test_a_broken_workflow_offers_nothing_and_says_nothing(here: Workspace, text: str) -> None:
+    here.file.write_text(text)
+    for line in ("run workflow.yaml x", "run workflow.yaml --set x", "run workflow.yaml --set a.x", "run nosuch.yaml "):
+        assert offered(line) == []
+
+
+def test_as_bash_calls_it(here: Workspace) -> None:
+    """A process that loads neither the engine nor any library of numbers."""
+    heavy = ("torch", "zarr", "numpy", "dask", "distributed", "rich", "pipeline.graph", "stages")
+    script = (
+        f"import atexit, sys; atexit.register(lambda: print([m for m in {heavy!r} if m in sys.modules]))\n{PROGRAM}"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "COMP_WORDS": "gs-hider run workflow.yaml tw", "COMP_CWORD": "3"}
+        | {"_GS_HIDER_COMPLETE": "complete_bash"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (done.stdout, done.stderr) == ("twice\n[]\n", "")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_for_a_shell(shell: str) -> None:
+    """Also where the program is called by its module: what a shell completes is the command of its own name."""
+    done = subprocess.run(
+        [sys.executable, "-m", "pipeline", "--show-completion", shell],
+        cwd=ROOT,
+        env={**os.environ, "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "gs-hider" in done.stdout
+    assert "_GS_HIDER_COMPLETE" in done.stdout
+    assert "python -m" not in done.stdout
+
+
+def test_in_a_real_bash(here: Workspace, tmp_path: Path) -> None:
+    """The script as bash runs it: the words of a line go in, completions come out."""
+    program = tmp_path / "bin" / "gs-hider"
+    program.parent.mkdir()
+    program.write_text(f"#!/bin/sh\nexec {shlex.quote(sys.executable)} -c {shlex.quote(PROGRAM)}\n")
+    program.chmod(0o755)
+    script = (
+        'eval "$(_GS_HIDER_COMPLETE=source_bash gs-hider)"\n'
+        "COMP_WORDS=(gs-hider explain workflow.yaml tw); COMP_CWORD=3\n"
+        "$(complete -p gs-hider | sed 's/.*-F \\([^ ]*\\).*/\\1/') gs-hider\n"
+        'echo "${COMPREPLY[@]}"\n'
+    )
+    done = subprocess.run(
+        ["bash", "--norc", "-c", script],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PATH": f"{program.parent}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (done.stdout, done.stderr) == ("twice\n", "")

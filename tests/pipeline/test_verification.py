@@ -1,0 +1,143 @@
+"""`verify`: every kind of damage is found, named and set aside, and the next run makes good what was lost."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pipeline.store import Store
+from pipeline.verification import Checked, verify_store
+from tests.pipeline.helpers import Workspace
+from tests.pipeline.test_runner import CHAIN
+
+
+def damaged(store: Store, dry_run: bool = False) -> list[Checked]:
+    return [checked for checked in verify_store(store, dry_run) if checked.damage]
+
+
+def flip(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+def chunk(artifact: Path) -> Path:
+    return next(artifact.glob("arrays.zarr/values/c/*"))
+
+
+DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
+    "flipped byte": (lambda artifact: flip(chunk(artifact)), "arrays.zarr/values/c/0: altered since it was written"),
+    "deleted chunk": (lambda artifact: chunk(artifact).unlink(), "arrays.zarr/values/c/0: missing"),
+    "shortened chunk": (
+        lambda artifact: chunk(artifact).write_bytes(b"x"),
+        "arrays.zarr/values/c/0: 1 bytes; expected",
+    ),
+    "truncated manifest": (
+        lambda artifact: (artifact / "manifest.json").write_text((artifact / "manifest.json").read_text()[:99]),
+        "manifest.json: not a manifest",
+    ),
+    "no manifest": (lambda artifact: (artifact / "manifest.json").unlink(), "no readable manifest.json"),
+    "extra file": (lambda artifact: (artifact / "extra.txt").write_text("?"), "extra.txt: not a part of the artifact"),
+    "extra chunk": (
+        lambda artifact: (artifact / "arrays.zarr/values/c/7").write_text("?"),
+        "arrays.zarr/values/c/7: not a part of the artifact",
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_artifact(workspace: Workspace, damage: str) -> None:
+    ran = workspace.write(CHAIN).run()
+    store = ran.project.store
+    assert damaged(store) == []
+    artifact = ran.ended["twice"].outputs["numbers"]
+    harm, words = DAMAGES[damage]
+    harm(artifact)
+    found = damaged(store, dry_run=True)
+    assert [(checked.what, checked.stages) for checked in found] == [
+        ("artifact", ("chain/twice.numbers",)),
+        ("record", ("chain/twice",)),
+        ("link", ()),
+    ]
+    assert words in str(found[0].damage)
+    assert str(store.root) not in str(found[0].damage), "in few words"
+    assert damaged(store) == found, "a dry run changes nothing"
+    assert damaged(store) == [], "what is damaged is set aside"
+    again = workspace.run()
+    assert again.states == {"base": "cached", "twice": "ran", "other": "cached", "sum": "cached"}
+    assert again.ended["twice"].outputs == ran.ended["twice"].outputs
+    assert damaged(store) == []
+
+
+def edit(file: Path, change: Callable[[dict[str, dict[str, object]]], object]) -> None:
+    content = json.loads(file.read_text())
+    change(content)
+    file.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda content: content["parts"].update(version=2), "its parts are not those whose hash is its key"),
+        (lambda content: content["provenance"].update(seconds=1e9), "altered since it was written"),
+        (lambda content: content["outputs"].update(numbers="f" * 64), "altered since it was written"),
+        (lambda content: content.pop("outputs"), "not a readable record"),
+    ],
+)
+def test_an_altered_record(workspace: Workspace, change: Callable[[object], object], words: str) -> None:
+    ran = workspace.write(CHAIN).run()
+    store = ran.project.store
+    key = str(ran.ended["twice"].key)
+    edit(store.root / "actions" / key / "record.json", change)
+    (found,) = damaged(store)
+    assert (found.what, found.name, found.damage) == ("record", key, words)
+    assert workspace.run().states["twice"] == "ran"
+    assert damaged(store) == []
+
+
+def test_an_output_that_is_gone(workspace: Workspace) -> None:
+    ran = workspace.write(CHAIN).run()
+    store = ran.project.store
+    store.set_aside(ran.ended["sum"].outputs["page"].name)
+    assert [(checked.what, checked.name) for checked in damaged(store)] == [
+        ("record", ran.ended["sum"].key),
+        ("link", "chain/sum.page"),
+    ]
+    assert workspace.run().states["sum"] == "ran"
+    assert damaged(store) == []
+
+
+def test_a_link_that_leads_nowhere(workspace: Workspace) -> None:
+    store = workspace.write(CHAIN).run().project.store
+    link = store.root / "latest" / "chain" / "old.numbers"
+    link.symlink_to("../../objects/" + "0" * 64)
+    (found,) = damaged(store)
+    assert (found.what, found.name) == ("link", "chain/old.numbers")
+    assert not link.is_symlink()
+
+
+def test_a_pin_that_cannot_be_read_stays_and_is_told_again(workspace: Workspace) -> None:
+    """Only the user knows what it was to keep."""
+    store = workspace.write(CHAIN).run().project.store
+    store.folder("pins").joinpath("paper.json").write_text("{")
+    for _ in range(2):
+        (found,) = damaged(store)
+        assert (found.what, found.name) == ("pin", "paper")
+
+
+def test_an_artifact_under_the_digest_of_another(workspace: Workspace) -> None:
+    ran = workspace.write(CHAIN).run()
+    store = ran.project.store
+    store.object(ran.ended["twice"].outputs["numbers"].name).rename(store.object("f" * 64))
+    found = {checked.what: checked.damage for checked in damaged(store)}
+    assert "it is the artifact" in str(found["artifact"])
+    assert set(found) == {"artifact", "record", "link"}
+
+
+def test_a_whole_store_is_counted(workspace: Workspace) -> None:
+    store = workspace.write(CHAIN).run().project.store
+    whats = [checked.what for checked in verify_store(store)]
+    assert (whats.count("artifact"), whats.count("record"), whats.count("link")) == (len(store.objects), 4, 6)
