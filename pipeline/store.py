@@ -250,8 +250,10 @@ class Store:
         return self.root / "latest" / workflow / f"{name}.{output}"
 
     def keep_code(self, digest: str, modules: Mapping[str, str]) -> None:
-        """Keeps which modules a digest of code stands for."""
-        if self.code(digest) is None:
+        """Keeps which modules a digest of code stands for; where it cannot, that only costs an explanation."""
+        if self.code(digest) is not None:
+            return
+        with suppress(OSError):
             self.folder("code")
             write_text_whole(self._code(digest), sealed(dict(modules)), self.temporary())
 
