@@ -124,7 +124,10 @@ class Catalogue:
         return self._stages[uses]
 
     def _cached(self, uses: str, question: object) -> Any:
-        return read_sealed(self._cache_file(uses, question))
+        try:
+            return read_sealed(self._cache_file(uses, question))
+        except ValueError:  # a question with numbers that are not finite, which is refused with its place
+            return None
 
     def _keep(self, uses: str, question: object, answer: Mapping[str, Any]) -> None:
         with suppress(OSError):  # a store that nobody can write to can be read

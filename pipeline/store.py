@@ -332,10 +332,14 @@ class Store:
         return self.root / "latest" / workflow / f"{name}.{output}"
 
     def keep_code(self, digest: str, modules: Mapping[str, str], definitions: Mapping[str, Mapping[str, str]]) -> None:
-        """Keeps which modules a digest of code stands for, and the digests of what each of them defines."""
+        """Keeps which modules a digest of code stands for, and the digests of what each of them defines.
+
+        Where it cannot, that only costs an explanation.
+        """
         content = {name: {"digest": module, "definitions": dict(definitions[name])} for name, module in modules.items()}
-        self.folder("code")
-        write_text_whole(self._code(digest), sealed({"modules": content}), self.temporary())
+        with suppress(OSError):
+            self.folder("code")
+            write_text_whole(self._code(digest), sealed({"modules": content}), self.temporary())
 
     def latest_digests(self) -> dict[str, str]:
         """The digest that each link `<workflow>/<stage>.<output>` in `latest` leads to, in the store or no longer."""

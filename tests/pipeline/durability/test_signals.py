@@ -57,7 +57,7 @@ def check_goes_on(workspace: Workspace) -> None:
 @pytest.mark.parametrize(
     ("number", "flags"),
     [
-        (signal.SIGINT, ["--serial"]),
+        pytest.param(signal.SIGINT, ["--serial"], marks=pytest.mark.slow),
         (signal.SIGTERM, ["--workers", "1"]),
         pytest.param(signal.SIGHUP, ["--serial"], marks=pytest.mark.slow),
         pytest.param(signal.SIGINT, ["--workers", "2"], marks=pytest.mark.slow),
