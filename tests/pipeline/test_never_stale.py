@@ -257,6 +257,12 @@ def test_every_edit_of_every_file() -> None:
             check(session.world, session.workspace)
             file.text += " And more."
         assert set(check(session.world, session.workspace).states.values()) == {"cached"}
+        files = session.world.folders[0].files
+        for name, data in (("a.jpg", b"2"), ("b.jpg", b"33"), ("deep.jpg", b"")):
+            files[name] = data
+            check(session.world, session.workspace)
+        session.world.rename_folder(0)
+        assert set(check(session.world, session.workspace).states.values()) == {"cached"}
         for kernel in (b"float y;", b"float y; // said", b"float x;"):
             session.world.kernel = kernel
             check(session.world, session.workspace)
