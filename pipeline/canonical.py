@@ -17,11 +17,14 @@ def plain(value: object, where: str) -> Json:
     """`value` as plain JSON data; enumerations by their values, tuples as lists.
 
     Raises TypeError for anything that JSON cannot tell apart from something else (bytes, sets, NumPy scalars, keys
-    that are not strings) and ValueError for numbers that are not finite; `where` names the value in the message.
+    that are not strings) and ValueError for numbers that are not finite and text that is not Unicode; `where` names
+    the value in the message.
     """
     if isinstance(value, Enum):
         return plain(value.value, where)
-    if value is None or isinstance(value, str | bool):
+    if isinstance(value, str):
+        return _checked(value, where)
+    if value is None or isinstance(value, bool):
         return value
     if isinstance(value, int):
         return int(value)
@@ -35,10 +38,23 @@ def plain(value: object, where: str) -> Json:
         for key in value:
             if not isinstance(key, str):
                 raise TypeError(f"{where} has the key {key!r}, which is not a string")
-        return {str(key): plain(item, f"{where}.{key}") for key, item in value.items()}
+        return {_checked(key, where): plain(item, f"{where}.{key}") for key, item in value.items()}
     raise TypeError(
         f"{where} is of type {type(value).__name__}; expected text, numbers, true, false, null, lists or mappings"
     )
+
+
+def _checked(text: str, where: str) -> str:
+    """`text`, unless JSON would spell it as it does another: two halves of a character beside each other.
+
+    Single bytes that are no text, as names of files may hold them, are told apart and allowed.
+    """
+    if not text.isascii():
+        try:
+            text.encode("utf-8", "surrogateescape")
+        except UnicodeEncodeError as error:
+            raise ValueError(f"{where} is {text!r}, which is not Unicode text") from error
+    return str(text)
 
 
 def canonical_json(value: object, where: str = "value") -> bytes:

@@ -115,7 +115,7 @@ def in_words(explanation: Explanation, graph: Graph, duration: str) -> list[str]
     elif step.state == "depends":
         lines = [f"{step.name}: to run if what it takes comes out differently"]
     else:
-        lines = [f"{step.name}: to run"]
+        lines = [f"{step.name}: to run, because"]
     lines += [f"  {reason}" for reason in step.reasons]
     lines += [f"  {cause.text}" for cause in explanation.causes]
     return lines + ([f"  it failed last time: {step.failed}"] if step.failed else [])

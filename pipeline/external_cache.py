@@ -17,6 +17,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from hashlib import file_digest, sha256
 from pathlib import Path
 
@@ -58,8 +59,9 @@ class ExternalCache:
         return self._store.root / "external" / f"{digest}.json"
 
     def _write(self, path: Path, content: Mapping[str, object]) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        write_text_whole(path, sealed(content), self._store.temporary(), mode=0o600)
+        with suppress(OSError):  # a store that nobody can write to can be read, and a full disk is no reason to fail
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            write_text_whole(path, sealed(content), self._store.temporary(), mode=0o600)
 
 
 def _digest(path: Path, before: Memory, after: Memory) -> str:

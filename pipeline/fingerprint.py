@@ -104,7 +104,7 @@ class SourceTree:
         """The first-party module of that name; None where there is none."""
         if name not in self._modules:
             path = self._path(name)
-            self._modules[name] = _read(name, path) if path else None
+            self._modules[name] = read_module(name, path) if path else None
         return self._modules[name]
 
     def _path(self, name: str) -> Path | None:
@@ -127,7 +127,8 @@ def _folders_of(package: str) -> tuple[Path, ...]:
     return tuple(Path(folder) for folder in specification.submodule_search_locations)
 
 
-def _read(name: str, path: Path) -> Module:
+def read_module(name: str, path: Path) -> Module:
+    """The module `name` in the file at `path`. Raises UserError where that is not Python."""
     try:
         tree = ast.parse(path.read_bytes(), str(path))
     except (SyntaxError, ValueError) as error:

@@ -57,3 +57,22 @@ def test_tuples_and_enumerations() -> None:
 def test_what_cannot_be_told_apart_is_refused(value: object) -> None:
     with pytest.raises((TypeError, ValueError), match="value"):
         digest_of(value)
+
+
+LOOKALIKES: list[tuple[object, object]] = [
+    *((1, 1.0), (1, True), (0.0, -0.0), (0, False), (2**53, 2**53 + 1), (10**300, 1e300), (5e-324, 0.0)),
+    *(("\u00e9", "e\u0301"), ("\udc80", "\\udc80"), ("1", 1), (None, "null"), ([], {}), ("", None)),
+]
+
+
+def test_lookalikes_are_told_apart() -> None:
+    for first, second in LOOKALIKES:
+        assert digest_of(first) != digest_of(second), (first, second)
+        assert digest_of({"a": [first]}) != digest_of({"a": [second]}), (first, second)
+
+
+def test_what_has_no_spelling_of_its_own_is_refused() -> None:
+    """Two halves of a character read as the character in JSON, which is another text; and numbers too long to write."""
+    for value in ("\ud83d\ude00", {"\ud83d\ude00": 1}, 10**5000, frozenset(), 1j, range(2)):
+        with pytest.raises((TypeError, ValueError)):
+            digest_of(value)

@@ -168,7 +168,7 @@ def test_dry_run_status_explain_graph(workspace: Workspace) -> None:
     assert call(workspace, "explain", "twice", "--set", "factor=4")[1] == (
         "twice: to run, because\n  parameter factor: 2.0 → 4.0\n"
     )
-    assert "twice: cached, made 2" in call(workspace, "explain", "twice")[1]
+    assert "twice: cached\n  made 2" in call(workspace, "explain", "twice")[1]
     assert call(workspace, "graph")[1].splitlines()[-1] == "sum    total  ← twice, other"
     assert json.loads(call(workspace, "graph", "--json")[1].splitlines()[-1])["inputs"] == {
         "numbers": ["twice.numbers", "other.numbers"],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +11,11 @@ import pytest
 
 from pipeline.changes import changes
 from pipeline.explain import key_of, key_parts
-from pipeline.fingerprint import Code
+from pipeline.explanation import Explanation, as_json, explain, in_words
+from pipeline.external_cache import ExternalCache
+from pipeline.fingerprint import Code, read_module
 from pipeline.graph import Node, Source
-from pipeline.plan import Known
+from pipeline.plan import Known, make_plan
 from tests.pipeline.helpers import Workspace
 from tests.pipeline.test_runner import CHAIN
 
@@ -78,6 +81,101 @@ def test_changed_files(workspace: Workspace, tmp_path: Path) -> None:
     workspace.write("stages:\n  base: {uses: numbers, with: {file: data.txt}}\n").run()
     (tmp_path / "data.txt").write_text("2\n")
     assert workspace.plan()["base"].reasons == ("the files of file changed: data.txt changed",)
+
+
+def explained(workspace: Workspace, name: str, *settings: str) -> Explanation:
+    project = workspace.open(*settings)
+    return explain(project.graph, make_plan(project.graph, project.store), project.store, name)
+
+
+def test_the_way_back_to_what_changed(workspace: Workspace) -> None:
+    """Whether the stages between are waiting, or have run again already."""
+    workspace.write(CHAIN).run()
+    told = explained(workspace, "sum", "base.count=2")
+    assert told.step.reasons == ("input numbers waits for twice", "input numbers waits for other")
+    assert [(cause.way, cause.text) for cause in told.causes] == [
+        (("sum", "twice", "base"), "because base: parameter count: 3 → 2")
+    ]
+    workspace.run("base.count=2", stages=["twice", "other"])
+    told = explained(workspace, "sum", "base.count=2")
+    assert told.step.state == "run"
+    assert [cause.text for cause in told.causes] == ["because base: parameter count: 3 → 2"]
+    fields = as_json(told)
+    assert json.loads(json.dumps(fields)) == fields
+    (cause,) = told.causes
+    assert cause.as_json["stage"] == "base"
+    assert (cause.as_json["before"], cause.as_json["after"]) == (3, 2)
+
+
+def test_several_causes_are_told_once_each(workspace: Workspace) -> None:
+    workspace.write(CHAIN).run()
+    told = explained(workspace, "sum", "base.count=2", "factor=7.5")
+    assert [cause.text for cause in told.causes] == [
+        "because twice: parameter factor: 2.0 → 7.5",
+        "because base: parameter count: 3 → 2",
+    ]
+
+
+def test_what_a_cached_result_was_made_of(workspace: Workspace) -> None:
+    workspace.write(CHAIN).run()
+    told = explained(workspace, "sum")
+    project = workspace.open()
+    lines = in_words(told, project.graph, "2 s")
+    assert lines[0] == "sum: cached"
+    (journal,) = project.store.history.journals("chain")
+    assert lines[1].startswith("  made 2")
+    assert lines[1].endswith(f", in run chain/{journal.stem}")
+    assert any(line.startswith("  input numbers: twice.numbers (") and ", other.numbers (" in line for line in lines)
+    made = as_json(told)["made"]
+    assert isinstance(made, dict)
+    assert made["run"] == f"chain/{journal.stem}"
+
+
+def test_which_files_of_a_folder(workspace: Workspace, tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for name in ("a", "b", "c", "d"):
+        (folder / f"{name}.txt").write_text(f"{name}\n")
+    cache = ExternalCache(workspace.write(CHAIN).open().store)
+    before = cache.digest(folder)
+    (folder / "a.txt").write_text("1\n")
+    (folder / "b.txt").rename(folder / "z.txt")
+    (folder / "c.txt").unlink()
+    (folder / "n.txt").write_text("n\n")
+    after = cache.digest(folder)
+    project = workspace.open()
+    node = replace(project.graph.nodes["base"], external={"file": (after,)})
+    parts = key_parts(node, {})
+    old = {**parts, "external": {"file": [before]}}
+    (change,) = changes(node, old, parts, Known(project.store))
+    words = "a.txt changed, n.txt added, c.txt removed, b.txt renamed to z.txt"
+    assert change.text == f"the files of file changed: {words}"
+    assert change.as_json["renamed"] == {"b.txt": "z.txt"}
+    assert change.as_json["files"] == {"changed": ["a.txt"], "added": ["n.txt"], "removed": ["c.txt"]}
+
+
+def test_which_definitions_of_a_module(workspace: Workspace) -> None:
+    project = workspace.write(CHAIN).open()
+    texts = {
+        "old": "import a\nX = 1\nY = 2\n\ndef f(): return 1\n\nclass C:\n    z = 1\n\nif X: pass\n",
+        "new": "import b\nX = 3\nW = 2\n\ndef f(): return 1\n\nclass C:\n    z = 2\n\nif W: pass\n",
+        "moved": "W = 2\nX = 3\nimport b\n\ndef f(): return 1\n\nclass C:\n    z = 2\n\nif W: pass\n",
+    }
+    for name, text in texts.items():
+        file = workspace.folder / "module.py"
+        file.write_text(text)
+        module = read_module("module", file)
+        project.store.keep_code(name, {"module": module.digest}, {"module": module.definitions})
+    node = project.graph.nodes["base"]
+    parts = {name: {**key_parts(node, {}), "code": name} for name in texts}
+    known = Known(project.store)
+    (change,) = changes(node, parts["old"], parts["new"], known)
+    said = "C, X, its imports, its other statements changed, W added, Y removed"
+    assert change.text == f"code changed: module ({said})"
+    (change,) = changes(node, parts["new"], parts["moved"], known)
+    assert change.text == "code changed: module (the order of its definitions)"
+    (change,) = changes(node, {**parts["old"], "code": "unknown"}, parts["new"], known)
+    assert change.text == "code changed"
 
 
 def test_results_of_another_workflow_are_found_by_key(workspace: Workspace) -> None:
