@@ -20,10 +20,11 @@ from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.canonical import Json
 from pipeline.checkpoint import discard_scratch, scratch_directory
 from pipeline.declaration import import_stage, validate
-from pipeline.errors import CorruptArtifact, Interrupted, PipelineError
+from pipeline.errors import CorruptArtifact, Interrupted, PipelineError, TransientError
 from pipeline.events import Noted, StageProgressed, StageStarted
 from pipeline.executor import Tell
 from pipeline.fingerprint import Code
+from pipeline.loaded import loaded_code
 from pipeline.provenance import machine, now, versions_of
 from pipeline.stage import Context, InputValue, LineageRecord, Services, Stage, bind_inputs, output_is_private
 from pipeline.stagelog import StageLog, printed_to_stderr
@@ -39,7 +40,8 @@ class Job:
     """All that a worker must know to do one action.
 
     `inputs` holds the digests of the artifacts of each input; `lineage` the key of every action upstream by the name
-    of its stage, in order; `stop_flag` is a file that appears when work should stop. `private` is what the workflow
+    of its stage, in order; `stop_flag` is a file that appears when work should stop, `begun_flag` one that the worker
+    makes when the stage begins: where it lacks, a worker that died has done nothing. `private` is what the workflow
     says; `private_log` whether an output is declared private. `captures` sends what the process prints to the log, for
     processes that are a worker's own.
     """
@@ -59,6 +61,7 @@ class Job:
     private_log: bool
     store: Path
     stop_flag: Path
+    begun_flag: Path
     commit: str | None
     captures: bool
 
@@ -72,7 +75,8 @@ class Job:
 class Outcome:
     """How an action ended. `outputs` are digests; `cause` says in one line why it did not end well.
 
-    `damaged` are digests of inputs that are not what was written; `private` whether an output is private.
+    `damaged` are digests of inputs that are not what was written; `private` whether an output is private; `transient`
+    whether what failed may succeed if it is tried again.
     """
 
     state: Literal["ran", "cached", "failed", "stopped", "damaged"]
@@ -82,6 +86,7 @@ class Outcome:
     damaged: tuple[str, ...] = ()
     private: bool = False
     log: Path | None = None
+    transient: bool = False
 
 
 def perform(job: Job, tell: Tell) -> Outcome:
@@ -127,6 +132,7 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
     store.log(job.workflow, job.name, not private).unlink(missing_ok=True)
     log = StageLog(path, private)
     log.line(f"{job.name} ({job.uses}), key {job.key}, commit {job.commit or 'unknown'}")
+    job.begun_flag.touch()
     tell(StageStarted(job.name))
     try:
         with log.captured() if job.captures else printed_to_stderr():
@@ -141,7 +147,8 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         log.traceback()
         damaged = action.damaged_inputs() if isinstance(error, CorruptArtifact) else ()
         state: Literal["damaged", "failed"] = "damaged" if damaged else "failed"
-        return Outcome(state, time.monotonic() - started, None, _cause(error), damaged, log=path)
+        transient = isinstance(error, TransientError)
+        return Outcome(state, time.monotonic() - started, None, _cause(error), damaged, log=path, transient=transient)
     finally:
         log.close()
         shutil.rmtree(work, ignore_errors=True)
@@ -160,7 +167,10 @@ class _Action:
 
     def run(self, work: Path, log: StageLog, tell: Tell) -> Record:
         job, began, started = self.job, now(), time.monotonic()
+        code = loaded_code()
+        code.check(job.code.modules)
         declared = import_stage(job.package, job.uses)
+        code.remember(job.code.modules)
         parameters = validate(declared, job.arguments)
         inputs = self.inputs(declared)
         writers = {
@@ -169,7 +179,10 @@ class _Action:
         }
         services = Services(partial(self.progress, tell), log.line, self.stop_requested, self.lineage)
         context = Context(inputs, writers, scratch_directory(self.store, job.key), job.workflow, services)
-        declared(context, parameters)
+        try:
+            declared(context, parameters)
+        finally:
+            code.remember(job.code.modules)  # also those that it imported only now
         provenance = {
             "name": job.name,
             "workflow": job.workflow,

@@ -23,6 +23,7 @@ from pipeline.plan import Step, make_plan
 from pipeline.process import set_thread_policy
 from pipeline.progress import duration, make_display, summary_words
 from pipeline.project import Project, open_project
+from pipeline.resources import Resources, read_resources
 from pipeline.runner import Run
 from pipeline.store import Store
 
@@ -67,6 +68,15 @@ def run(
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="A dask scheduler that runs already.")
     ] = None,
+    resources: Annotated[
+        str,
+        typer.Option(
+            "--resources",
+            metavar="LIST",
+            envvar="GS_HIDER_RESOURCES",
+            help="What this machine has, such as 'gpu=1 memory=16GiB'; workers of a scheduler say so themselves.",
+        ),
+    ] = "",
     serial: Annotated[bool, typer.Option("--serial", help="One stage at a time in this process.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only says what would be done, and why.")] = False,
     as_json: Json = False,
@@ -83,12 +93,13 @@ def run(
     Exit status: 0 done, 1 a stage failed, 2 the command or the workflow is wrong, 130 interrupted.
     """
     with _reported():
+        stated = read_resources(resources)
         project = open_project(workflow, store, settings or [], package)
         graph = project.graph.needed_for(stages) if stages else project.graph
         if dry_run:
             _print_plan(make_plan(graph, project.store), as_json)
             return
-        summary = _run(project, graph, _executor_maker(workers, scheduler, serial), not serial, as_json)
+        summary = _run(project, graph, _executor_maker(workers, scheduler, stated, serial), not serial, as_json)
         if summary.interrupted:
             _say(f"Interrupted; what is done is kept. To go on: {_command()}")
             raise typer.Exit(130)
@@ -190,13 +201,13 @@ def _run(
     return summary
 
 
-def _executor_maker(workers: int, scheduler: str | None, serial: bool) -> Callable[[], Executor]:
+def _executor_maker(workers: int, scheduler: str | None, resources: Resources, serial: bool) -> Callable[[], Executor]:
     def make() -> Executor:
         if serial:
             return SerialExecutor()
         from pipeline.cluster import DaskExecutor  # dask takes a second to import, which a cached run can do without
 
-        return DaskExecutor(workers, scheduler)
+        return DaskExecutor(workers, scheduler, resources)
 
     return make
 

@@ -15,11 +15,11 @@ ROOT = Path(__file__).parents[1]
 
 ENGINE = [
     "errors canonical",
-    "companion located external events provenance process stagelog drawing manifest",
-    "matrix artifact executor progress fingerprint history",
-    "stage store workflow cluster",
-    "declaration checkpoint",
-    "graph action",
+    "companion located external events provenance process stagelog drawing manifest resources",
+    "matrix artifact executor placement progress fingerprint history",
+    "stage store workflow loaded",
+    "declaration checkpoint workers",
+    "graph action cluster",
     "explain",
     "plan runner",
     "project",
