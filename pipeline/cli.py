@@ -21,11 +21,12 @@ from pipeline.executor import Executor, SerialExecutor
 from pipeline.graph import Graph, Node
 from pipeline.plan import Step, make_plan
 from pipeline.process import set_thread_policy
-from pipeline.progress import duration, make_display, summary_words
+from pipeline.progress import make_display
 from pipeline.project import Project, open_project
 from pipeline.resources import Resources, read_resources
 from pipeline.runner import Run
 from pipeline.store import Store
+from pipeline.wording import duration, summary_words
 
 STATES = {"cached": "cached", "run": "to run", "depends": "depends"}
 

@@ -16,9 +16,9 @@ ROOT = Path(__file__).parents[1]
 ENGINE = [
     "errors canonical",
     "companion located external events provenance process stagelog drawing manifest resources",
-    "matrix artifact executor placement progress fingerprint history",
-    "stage store workflow loaded",
-    "declaration checkpoint workers",
+    "matrix artifact executor placement fingerprint history wording",
+    "stage store workflow loaded livetable",
+    "declaration checkpoint workers progress",
     "graph action cluster",
     "explain",
     "plan runner",

@@ -88,7 +88,7 @@ def test_a_workflow_overrides_what_a_stage_declares(workspace: Workspace) -> Non
     assert workspace.problems() == [
         "2:42: resource 'memory' has no amount; found 'much'; expected bytes, or a text such as 8 GiB",
         "2:53: resource 'gpu' has no amount; found [1]; expected a number that is not negative",
-        "3:32: 'resources' of stage 'b' is the number 3; expected a mapping",
+        "3:33: 'resources' of stage 'b' is the number 3; expected a mapping",
     ]
 
 
