@@ -240,13 +240,14 @@ def read_lineage(store: Store, keys: Mapping[str, str]) -> tuple[LineageRecord, 
             continue
         provenance: Mapping[str, Any] = record.provenance
         parts: Mapping[str, Any] = record.parts
+        computer = {name: fact for name, fact in provenance["machine"].items() if name != "host"}  # its owner's affair
         records.append(
             LineageRecord(
                 name=name,
                 uses=parts["stage"],
                 seconds=record.seconds,
                 inputs=tuple(provenance["upstream"]),
-                facts={**provenance["machine"], **provenance["facts"]},
+                facts={**computer, **provenance["facts"]},
                 versions=provenance["versions"],
                 parameters=parts["parameters"],
                 private=provenance["private"],

@@ -29,7 +29,7 @@ from pipeline.executor import Lost, Tell, Work
 from pipeline.loaded import engine_digest
 from pipeline.placement import Worker, lacking, place
 from pipeline.resources import MEMORY, Resources, of_this_machine
-from pipeline.workers import SETTINGS, PrepareWorker, start_workers, told_event, work_at_worker
+from pipeline.workers import SETTINGS, PrepareWorker, kept_environment, start_workers, told_event, work_at_worker
 
 PATIENCE = 45.0  # seconds that work waits for a worker that could do it, or for a scheduler to answer
 LOOK_EVERY = 1.0  # seconds between two looks at the workers
@@ -83,6 +83,7 @@ class DaskExecutor:
         self._changed = False
         self._answered = time.monotonic()
         self._ends = ExitStack()
+        self._ends.enter_context(kept_environment())
         self._ends.enter_context(dask.config.set(SETTINGS))
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         cluster = None

@@ -132,7 +132,7 @@ class LiveTable:
     def _rows(self, shown: Mapping[str, Running]) -> Table:
         width = self._console.width
         table = Table.grid(padding=(0, 1))
-        table.add_column(no_wrap=True, overflow="ellipsis", max_width=max(8, width // 4))
+        table.add_column(no_wrap=True, overflow="ellipsis", max_width=width // 4 if width >= NARROW else width // 2)
         if width >= NARROW:
             table.add_column(width=width // 5)
         table.add_column(justify="right", no_wrap=True, min_width=5)

@@ -25,7 +25,7 @@ class Cluster:
         self.scheduler = self._start(
             "scheduler", ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"], ROOT
         )
-        wait_until(self.file.is_file, "the scheduler is there")
+        wait_until(lambda: self.file.is_file() and self.file.read_text().endswith("}"), "the scheduler is there")
         self.address: str = json.loads(self.file.read_text())["address"]
 
     def __enter__(self) -> Cluster:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +15,7 @@ from pipeline.cluster import DaskExecutor
 from pipeline.events import Noted
 from tests.pipeline.dask_cluster import ROOT, Cluster, wait_until
 from tests.pipeline.helpers import Ran, Workspace
+from tests.pipeline.test_cli import start
 
 
 @pytest.fixture(scope="module")
@@ -109,6 +112,39 @@ def test_other_code_at_the_worker_is_refused(workspace: Workspace, tmp_path: Pat
         ran = workspace.run(executor=DaskExecutor(0, cluster.address))
         assert ran.states == {"a": "cached", "b": "failed"}
         assert "the worker has another version of the engine than the run" in str(ran.ended["b"].cause)
+
+
+def test_interrupted_on_a_cluster(workspace: Workspace, cluster: Cluster) -> None:
+    """Ctrl-C asks the cluster's workers to stop, and they stay for the next run."""
+    folder = gates(workspace, "ab")
+    process = start(workspace, "run", "--scheduler", cluster.address)
+    wait_until(lambda: (folder / "a").is_file() and (folder / "b").is_file(), "both workers work")
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=100)
+    assert process.returncode == 130
+    assert "a: skipped: stopped; it goes on from its checkpoint next time" in err
+    assert "Traceback" not in err
+    (folder / "open").touch()
+    assert set(workspace.run(executor=DaskExecutor(0, cluster.address)).states.values()) == {"ran"}
+
+
+def test_workers_of_this_machine_share_what_it_has(workspace: Workspace) -> None:
+    """The same two workers run two small stages together, two large ones one after the other, and one too large not."""
+    folder = gates(workspace, "ab", "{memory: 3 GB}")
+    with workspace.file.open("a") as file:
+        file.write("\n  c: {uses: numbers, resources: {memory: 1 GB}}")
+        file.write("\n  d: {uses: numbers, resources: {memory: 6 GB}, with: {first: 5}}\n")
+    before = dict(os.environ)
+    run = Background(workspace, DaskExecutor(2, resources={"memory": 5e9}))
+    wait_until((folder / "a").is_file, "a began")
+    wait_until(lambda: bool(list(workspace.folder.glob("store/latest/workflow/c.*"))), "c ended beside it")
+    assert not (folder / "b").exists()
+    (folder / "open").touch()
+    ran = run.result()
+    assert ran.states == {"a": "ran", "b": "ran", "c": "ran", "d": "failed"}
+    assert str(ran.ended["d"].cause).startswith("needs memory 5.588 GiB, and this machine has memory 4.657 GiB.")
+    assert notes(ran) == [], "no worker of this machine can come to have more: there is nothing to wait for"
+    assert dict(os.environ) == before, "dask's nanny sets variables for its workers, which leaked into this process"
 
 
 def test_a_killed_worker_costs_only_what_it_did(workspace: Workspace, cluster: Cluster) -> None:
