@@ -31,7 +31,8 @@ from pipeline.placement import Worker, lacking, place
 from pipeline.resources import MEMORY, Resources, of_this_machine
 from pipeline.workers import SETTINGS, PrepareWorker, kept_environment, start_workers, told_event, work_at_worker
 
-PATIENCE = 45.0  # seconds that work waits for a worker that could do it, or for a scheduler to answer
+PATIENCE = 45.0  # seconds that work waits for a worker that could do it
+SILENCE = 30.0  # seconds after which a scheduler that does not answer is given up
 LOOK_EVERY = 1.0  # seconds between two looks at the workers
 ANSWER = 10.0  # seconds that a scheduler has to answer, and a worker to hand over a result
 DIED = "its worker process died: killed from outside, out of memory, or crashed inside a library"
@@ -206,7 +207,7 @@ class DaskExecutor:
             found = self._client.sync(self._client.scheduler.identity, callback_timeout=ANSWER)["workers"]
             processing = self._client.sync(self._client.scheduler.processing, callback_timeout=ANSWER)
         except (OSError, TimeoutError, AttributeError, RuntimeError):  # a closed client has no scheduler
-            if self._client.status in ("closing", "closed") or now - self._answered > self._patience:
+            if self._client.status in ("closing", "closed") or now - self._answered > min(SILENCE, self._patience):
                 self._give_up()
             return
         self._answered = now
