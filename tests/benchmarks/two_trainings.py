@@ -66,7 +66,7 @@ NEEDED = {"plain": ["scene"], "hide": ["views", "key"]}
 def run(workflow: Path, store: Path, stages: list[str], *options: str) -> list[dict[str, object]]:
     """What a run says of its stages."""
     command = [sys.executable, "-m", "pipeline", "run", str(workflow), *stages, "--store", str(store), "--json"]
-    done = subprocess.run([*command, *options], cwd=ROOT, check=True, capture_output=True, text=True)
+    done = subprocess.run([*command, *options], cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True)
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
