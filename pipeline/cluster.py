@@ -203,13 +203,12 @@ class DaskExecutor:
         if now - self._looked < LOOK_EVERY:
             return
         self._looked = now
-        try:
-            found = self._client.sync(self._client.scheduler.identity, callback_timeout=ANSWER)["workers"]
-            processing = self._client.sync(self._client.scheduler.processing, callback_timeout=ANSWER)
-        except (OSError, TimeoutError, AttributeError, RuntimeError):  # a closed client has no scheduler
+        answer = self._asked()
+        if answer is None:
             if self._client.status in ("closing", "closed") or now - self._answered > min(SILENCE, self._patience):
                 self._give_up()
             return
+        found, processing = answer
         self._answered = now
         self._changed = True
         self._workers = [
@@ -221,6 +220,16 @@ class DaskExecutor:
                 del self._given[key]
                 given.future.cancel()
                 self._lost.append((given.piece.name, Lost(DIED, transient=True)))
+
+    def _asked(self) -> tuple[Mapping[str, Any], Mapping[str, Any]] | None:
+        """Facts about each worker, and the keys of what it works on, ours and others'; None where nobody answers."""
+        if self._client.status != "running":
+            return None
+        try:
+            found = self._client.sync(self._client.scheduler.identity, callback_timeout=ANSWER)["workers"]
+            return found, self._client.sync(self._client.scheduler.processing, callback_timeout=ANSWER)
+        except (OSError, TimeoutError, AttributeError, RuntimeError):  # closed meanwhile: it has no scheduler any more
+            return None
 
     def _worker(self, address: str, facts: Mapping[str, Any]) -> Worker:
         if self._machine is not None:
