@@ -15,12 +15,12 @@ import time
 import uuid
 from collections import deque
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import Any
 
 import dask
-from distributed import Client, Future
+from distributed import Client, Future, LocalCluster
 from distributed.scheduler import KilledWorker
 
 from pipeline.errors import CommandError, UserError
@@ -35,6 +35,7 @@ PATIENCE = 45.0  # seconds that work waits for a worker that could do it
 SILENCE = 30.0  # seconds after which a scheduler that does not answer is given up
 LOOK_EVERY = 1.0  # seconds between two looks at the workers
 ANSWER = 10.0  # seconds that a scheduler has to answer, and a worker to hand over a result
+CLOSE = 5.0  # seconds that dask's processes have to end
 DIED = "its worker process died: killed from outside, out of memory, or crashed inside a library"
 
 
@@ -86,11 +87,12 @@ class DaskExecutor:
         self._ends = ExitStack()
         self._ends.enter_context(kept_environment())
         self._ends.enter_context(dask.config.set(SETTINGS))
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        for logger in ("distributed", "distributed.client"):  # dask gives the second a level of its own
+            logging.getLogger(logger).setLevel(logging.CRITICAL)
         cluster = None
         if address is None:
             cluster = start_workers(workers)
-            self._ends.callback(cluster.close, timeout=5)
+            self._ends.callback(_closed, cluster)
         self._client = self._connected(cluster or address)
 
     def _connected(self, cluster: Any) -> Client:
@@ -100,7 +102,7 @@ class DaskExecutor:
         except (OSError, ValueError) as error:
             self._ends.close()
             raise CommandError("no dask scheduler answers", where=where, found=error) from error
-        self._ends.callback(client.close, timeout=5)
+        self._ends.callback(_closed, client)
         try:
             client.register_plugin(PrepareWorker(), name="prepare-worker")
         except Exception as error:  # whatever a worker raised that lacks our package, or has another one
@@ -139,7 +141,7 @@ class DaskExecutor:
 
     def _give(self, tell: Tell) -> None:
         """Gives pieces to workers that are free and have what they need; gives up those that wait in vain."""
-        if not self._changed:
+        if not self._changed or self._client.status != "running":
             return
         self._changed = False
         held: list[Piece] = []
@@ -263,3 +265,9 @@ class DaskExecutor:
         for given in self._given.values():
             given.future.cancel()
         self._ends.close()
+
+
+def _closed(opened: Client | LocalCluster) -> None:
+    """Closes it; on a busy machine that may take longer, and what was done is done all the same."""
+    with suppress(OSError, TimeoutError):
+        opened.close(timeout=CLOSE)
