@@ -25,8 +25,12 @@ class Cluster:
         self.scheduler = self._start(
             "scheduler", ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"], ROOT
         )
-        wait_until(lambda: self.file.is_file() and self.file.read_text().endswith("}"), "the scheduler is there")
-        self.address: str = json.loads(self.file.read_text())["address"]
+        try:
+            wait_until(lambda: self.file.is_file() and self.file.read_text().endswith("}"), "the scheduler is there")
+            self.address: str = json.loads(self.file.read_text())["address"]
+        except BaseException:
+            self.__exit__()
+            raise
 
     def __enter__(self) -> Cluster:
         return self
