@@ -21,7 +21,7 @@ from pipeline.canonical import Json
 from pipeline.checkpoint import discard_scratch, scratch_directory
 from pipeline.declaration import import_stage, validate
 from pipeline.disk import FULL, bytes_below, words_of
-from pipeline.errors import CorruptArtifact, Interrupted, PipelineError, UserError
+from pipeline.errors import CorruptArtifact, Interrupted, PipelineError, TransientError, UserError
 from pipeline.events import Noted, StageProgressed, StageStarted
 from pipeline.executor import Tell
 from pipeline.external_cache import ExternalCache
@@ -43,7 +43,8 @@ class Job:
     """All that a worker must know to do one action.
 
     `inputs` holds the digests of the artifacts of each input; `lineage` the key of every action upstream by the name
-    of its stage, in order; `stop_flag` is a file that appears when work should stop. `private` is what the workflow
+    of its stage, in order; `stop_flag` is a file that appears when work should stop, `begun_flag` one that the worker
+    makes when the stage begins: where it lacks, a worker that died has done nothing. `private` is what the workflow
     says; `private_log` whether an output is declared private. `captures` sends what the process prints to the log, for
     processes that are a worker's own.
     """
@@ -63,6 +64,7 @@ class Job:
     private_log: bool
     store: Path
     stop_flag: Path
+    begun_flag: Path
     commit: str | None
     captures: bool
 
@@ -76,7 +78,8 @@ class Job:
 class Outcome:
     """How an action ended. `outputs` are digests; `cause` says in one line why it did not end well.
 
-    `damaged` are digests of inputs that are not what was written; `private` whether an output is private.
+    `damaged` are digests of inputs that are not what was written; `private` whether an output is private; `transient`
+    whether what failed may succeed if it is tried again.
     """
 
     state: Literal["ran", "cached", "failed", "stopped", "damaged"]
@@ -86,6 +89,7 @@ class Outcome:
     damaged: tuple[str, ...] = ()
     private: bool = False
     log: Path | None = None
+    transient: bool = False
 
 
 def perform(job: Job, tell: Tell) -> Outcome:
@@ -141,6 +145,7 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
     store.log(job.workflow, job.name, not private).unlink(missing_ok=True)
     log = StageLog(path, private)
     log.line(f"{job.name} ({job.uses}), key {job.key}, commit {job.commit or 'unknown'}")
+    job.begun_flag.touch()
     tell(StageStarted(job.name))
     try:
         with log.captured() if job.captures else printed_to_stderr():
@@ -156,7 +161,8 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         damaged = action.damaged_inputs() if isinstance(error, CorruptArtifact) else ()
         state: Literal["damaged", "failed"] = "damaged" if damaged else "failed"
         cause = _cause(error, store.root, bytes_below(work))
-        return Outcome(state, time.monotonic() - started, None, cause, damaged, log=path)
+        transient = isinstance(error, TransientError)
+        return Outcome(state, time.monotonic() - started, None, cause, damaged, log=path, transient=transient)
     finally:
         log.close()
         shutil.rmtree(work, ignore_errors=True)
@@ -260,13 +266,14 @@ def read_lineage(store: Store, keys: Mapping[str, str]) -> tuple[LineageRecord, 
             continue
         provenance: Mapping[str, Any] = record.provenance
         parts: Mapping[str, Any] = record.parts
+        computer = {name: fact for name, fact in provenance["machine"].items() if name != "host"}  # its owner's affair
         records.append(
             LineageRecord(
                 name=name,
                 uses=parts["stage"],
                 seconds=record.seconds,
                 inputs=tuple(provenance["upstream"]),
-                facts={**provenance["machine"], **provenance["facts"], **_accepted_fact(record)},
+                facts={**computer, **provenance["facts"], **_accepted_fact(record)},
                 versions=provenance["versions"],
                 parameters=parts["parameters"],
                 private=provenance["private"],

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from pipeline.executor import Executor
     from pipeline.graph import Graph
     from pipeline.project import Project
+    from pipeline.resources import Resources
 
 COMMAND = "gs-hider"  # the same program under a name of its own, which is what a shell can complete
 
@@ -79,6 +80,15 @@ def run(
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="A dask scheduler that runs already.")
     ] = None,
+    resources: Annotated[
+        str,
+        typer.Option(
+            "--resources",
+            metavar="LIST",
+            envvar="GS_HIDER_RESOURCES",
+            help="What this machine has, such as 'gpu=1 memory=16GiB'; workers of a scheduler say so themselves.",
+        ),
+    ] = "",
     serial: Annotated[bool, typer.Option("--serial", help="One stage at a time in this process.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only says what would be done, and why.")] = False,
     as_json: Json = False,
@@ -98,13 +108,15 @@ def run(
         from pipeline.plan import make_plan
         from pipeline.planwords import print_plan
         from pipeline.project import open_project
+        from pipeline.resources import read_resources
 
+        stated = read_resources(resources)
         project = open_project(workflow, store, settings or [], package)
         graph = project.graph.needed_for(stages) if stages else project.graph
         if dry_run:
             print_plan(make_plan(graph, project.store), as_json)
             return
-        summary = _run(project, graph, _executor_maker(workers, scheduler, serial), not serial, as_json)
+        summary = _run(project, graph, _executor_maker(workers, scheduler, stated, serial), not serial, as_json)
         if summary.interrupted:
             say(f"Interrupted; what is done is kept. To go on: {command_line()}")
             raise typer.Exit(130)
@@ -166,8 +178,8 @@ def explain(
         from pipeline.explanation import explain as explained
         from pipeline.explanation import in_words
         from pipeline.plan import make_plan
-        from pipeline.progress import duration
         from pipeline.project import open_project
+        from pipeline.wording import duration
 
         project = open_project(workflow, store, settings or [], package)
         part = project.graph.needed_for([stage])
@@ -270,8 +282,9 @@ def graph(
 def _run(
     project: Project, graph: Graph, make_executor: Callable[[], Executor], captures: bool, as_json: bool
 ) -> Summary:
-    from pipeline.progress import make_display, summary_words
+    from pipeline.progress import make_display
     from pipeline.runner import Run
+    from pipeline.wording import summary_words
 
     display = make_display(graph.workflow, len(graph.nodes), json=as_json)
     with display:
@@ -287,7 +300,7 @@ def _run(
     return summary
 
 
-def _executor_maker(workers: int, scheduler: str | None, serial: bool) -> Callable[[], Executor]:
+def _executor_maker(workers: int, scheduler: str | None, resources: Resources, serial: bool) -> Callable[[], Executor]:
     def make() -> Executor:
         if serial:
             from pipeline.executor import SerialExecutor
@@ -295,7 +308,7 @@ def _executor_maker(workers: int, scheduler: str | None, serial: bool) -> Callab
             return SerialExecutor()
         from pipeline.cluster import DaskExecutor  # dask takes a second to import, which a cached run can do without
 
-        return DaskExecutor(workers, scheduler)
+        return DaskExecutor(workers, scheduler, resources)
 
     return make
 

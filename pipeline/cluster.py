@@ -1,205 +1,284 @@
 """Work done by dask: worker processes of our own on this machine, or a scheduler that runs already.
 
-Only small descriptions and results go through dask, never arrays. It takes seconds to import, so this module is
-imported when there is work to do.
+Only small descriptions and results go through dask, never arrays. What runs where is decided here, one piece a worker:
+so it is known what a worker that dies was doing, dask tries nothing again behind our back, and work that no worker can
+do is not queued for ever. It takes seconds to import, so this module is imported when there is work to do.
 """
 
 from __future__ import annotations
 
-import faulthandler
+import bisect
 import logging
+import math
 import multiprocessing
 import os
 import queue
-import signal
+import time
 import uuid
-from collections.abc import Collection, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
-from multiprocessing import resource_tracker
-from multiprocessing.process import BaseProcess
+from collections import deque
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from typing import Any
 
 import dask
-from distributed import Client, Future, LocalCluster, WorkerPlugin, get_worker
+from distributed import Client, Future, LocalCluster
 from distributed.scheduler import KilledWorker
 
-from pipeline.errors import CommandError
-from pipeline.events import Event, Noted, StageProgressed, StageStarted
+from pipeline.engine_code import engine_digest
+from pipeline.errors import CommandError, UserError
+from pipeline.events import Noted
 from pipeline.executor import Lost, Tell, Work
-from pipeline.orphans import end_with_parent
-from pipeline.process import THREADS, KernelCache
+from pipeline.placement import Worker, lacking, place
+from pipeline.resources import MEMORY, Resources, of_this_machine
+from pipeline.workers import (
+    SETTINGS,
+    PrepareWorker,
+    kept_environment,
+    kill_children,
+    start_workers,
+    told_event,
+    work_at_worker,
+)
 
-SETTINGS: dict[str, Any] = {
-    "distributed.scheduler.allowed-failures": 0,  # else work that kills its worker kills four of them
-    "distributed.scheduler.worker-ttl": None,  # a library that holds the interpreter for minutes is not dead
-    "distributed.scheduler.http.routes": [],
-    "distributed.worker.http.routes": [],
-    "distributed.scheduler.no-workers-timeout": "60s",  # else work waits for ever when the last worker is gone
-    "distributed.worker.multiprocessing-method": "spawn",  # forked OpenCL and OpenMP do not work
-    "distributed.nanny.pre-spawn-environ": dict(THREADS),  # dask's own would allow one thread only
-}
-STANDARD_ERROR = 2  # where the log of the stage is, while it works
+PATIENCE = 45.0  # seconds that work waits for a worker that could do it
+SILENCE = 30.0  # seconds after which a scheduler that does not answer is given up
+LOOK_EVERY = 1.0  # seconds between two looks at the workers
+ANSWER = 10.0  # seconds that a scheduler has to answer, and a worker to hand over a result
+CLOSE = 5.0  # seconds that dask's processes have to end
 DIED = "its worker process died: killed from outside, out of memory, or crashed inside a library"
-TOLD = {kind.__name__: kind for kind in (Noted, StageProgressed, StageStarted)}
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece of work; `again` after its worker died before it began, which is not its fault."""
+    """A piece of work that waits for its worker, or has one."""
 
     name: str
     work: Work
     subject: object
     urgency: int
-    again: bool = False
+    needs: Resources
+
+
+@dataclass(frozen=True)
+class Given:
+    """A piece that a worker has."""
+
+    piece: Piece
+    worker: Worker
+    future: Future
 
 
 class DaskExecutor:
-    """Hands work to dask's workers, each a process that does one piece at a time.
+    """Hands work to dask's workers, one piece at a time to each.
 
-    `address` names a scheduler that runs already; without one, `workers` processes are started here. Raises
-    CommandError where nothing answers at the address.
+    `address` names a scheduler that runs already; without one, `workers` processes are started here, which share what
+    this machine has: its memory, and the `resources` that are stated. Raises CommandError where nothing answers at the
+    address, or its workers cannot load this package.
     """
 
-    def __init__(self, workers: int, address: str | None = None) -> None:
+    def __init__(
+        self, workers: int, address: str | None = None, resources: Resources | None = None, patience: float = PATIENCE
+    ) -> None:
+        self._address = address
+        self._machine = of_this_machine(resources or {}) if address is None else None
+        self._patience = patience
         self._run = uuid.uuid4().hex
         self._inbox: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._waiting: list[Piece] = []
-        self._given: dict[str, tuple[Piece, Future]] = {}
-        self._begun: set[str] = set()
-        self._resources = ExitStack()
-        self._resources.enter_context(dask.config.set(SETTINGS))
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
-        parent = os.getpid() if address is None else None
+        self._given: dict[str, Given] = {}
+        self._lost: deque[tuple[str, Lost]] = deque()
+        self._workers: list[Worker] = []
+        self._busy: frozenset[str] = frozenset()
+        self._hopeless_since: dict[tuple[tuple[str, float], ...], float] = {}
+        self._looked = 0.0
+        self._changed = False
+        self._answered = time.monotonic()
+        self._ends = ExitStack()
+        self._ends.enter_context(kept_environment())
+        self._ends.enter_context(dask.config.set(SETTINGS))
+        for logger in ("distributed", "distributed.client"):  # dask gives the second a level of its own
+            logging.getLogger(logger).setLevel(logging.CRITICAL)
+        cluster = None
         if address is None:
-            address = self._start_cluster(workers)
+            self._ends.callback(kill_children, multiprocessing.active_children())
+            cluster = start_workers(workers)
+            self._ends.callback(_closed, cluster)
+        self._client = self._connected(cluster or address)
+
+    def _connected(self, cluster: Any) -> Client:
+        where = f"--scheduler {self._address}"
         try:
-            self._client = Client(address, timeout="20s", set_as_default=False)
+            client = Client(cluster, timeout="20s", set_as_default=False)
         except (OSError, ValueError) as error:
-            self._resources.close()
-            raise CommandError("no dask scheduler answers", where=f"--scheduler {address}", found=error) from error
-        self._resources.callback(self._client.close, timeout=5)
-        self._client.register_plugin(PrepareWorker(parent), name="prepare-worker")
-        self._client.subscribe_topic(self._run, lambda event: self._inbox.put(("told", event[1])))
+            self._ends.close()
+            raise CommandError("no dask scheduler answers", where=where, found=error) from error
+        self._ends.callback(_closed, client)
+        try:
+            client.register_plugin(PrepareWorker(None if self._address else os.getpid()), name="prepare-worker")
+        except Exception as error:  # whatever a worker raised that lacks our package, or has another one
+            self._ends.close()
+            raise CommandError(
+                "the workers cannot load this program",
+                where=where,
+                found=f"{type(error).__name__}: {error}",
+                remedy="Start them with the same Python environment, and PYTHONPATH set to this project's folder.",
+            ) from error
+        client.subscribe_topic(self._run, lambda event: self._inbox.put(("told", event[1])))
+        return client
 
-    def _start_cluster(self, workers: int) -> LocalCluster:
-        others = multiprocessing.active_children()
-        with _without_signals():
-            cluster = LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit=0,
-                dashboard_address="127.0.0.1:0",  # no dashboard, and no quarrel over its port with another run
-                scheduler_kwargs={"dashboard": False},
-                silence_logs=logging.CRITICAL,
-            )
-        self._resources.callback(_kill_children, others)
-        self._resources.callback(cluster.close, timeout=5)
-        return cluster
-
-    def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
-        self._waiting.append(Piece(name, work, subject, urgency))
-        self._waiting.sort(key=lambda piece: -piece.urgency)
+    def start(self, name: str, work: Work, subject: object, urgency: int, needs: Resources) -> None:
+        bisect.insort(self._waiting, Piece(name, work, subject, urgency, needs), key=lambda piece: -piece.urgency)
+        self._changed = True
 
     def wait(self, tell: Tell, seconds: float) -> tuple[str, Any] | None:
-        self._give()
+        self._look()
+        self._give(tell)
+        if self._lost:
+            return self._lost.popleft()
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > 0:
+            try:
+                what, content = self._inbox.get(timeout=left)
+            except queue.Empty:
+                break
+            if what == "told":
+                tell(told_event(content))
+            elif content in self._given:
+                given = self._given.pop(content)
+                self._changed = True
+                return given.piece.name, self._result(given)
+        return None
+
+    def _give(self, tell: Tell) -> None:
+        """Gives pieces to workers that are free and have what they need; gives up those that wait in vain."""
+        if not self._changed or self._client.status != "running":
+            return
+        self._changed = False
+        held: list[Piece] = []
+        free = [worker for worker in self._workers if worker.address not in self._busy]
+        taken = {given.worker.address: given.piece.needs for given in self._given.values()}
+        for piece in self._waiting:
+            worker = place(piece.needs, free, taken)
+            if worker:
+                taken[worker.address] = piece.needs
+                self._submit(piece, worker)
+            elif not self._is_hopeless(piece, tell):
+                held.append(piece)
+        self._waiting = held
+
+    def _submit(self, piece: Piece, worker: Worker) -> None:
+        key = f"{piece.name}-{uuid.uuid4().hex}"  # dask remembers the failures of a key
+        future = self._client.submit(
+            work_at_worker,
+            piece.work,
+            piece.subject,
+            self._run,
+            engine_digest(),
+            key=key,
+            pure=False,
+            retries=0,
+            workers=[worker.address],
+            allow_other_workers=False,
+            resources={name: value for name, value in piece.needs.items() if name in worker.counted},
+        )
+        self._given[key] = Given(piece, worker, future)
+        future.add_done_callback(lambda _: self._inbox.put(("done", key)))
+
+    def _is_hopeless(self, piece: Piece, tell: Tell) -> bool:
+        """Whether a piece has waited long enough for a worker that could do it; on this machine none will come."""
+        kind = tuple(sorted(piece.needs.items()))
+        missing = lacking(piece.needs, self._workers)
+        if missing is None:
+            self._hopeless_since.pop(kind, None)
+            return False
+        patience = self._patience
+        if self._machine is not None and self._workers:
+            patience = 0.0
+        elif kind not in self._hopeless_since:
+            tell(Noted(f"{piece.name} {missing}; waiting {patience:.0f} s for one"))
+        since = self._hopeless_since.setdefault(kind, time.monotonic())
+        if time.monotonic() - since < patience:
+            return False
+        self._lost.append((piece.name, Lost(f"{missing}. {self._remedy(piece.needs)}")))
+        return True
+
+    def _remedy(self, needs: Resources) -> str:
+        listed = " ".join(f"{name}={value:.15g}" for name, value in needs.items())
+        if self._address is None:
+            return f"If it has: --resources '{listed}'. Or change 'resources' of the stage in the workflow."
+        stated = f" --resources '{listed}'" if listed else ""
+        return f"Start one that has: dask worker {self._address} --nthreads 1{stated}"
+
+    def _look(self) -> None:
+        """Asks the scheduler, once a second, what workers there are; what one was doing that is gone is lost."""
+        now = time.monotonic()
+        if now - self._looked < LOOK_EVERY:
+            return
+        self._looked = now
+        answer = self._asked()
+        if answer is None:
+            if self._client.status in ("closing", "closed") or now - self._answered > min(SILENCE, self._patience):
+                self._give_up()
+            return
+        found, processing = answer
+        self._answered = now
+        self._changed = True
+        self._workers = [
+            self._worker(address, facts) for address, facts in found.items() if facts["status"] == "running"
+        ]
+        self._busy = frozenset(address for address, keys in processing.items() if not self._given.keys() >= set(keys))
+        for key, given in list(self._given.items()):
+            if given.worker.address not in found and given.future.status == "pending":
+                del self._given[key]
+                given.future.cancel()
+                self._lost.append((given.piece.name, Lost(DIED, transient=True)))
+
+    def _asked(self) -> tuple[Mapping[str, Any], Mapping[str, Any]] | None:
+        """Facts about each worker, and the keys of what it works on, ours and others'; None where nobody answers."""
+        if self._client.status != "running":
+            return None
         try:
-            while True:
-                what, content = self._inbox.get(timeout=seconds)
-                if what == "told":
-                    event = _event(content)
-                    if isinstance(event, StageStarted):
-                        self._begun.add(event.name)
-                    tell(event)
-                    continue
-                piece, future = self._given.pop(content)
-                if isinstance(future.exception(), KilledWorker) and content not in self._begun and not piece.again:
-                    self._waiting.insert(0, replace(piece, again=True))
-                    self._give()
-                    continue
-                return content, self._result(future)
-        except queue.Empty:
+            found = self._client.sync(self._client.scheduler.identity, callback_timeout=ANSWER)["workers"]
+            return found, self._client.sync(self._client.scheduler.processing, callback_timeout=ANSWER)
+        except (OSError, TimeoutError, AttributeError, RuntimeError):  # closed meanwhile: it has no scheduler any more
             return None
 
-    def _give(self) -> None:
-        """Gives dask as many pieces as it has threads: a piece queued at a worker that dies would be blamed too."""
-        if not self._waiting:
-            return
-        room = max(1, sum(self._client.nthreads().values())) - len(self._given)
-        for piece in self._waiting[: max(0, room)]:
-            key = f"{piece.name}-{uuid.uuid4().hex}"  # dask remembers the failures of a key
-            future = self._client.submit(_work, piece.work, piece.subject, self._run, key=key, pure=False, retries=0)
-            self._given[piece.name] = piece, future
-            future.add_done_callback(lambda _, name=piece.name: self._inbox.put(("done", name)))
-        del self._waiting[: max(0, room)]
+    def _worker(self, address: str, facts: Mapping[str, Any]) -> Worker:
+        if self._machine is not None:
+            return Worker(address, self._machine, shared=True)
+        stated: dict[str, float] = facts["resources"]
+        memory = float(facts["memory_limit"] or math.inf)
+        return Worker(address, {MEMORY: memory} | stated, counted=frozenset(stated))
+
+    def _give_up(self) -> None:
+        """Loses everything: the scheduler has been silent for too long."""
+        lost = Lost(f"the dask scheduler{f' at {self._address}' if self._address else ''} no longer answers")
+        names = [*(given.piece.name for given in self._given.values()), *(piece.name for piece in self._waiting)]
+        self._lost.extend((name, lost) for name in names)
+        self._given.clear()
+        self._waiting.clear()
+
+    def _result(self, given: Given) -> Any:
+        if given.future.status in ("cancelled", "lost"):
+            return Lost("the connection to the dask scheduler broke off")
+        try:
+            return given.future.result(timeout=ANSWER)
+        except (KilledWorker, TimeoutError):
+            return Lost(DIED, transient=True)
+        except UserError as error:
+            return Lost(str(error))
+        except Exception as error:  # raised where the work was sent, not by the work, which raises nothing
+            return Lost(f"{given.worker.address} cannot do the work: {type(error).__name__}: {error}")
 
     def close(self) -> None:
         self._waiting.clear()
-        for _, future in self._given.values():
-            future.cancel()
-        self._resources.close()
-
-    def _result(self, future: Future) -> Any:
-        error = future.exception()
-        if error is None:
-            return future.result()
-        if isinstance(error, KilledWorker):
-            return Lost(DIED)
-        return Lost(f"{type(error).__name__}: {error}")
+        for given in self._given.values():
+            given.future.cancel()
+        self._ends.close()
 
 
-class PrepareWorker(WorkerPlugin):
-    """Gives each worker process its kernel cache, and has what crashes it leave a trace in the log of the stage.
-
-    Workers of our own, children of the process `parent`, end with it.
-    """
-
-    def __init__(self, parent: int | None) -> None:
-        self.parent = parent
-
-    def setup(self, worker: Any) -> None:
-        if self.parent is not None:
-            end_with_parent(self.parent)
-        faulthandler.enable(STANDARD_ERROR)
-        self.kernel_cache = KernelCache()
-
-    def teardown(self, worker: Any) -> None:
-        self.kernel_cache.release()
-
-
-@contextmanager
-def _without_signals() -> Iterator[None]:
-    """Processes and threads started meanwhile never see what asks a run to stop: the engine does, and tells them.
-
-    What a terminal sends to all its processes at once, or a cluster's scheduler to all of a job, would else end workers
-    before they save a checkpoint. For this thread it only waits until the end, so nothing is lost.
-    """
-    resource_tracker.ensure_running()  # by itself it starts with the first process, and lets signals through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _kill_children(others: Collection[BaseProcess]) -> None:
-    """Ends workers that would not end when told to, or were not told since Ctrl-C interrupted that as well."""
-    for child in multiprocessing.active_children():
-        if child not in others:
-            child.kill()
-
-
-def _work(work: Work, subject: object, topic: str) -> Any:
-    """What a worker does: the work, telling events over dask's own channel."""
-    worker = get_worker()
-
-    def tell(event: Event) -> None:
-        worker.log_event(topic, {"type": type(event).__name__, "fields": asdict(event)})
-
-    return work(subject, tell)
-
-
-def _event(content: dict[str, Any]) -> Event:
-    return TOLD[content["type"]](**content["fields"])
+def _closed(opened: Client | LocalCluster) -> None:
+    """Closes it; on a busy machine that may take longer, and what was done is done all the same."""
+    with suppress(OSError, TimeoutError):
+        opened.close(timeout=CLOSE)

@@ -24,7 +24,7 @@ from pipeline.fingerprint import Code, SourceTree
 from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
 from pipeline.store import Store, read_sealed, sealed, write_text_whole
 
-FORMAT = 2
+FORMAT = 3
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Declaration:
     inputs: Mapping[str, Input]
     outputs: Mapping[str, Output]
     version: int
-    cores: str
     alone: bool
+    resources: Mapping[str, float]
     selects_modules: bool
     external: tuple[str, ...]
 
@@ -99,8 +99,8 @@ class Catalogue:
             inputs={name: Input(**port) for name, port in cached["inputs"].items()},
             outputs={name: Output(**port) for name, port in cached["outputs"].items()},
             version=cached["version"],
-            cores=cached["cores"],
             alone=cached["alone"],
+            resources=cached["resources"],
             selects_modules=cached["selects_modules"],
             external=tuple(cached["external"]),
         )
@@ -175,8 +175,8 @@ def _describe(uses: str, declared: Stage) -> dict[str, Any]:
         "inputs": {name: asdict(port) for name, port in declared.inputs.items()},
         "outputs": {name: asdict(port) for name, port in declared.outputs.items()},
         "version": declared.version,
-        "cores": declared.cores,
         "alone": declared.alone,
+        "resources": dict(declared.resources),
         "selects_modules": declared.modules is not None,
         "external": external_fields(declared.parameters),
     }

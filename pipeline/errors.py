@@ -6,6 +6,7 @@ PipelineError            anything that the engine or a stage reports on purpose
 │   └── CommandError     the command line is wrong
 ├── ArtifactError        a stage misused an artifact (wrong type of array, a name that leaves the directory)
 │   └── CorruptArtifact  what lies on the disk is not what was written
+├── TransientError       what may well succeed if it is simply tried again, such as a connection that broke off
 └── Interrupted          a stage saved its checkpoint because it was asked to stop
 """
 
@@ -93,6 +94,13 @@ class ArtifactError(PipelineError):
 
 class CorruptArtifact(ArtifactError):
     """What lies on the disk is not what was written: a missing, shortened or altered file."""
+
+
+class TransientError(PipelineError):
+    """May well succeed if it is simply tried again: a connection that broke off, a service that is busy.
+
+    A stage that raises it is tried again, with growing waits, and goes on from what it kept in `context.scratch`.
+    """
 
 
 class Interrupted(PipelineError):

@@ -1,7 +1,7 @@
 """Where work is done: in this process, one piece after the other, or (in `cluster`) by dask's workers.
 
 An executor knows nothing of stages. It is given functions and what they work on, passes on the events that they tell,
-and says what came out. What may start when is decided by whoever gives it the work.
+and says what came out. Whoever gives it the work decides what may start; the executor holds it until there is room.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from pipeline.events import Event
 from pipeline.process import KernelCache
+from pipeline.resources import Resources
 
 Tell = Callable[[Event], None]
 Work = Callable[[Any, Tell], Any]
@@ -21,14 +22,15 @@ Work = Callable[[Any, Tell], Any]
 
 @dataclass(frozen=True)
 class Lost:
-    """Instead of a result: why there is none, such as a worker that died."""
+    """Instead of a result: why there is none. `transient` where it may be another time, as when a worker died."""
 
     reason: str
+    transient: bool = False
 
 
 class Executor(Protocol):
-    def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
-        """Has `work(subject, tell)` done. Where there is a choice, what is more urgent is done first."""
+    def start(self, name: str, work: Work, subject: object, urgency: int, needs: Resources) -> None:
+        """Has `work(subject, tell)` done where there is what it needs. What is more urgent is done first."""
 
     def wait(self, tell: Tell, seconds: float) -> tuple[str, Any] | None:
         """Passes on events until some work ends, and returns its name and result; None if that takes longer."""
@@ -38,13 +40,16 @@ class Executor(Protocol):
 
 
 class SerialExecutor:
-    """Does the work in this process when it is waited for: for debugging, and where processes are too much."""
+    """Does the work in this process when it is waited for: for debugging, and where processes are too much.
+
+    Whether the machine has what a piece needs is not asked.
+    """
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[str, Work, object]] = deque()
         self._kernel_cache = KernelCache()
 
-    def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
+    def start(self, name: str, work: Work, subject: object, urgency: int, needs: Resources) -> None:
         self._waiting.append((name, work, subject))
 
     def wait(self, tell: Tell, seconds: float) -> tuple[str, Any] | None:

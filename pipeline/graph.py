@@ -12,6 +12,7 @@ from pipeline.errors import CommandError, Place, UserError, nearest
 from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
 from pipeline.located import Located, Problems
+from pipeline.resources import amount
 from pipeline.workflow import Entry, Instance, Reference, Workflow
 
 
@@ -29,7 +30,8 @@ class Node:
 
     `sources` holds, for each input, where its artifacts come from (none for an optional input that is not given).
     `arguments` are the parameters as the workflow gives them, external paths absolute; `parameters` are all but
-    external ones, with their defaults; `external` holds the digests of external files and folders by parameter.
+    external ones, with their defaults; `external` holds the digests of external files and folders by parameter;
+    `resources` is what it needs while it runs.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Node:
     external: Mapping[str, tuple[str, ...]]
     code: Code
     private: bool
+    resources: Mapping[str, float]
 
     @property
     def uses(self) -> str:
@@ -168,6 +171,7 @@ class _Builder:
             external=self.external(entry, instance, completed),
             code=code,
             private=instance.private,
+            resources={**declaration.resources, **self.resources(instance)},
         )
 
     def declared(self, instance: Instance) -> Declaration | None:
@@ -291,6 +295,16 @@ class _Builder:
                 instance.uses.place, f"{message}; name them with @stage(modules=…), or import them plainly"
             )
         return code
+
+    def resources(self, instance: Instance) -> dict[str, float]:
+        """What the workflow says that the stage needs, in place of what it declares."""
+        needed: dict[str, float] = {}
+        for name, value in instance.resources.items():
+            try:
+                needed[name] = amount(name, value.plain)
+            except UserError as error:
+                self.problems.add(value.place, str(error))
+        return needed
 
     def external(self, entry: Entry, instance: Instance, completed: Completed) -> dict[str, tuple[str, ...]]:
         digests: dict[str, tuple[str, ...]] = {}

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pipeline.drawing import Box
 from pipeline.graph import Node
 from pipeline.plan import Step
-from pipeline.progress import duration
+from pipeline.wording import duration
 
 STATES = {"cached": "cached", "run": "to run", "depends": "depends"}
 

@@ -1,4 +1,18 @@
-"""What a process that runs stages needs before the first numeric library is loaded."""
+"""What a process that runs stages needs before the first numeric library is loaded.
+
+How many threads each library has, and who says so:
+
+- torch: the parameter `threads` of a stage, since sums and so the bits depend on it;
+- PoCL: all cores in every process, since no bit depends on it; `POCL_MAX_PTHREAD_COUNT` makes it fewer;
+- pycolmap: features on all cores, matching and mapping on one, since more do not place the same photos twice;
+- companions of a stage: a parameter of the stage; OpenCV and NumPy: as they were built.
+
+So stages that run beside each other have more threads than there are cores, and that is well: measured on two cores
+(`tests/benchmarks/two_trainings.py`), two trainings take 0.6 of the time together that they take one after the other,
+because each leaves cores idle between its kernels. Two things keep it so: idle threads sleep, and no stage is held up
+because another "uses all cores". A PoCL thread each, instead of two, made the two together 0 to 10 % faster, and would
+leave half of the machine idle under one large training alone.
+"""
 
 from __future__ import annotations
 

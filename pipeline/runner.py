@@ -30,8 +30,8 @@ GRACE = 60.0  # seconds that a running stage has to save its checkpoint and stop
 MOMENT = 0.2  # seconds between two looks at the stop flag
 REPAIRS = 1  # times that one artifact is made again in one run
 COMPLAINTS = 3  # times that one stage finds its inputs damaged in one run
-
-
+RETRIES = 3  # times that a stage is tried again whose error may pass
+FIRST_WAIT = 2.0  # seconds before it is tried again; each time four times as long
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -55,6 +55,7 @@ class Run:
     make_executor: Callable[[], Executor]
     captures: bool
     tell: Callable[[Event], None]
+    retries: int = RETRIES
     _done: dict[str, Done] = field(default_factory=dict)
     _ended: dict[str, State] = field(default_factory=dict)
     _running: dict[str, str] = field(default_factory=dict)
@@ -62,6 +63,8 @@ class Run:
     _damaged: Counter[str] = field(default_factory=Counter)
     _executor: Executor | None = None
     _journal: Journal | None = None
+    _failures: Counter[str] = field(default_factory=Counter)
+    _again_at: dict[str, float] = field(default_factory=dict)
     _commit: str | None = None
     _stopped_at: float | None = None
 
@@ -80,7 +83,8 @@ class Run:
         finally:
             if self._executor:
                 self._executor.close()
-            self._stop_flag.unlink(missing_ok=True)
+            if not self._running:  # else a worker of a cluster may still have to see it
+                self._stop_flag.unlink(missing_ok=True)
         counts: Counter[State] = Counter(self._ended.values())
         summary = Summary(time.monotonic() - started, dict(counts), self._stopped_at is not None)
         self.tell(summary)
@@ -126,6 +130,8 @@ class Run:
                 ended = self._executor.wait(self.tell, MOMENT)
                 if ended:
                     candidates = self._in_order([*candidates, *self._take(*ended)])
+            elif self._again_at:
+                time.sleep(MOMENT)
 
     def _in_order(self, names: Iterable[str]) -> list[str]:
         return sorted(set(names) & self._waiting.keys(), key=self._order.__getitem__)
@@ -157,6 +163,8 @@ class Run:
             return True
         if any(upstream not in self._done for upstream in node.upstream):
             return True  # it is looked at again when they end
+        if time.monotonic() < self._again_at.get(name, 0.0):
+            return False
         digests: dict[Source, str | None] = {
             source: self._done[source.node].outputs[source.output]
             for sources in node.sources.values()
@@ -198,6 +206,7 @@ class Run:
             private_log=node.private or any(o.privacy == "private" for o in node.declaration.outputs.values()),
             store=self.store.root,
             stop_flag=self._stop_flag,
+            begun_flag=self._begun_flag(key),
             commit=self._commit,
             captures=self.captures,
         )
@@ -217,13 +226,19 @@ class Run:
             self._journal.begin(key)
         self._running[node.name] = key
         del self._waiting[node.name]
-        self._executor.start(node.name, perform, self._job(node, key, parts), urgency=-self._order[node.name])
+        self._again_at.pop(node.name, None)
+        job = self._job(node, key, parts)
+        self._executor.start(node.name, perform, job, -self._order[node.name], node.resources)
 
     def _take(self, name: str, outcome: Outcome | Lost) -> Iterable[str]:
         """Ends what an executor is done with; returns the nodes that this may concern."""
         key = self._running.pop(name)
+        begun = self._begun_flag(key)
         if isinstance(outcome, Lost):
-            outcome = Outcome("failed", cause=outcome.reason, log=self._log_of(name))
+            outcome = self._lost(name, key, outcome, begun.exists())
+        begun.unlink(missing_ok=True)
+        if outcome.transient and self._failures[name] < self.retries and self._stopped_at is None:
+            return self._try_again(name, outcome)
         if outcome.state == "damaged":
             return self._make_again(name, key, outcome)
         if outcome.state == "stopped":
@@ -236,6 +251,28 @@ class Run:
             result = StageResult(name, state, key, outcome.outputs, outcome.seconds, outcome.private)
             self._finish(result, outcome.log)
         return self._dependents[name]
+
+    def _lost(self, name: str, key: str, lost: Lost, begun: bool) -> Outcome:
+        """What came of an action whose worker is gone: perhaps it was done; else, if it began, it is not repeated."""
+        record = self.store.find(key)
+        if record:
+            return Outcome("ran", record.seconds, record.outputs, private=record.private)
+        log = self._log_of(name) if begun else None
+        return Outcome("failed", cause=lost.reason, log=log, transient=lost.transient and not begun)
+
+    def _try_again(self, name: str, outcome: Outcome) -> Iterable[str]:
+        """Puts a stage back whose failure may pass, to be done after a while."""
+        wait = FIRST_WAIT * 4 ** self._failures[name]
+        self._failures[name] += 1
+        self._again_at[name] = time.monotonic() + wait
+        self._waiting[name] = None
+        attempt = f"{self._failures[name]} of {self.retries}"
+        self.tell(Noted(f"{name}: {outcome.cause}; tried again in {wait:.0f} s ({attempt})"))
+        return [name]
+
+    def _begun_flag(self, key: str) -> Path:
+        """What a worker makes when it begins an action of this run."""
+        return self._stop_flag.with_name(f"{self._stop_flag.name}-{key}")
 
     def _make_again(self, name: str, key: str, outcome: Outcome) -> Iterable[str]:
         """Puts damaged inputs of a stage aside, and has what made them, and then the stage, done again.

@@ -8,8 +8,8 @@ from itertools import groupby
 
 from pipeline.canonical import Json
 from pipeline.description import Description, FileDescription, Origin
-from pipeline.progress import duration
 from pipeline.tables import in_short, number_words, printable, rows_table, size_words, table
+from pipeline.wording import duration
 
 ROWS = 40  # of a table or a text; more are told in short
 FILES = 12  # plain files that are listed one by one

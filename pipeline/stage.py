@@ -24,10 +24,10 @@ from pydantic import BaseModel, ConfigDict
 
 from pipeline.artifact import Artifact, ArtifactWriter, publish
 from pipeline.canonical import Json, plain
-from pipeline.errors import ArtifactError, Interrupted
+from pipeline.errors import ArtifactError, Interrupted, UserError
+from pipeline.resources import amounts
 
 Privacy = Literal["inherit", "private", "public"]
-Cores = Literal["one", "all"]
 InputValue = Artifact | tuple[Artifact, ...] | None
 
 
@@ -192,8 +192,8 @@ class Stage:
     outputs: Mapping[str, Output]
     version: int
     modules: Callable[[Any], list[str]] | None = None
-    cores: Cores = "all"
     alone: bool = False
+    resources: Mapping[str, float] = field(default_factory=dict)
     name: str = field(init=False)
 
     def __post_init__(self) -> None:
@@ -211,22 +211,28 @@ def stage(
     outputs: Mapping[str, Output],
     version: int,
     modules: Callable[[Any], list[str]] | None = None,
-    cores: Cores = "all",
     alone: bool = False,
+    resources: Mapping[str, float | str] | None = None,
 ) -> Callable[[StageFunction], Stage]:
     """Declares a function `(context, parameters)` to be a stage; the type of its parameters comes from its annotation.
 
     `version` is raised when results change for a reason that no source file shows. `modules` names the first-party
-    modules that the parameters select, which the stage imports dynamically: they join its code fingerprint. `cores`
-    is a hint for scheduling; a stage that is to run `alone`, since it measures time, shares the run's machine with no
-    other stage. Raises TypeError where the declaration itself is wrong.
+    modules that the parameters select, which the stage imports dynamically: they join its code fingerprint. A stage
+    that is to run `alone`, since it measures time, shares the run's machine with no other. `resources` is what it
+    cannot do without while it runs, such as `{"memory": "8 GiB"}`, or `{"gpu": 1}` where there is no other way; a
+    workflow may say otherwise. Neither is in the key. Raises TypeError where the declaration itself is wrong.
     """
 
     def declare(function: StageFunction) -> Stage:
         for name in (*inputs, *outputs):
             if not name.isidentifier():
                 raise TypeError(f"stage {function.__name__}: {name!r} cannot name an input or output")
-        return Stage(function, _parameters_of(function), dict(inputs), dict(outputs), version, modules, cores, alone)
+        try:
+            needed = amounts(resources or {})
+        except UserError as error:
+            raise TypeError(f"stage {function.__name__}: {error}") from error
+        model = _parameters_of(function)
+        return Stage(function, model, dict(inputs), dict(outputs), version, modules, alone, needed)
 
     return declare
 

@@ -10,9 +10,9 @@ from contextlib import contextmanager
 
 from pipeline.garbage import Collection as Garbage
 from pipeline.pins import Pin
-from pipeline.progress import duration
 from pipeline.tables import printable, size_words, table
 from pipeline.verification import Checked
+from pipeline.wording import duration
 
 
 class Verified:

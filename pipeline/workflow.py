@@ -22,7 +22,7 @@ from pipeline.located import Located, Problems, read_yaml
 from pipeline.matrix import Item, Scope, items, substitute
 
 WORKFLOW_KEYS = ("name", "vars", "stages")
-STAGE_KEYS = ("uses", "in", "with", "foreach", "private")
+STAGE_KEYS = ("uses", "in", "with", "foreach", "private", "resources")
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 
 
@@ -49,6 +49,7 @@ class Instance:
     parameters: Mapping[str, Located]
     broken: frozenset[str]
     private: bool
+    resources: Mapping[str, Located]
 
 
 @dataclass(frozen=True)
@@ -173,8 +174,11 @@ class _Parser:
         foreach = substitute(fields["foreach"], variables, self.problems) if "foreach" in fields else None
         passes = items(foreach, self.problems) if foreach is not None else None
         private = fields.get("private", Located(False, place, body.base))
+        resources = self.mapping(
+            fields.get("resources", Located({}, place, body.base)), f"'resources' of stage {name!r}"
+        )
         instances = [
-            self.instance(name, item, uses, given, values, private, variables)
+            self.instance(name, item, uses, given, values, private, resources, variables)
             for item in (passes or (() if "foreach" in fields else (None,)))
         ]
         return Entry(
@@ -199,6 +203,7 @@ class _Parser:
         inputs: Mapping[str, Located],
         parameters: Mapping[str, Located],
         private: Located,
+        resources: Mapping[str, Located],
         variables: Scope,
     ) -> Instance:
         scope = {**variables, **item.scope} if item else variables
@@ -211,6 +216,7 @@ class _Parser:
             self.problems.add(flag.place, f"private is {flag.found}; expected true or false")
         filled = {key: substitute(value, scope, self.problems) for key, value in inputs.items()}
         values = {key: substitute(value, scope, self.problems) for key, value in parameters.items()}
+        needed = {key: substitute(value, scope, self.problems) for key, value in resources.items()}
         return Instance(
             name=f"{name}[{item.label}]" if item else name,
             uses=uses,
@@ -219,6 +225,7 @@ class _Parser:
             parameters={key: value for key, value in values.items() if value is not None},
             broken=frozenset(key for key, value in values.items() if value is None),
             private=flag.value is True,
+            resources={key: value for key, value in needed.items() if value is not None},
         )
 
     def references(self, name: str, value: Located) -> tuple[Reference, ...]:

@@ -19,7 +19,7 @@ class DrawKeyParameters(Parameters):
     )
 
 
-@stage(inputs={}, outputs={"key": Output("key", privacy="private")}, version=1, cores="one")
+@stage(inputs={}, outputs={"key": Output("key", privacy="private")}, version=1)
 def draw_key(context: Context, parameters: DrawKeyParameters) -> None:
     """Draw a key once; the store keeps it, so that a rerun hides with the same one."""
     drawn = (

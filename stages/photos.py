@@ -26,7 +26,7 @@ class PhotosParameters(Parameters):
     )
 
 
-@stage(inputs={}, outputs={"capture": Output("capture")}, version=1, cores="one")
+@stage(inputs={}, outputs={"capture": Output("capture")}, version=1)
 def photos(context: Context, parameters: PhotosParameters) -> None:
     """Read every photo once, so that damage shows here, and keep them as they came."""
     found = find_photos(parameters.folder)

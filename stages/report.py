@@ -29,7 +29,6 @@ class ReportParameters(Parameters):
     inputs=INPUTS,
     outputs={"owner": Output("report", privacy="private"), "public": Output("report", privacy="public")},
     version=1,
-    cores="one",
 )
 def report(context: Context, parameters: ReportParameters) -> None:
     """Each page is one HTML file, about the method whose scores come first.

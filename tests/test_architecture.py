@@ -15,12 +15,13 @@ ROOT = Path(__file__).parents[1]
 
 ENGINE = [
     "errors canonical completion disk orphans temporary",
-    "companion located external events provenance process stagelog drawing manifest console tables pins",
+    "companion located external events provenance process stagelog drawing manifest console tables pins resources "
+    "engine_code",
     "arrays",
-    "matrix artifact executor progress fingerprint history",
-    "stage store workflow cluster loaded_code",
-    "declaration checkpoint external_cache naming privacy garbage verification",
-    "graph action description exporting storewords",
+    "matrix artifact executor placement fingerprint history wording",
+    "stage store workflow livetable loaded_code",
+    "declaration checkpoint external_cache naming privacy garbage verification workers progress",
+    "graph action description exporting storewords cluster",
     "explain changes showing pictures",
     "plan runner",
     "explanation accept",

@@ -146,6 +146,7 @@ def test_wrong_workflows_and_commands_are_status_2(workspace: Workspace) -> None
     assert "--set c: no such var" in err
     assert len(err.splitlines()) == 4
     assert call(workspace, "run", "--nonsense")[0] == 2
+    assert "expected NAME=AMOUNT" in call(workspace, "run", "--resources", "gpu")[2]
     assert call(workspace, "run", "--scheduler", "nonsense")[0] == 2
     workspace.file.unlink()
     status, _, err = call(workspace, "status")

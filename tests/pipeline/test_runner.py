@@ -14,6 +14,7 @@ import pytest
 from pipeline.errors import CommandError
 from pipeline.events import StageProgressed, as_json
 from pipeline.executor import SerialExecutor, Tell, Work
+from pipeline.resources import Resources
 from tests.pipeline.helpers import Workspace
 
 CHAIN = """
@@ -35,8 +36,8 @@ class Watched(SerialExecutor):
         self.groups: list[set[str]] = []
         self.given: set[str] = set()
 
-    def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
-        super().start(name, work, subject, urgency)
+    def start(self, name: str, work: Work, subject: object, urgency: int, needs: Resources) -> None:
+        super().start(name, work, subject, urgency, needs)
         self.given.add(name)
         self.groups.append(set(self.given))
 

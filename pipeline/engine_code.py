@@ -1,0 +1,27 @@
+"""Whether a worker runs the same engine as the run that it works for: what passes between them is the engine's own."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+from pipeline.canonical import digest_of, digest_of_file
+from pipeline.errors import UserError
+
+
+@functools.cache
+def engine_digest() -> str:
+    """SHA-256 over the engine's own sources, as they were when this process asked first."""
+    folder = Path(__file__).parent
+    return digest_of({file.name: digest_of_file(file) for file in sorted(folder.glob("*.py"))}, "the engine")
+
+
+def check_engine(digest: str) -> None:
+    """Raises UserError where the engine of this process is not the one with that digest."""
+    if digest != engine_digest():
+        raise UserError(
+            "the worker has another version of the engine than the run",
+            where=Path(__file__).parent,
+            expected="the same sources",
+            remedy="Give the workers the same version (PYTHONPATH), and restart them.",
+        )

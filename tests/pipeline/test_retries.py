@@ -1,0 +1,107 @@
+"""What may pass is tried again, and nothing else; a dead worker's stage only where it had not begun."""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+
+import pytest
+
+from pipeline import runner
+from pipeline.action import Job
+from pipeline.events import Noted
+from pipeline.executor import Lost, SerialExecutor, Tell
+from tests.pipeline.helpers import Ran, Workspace
+
+
+class Waits:
+    """Time that passes only when someone sleeps."""
+
+    def __init__(self) -> None:
+        self.slept = 0.0
+
+    def monotonic(self) -> float:
+        return self.slept
+
+    def sleep(self, seconds: float) -> None:
+        self.slept += seconds
+
+
+@pytest.fixture
+def waits(monkeypatch: pytest.MonkeyPatch) -> Waits:
+    waits = Waits()
+    monkeypatch.setattr(runner, "time", waits)
+    return waits
+
+
+class Deadly(SerialExecutor):
+    """Its worker dies so many times, before or after it begins the work, or when all is done."""
+
+    def __init__(self, deaths: int, when: str) -> None:
+        super().__init__()
+        self.deaths = deaths
+        self.when = when
+
+    def wait(self, tell: Tell, seconds: float) -> tuple[str, object] | None:
+        if not self.deaths or not self._waiting:
+            return super().wait(tell, seconds)
+        self.deaths -= 1
+        name, work, job = self._waiting.popleft()
+        assert isinstance(job, Job)
+        if self.when == "begun":
+            job.begun_flag.touch()
+        if self.when == "done":
+            work(job, tell)
+        return name, Lost("its worker process died", transient=True)
+
+
+def said(ran: Ran) -> deque[str]:
+    return deque(event.text for event in ran.events if isinstance(event, Noted))
+
+
+def test_transient_errors_are_tried_again_with_growing_waits(workspace: Workspace, waits: Waits) -> None:
+    ran = workspace.write("stages:\n  a: {uses: flaky, with: {failures: 3}}\n").run()
+    assert ran.states == {"a": "ran"}
+    assert list(said(ran)) == [
+        "a: the connection broke off; tried again in 2 s (1 of 3)",
+        "a: the connection broke off; tried again in 8 s (2 of 3)",
+        "a: the connection broke off; tried again in 32 s (3 of 3)",
+    ]
+    assert 42 <= waits.slept < 43
+
+
+def test_not_for_ever(workspace: Workspace, waits: Waits) -> None:
+    workspace.write("stages:\n  a: {uses: flaky, with: {failures: 9}}\n  b: {uses: scale, in: {numbers: a}}\n")
+    ran = workspace.run()
+    assert ran.states == {"a": "failed", "b": "skipped"}
+    assert ran.ended["a"].cause == "the connection broke off"
+    (attempts,) = workspace.folder.glob("store/scratch/*/attempts")
+    assert len(attempts.read_text()) == 4
+
+
+def test_other_stages_go_on_meanwhile(workspace: Workspace, waits: Waits) -> None:
+    ran = workspace.write("stages:\n  a: {uses: flaky}\n  b: {uses: numbers}\n").run()
+    assert list(ran.ended) == ["b", "a"]
+
+
+@pytest.mark.parametrize("how", ["user", "defect"])
+def test_other_errors_are_not_tried_again(workspace: Workspace, waits: Waits, how: str) -> None:
+    workspace.write(
+        f"stages:\n  base: {{uses: numbers}}\n  a: {{uses: fail, in: {{numbers: base}}, with: {{how: {how}}}}}\n"
+    )
+    ran = workspace.run()
+    assert (ran.states["a"], list(said(ran)), waits.slept) == ("failed", [], 0.0)
+
+
+@pytest.mark.parametrize(
+    ("deaths", "when", "state", "repeats"),
+    [(2, "before", "ran", 2), (9, "before", "failed", 3), (1, "begun", "failed", 0), (1, "done", "ran", 0)],
+)
+def test_a_worker_that_dies(
+    workspace: Workspace, waits: Waits, deaths: int, when: str, state: str, repeats: int
+) -> None:
+    """Before the stage begins it is no fault of the stage; in its midst it may be; after its end nothing is lost."""
+    workspace.write("stages:\n  a: {uses: numbers}\n")
+    ran = workspace.run(executor=Deadly(deaths, when))
+    assert (ran.states, len(said(ran))) == ({"a": state}, repeats)
+    assert not list(Path(workspace.folder / "store/temporary").iterdir()), "no flag is left behind"
