@@ -40,8 +40,8 @@ class LoadedCode:
             raise UserError(
                 "the code that is loaded here, or would be, is not the one that was planned",
                 found=f"another {', '.join(other)}",
-                remedy="It was edited since the run began, or the worker has other sources or loaded others long ago: give the "
-                "workers the same version (PYTHONPATH), restart those that are not the run's own, and run again.",
+                remedy="It was edited since the run began, or the worker has other sources or loaded others long ago: "
+                "give the workers the same version (PYTHONPATH), restart those that are not the run's, and run again.",
             )
 
     def _on_disk(self, names: list[str] | set[str]) -> dict[str, str | None]:
