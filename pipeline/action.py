@@ -25,7 +25,7 @@ from pipeline.events import Noted, StageProgressed, StageStarted
 from pipeline.executor import Tell
 from pipeline.fingerprint import Code
 from pipeline.provenance import machine, now, versions_of
-from pipeline.stage import Context, InputValue, LineageRecord, Services, Stage, bind_inputs, output_is_private
+from pipeline.stage import Context, InputValue, Item, LineageRecord, Services, Stage, bind_inputs, output_is_private
 from pipeline.stagelog import StageLog, printed_to_stderr
 from pipeline.store import Record, Store
 
@@ -35,13 +35,24 @@ LONGEST_CAUSE = 500  # characters
 
 
 @dataclass(frozen=True)
+class JobItem:
+    """What one artifact of a labelled input is about; `digest` is None where it failed, because of `cause`."""
+
+    label: str
+    values: Mapping[str, Json]
+    stage: str
+    digest: str | None
+    cause: str | None
+
+
+@dataclass(frozen=True)
 class Job:
     """All that a worker must know to do one action.
 
-    `inputs` holds the digests of the artifacts of each input; `lineage` the key of every action upstream by the name
-    of its stage, in order; `stop_flag` is a file that appears when work should stop. `private` is what the workflow
-    says; `private_log` whether an output is declared private. `captures` sends what the process prints to the log, for
-    processes that are a worker's own.
+    `inputs` holds the digests of the artifacts of each input, `items` what those of labelled ones are about; `lineage`
+    the key of every action upstream by the name of its stage, in order; `stop_flag` is a file that appears when work
+    should stop. `private` is what the workflow says; `private_log` whether an output is declared private. `captures`
+    sends what the process prints to the log, for processes that are a worker's own.
     """
 
     name: str
@@ -52,6 +63,7 @@ class Job:
     parts: Mapping[str, Json]
     arguments: Mapping[str, Json]
     inputs: Mapping[str, tuple[str, ...]]
+    items: Mapping[str, tuple[JobItem, ...]]
     upstream: tuple[str, ...]
     lineage: Mapping[str, str]
     code: Code
@@ -168,7 +180,8 @@ class _Action:
             for name, output in declared.outputs.items()
         }
         services = Services(partial(self.progress, tell), log.line, self.stop_requested, self.lineage)
-        context = Context(inputs, writers, scratch_directory(self.store, job.key), job.workflow, services)
+        scratch = scratch_directory(self.store, job.key)
+        context = Context(inputs, writers, scratch, job.workflow, services, self.items())
         declared(context, parameters)
         provenance = {
             "name": job.name,
@@ -192,9 +205,20 @@ class _Action:
         given: dict[str, InputValue] = {
             name: artifacts if declared.inputs[name].many else artifacts[0]
             for name, artifacts in self.given.items()
-            if artifacts
+            if artifacts or name in self.job.items
         }
         return bind_inputs(declared, given)
+
+    def items(self) -> dict[str, tuple[Item, ...]]:
+        """What the artifacts of labelled inputs are about."""
+        artifacts = {artifact.digest: artifact for group in self.given.values() for artifact in group}
+        return {
+            name: tuple(
+                Item(item.label, item.values, item.stage, artifacts.get(item.digest or ""), item.cause)
+                for item in items
+            )
+            for name, items in self.job.items.items()
+        }
 
     def damaged_inputs(self) -> tuple[str, ...]:
         """Digests of the inputs that are not what was written; reads every byte of all of them."""

@@ -26,7 +26,7 @@ from pipeline.project import Project, open_project
 from pipeline.runner import Run
 from pipeline.store import Store
 
-STATES = {"cached": "cached", "run": "to run", "depends": "depends"}
+STATES = {"cached": "cached", "run": "to run", "depends": "depends", "shared": "shared"}
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -230,6 +230,8 @@ def _explained(step: Step, store: Store) -> list[str]:
         ]
     elif step.state == "depends":
         lines = [f"{step.name}: to run if what it takes comes out differently"]
+    elif step.state == "shared":
+        lines = [f"{step.name}: nothing to do of its own"]
     else:
         lines = [f"{step.name}: to run, because"]
     lines += [f"  {reason}" for reason in step.reasons]

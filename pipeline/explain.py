@@ -10,12 +10,19 @@ from pipeline.canonical import Json, digest_of
 from pipeline.graph import Node, Source
 
 FORMAT = 2
+FAILED = "failed"
+"""Stands for the digest of an input that failed, where a stage goes on without it."""
 SHOWN = 60  # characters of a value
 
 
-def key_parts(node: Node, digests: Mapping[Source, str | None]) -> dict[str, Json]:
-    """All that the result of a node depends on; None stands for an input that is not made yet."""
-    return {
+def key_parts(
+    node: Node, digests: Mapping[Source, str | None], causes: Mapping[str, str] | None = None
+) -> dict[str, Json]:
+    """All that the result of a node depends on; None stands for an input that is not made yet.
+
+    `causes` says of the nodes that failed why; they are part of the key of a node that is told of them.
+    """
+    parts: dict[str, Json] = {
         "format": FORMAT,
         "stage": node.uses,
         "version": node.declaration.version,
@@ -25,6 +32,15 @@ def key_parts(node: Node, digests: Mapping[Source, str | None]) -> dict[str, Jso
         "inputs": {name: [digests[source] for source in sources] for name, sources in node.sources.items()},
         "private": node.private,
     }
+    if node.labels:
+        parts["items"] = {
+            name: [
+                [label.text, dict(label.values), (causes or {}).get(source.node)]
+                for label, source in zip(labels, node.sources[name], strict=True)
+            ]
+            for name, labels in node.labels.items()
+        }
+    return parts
 
 
 def key_of(parts: Mapping[str, Json]) -> str:
@@ -50,6 +66,7 @@ def changes(
             if old["external"].get(name) != new["external"][name]
         ),
         *_changed_inputs(node, old["inputs"], new["inputs"]),
+        *_changed_items(old.get("items", {}), new.get("items", {})),
         *_changed_value("private", old["private"], new["private"]),
         *_changed_value("format of keys", old["format"], new["format"]),
     ]
@@ -97,9 +114,27 @@ def _changed_inputs(node: Node, old: Mapping[str, Any], new: Mapping[str, Any]) 
             continue
         for source, was, now in zip(node.sources[name], before, after, strict=True):
             if now is None:
-                yield f"input {name} waits for {source.node}"
+                without = ", which it was made without" if was == FAILED else ""
+                yield f"input {name} waits for {source.node}{without}"
+            elif FAILED in (was, now) and was != now:
+                yield f"input {name}: {source.node} {'failed' if now == FAILED else 'had failed, and is made'}"
             elif was != now:
                 yield f"input {name}: {source.node} made another {source.output} ({was[:8]} → {now[:8]})"
+
+
+def _changed_items(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
+    """What items are called and why they failed; how many there are is told of the inputs already."""
+    for name in new:
+        before, after = old.get(name, []), new[name]
+        if len(before) != len(after):
+            continue
+        for was, now in zip(before, after, strict=True):
+            if was[0] != now[0]:
+                yield f"input {name}: {was[0]} → {now[0]}"
+            elif was[1] != now[1]:
+                yield f"input {name}: the values of {now[0]} changed"
+            elif was[2] and now[2] and was[2] != now[2]:
+                yield f"input {name}: {now[0]} failed otherwise: {_shown(was[2])} → {_shown(now[2])}"
 
 
 def _shown(value: Any) -> str:

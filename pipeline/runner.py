@@ -15,11 +15,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
-from pipeline.action import Job, Outcome, perform
+from pipeline.action import Job, JobItem, Outcome, perform
 from pipeline.canonical import Json
+from pipeline.cause import lasting_words
 from pipeline.events import Event, Noted, StageEnded, State, Summary
 from pipeline.executor import Executor, Lost
-from pipeline.explain import key_of, key_parts
+from pipeline.explain import FAILED, key_of, key_parts
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import Journal, StageResult
 from pipeline.provenance import git_commit
@@ -54,6 +55,7 @@ class Run:
     _ended: dict[str, State] = field(default_factory=dict)
     _running: dict[str, str] = field(default_factory=dict)
     _waiting: dict[str, None] = field(default_factory=dict)
+    _causes: dict[str, str] = field(default_factory=dict)
     _damaged: Counter[str] = field(default_factory=Counter)
     _executor: Executor | None = None
     _journal: Journal | None = None
@@ -137,18 +139,15 @@ class Run:
     def _advance_one(self, name: str) -> bool:
         """Does what can be done about a node; False where it is ready and held up by what runs."""
         node = self.graph.nodes[name]
-        lacking = [upstream for upstream in node.upstream if self._ended.get(upstream) in ("failed", "skipped")]
+        if any(upstream not in self._ended for upstream in node.upstream):
+            return True  # it is looked at again when they end
+        lacking = [upstream for upstream in node.required if upstream not in self._done]
         if lacking:
+            self._causes[name] = self._causes.get(lacking[0], "not made")
             self._end(StageResult(name, "skipped", cause=f"needs {lacking[0]}, which was not made"))
             return True
-        if any(upstream not in self._done for upstream in node.upstream):
-            return True  # it is looked at again when they end
-        digests: dict[Source, str | None] = {
-            source: self._done[source.node].outputs[source.output]
-            for sources in node.sources.values()
-            for source in sources
-        }
-        parts = key_parts(node, digests)
+        digests = {source: self._digest(source) for sources in node.sources.values() for source in sources}
+        parts = key_parts(node, {source: digest or FAILED for source, digest in digests.items()}, self._causes)
         key = key_of(parts)
         record = self.store.find(key)
         if record:
@@ -164,6 +163,10 @@ class Run:
     def _someone_is_alone(self) -> bool:
         return any(self.graph.nodes[name].declaration.alone for name in self._running)
 
+    def _digest(self, source: Source) -> str | None:
+        """The artifact of a stage that ended; None where it failed."""
+        return self._done[source.node].outputs[source.output] if source.node in self._done else None
+
     def _job(self, node: Node, key: str, parts: Mapping[str, Json]) -> Job:
         return Job(
             name=node.name,
@@ -174,10 +177,17 @@ class Run:
             parts=parts,
             arguments=node.arguments,
             inputs={
-                name: tuple(self._done[source.node].outputs[source.output] for source in sources)
+                name: tuple(digest for digest in map(self._digest, sources) if digest)
                 for name, sources in node.sources.items()
             },
-            upstream=node.upstream,
+            items={
+                name: tuple(
+                    JobItem(label.text, label.values, source.node, self._digest(source), self._causes.get(source.node))
+                    for label, source in zip(labels, node.sources[name], strict=True)
+                )
+                for name, labels in node.labels.items()
+            },
+            upstream=tuple(upstream for upstream in node.upstream if upstream in self._done),
             lineage=self._lineage(node),
             code=node.code,
             private=node.private,
@@ -192,7 +202,7 @@ class Run:
         """Keys of the actions behind a node by stage, in the order of the graph."""
         behind: dict[str, str] = {}
         for upstream in node.upstream:
-            behind |= self._done[upstream].lineage
+            behind |= self._done[upstream].lineage if upstream in self._done else {}
         return behind
 
     def _start(self, node: Node, key: str, parts: Mapping[str, Json]) -> None:
@@ -214,6 +224,7 @@ class Run:
             self._end(StageResult(name, "skipped", seconds=outcome.seconds, cause=outcome.cause))
         elif outcome.outputs is None or outcome.state == "failed":
             cause = outcome.cause or "failed"
+            self._causes[name] = self._lasting(name, cause)
             self._end(StageResult(name, "failed", key, {}, outcome.seconds, cause=cause), outcome.log)
         else:
             state: State = "ran" if outcome.state == "ran" else "cached"
@@ -221,12 +232,20 @@ class Run:
             self._finish(result, outcome.log)
         return self._dependents[name]
 
+    def _lasting(self, name: str, cause: str) -> str:
+        """Why a stage failed, for the stages that go on without it."""
+        node = self.graph.nodes[name]
+        outside = [node.arguments.get(parameter) for parameter in node.declaration.external]
+        folders = [str(self.store.root), *(path for path in outside if isinstance(path, str))]
+        return f"{node.entry}: {lasting_words(cause, folders)}"
+
     def _make_again(self, name: str, key: str, outcome: Outcome) -> Iterable[str]:
         """Puts damaged inputs of a stage aside, and has what made them, and then the stage, done again."""
         self._damaged.update(outcome.damaged)
         hopeless = [digest for digest in outcome.damaged if self._damaged[digest] > REPAIRS]
         if hopeless:
             cause = f"{self.store.object(hopeless[0])}: damaged again after it was made anew. Check the disk."
+            self._causes[name] = self._lasting(name, cause)
             self._end(StageResult(name, "failed", key, cause=cause), outcome.log)
             return self._dependents[name]
         makers = [

@@ -14,9 +14,10 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 ENGINE = [
-    "errors canonical",
+    "errors canonical cause",
     "companion located external events provenance process stagelog drawing manifest",
-    "matrix artifact executor progress fingerprint history",
+    "substitution table artifact executor progress fingerprint history",
+    "matrix",
     "stage store workflow cluster",
     "declaration checkpoint",
     "graph action",
