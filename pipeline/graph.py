@@ -248,7 +248,7 @@ class _Builder:
         return sources
 
     def resolve(self, entry: Entry, reference: Reference, index: int, kind: str | None = None) -> list[Source]:
-        """The outputs that a reference stands for: one for each row of a foreach, or of the same row of the same one."""
+        """The outputs that a reference stands for: one for each row of a foreach, or that of the same row."""
         target = self.workflow.entries.get(reference.stage)
         if target is None:
             known = ", ".join(self.workflow.entries)
