@@ -35,6 +35,14 @@ LONGEST_CAUSE = 500  # characters
 
 
 @dataclass(frozen=True)
+class Ancestor:
+    """An action that something was made from, and the names of the stages that it took artifacts from."""
+
+    key: str
+    upstream: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class JobItem:
     """What one artifact of a labelled input is about; `digest` is None where it failed, because of `cause`."""
 
@@ -65,7 +73,7 @@ class Job:
     inputs: Mapping[str, tuple[str, ...]]
     items: Mapping[str, tuple[JobItem, ...]]
     upstream: tuple[str, ...]
-    lineage: Mapping[str, str]
+    lineage: Mapping[str, Ancestor]
     code: Code
     private: bool
     private_log: bool
@@ -242,11 +250,11 @@ class _Action:
         return read_lineage(self.store, self.job.lineage)
 
 
-def read_lineage(store: Store, keys: Mapping[str, str]) -> tuple[LineageRecord, ...]:
-    """What the store knows of the actions `keys`, given by the names that their stages have in this workflow."""
+def read_lineage(store: Store, ancestors: Mapping[str, Ancestor]) -> tuple[LineageRecord, ...]:
+    """What the store knows of actions, given by the names that their stages have in this workflow."""
     records = []
-    for name, key in keys.items():
-        record = store.record(key)
+    for name, ancestor in ancestors.items():
+        record = store.record(ancestor.key)
         if record is None:
             continue
         provenance: Mapping[str, Any] = record.provenance
@@ -256,7 +264,7 @@ def read_lineage(store: Store, keys: Mapping[str, str]) -> tuple[LineageRecord, 
                 name=name,
                 uses=parts["stage"],
                 seconds=record.seconds,
-                inputs=tuple(provenance["upstream"]),
+                inputs=ancestor.upstream,  # not those of the record: another workflow may have made it
                 facts={**provenance["machine"], **provenance["facts"]},
                 versions=provenance["versions"],
                 parameters=parts["parameters"],

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
-from pipeline.action import Job, JobItem, Outcome, perform
+from pipeline.action import Ancestor, Job, JobItem, Outcome, perform
 from pipeline.canonical import Json
 from pipeline.cause import lasting_words
 from pipeline.events import Event, Noted, StageEnded, State, Summary
@@ -33,11 +33,11 @@ REPAIRS = 1  # times that one artifact is made again in one run
 
 @dataclass(frozen=True)
 class Done:
-    """A node whose outputs are in the store; `lineage` holds the keys of all actions behind it and its own."""
+    """A node whose outputs are in the store; `lineage` holds all actions behind it and its own."""
 
     key: str
     outputs: Mapping[str, str]
-    lineage: Mapping[str, str]
+    lineage: Mapping[str, Ancestor]
 
 
 @dataclass
@@ -198,9 +198,9 @@ class Run:
             captures=self.captures,
         )
 
-    def _lineage(self, node: Node) -> dict[str, str]:
-        """Keys of the actions behind a node by stage, in the order of the graph."""
-        behind: dict[str, str] = {}
+    def _lineage(self, node: Node) -> dict[str, Ancestor]:
+        """The actions behind a node by stage, in the order of the graph."""
+        behind: dict[str, Ancestor] = {}
         for upstream in node.upstream:
             behind |= self._done[upstream].lineage if upstream in self._done else {}
         return behind
@@ -268,9 +268,8 @@ class Run:
     def _finish(self, result: StageResult, log: Path | None = None) -> None:
         """Ends a node whose outputs are in the store."""
         node = self.graph.nodes[result.name]
-        self._done[node.name] = Done(
-            str(result.key), result.outputs, {**self._lineage(node), node.name: str(result.key)}
-        )
+        own = Ancestor(str(result.key), tuple(upstream for upstream in node.upstream if upstream in self._done))
+        self._done[node.name] = Done(own.key, result.outputs, {**self._lineage(node), node.name: own})
         self.store.link_latest(self.graph.workflow, node.name, result.outputs)
         self._end(result, log)
 
