@@ -93,7 +93,7 @@ def test_three_pairs_that_share_a_cover(photos: Path) -> None:
     owner, public = (Path(ended["table"]["outputs"][name]) for name in ("owner", "public"))
     page = (owner / "report.html").read_text()
     assert "2 of 3 made, 1 failed." in page
-    assert "failed: message_photos: 000.png: " in page
+    assert "failed: message_photos: broken/000.png: a picture cannot be read" in page
     with (owner / "figures.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["cover"], row["message"]) for row in rows] == [
