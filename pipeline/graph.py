@@ -117,7 +117,10 @@ class Graph:
 
 def build_graph(workflow: Workflow, catalogue: Catalogue, problems: Problems) -> Graph:
     """Checks a workflow and resolves it. Raises WorkflowError with all of `problems`, those found before included."""
-    graph = _Builder(workflow, catalogue, problems).build()
+    try:
+        graph = _Builder(workflow, catalogue, problems).build()
+    finally:
+        catalogue.remember()
     problems.raise_if_any()
     return graph
 
@@ -134,8 +137,9 @@ class _Builder:
         nodes: dict[str, Node] = {}
         for name in self.order():
             entry = self.workflow.entries[name]
+            rows = {number: row for row, number in reversed(list(enumerate(entry.chosen)))}
             for number, instance in enumerate(entry.instances):
-                node = self.node(entry, instance, entry.chosen.index(number))
+                node = self.node(entry, instance, rows[number])
                 if node:
                     nodes[node.name] = node
         return Graph(self.workflow.name, nodes)

@@ -14,7 +14,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from pipeline.canonical import Json, canonical_json, digest_of
@@ -35,6 +35,7 @@ class Rows:
 
     columns: tuple[str, ...]
     values: tuple[Mapping[str, Located], ...]
+    _labels: dict[tuple[str, ...], list[str]] = field(default_factory=dict, compare=False, repr=False)
 
     @cached_property
     def plain(self) -> tuple[Mapping[str, Json], ...]:
@@ -55,6 +56,12 @@ class Rows:
         return [canonical_json([row[column] for column in columns]) for row in self.plain]
 
     def labels(self, columns: Sequence[str]) -> list[str]:
+        """For each row its name, computed once for the same columns: see `_named`."""
+        if tuple(columns) not in self._labels:
+            self._labels[tuple(columns)] = self._named(columns)
+        return self._labels[tuple(columns)]
+
+    def _named(self, columns: Sequence[str]) -> list[str]:
         """For each row a short name from its values in `columns`: rows of equal values have one, others another.
 
         It depends on nothing else, so a row keeps it when others come or go. Only where values are lists, mappings or

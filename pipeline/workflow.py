@@ -122,6 +122,7 @@ class _Parser:
     def __init__(self, path: Path, problems: Problems) -> None:
         self.path = path
         self.problems = problems
+        self.expanded: dict[tuple[object, ...], tuple[Located, Rows | None]] = {}
 
     def workflow(self, root: Located, settings: dict[str, Located]) -> Workflow:
         top = self.mapping(root, "the workflow", WORKFLOW_KEYS)
@@ -220,7 +221,11 @@ class _Parser:
         for key in ("foreach", "matrix"):
             given = substitute(fields[key], variables, self.problems) if key in fields else None
             if given is not None:
-                return expand(key, given, self.problems)
+                # Stages that share a var or name one table get the same rows, read and checked once.
+                shared = (key, given.base, given.value) if isinstance(given.value, str) else (key, id(given))
+                if shared not in self.expanded:
+                    self.expanded[shared] = given, expand(key, given, self.problems)
+                return self.expanded[shared][1]
         return None
 
     def instance(
