@@ -236,8 +236,9 @@ class Run:
         """Why a stage failed, for the stages that go on without it."""
         node = self.graph.nodes[name]
         outside = [node.arguments.get(parameter) for parameter in node.declaration.external]
-        folders = [str(self.store.root), *(path for path in outside if isinstance(path, str))]
-        return f"{node.entry}: {lasting_words(cause, folders)}"
+        paths = [path for value in outside for path in (value if isinstance(value, list) else [value])]
+        words = cause.replace(f"{self.store.root}/", "")
+        return f"{node.entry}: {lasting_words(words, [path for path in paths if isinstance(path, str)])}"
 
     def _make_again(self, name: str, key: str, outcome: Outcome) -> Iterable[str]:
         """Puts damaged inputs of a stage aside, and has what made them, and then the stage, done again."""

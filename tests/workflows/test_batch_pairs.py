@@ -19,7 +19,7 @@ from stages.tracing.rig import look_at
 
 REPOSITORY = Path(__file__).parents[2]
 SMALL = {"width": 64, "iterations": 10, "scores.lpips": "none"}
-VIEWS, WIDTH, HEIGHT = 16, 256, 192
+VIEWS, WIDTH, HEIGHT = 12, 256, 192
 PAIRS = "cover,message\ncourtyard,reef\ncourtyard,broken\ncourtyard,part of a reef\n"
 
 
@@ -49,7 +49,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("photos")
     for seed, name in enumerate(("courtyard", "reef")):
         photograph(seed, folder / name)
-    for name, kept in {"broken": VIEWS, "part of a reef": VIEWS - 4}.items():
+    for name, kept in {"broken": VIEWS, "part of a reef": VIEWS - 2}.items():
         (folder / name).mkdir()
         content = json.loads((folder / "reef" / FILE).read_text())
         frames = content["frames"][:kept]
@@ -113,5 +113,5 @@ def test_three_pairs_that_share_a_cover(photos: Path) -> None:
     status, ended, said = run(photos)
     assert status == 0, said
     ran = {name for name, event in ended.items() if event["state"] == "ran"}
-    assert ran == {"message_photos[broken]", "table"}, "the repaired folder holds what the reef's does"
+    assert ran == {"table"}, "the repaired folder holds what the reef's does"
     assert "3 of 3 made." in (Path(ended["table"]["outputs"]["owner"]) / "report.html").read_text()
