@@ -29,7 +29,7 @@ from pipeline.fingerprint import Code
 from pipeline.loaded_code import LoadedCode
 from pipeline.process import nobody_else_reads
 from pipeline.provenance import machine, now, versions_of
-from pipeline.stage import Context, InputValue, LineageRecord, Services, Stage, bind_inputs, output_is_private
+from pipeline.stage import Context, InputValue, Item, LineageRecord, Services, Stage, bind_inputs, output_is_private
 from pipeline.stagelog import StageLog, printed_to_stderr
 from pipeline.store import Record, Store
 
@@ -39,14 +39,33 @@ LONGEST_CAUSE = 500  # characters
 
 
 @dataclass(frozen=True)
+class Ancestor:
+    """An action that something was made from, and the names of the stages that it took artifacts from."""
+
+    key: str
+    upstream: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class JobItem:
+    """What one artifact of a labelled input is about; `digest` is None where it failed, because of `cause`."""
+
+    label: str
+    values: Mapping[str, Json]
+    stage: str
+    digest: str | None
+    cause: str | None
+
+
+@dataclass(frozen=True)
 class Job:
     """All that a worker must know to do one action.
 
-    `inputs` holds the digests of the artifacts of each input; `lineage` the key of every action upstream by the name
-    of its stage, in order; `stop_flag` is a file that appears when work should stop, `begun_flag` one that the worker
-    makes when the stage begins: where it lacks, a worker that died has done nothing. `private` is what the workflow
-    says; `private_log` whether an output is declared private. `captures` sends what the process prints to the log, for
-    processes that are a worker's own.
+    `inputs` holds the digests of the artifacts of each input, `items` what those of labelled ones are about; `lineage`
+    every action upstream by the name of its stage, in order. `stop_flag` is a file that appears when work should stop,
+    `begun_flag` one that the worker makes when the stage begins: where it lacks, a worker that died has done nothing.
+    `private` is what the workflow says; `private_log` whether an output is declared private. `captures` sends what the
+    process prints to the log, for processes that are a worker's own.
     """
 
     name: str
@@ -57,8 +76,9 @@ class Job:
     parts: Mapping[str, Json]
     arguments: Mapping[str, Json]
     inputs: Mapping[str, tuple[str, ...]]
+    items: Mapping[str, tuple[JobItem, ...]]
     upstream: tuple[str, ...]
-    lineage: Mapping[str, str]
+    lineage: Mapping[str, Ancestor]
     code: Code
     private: bool
     private_log: bool
@@ -192,7 +212,8 @@ class _Action:
             for name, output in declared.outputs.items()
         }
         services = Services(partial(self.progress, tell), log.line, self.stop_requested, self.lineage)
-        context = Context(inputs, writers, scratch_directory(self.store, job.key), job.workflow, services)
+        scratch = scratch_directory(self.store, job.key)
+        context = Context(inputs, writers, scratch, job.workflow, services, self.items())
         with nobody_else_reads():
             declared(context, parameters)
         self.loaded.check()
@@ -208,7 +229,7 @@ class _Action:
             "facts": context.facts,
             "commit": job.commit,
             "private": self.private or any(writer.private for writer in writers.values()),
-            "from_accepted": from_accepted(self.store, {name: job.lineage[name] for name in job.upstream}),
+            "from_accepted": from_accepted(self.store, {name: job.lineage[name].key for name in job.upstream}),
         }
         record = self.store.commit(job.key, job.parts, writers, provenance)
         discard_scratch(self.store, job.key)
@@ -219,7 +240,7 @@ class _Action:
         given: dict[str, InputValue] = {
             name: artifacts if declared.inputs[name].many else artifacts[0]
             for name, artifacts in self.given.items()
-            if artifacts
+            if artifacts or name in self.job.items
         }
         return bind_inputs(declared, given)
 
@@ -233,6 +254,17 @@ class _Action:
             for path, digest in zip(paths, planned, strict=False):
                 if cache.digest(Path(str(path))) != digest:
                     raise UserError("changed since the run began", where=path, remedy="Run again.")
+
+    def items(self) -> dict[str, tuple[Item, ...]]:
+        """What the artifacts of labelled inputs are about."""
+        artifacts = {artifact.digest: artifact for group in self.given.values() for artifact in group}
+        return {
+            name: tuple(
+                Item(item.label, item.values, item.stage, artifacts.get(item.digest or ""), item.cause)
+                for item in items
+            )
+            for name, items in self.job.items.items()
+        }
 
     def damaged_inputs(self) -> tuple[str, ...]:
         """Digests of the inputs that are not what was written; reads every byte of all of them."""
@@ -257,11 +289,11 @@ class _Action:
         return read_lineage(self.store, self.job.lineage)
 
 
-def read_lineage(store: Store, keys: Mapping[str, str]) -> tuple[LineageRecord, ...]:
-    """What the store knows of the actions `keys`, given by the names that their stages have in this workflow."""
+def read_lineage(store: Store, ancestors: Mapping[str, Ancestor]) -> tuple[LineageRecord, ...]:
+    """What the store knows of actions, given by the names that their stages have in this workflow."""
     records = []
-    for name, key in keys.items():
-        record = store.record(key)
+    for name, ancestor in ancestors.items():
+        record = store.record(ancestor.key)
         if record is None:
             continue
         provenance: Mapping[str, Any] = record.provenance
@@ -272,7 +304,7 @@ def read_lineage(store: Store, keys: Mapping[str, str]) -> tuple[LineageRecord, 
                 name=name,
                 uses=parts["stage"],
                 seconds=record.seconds,
-                inputs=tuple(provenance["upstream"]),
+                inputs=ancestor.upstream,  # not those of the record: another workflow may have made it
                 facts={**computer, **provenance["facts"], **_accepted_fact(record)},
                 versions=provenance["versions"],
                 parameters=parts["parameters"],

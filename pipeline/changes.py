@@ -11,9 +11,11 @@ from pipeline.canonical import Json
 from pipeline.external import Contents
 from pipeline.graph import Node
 
-Part = Literal["stage", "version", "parameter", "code", "external", "input", "private", "format"]
+Part = Literal["stage", "version", "parameter", "code", "external", "input", "item", "private", "format"]
 
 SHOWN = 60  # characters of a value
+FAILED = "failed"
+"""Stands for the digest of an input that failed, where a stage goes on without it."""
 LISTED = 4  # names in a text; the fields hold all
 
 
@@ -55,6 +57,7 @@ def changes(node: Node, old: Mapping[str, Any], new: Mapping[str, Any], known: K
         *_code(old["code"], new["code"], known),
         *_external(old["external"], new["external"], known),
         *_inputs(node, old["inputs"], new["inputs"]),
+        *_items(old.get("items", {}), new.get("items", {})),
         *_value("private", None, "private", old["private"], new["private"]),
         *_value("format", None, "format of keys", old["format"], new["format"]),
     )
@@ -148,10 +151,30 @@ def _inputs(node: Node, old: Mapping[str, Any], new: Mapping[str, Any]) -> Itera
         for source, was, now in zip(node.sources[name], before, after, strict=True):
             details = {"source": source.node, "output": source.output}
             if now is None:
-                yield Change("input", name, f"input {name} waits for {source.node}", was, None, details)
+                without = ", which it was made without" if was == FAILED else ""
+                yield Change("input", name, f"input {name} waits for {source.node}{without}", was, None, details)
+            elif was != now and FAILED in (was, now):
+                text = f"input {name}: {source.node} {'failed' if now == FAILED else 'had failed, and is made'}"
+                yield Change("input", name, text, was, now, details)
             elif was != now:
                 text = f"input {name}: {source.node} made another {source.output} ({was[:8]} → {now[:8]})"
                 yield Change("input", name, text, was, now, details)
+
+
+def _items(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[Change]:
+    """What items are called and why they failed; how many there are is told of the inputs already."""
+    for name in new:
+        before, after = old.get(name, []), new[name]
+        if len(before) != len(after):
+            continue
+        for was, now in zip(before, after, strict=True):
+            if was[0] != now[0]:
+                yield Change("item", name, f"input {name}: {was[0]} → {now[0]}", was[0], now[0])
+            elif was[1] != now[1]:
+                yield Change("item", name, f"input {name}: the values of {now[0]} changed", was[1], now[1])
+            elif was[2] and now[2] and was[2] != now[2]:
+                text = f"input {name}: {now[0]} failed otherwise: {_shown(was[2])} → {_shown(now[2])}"
+                yield Change("item", name, text, was[2], now[2])
 
 
 def _what_became(old: Mapping[str, str], new: Mapping[str, str]) -> dict[str, list[str]]:

@@ -1,8 +1,8 @@
 """What the stages of a package declare, known without importing them where possible.
 
 A stage module imports torch, which takes seconds, and a run with nothing to do should take none. What a stage declares
-and how it completes given parameters depends on its code alone, so both are kept in the store's cache under the
-fingerprint of that code, and the module is imported only when they are not there.
+and how it completes given parameters depends on its code alone, so both are kept in the store's cache, in a file for
+the fingerprint of that code, and the module is imported only when they are not there.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ from pipeline.fingerprint import Code, SourceTree
 from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
 from pipeline.store import Store, read_sealed, sealed, write_text_whole
 
-FORMAT = 3
+FORMAT = 4
+DECLARATION = "declaration"
+MOST_ANSWERS = 20_000
+"""Kept of one stage; beyond, those that the present workflow does not ask for are forgotten."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,9 @@ class Catalogue:
         self._store = store
         self._stages: dict[str, Stage] = {}
         self._codes: dict[tuple[str, ...], Code] = {}
+        self._answers: dict[str, dict[str, Any]] = {}
+        self._new: set[str] = set()
+        self._completed: dict[tuple[str, str], Completed] = {}
 
     def code(self, uses: str, modules: tuple[str, ...] = ()) -> Code:
         """The code behind a stage. Raises UserError where a module that it selects is missing or is not Python."""
@@ -90,10 +96,9 @@ class Catalogue:
         """Raises UserError where there is no such stage or its module does not define it."""
         if uses not in self.names():
             raise UserError(f"no stage {uses!r}; there are {', '.join(self.names())}{nearest(uses, self.names())}")
-        cached = self._cached(uses, "declaration")
+        cached = self._cached(uses, DECLARATION)
         if cached is None:
-            cached = _describe(uses, self.stage(uses))
-            self._keep(uses, "declaration", cached)
+            cached = self._keep(uses, DECLARATION, _describe(uses, self.stage(uses)))
         return Declaration(
             uses=uses,
             inputs={name: Input(**port) for name, port in cached["inputs"].items()},
@@ -107,15 +112,31 @@ class Catalogue:
 
     def complete(self, uses: str, arguments: Mapping[str, Json]) -> Completed | list[Refusal]:
         """The given parameters with their defaults, or every reason why they are refused."""
-        cached = self._cached(uses, arguments)
+        question = json.dumps(arguments, sort_keys=True)
+        if (uses, question) in self._completed:
+            return self._completed[uses, question]
+        cached = self._cached(uses, question)
         if cached is None:
             completed = _complete(self.stage(uses), arguments)
             if isinstance(completed, list):
                 return completed
-            cached = asdict(completed)
-            self._keep(uses, arguments, cached)
+            cached = self._keep(uses, question, asdict(completed))
         external = {name: tuple(paths) for name, paths in cached["external"].items()}
-        return Completed(cached["parameters"], external, tuple(cached["modules"]))
+        answer = Completed(cached["parameters"], external, tuple(cached["modules"]))
+        self._completed[uses, question] = answer
+        return answer
+
+    def remember(self) -> None:
+        """Writes what was learnt of stages into the store's cache, for the next time."""
+        for uses in self._new:
+            answers = self._answers[uses]
+            if len(answers) > MOST_ANSWERS:
+                asked = {DECLARATION, *(question for name, question in self._completed if name == uses)}
+                answers = {question: answer for question, answer in answers.items() if question in asked}
+            with suppress(OSError):  # a store that nobody can write to can be read
+                self._store.folder("cache", "declarations")
+                write_text_whole(self._cache_file(uses), sealed(answers), self._store.temporary(), mode=0o600)
+        self._new.clear()
 
     def stage(self, uses: str) -> Stage:
         """The stage itself, its module imported. Raises UserError where that fails."""
@@ -123,21 +144,24 @@ class Catalogue:
             self._stages[uses] = import_stage(self.package, uses)
         return self._stages[uses]
 
-    def _cached(self, uses: str, question: object) -> Any:
-        try:
-            return read_sealed(self._cache_file(uses, question))
-        except ValueError:  # a question with numbers that are not finite, which is refused with its place
-            return None
+    def _cached(self, uses: str, question: str) -> Any:
+        if uses not in self._answers:
+            self._answers[uses] = _read_answers(self._cache_file(uses))
+        return self._answers[uses].get(question)
 
-    def _keep(self, uses: str, question: object, answer: Mapping[str, Any]) -> None:
-        with suppress(OSError):  # a store that nobody can write to can be read
-            self._store.folder("cache", "declarations")
-            write_text_whole(self._cache_file(uses, question), sealed(answer), self._store.temporary(), mode=0o600)
+    def _keep(self, uses: str, question: str, answer: dict[str, Any]) -> dict[str, Any]:
+        self._answers[uses][question] = answer
+        self._new.add(uses)
+        return answer
 
-    def _cache_file(self, uses: str, question: object) -> Path:
+    def _cache_file(self, uses: str) -> Path:
         engine = [FORMAT, pydantic.VERSION]
-        name = digest_of([engine, self.package, uses, self.code(uses).digest, question], f"stage {uses}")
+        name = digest_of([engine, self.package, uses, self.code(uses).digest], f"stage {uses}")
         return self._store.root / "cache" / "declarations" / f"{name}.json"
+
+
+def _read_answers(file: Path) -> dict[str, Any]:
+    return read_sealed(file) or {}
 
 
 def import_stage(package: str, uses: str) -> Stage:

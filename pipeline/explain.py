@@ -10,9 +10,14 @@ from pipeline.graph import Node, Source
 FORMAT = 2
 
 
-def key_parts(node: Node, digests: Mapping[Source, str | None]) -> dict[str, Json]:
-    """All that the result of a node depends on; None stands for an input that is not made yet."""
-    return {
+def key_parts(
+    node: Node, digests: Mapping[Source, str | None], causes: Mapping[str, str] | None = None
+) -> dict[str, Json]:
+    """All that the result of a node depends on; None stands for an input that is not made yet.
+
+    `causes` says of the nodes that failed why; they are part of the key of a node that is told of them.
+    """
+    parts: dict[str, Json] = {
         "format": FORMAT,
         "stage": node.uses,
         "version": node.declaration.version,
@@ -22,6 +27,15 @@ def key_parts(node: Node, digests: Mapping[Source, str | None]) -> dict[str, Jso
         "inputs": {name: [digests[source] for source in sources] for name, sources in node.sources.items()},
         "private": node.private,
     }
+    if node.labels:
+        parts["items"] = {
+            name: [
+                [label.text, dict(label.values), (causes or {}).get(source.node)]
+                for label, source in zip(labels, node.sources[name], strict=True)
+            ]
+            for name, labels in node.labels.items()
+        }
+    return parts
 
 
 def key_of(parts: Mapping[str, Json]) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from pipeline.canonical import Json
@@ -25,10 +26,20 @@ class Source:
 
 
 @dataclass(frozen=True)
+class Label:
+    """What an artifact of an input is about: the name of its stage's row, or of the stage, and the row's values."""
+
+    text: str
+    values: Mapping[str, Json]
+
+
+@dataclass(frozen=True)
 class Node:
     """A stage, ready to be given its inputs.
 
-    `sources` holds, for each input, where its artifacts come from (none for an optional input that is not given).
+    `sources` holds, for each input, where its artifacts come from (none for an optional input that is not given), and
+    `labels` what each is about, for inputs that are declared labelled; `without_failed` names the inputs that go on
+    without what failed.
     `arguments` are the parameters as the workflow gives them, external paths absolute; `parameters` are all but
     external ones, with their defaults; `external` holds the digests of external files and folders by parameter;
     `resources` is what it needs while it runs.
@@ -37,6 +48,8 @@ class Node:
     name: str
     declaration: Declaration
     sources: Mapping[str, tuple[Source, ...]]
+    labels: Mapping[str, tuple[Label, ...]]
+    without_failed: frozenset[str]
     arguments: Mapping[str, Json]
     parameters: Mapping[str, Json]
     external: Mapping[str, tuple[str, ...]]
@@ -49,9 +62,20 @@ class Node:
         return self.declaration.uses
 
     @property
+    def entry(self) -> str:
+        """Its name in the file, without the row of a foreach."""
+        return self.name.partition("[")[0]
+
+    @cached_property
     def upstream(self) -> tuple[str, ...]:
         """Names of the nodes that it takes artifacts from, each once, in the order of its inputs."""
         return tuple(dict.fromkeys(source.node for sources in self.sources.values() for source in sources))
+
+    @cached_property
+    def required(self) -> tuple[str, ...]:
+        """Those of `upstream` without which it cannot be done."""
+        named = ((name, source) for name, sources in self.sources.items() for source in sources)
+        return tuple(dict.fromkeys(source.node for name, source in named if name not in self.without_failed))
 
 
 @dataclass(frozen=True)
@@ -69,7 +93,7 @@ class Graph:
         """
         wanted: set[str] = set()
         for stage in stages:
-            found = [name for name in self.nodes if stage in (name, name.partition("[")[0])]
+            found = [name for name, node in self.nodes.items() if stage in (name, node.entry)]
             if not found:
                 hint = nearest(stage, self.nodes)
                 raise CommandError(f"no stage {stage!r} in {self.workflow}; there are {', '.join(self.nodes)}{hint}")
@@ -98,7 +122,10 @@ class Graph:
 
 def build_graph(workflow: Workflow, catalogue: Catalogue, external: ExternalCache, problems: Problems) -> Graph:
     """Checks a workflow and resolves it. Raises WorkflowError with all of `problems`, those found before included."""
-    graph = _Builder(workflow, catalogue, external, problems).build()
+    try:
+        graph = _Builder(workflow, catalogue, external, problems).build()
+    finally:
+        catalogue.remember()
     problems.raise_if_any()
     return graph
 
@@ -116,8 +143,9 @@ class _Builder:
         nodes: dict[str, Node] = {}
         for name in self.order():
             entry = self.workflow.entries[name]
-            for index, instance in enumerate(entry.instances):
-                node = self.node(entry, instance, index)
+            rows = {number: row for row, number in reversed(list(enumerate(entry.chosen)))}
+            for number, instance in enumerate(entry.instances):
+                node = self.node(entry, instance, rows[number])
                 if node:
                     nodes[node.name] = node
         return Graph(self.workflow.name, nodes)
@@ -166,6 +194,12 @@ class _Builder:
             name=instance.name,
             declaration=declaration,
             sources=sources,
+            labels={
+                name: tuple(self.labels(entry, references, index))
+                for name, references in instance.inputs.items()
+                if name in declaration.inputs and declaration.inputs[name].labelled
+            },
+            without_failed=instance.without_failed,
             arguments=arguments,
             parameters=completed.parameters,
             external=self.external(entry, instance, completed),
@@ -217,22 +251,34 @@ class _Builder:
                 self.problems.add(place, f"input {name!r} takes one artifact; found a list")
             found = [self.resolve(entry, reference, index, port.kind) for reference in references]
             sources[name] = tuple(source for group in found for source in group)
+            if name in instance.without_failed and not port.many:
+                self.problems.add(place, f"input {name!r} takes one artifact, without which there is nothing to go on")
             if not port.many and any(len(group) > 1 for group in found):
                 message = f"input {name!r} takes one artifact; found all {len(sources[name])} items of a foreach"
                 self.problems.add(references[0].place, f"{message} (only the same foreach goes item by item)")
         return sources
 
     def resolve(self, entry: Entry, reference: Reference, index: int, kind: str | None = None) -> list[Source]:
-        """The outputs that a reference stands for: of all items of a foreach, or of the same item of the same one."""
+        """The outputs that a reference stands for: one for each row of a foreach, or that of the same row."""
         target = self.workflow.entries.get(reference.stage)
         if target is None:
             known = ", ".join(self.workflow.entries)
             hint = nearest(reference.stage, self.workflow.entries)
             self.problems.add(reference.place, f"no stage {reference.stage!r}; there are {known}{hint}")
             return []
-        together = target.foreach is not None and target.foreach == entry.foreach
-        chosen = target.instances[index : index + 1] if together else target.instances
-        return [source for instance in chosen for source in self.output(instance, reference, kind)]
+        chosen = target.chosen[index : index + 1] if entry.goes_with(target) else target.chosen
+        return [source for number in chosen for source in self.output(target.instances[number], reference, kind)]
+
+    def labels(self, entry: Entry, references: Iterable[Reference], index: int) -> Iterator[Label]:
+        """What each of the outputs that references stand for is about."""
+        for reference in references:
+            target = self.workflow.entries.get(reference.stage)
+            if target is None or target.rows is None:
+                yield Label(reference.stage, {})
+                continue
+            texts = target.rows.labels(target.rows.columns)
+            for number in (index,) if entry.goes_with(target) else range(len(texts)):
+                yield Label(texts[number], target.rows.plain[number])
 
     def output(self, instance: Instance, reference: Reference, kind: str | None) -> list[Source]:
         declaration = self.declared(instance)

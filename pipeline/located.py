@@ -29,6 +29,9 @@ class Problems:
     def __len__(self) -> int:
         return len(self._problems)
 
+    def __iter__(self) -> Iterator[Problem]:
+        return iter(self._problems)
+
     def raise_if_any(self) -> None:
         if self._problems:
             raise WorkflowError(self._problems)

@@ -1,107 +1,258 @@
-"""`${…}` and `foreach`: what a workflow file says once and means several times."""
+"""`foreach` and `matrix`: the rows of values for which a stage of the file is done, and what each row is called.
+
+foreach: {scene: [reef, library], seed: [1, 2]}                 columns that are walked together: two rows
+foreach: [{scene: reef, seed: 1}, {scene: library, seed: 2}]    the same, row by row
+foreach: pairs.csv                                              the same, from a file: see `table`
+matrix:  {rate: [0.1, 0.2], size: [8, 16, 32]}                  every combination: six rows
+matrix:  {rate: [0.1, 0.2], size: [8, 16], exclude: [{rate: 0.2, size: 16}], include: [{rate: 0.4, size: 8}]}
+"""
 
 from __future__ import annotations
 
+import itertools
+import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
-from pipeline.errors import nearest
+from pipeline.canonical import Json, canonical_json, digest_of
+from pipeline.errors import Place, nearest
 from pipeline.located import Located, Problems
+from pipeline.table import COLUMN, COLUMN_WORDS, read_table
 
-Scope = Mapping[str, Located | None]
-"""What `${name}` stands for; None for a name whose value is missing, which has been reported already."""
-
-REFERENCE = re.compile(r"\$(\$|\{([^{}]*)\})")
-LABEL = re.compile(r"[A-Za-z0-9_.,+-]{1,60}")
-
-
-def substitute(located: Located, scope: Scope, problems: Problems) -> Located | None:
-    """`located` with every `${name}` replaced; None, with the reason among `problems`, where that is impossible.
-
-    A text that is nothing but `${name}` becomes the named value itself, with its type, its place and its base. `$$`
-    stands for a dollar sign.
-    """
-    if isinstance(located.value, tuple):
-        items = [substitute(item, scope, problems) for item in located.value]
-        return None if None in items else replace(located, value=tuple(item for item in items if item is not None))
-    if isinstance(located.value, Mapping):
-        values = {name: substitute(item, scope, problems) for name, item in located.value.items()}
-        if None in values.values():
-            return None
-        return replace(located, value={name: item for name, item in values.items() if item is not None})
-    if not isinstance(located.value, str):
-        return located
-    whole = REFERENCE.fullmatch(located.value)
-    if whole and whole[2] is not None:
-        return _look_up(whole[2], located, scope, problems)
-    return _interpolate(located, scope, problems)
-
-
-def _interpolate(located: Located, scope: Scope, problems: Problems) -> Located | None:
-    text, pieces, end = str(located.value), [], 0
-    for match in REFERENCE.finditer(text):
-        pieces.append(text[end : match.start()])
-        end = match.end()
-        if match[1] == "$":
-            pieces.append("$")
-            continue
-        value = _look_up(match[2], located, scope, problems)
-        if value is None:
-            return None
-        if isinstance(value.value, tuple | Mapping) or value.value is None:
-            problems.add(located.place, f"${{{match[2]}}} is {value.found}, which cannot stand inside a text")
-            return None
-        pieces.append(str(value.value).lower() if isinstance(value.value, bool) else str(value.value))
-    return replace(located, value="".join([*pieces, text[end:]]))
-
-
-def _look_up(name: str, located: Located, scope: Scope, problems: Problems) -> Located | None:
-    if name in scope:
-        return scope[name]
-    known = ", ".join(f"${{{known}}}" for known in scope) or "none"
-    problems.add(located.place, f"${{{name}}} is not known; known are {known}{nearest(name, scope)}")
-    return None
+EXAMPLE = "{cover: [a, b], message: [c, d]}, a list of rows [{cover: a, message: c}], or a CSV file"
+MOST_ROWS = 100_000
+LONGEST_LABEL = 40  # bytes of the label of one value; names of stages are names of files
+LONGEST_NAME = 120  # bytes of the label of a row
+PLAIN_LABEL = re.compile(r"[\w.+/-]+")
 
 
 @dataclass(frozen=True)
-class Item:
-    """One pass of a `foreach`: a label that tells it from the others, and its values under `item.…`."""
+class Rows:
+    """At least one row, each with a value for every column; no two are equal."""
 
-    label: str
-    scope: Mapping[str, Located]
+    columns: tuple[str, ...]
+    values: tuple[Mapping[str, Located], ...]
+    _labels: dict[tuple[str, ...], list[str]] = field(default_factory=dict, compare=False, repr=False)
+
+    @cached_property
+    def plain(self) -> tuple[Mapping[str, Json], ...]:
+        """The values alone."""
+        return tuple({column: row[column].plain for column in self.columns} for row in self.values)
+
+    @cached_property
+    def identity(self) -> str:
+        """Equal for the same rows in the same order, wherever they stand: such stages go row by row together."""
+        return digest_of(self.plain, "the rows")
+
+    def scope(self, index: int) -> dict[str, Located]:
+        """What `${item.…}` stands for in a row."""
+        return {f"item.{column}": value for column, value in self.values[index].items()}
+
+    def identities(self, columns: Sequence[str]) -> list[bytes]:
+        """For each row a spelling of its values in `columns`, equal only for equal values."""
+        return [canonical_json([row[column] for column in columns]) for row in self.plain]
+
+    def labels(self, columns: Sequence[str]) -> list[str]:
+        """For each row its name, computed once for the same columns: see `_named`."""
+        if tuple(columns) not in self._labels:
+            self._labels[tuple(columns)] = self._named(columns)
+        return self._labels[tuple(columns)]
+
+    def _named(self, columns: Sequence[str]) -> list[str]:
+        """For each row a short name from its values in `columns`: rows of equal values have one, others another.
+
+        It depends on nothing else, so a row keeps it when others come or go. Only where values are lists, mappings or
+        empty, or by chance look like others, it has the number of the row. Empty for no columns.
+        """
+        identities = self.identities(columns)
+        first = {identity: index for index, identity in reversed(list(enumerate(identities)))}
+        labels = {identity: _label([self.plain[index][c] for c in columns]) for identity, index in first.items()}
+        counts = Counter(labels.values())
+        unclear = {identity for identity, label in labels.items() if label is None or counts[label] > 1}
+        return [
+            f"{labels[identity] or ''}#{first[identity] + 1}" if identity in unclear else str(labels[identity])
+            for identity in identities
+        ]
 
 
-def items(foreach: Located, problems: Problems) -> tuple[Item, ...] | None:
-    """The passes of a `foreach`, a mapping of names to lists of one length that are walked together.
-
-    None, with the reason among `problems`, where it is anything else.
-    """
-    lists = foreach.value
-    if not isinstance(lists, Mapping) or not lists:
-        problems.add(foreach.place, f"foreach is {foreach.found}; expected names with a list each: {{scene: [a, b]}}")
+def expand(key: str, located: Located, problems: Problems) -> Rows | None:
+    """The rows of a `foreach` or a `matrix`; None, with every reason among `problems`, where it has none."""
+    before = len(problems)
+    values = _combinations(located, problems) if key == "matrix" else _foreach(located, problems)
+    if values is None or len(problems) > before:
         return None
-    columns: dict[str, tuple[Located, ...]] = {}
-    for name, column in lists.items():
-        if not isinstance(column.value, tuple) or not column.value:
-            problems.add(column.place, f"foreach.{name} is {column.found}; expected a list with at least one item")
-            return None
-        columns[name] = column.value
+    rows = Rows(tuple(values[0]), tuple(values))
+    _report_strange_values(rows, problems)
+    if len(problems) == before:
+        _report_equal_rows(rows, problems)
+    return rows if len(problems) == before else None
+
+
+def _foreach(located: Located, problems: Problems) -> Sequence[Mapping[str, Located]] | None:
+    if isinstance(located.value, str):
+        table = read_table(located.base / located.value, located.place, problems)
+        return None if table is None else _listed("foreach", table, problems)
+    if isinstance(located.value, tuple) and located.value:
+        return _listed("foreach", located.value, problems)
+    if isinstance(located.value, Mapping) and located.value:
+        return _walked_together(located, problems)
+    problems.add(located.place, f"foreach is {located.found}; expected lists such as {EXAMPLE}")
+    return None
+
+
+def _walked_together(located: Located, problems: Problems) -> list[dict[str, Located]] | None:
+    columns = _columns("foreach", located, problems)
+    if columns is None:
+        return None
     lengths = {name: len(column) for name, column in columns.items()}
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name}: {length}" for name, length in lengths.items())
-        problems.add(foreach.place, f"the lists of a foreach are walked together; found lengths {found}")
+        problems.add(located.place, f"the lists of a foreach are walked together; found lengths {found}")
         return None
-    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-    return tuple(
-        Item(label, {f"item.{name}": value for name, value in row.items()})
-        for label, row in zip(_labels(rows), rows, strict=True)
-    )
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _labels(rows: list[dict[str, Located]]) -> list[str]:
-    """A short name for each row from its own values, so that it keeps it when others come or go; else its number."""
-    labels = [",".join(str(value.plain) for value in row.values()) for row in rows]
-    if len(set(labels)) == len(labels) and all(LABEL.fullmatch(label) for label in labels):
-        return labels
-    return [str(number) for number in range(len(rows))]
+def _combinations(located: Located, problems: Problems) -> list[Mapping[str, Located]] | None:
+    """Every combination, the first list changing slowest, without the excluded and with the included rows."""
+    columns = _columns("matrix", located, problems, besides=("exclude", "include"))
+    if columns is None or not isinstance(located.value, Mapping):
+        return None
+    number = math.prod(len(column) for column in columns.values())
+    if number > MOST_ROWS:
+        problems.add(located.place, f"this matrix has {number:,} rows; at most {MOST_ROWS:,} are allowed")
+        return None
+    rows: list[Mapping[str, Located]] = [
+        dict(zip(columns, row, strict=True)) for row in itertools.product(*columns.values())
+    ]
+    for place, excluded in _extra_rows("exclude", located, columns, problems):
+        kept = [row for row in rows if any(row[name].plain != value.plain for name, value in excluded.items())]
+        if len(kept) == len(rows):
+            problems.add(place, "this excludes no row of the matrix")
+        rows = kept
+    for place, included in _extra_rows("include", located, columns, problems):
+        lacking = [name for name in columns if name not in included]
+        if lacking:
+            problems.add(place, f"this row has no {', '.join(lacking)}; expected all of {', '.join(columns)}")
+        rows.append(included)
+    if not rows:
+        problems.add(located.place, "this matrix has no rows: all are excluded")
+        return None
+    return rows
+
+
+def _columns(
+    key: str, located: Located, problems: Problems, besides: Sequence[str] = ()
+) -> dict[str, tuple[Located, ...]] | None:
+    """The lists of a mapping by name, without the entries `besides`."""
+    if not isinstance(located.value, Mapping) or not located.value.keys() - set(besides):
+        example = "{rate: [0.1, 0.2], size: [8, 16]}"
+        problems.add(located.place, f"{key} is {located.found}; expected names with a list each: {example}")
+        return None
+    before = len(problems)
+    columns: dict[str, tuple[Located, ...]] = {}
+    for name, column in located.value.items():
+        if name in besides:
+            continue
+        _check_name(name, located.keys.get(name, column.place), problems)
+        if not isinstance(column.value, tuple) or not column.value:
+            problems.add(column.place, f"{key}.{name} is {column.found}; expected a list with at least one item")
+        else:
+            columns[name] = column.value
+    return columns if len(problems) == before else None
+
+
+def _listed(key: str, rows: Sequence[Located], problems: Problems) -> list[Mapping[str, Located]]:
+    """Rows given one by one, all with the names of the first."""
+    listed: list[Mapping[str, Located]] = []
+    for row in rows:
+        if not isinstance(row.value, Mapping) or not row.value:
+            expected = "names with a value each: {cover: a, message: b}"
+            problems.add(row.place, f"a row of {key} is {row.found}; expected {expected}")
+            continue
+        names = tuple(listed[0] if listed else row.value)
+        for name in row.value:
+            if not listed:
+                _check_name(name, row.keys.get(name, row.place), problems)
+            elif name not in names:
+                message = f"this row has {name!r}, which the first has not; it has {', '.join(names)}"
+                problems.add(row.keys.get(name, row.place), f"{message}{nearest(name, names)}")
+        lacking = [name for name in names if name not in row.value]
+        if lacking:
+            problems.add(row.place, f"this row has no {', '.join(lacking)}; expected all of {', '.join(names)}")
+        listed.append(row.value)
+    return listed
+
+
+def _extra_rows(
+    key: str, matrix: Located, columns: Iterable[str], problems: Problems
+) -> Iterable[tuple[Place, Mapping[str, Located]]]:
+    """The rows of `exclude` or `include`, with known names only."""
+    if not isinstance(matrix.value, Mapping) or key not in matrix.value:
+        return
+    rows, names = matrix.value[key], list(columns)
+    if not isinstance(rows.value, tuple):
+        problems.add(rows.place, f"matrix.{key} is {rows.found}; expected a list of rows: [{{{names[0]}: …}}]")
+        return
+    for row in rows.value:
+        if not isinstance(row.value, Mapping) or not row.value:
+            problems.add(row.place, f"a row of {key} is {row.found}; expected names with values: {{{names[0]}: …}}")
+            continue
+        unknown = [name for name in row.value if name not in names]
+        for name in unknown:
+            message = f"the matrix has no {name!r}; it has {', '.join(names)}{nearest(name, names)}"
+            problems.add(row.keys.get(name, row.place), message)
+        if not unknown:
+            yield row.place, row.value
+
+
+def _check_name(name: str, place: Place, problems: Problems) -> None:
+    if not COLUMN.fullmatch(name):
+        problems.add(place, f"{name!r} cannot name a column; expected {COLUMN_WORDS}")
+
+
+def _report_strange_values(rows: Rows, problems: Problems) -> None:
+    for row in rows.values:
+        for name, value in row.items():
+            try:
+                canonical_json(value.plain, name)
+            except ValueError as error:
+                problems.add(value.place, str(error))
+
+
+def _report_equal_rows(rows: Rows, problems: Problems) -> None:
+    seen: dict[bytes, int] = {}
+    for index, identity in enumerate(rows.identities(rows.columns)):
+        if identity in seen:
+            places = [next(iter(rows.values[each].values())).place for each in (seen[identity], index)]
+            problems.add(places[1], f"this row is there twice; the first is at {places[0]}")
+        else:
+            seen[identity] = index
+
+
+def _label(values: Sequence[Json]) -> str | None:
+    """The label of a row from its own values; None where they cannot name it."""
+    parts = [_value_label(value) for value in values]
+    if None in parts:
+        return None
+    label = ",".join(str(part) for part in parts)
+    return label if len(label.encode()) <= LONGEST_NAME else f"{label[:LONGEST_LABEL]}-{digest_of(values)[:8]}"
+
+
+def _value_label(value: Json) -> str | None:
+    """A value as part of the name of a file; what had to be left out of it is told by a few digits of its hash.
+
+    >>> _value_label(0.25), _value_label("photos/fox"), _value_label("my photos/living room"), _value_label([1])
+    ('0.25', 'photos:fox', 'living-room-08323b1d', None)
+    """
+    if isinstance(value, list | dict) or value == "":
+        return None
+    text = value if isinstance(value, str) else canonical_json(value).decode()
+    if PLAIN_LABEL.fullmatch(text) and len(text.encode()) <= LONGEST_LABEL:
+        return text.replace("/", ":")
+    last = re.sub(r"[^\w.+]+", "-", text.rstrip("/").rpartition("/")[2]).strip("-")
+    while len(last.encode()) > LONGEST_LABEL - 9:
+        last = last[:-1]
+    return f"{last}-{digest_of(text)[:8]}"

@@ -8,7 +8,7 @@ a run asks, and makes again what is not.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from pipeline.changes import Change, changes
@@ -19,18 +19,21 @@ from pipeline.graph import Graph, Node, Source
 from pipeline.history import LastResult, StageResult
 from pipeline.store import Store
 
+PlanState = Literal["cached", "run", "depends", "shared"]
+
 
 @dataclass(frozen=True)
 class Step:
     """A node in the plan.
 
     `cached`: done already, as `result` tells. `run`: to be done, for `reasons`. `depends`: to be done if what is made
-    before it comes out differently. `key` is None as long as an input is not made. `changes` are what differs from the
-    last result, and part of the reasons. `failed` is the cause of a failure since the last result.
+    before it comes out differently. `shared`: to be done by a stage before it that does the same. `key` is None as long
+    as an input is not made. `changes` are what differs from the last result, and part of the reasons. `failed` is the
+    cause of a failure since the last result.
     """
 
     name: str
-    state: Literal["cached", "run", "depends"]
+    state: PlanState
     key: str | None
     reasons: tuple[str, ...] = ()
     changes: tuple[Change, ...] = ()
@@ -75,12 +78,25 @@ class _Planner:
     def plan(self) -> dict[str, Step]:
         digests: dict[Source, str | None] = {}
         steps = {}
+        works: dict[Source, str] = {}
+        workers: dict[str, str] = {}
         for name, node in self.graph.nodes.items():
             step = self.step(node, digests, self.last[name])
+            if not step.result:
+                work = self.work(node, digests, works)
+                first = workers.setdefault(work, name)
+                if first != name:
+                    step = replace(step, state="shared", reasons=(f"does the same as {first}",))
+                works |= {Source(name, output): f"{work} {output}" for output in node.declaration.outputs}
             steps[name] = step
             for output in node.declaration.outputs:
                 digests[Source(name, output)] = step.result.outputs.get(output) if step.result else None
         return steps
+
+    def work(self, node: Node, digests: Mapping[Source, str | None], works: Mapping[Source, str]) -> str:
+        """What is to be done, equal for nodes that will have the same key: for what is not made, how it will be."""
+        given = {source: digests[source] or works[source] for sources in node.sources.values() for source in sources}
+        return key_of(key_parts(node, given))
 
     def step(self, node: Node, digests: Mapping[Source, str | None], last: LastResult) -> Step:
         parts = key_parts(node, digests)
@@ -98,7 +114,7 @@ class _Planner:
             reason = "its last result is no longer whole in the store"
             return Step(node.name, "run", key, (reason,), failed=last.failed)
         waits_only = all(change.part == "input" and _waits(change) for change in changed)
-        state: Literal["run", "depends"] = "depends" if waits_only else "run"
+        state: PlanState = "depends" if waits_only else "run"
         return Step(node.name, state, key, tuple(change.text for change in changed), changed, failed=last.failed)
 
     def result(self, name: str, key: str, made: StageResult | None) -> StageResult | None:

@@ -11,7 +11,7 @@ from pipeline.graph import Node
 from pipeline.plan import Step
 from pipeline.wording import duration
 
-STATES = {"cached": "cached", "run": "to run", "depends": "depends"}
+STATES = {"cached": "cached", "run": "to run", "depends": "depends", "shared": "shared"}
 
 
 def print_plan(steps: Mapping[str, Step], as_json: bool) -> None:

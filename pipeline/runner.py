@@ -15,8 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
-from pipeline.action import Job, Outcome, perform
+from pipeline.action import Ancestor, Job, JobItem, Outcome, perform
 from pipeline.canonical import Json
+from pipeline.cause import lasting_words
+from pipeline.changes import FAILED
 from pipeline.disk import words_of
 from pipeline.events import Event, Noted, StageEnded, State, Summary
 from pipeline.executor import Executor, Lost
@@ -37,11 +39,11 @@ STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True)
 class Done:
-    """A node whose outputs are in the store; `lineage` holds the keys of all actions behind it and its own."""
+    """A node whose outputs are in the store; `lineage` holds all actions behind it and its own."""
 
     key: str
     outputs: Mapping[str, str]
-    lineage: Mapping[str, str]
+    lineage: Mapping[str, Ancestor]
 
 
 @dataclass
@@ -60,6 +62,7 @@ class Run:
     _ended: dict[str, State] = field(default_factory=dict)
     _running: dict[str, str] = field(default_factory=dict)
     _waiting: dict[str, None] = field(default_factory=dict)
+    _causes: dict[str, str] = field(default_factory=dict)
     _damaged: Counter[str] = field(default_factory=Counter)
     _executor: Executor | None = None
     _journal: Journal | None = None
@@ -157,20 +160,17 @@ class Run:
     def _advance_one(self, name: str) -> bool:
         """Does what can be done about a node; False where it is ready and held up by what runs."""
         node = self.graph.nodes[name]
-        lacking = [upstream for upstream in node.upstream if self._ended.get(upstream) in ("failed", "skipped")]
+        if any(upstream not in self._ended for upstream in node.upstream):
+            return True  # it is looked at again when they end
+        lacking = [upstream for upstream in node.required if upstream not in self._done]
         if lacking:
+            self._causes[name] = self._causes.get(lacking[0], "not made")
             self._end(StageResult(name, "skipped", cause=f"needs {lacking[0]}, which was not made"))
             return True
-        if any(upstream not in self._done for upstream in node.upstream):
-            return True  # it is looked at again when they end
         if time.monotonic() < self._again_at.get(name, 0.0):
             return False
-        digests: dict[Source, str | None] = {
-            source: self._done[source.node].outputs[source.output]
-            for sources in node.sources.values()
-            for source in sources
-        }
-        parts = key_parts(node, digests)
+        digests = {source: self._digest(source) for sources in node.sources.values() for source in sources}
+        parts = key_parts(node, {source: digest or FAILED for source, digest in digests.items()}, self._causes)
         key = key_of(parts)
         record = self.store.find(key)
         if record:
@@ -186,6 +186,10 @@ class Run:
     def _someone_is_alone(self) -> bool:
         return any(self.graph.nodes[name].declaration.alone for name in self._running)
 
+    def _digest(self, source: Source) -> str | None:
+        """The artifact of a stage that ended; None where it failed."""
+        return self._done[source.node].outputs[source.output] if source.node in self._done else None
+
     def _job(self, node: Node, key: str, parts: Mapping[str, Json]) -> Job:
         return Job(
             name=node.name,
@@ -196,10 +200,17 @@ class Run:
             parts=parts,
             arguments=node.arguments,
             inputs={
-                name: tuple(self._done[source.node].outputs[source.output] for source in sources)
+                name: tuple(digest for digest in map(self._digest, sources) if digest)
                 for name, sources in node.sources.items()
             },
-            upstream=node.upstream,
+            items={
+                name: tuple(
+                    JobItem(label.text, label.values, source.node, self._digest(source), self._causes.get(source.node))
+                    for label, source in zip(labels, node.sources[name], strict=True)
+                )
+                for name, labels in node.labels.items()
+            },
+            upstream=tuple(upstream for upstream in node.upstream if upstream in self._done),
             lineage=self._lineage(node),
             code=node.code,
             private=node.private,
@@ -211,11 +222,11 @@ class Run:
             captures=self.captures,
         )
 
-    def _lineage(self, node: Node) -> dict[str, str]:
-        """Keys of the actions behind a node by stage, in the order of the graph."""
-        behind: dict[str, str] = {}
+    def _lineage(self, node: Node) -> dict[str, Ancestor]:
+        """The actions behind a node by stage, in the order of the graph."""
+        behind: dict[str, Ancestor] = {}
         for upstream in node.upstream:
-            behind |= self._done[upstream].lineage
+            behind |= self._done[upstream].lineage if upstream in self._done else {}
         return behind
 
     def _start(self, node: Node, key: str, parts: Mapping[str, Json]) -> None:
@@ -245,6 +256,7 @@ class Run:
             self._end(StageResult(name, "skipped", seconds=outcome.seconds, cause=outcome.cause))
         elif outcome.outputs is None or outcome.state == "failed":
             cause = outcome.cause or "failed"
+            self._causes[name] = self._lasting(name, cause)
             self._end(StageResult(name, "failed", key, {}, outcome.seconds, cause=cause), outcome.log)
         else:
             state: State = "ran" if outcome.state == "ran" else "cached"
@@ -274,6 +286,14 @@ class Run:
         """What a worker makes when it begins an action of this run."""
         return self._stop_flag.with_name(f"{self._stop_flag.name}-{key}")
 
+    def _lasting(self, name: str, cause: str) -> str:
+        """Why a stage failed, for the stages that go on without it."""
+        node = self.graph.nodes[name]
+        outside = [node.arguments.get(parameter) for parameter in node.declaration.external]
+        paths = [path for value in outside for path in (value if isinstance(value, list) else [value])]
+        words = cause.replace(f"{self.store.root}/", "")
+        return f"{node.entry}: {lasting_words(words, [path for path in paths if isinstance(path, str)])}"
+
     def _make_again(self, name: str, key: str, outcome: Outcome) -> Iterable[str]:
         """Puts damaged inputs of a stage aside, and has what made them, and then the stage, done again.
 
@@ -286,6 +306,7 @@ class Run:
         self._damaged.update([name, *made_again])
         if self._damaged[name] > COMPLAINTS or any(self._damaged[digest] > REPAIRS for digest in made_again):
             cause = f"{self.store.object(outcome.damaged[0])}: damaged again after it was made anew. Check the disk."
+            self._causes[name] = self._lasting(name, cause)
             self._end(StageResult(name, "failed", key, cause=cause), outcome.log)
             return self._dependents[name]
         for digest in made_again:
@@ -305,9 +326,8 @@ class Run:
     def _finish(self, result: StageResult, log: Path | None = None) -> None:
         """Ends a node whose outputs are in the store."""
         node = self.graph.nodes[result.name]
-        self._done[node.name] = Done(
-            str(result.key), result.outputs, {**self._lineage(node), node.name: str(result.key)}
-        )
+        own = Ancestor(str(result.key), tuple(upstream for upstream in node.upstream if upstream in self._done))
+        self._done[node.name] = Done(own.key, result.outputs, {**self._lineage(node), node.name: own})
         try:
             self.store.link_latest(self.graph.workflow, node.name, result.outputs)
         except OSError as error:

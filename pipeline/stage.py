@@ -49,11 +49,16 @@ ExternalPath = Annotated[Path, ExternalMarker()]
 
 @dataclass(frozen=True)
 class Input:
-    """An artifact that a stage takes; `many` takes any number of them, in order, as a tuple."""
+    """An artifact that a stage takes; `many` takes any number of them, in order, as a tuple.
+
+    A `labelled` one, which is `many`, tells what each artifact is about, and what is lacking because it failed: see
+    `Context.items`. Both are then part of the action's key.
+    """
 
     kind: str
     many: bool = False
     optional: bool = False
+    labelled: bool = False
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,22 @@ class Output:
 
     kind: str
     privacy: Privacy = "inherit"
+
+
+@dataclass(frozen=True)
+class Item:
+    """One thing of which a labelled input takes the artifact: a row of a `foreach`, or a stage without one.
+
+    `label` is the row's short name, `values` the row, empty without a `foreach`; `stage` the stage's name in the
+    workflow, under which `Context.lineage` has it. `artifact` is None where it failed, and `cause` says why in one
+    line, the same every time for the same failure.
+    """
+
+    label: str
+    values: Mapping[str, Json]
+    stage: str
+    artifact: Artifact | None
+    cause: str | None = None
 
 
 @dataclass(frozen=True)
@@ -107,8 +128,10 @@ class Context:
         scratch: Path,
         workflow_name: str,
         services: Services,
+        items: Mapping[str, tuple[Item, ...]] | None = None,
     ) -> None:
         self.inputs = inputs
+        self._items = items or {}
         self.scratch = scratch
         self.workflow_name = workflow_name
         self.facts: dict[str, Json] = {}
@@ -129,6 +152,12 @@ class Context:
         if not isinstance(value, tuple):
             raise TypeError(f"input {name!r} is not declared with many=True")
         return value
+
+    def items(self, name: str) -> tuple[Item, ...]:
+        """What the artifacts of a labelled input are about, in order, failed ones included; empty where not given."""
+        if name not in self._items:
+            raise TypeError(f"input {name!r} is not declared with labelled=True")
+        return self._items[name]
 
     def input_optional(self, name: str) -> Artifact | None:
         """The artifact of an optional input, or None where the workflow gives none."""
@@ -232,6 +261,9 @@ def stage(
         except UserError as error:
             raise TypeError(f"stage {function.__name__}: {error}") from error
         model = _parameters_of(function)
+        for name, port in inputs.items():
+            if port.labelled and not port.many:
+                raise TypeError(f"stage {function.__name__}: the labelled input {name!r} is not declared many=True")
         return Stage(function, model, dict(inputs), dict(outputs), version, modules, alone, needed)
 
     return declare
@@ -264,9 +296,11 @@ def run_stage(
     services: Services | None = None,
     workflow_name: str = "test",
     private: bool = False,
+    items: Mapping[str, tuple[Item, ...]] | None = None,
 ) -> dict[str, Artifact]:
     """Runs a stage without the engine, for tests: the artifacts of its outputs, each in `directory/<output>`.
 
+    `items` are those of the labelled inputs; without them, they have their numbers for labels.
     Raises what the stage raises, and TypeError where the inputs are not those that it declares.
     """
     values = bind_inputs(declared, inputs)
@@ -277,7 +311,13 @@ def run_stage(
     }
     scratch = directory / ".scratch"
     scratch.mkdir(parents=True, exist_ok=True)
-    declared(Context(values, writers, scratch, workflow_name, services or Services()), parameters)
+    numbered = {
+        name: tuple(Item(str(number), {}, name, artifact) for number, artifact in enumerate(_artifacts({name: value})))
+        for name, value in values.items()
+        if declared.inputs[name].labelled
+    }
+    context = Context(values, writers, scratch, workflow_name, services or Services(), {**numbered, **(items or {})})
+    declared(context, parameters)
     return {name: publish(writer.seal(), directory / name) for name, writer in writers.items()}
 
 

@@ -1,10 +1,14 @@
-"""The workflow file: read, checked for its shape, `--set` applied, `foreach` unrolled and every `${…}` replaced.
+"""The workflow file: read, checked for its shape, `--set` applied, `foreach` and `matrix` unrolled, `${…}` replaced.
 
     name: hide_scene
     vars: {width: 192, cover: null}          # null: must be given with --set
     stages:
       photos: {uses: photos, with: {folder: "${cover}"}}
       scene:  {uses: sfm, in: {capture: photos}, with: {width: "${width}"}}
+
+A stage with a `foreach` or `matrix` is done once for each row, or rather once for each that makes a difference: rows
+that are equal in all that the stage and those before it use share one instance. So pairs of scenes that have a cover in
+common have one `cover[kitchen]`, although `cover` says `foreach: pairs.csv` like all others.
 
 Nothing here knows what stages exist: `graph` checks what is said against what they declare.
 """
@@ -16,13 +20,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.canonical import Json
 from pipeline.errors import CommandError, Place, nearest
 from pipeline.located import Located, Problems, read_yaml
-from pipeline.matrix import Item, Scope, items, substitute
+from pipeline.matrix import Rows, expand
+from pipeline.substitution import Scope, references, substitute
 
 WORKFLOW_KEYS = ("name", "vars", "stages")
-STAGE_KEYS = ("uses", "in", "with", "foreach", "private", "resources")
+STAGE_KEYS = ("uses", "in", "with", "foreach", "matrix", "private", "resources")
+INPUT_KEYS = ("all", "without_failed")
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 
 
@@ -37,15 +42,17 @@ class Reference:
 
 @dataclass(frozen=True)
 class Instance:
-    """One node of the graph to be: an entry of the file, for one item of its `foreach`.
+    """One node of the graph to be: an entry of the file, for the rows of its `foreach` that it serves.
 
-    `broken` names parameters whose value is missing, which has been reported already.
+    `listed` names inputs that are given as a list, `without_failed` those that go on without what failed, `broken`
+    parameters whose value is missing, which has been reported already.
     """
 
     name: str
     uses: Located
     inputs: Mapping[str, tuple[Reference, ...]]
     listed: frozenset[str]
+    without_failed: frozenset[str]
     parameters: Mapping[str, Located]
     broken: frozenset[str]
     private: bool
@@ -54,7 +61,11 @@ class Instance:
 
 @dataclass(frozen=True)
 class Entry:
-    """A stage of the file. `foreach` is its plain lists, equal for stages that go item by item; None without one."""
+    """A stage of the file.
+
+    `rows` are those of its `foreach` or `matrix`, None without one; `chosen` tells for each row, or for the only pass
+    without rows, which of the instances serves it.
+    """
 
     name: str
     place: Place
@@ -62,8 +73,13 @@ class Entry:
     parameters_place: Place
     input_places: Mapping[str, Place]
     parameter_places: Mapping[str, Place]
-    foreach: Json
+    rows: Rows | None
     instances: tuple[Instance, ...]
+    chosen: tuple[int, ...]
+
+    def goes_with(self, other: Entry) -> bool:
+        """Whether the two go row by row together: they have the same rows in the same order."""
+        return self.rows is not None and other.rows is not None and self.rows.identity == other.rows.identity
 
 
 @dataclass(frozen=True)
@@ -107,6 +123,7 @@ class _Parser:
     def __init__(self, path: Path, problems: Problems) -> None:
         self.path = path
         self.problems = problems
+        self.expanded: dict[tuple[object, ...], tuple[Located, Rows | None]] = {}
 
     def workflow(self, root: Located, settings: dict[str, Located]) -> Workflow:
         top = self.mapping(root, "the workflow", WORKFLOW_KEYS)
@@ -127,7 +144,10 @@ class _Parser:
                 if setting.startswith(f"{stage}.")
             }
             entries[stage] = self.entry(stage, place, body, variables, mine)
-        return Workflow(name, str(self.path), entries)
+        columns = _columns_used(entries, bodies, settings)
+        return Workflow(
+            name, str(self.path), {stage: _shared(entry, columns[stage]) for stage, entry in entries.items()}
+        )
 
     def name(self, value: Located | None) -> str:
         if value is None:
@@ -171,15 +191,16 @@ class _Parser:
         given = dict(self.mapping(inputs, f"'in' of stage {name!r}")) if inputs else {}
         values = dict(self.mapping(parameters, f"'with' of stage {name!r}")) if parameters else {}
         values |= settings
-        foreach = substitute(fields["foreach"], variables, self.problems) if "foreach" in fields else None
-        passes = items(foreach, self.problems) if foreach is not None else None
         private = fields.get("private", Located(False, place, body.base))
         resources = self.mapping(
             fields.get("resources", Located({}, place, body.base)), f"'resources' of stage {name!r}"
         )
+        rows = self.rows(name, fields, variables)
+        repeated = any(key in fields for key in ("foreach", "matrix"))
+        scopes = [rows.scope(index) for index in range(len(rows.values))] if rows else [] if repeated else [{}]
         instances = [
-            self.instance(name, item, uses, given, values, private, resources, variables)
-            for item in (passes or (() if "foreach" in fields else (None,)))
+            self.instance(name, uses, given, values, private, resources, {**variables, **scope} if scope else variables)
+            for scope in scopes
         ]
         return Entry(
             name=name,
@@ -191,22 +212,36 @@ class _Parser:
                 **(parameters.keys if parameters else {}),
                 **{key: v.place for key, v in settings.items()},
             },
-            foreach=foreach.plain if foreach is not None else None,
+            rows=rows,
             instances=tuple(instances),
+            chosen=tuple(range(len(instances))),
         )
+
+    def rows(self, name: str, fields: Mapping[str, Located], variables: Scope) -> Rows | None:
+        """The rows of a stage's `foreach` or `matrix`; None, with the reason reported, where something is wrong."""
+        if "foreach" in fields and "matrix" in fields:
+            message = f"stage {name!r} has both 'foreach' and 'matrix'; expected one of them"
+            self.problems.add(fields["matrix"].place, message)
+        for key in ("foreach", "matrix"):
+            given = substitute(fields[key], variables, self.problems) if key in fields else None
+            if given is not None:
+                # Stages that share a var or name one table get the same rows, read and checked once.
+                shared = (key, given.base, given.value) if isinstance(given.value, str) else (key, id(given))
+                if shared not in self.expanded:
+                    self.expanded[shared] = given, expand(key, given, self.problems)
+                return self.expanded[shared][1]
+        return None
 
     def instance(
         self,
         name: str,
-        item: Item | None,
         uses: Located,
         inputs: Mapping[str, Located],
         parameters: Mapping[str, Located],
         private: Located,
         resources: Mapping[str, Located],
-        variables: Scope,
+        scope: Scope,
     ) -> Instance:
-        scope = {**variables, **item.scope} if item else variables
         uses = substitute(uses, scope, self.problems) or replace(uses, value=None)
         if not isinstance(uses.value, str) and uses.value is not None:
             self.problems.add(uses.place, f"uses is {uses.found}; expected the name of a stage")
@@ -215,18 +250,32 @@ class _Parser:
         if not isinstance(flag.value, bool):
             self.problems.add(flag.place, f"private is {flag.found}; expected true or false")
         filled = {key: substitute(value, scope, self.problems) for key, value in inputs.items()}
+        taken = {key: self.taken(key, value) for key, value in filled.items() if value is not None}
         values = {key: substitute(value, scope, self.problems) for key, value in parameters.items()}
         needed = {key: substitute(value, scope, self.problems) for key, value in resources.items()}
         return Instance(
-            name=f"{name}[{item.label}]" if item else name,
+            name=name,
             uses=uses,
-            inputs={key: self.references(key, value) for key, value in filled.items() if value is not None},
-            listed=frozenset(key for key, value in filled.items() if value and isinstance(value.value, tuple)),
+            inputs={key: self.references(key, value) for key, (value, _) in taken.items()},
+            listed=frozenset(key for key, (value, _) in taken.items() if isinstance(value.value, tuple)),
+            without_failed=frozenset(key for key, (_, without_failed) in taken.items() if without_failed),
             parameters={key: value for key, value in values.items() if value is not None},
             broken=frozenset(key for key, value in values.items() if value is None),
             private=flag.value is True,
             resources={key: value for key, value in needed.items() if value is not None},
         )
+
+    def taken(self, name: str, value: Located) -> tuple[Located, bool]:
+        """What an input takes, and whether it goes on without what failed: `{all: STAGE, without_failed: true}`."""
+        if not isinstance(value.value, Mapping):
+            return value, False
+        fields = self.mapping(value, f"input {name!r}", INPUT_KEYS)
+        if "all" not in fields:
+            self.problems.add(value.place, f"input {name!r} does not say what it takes 'all' of")
+        flag = fields.get("without_failed", Located(False, value.place, value.base))
+        if not isinstance(flag.value, bool):
+            self.problems.add(flag.place, f"without_failed is {flag.found}; expected true or false")
+        return fields.get("all", replace(value, value=())), flag.value is True
 
     def references(self, name: str, value: Located) -> tuple[Reference, ...]:
         references = []
@@ -250,3 +299,38 @@ class _Parser:
                 message = f"unknown key {key!r} in {what}; allowed are {', '.join(allowed)}{nearest(key, allowed)}"
                 self.problems.add(located.keys[key], message)
         return {key: value for key, value in located.value.items() if key in allowed}
+
+
+def _columns_used(
+    entries: Mapping[str, Entry], bodies: Mapping[str, Located], settings: Mapping[str, Located]
+) -> dict[str, frozenset[str]]:
+    """The columns of its rows that a stage uses, itself or through stages that go row by row with it."""
+    used: dict[str, set[str]] = {}
+    upstream: dict[str, set[str]] = {}
+    for name, entry in entries.items():
+        mine = [value for setting, value in settings.items() if setting.startswith(f"{name}.")]
+        said = {reference for value in (bodies[name], *mine) for reference in references(value)}
+        used[name] = {reference.removeprefix("item.") for reference in said if reference.startswith("item.")}
+        stages = {taken.stage for each in entry.instances for group in each.inputs.values() for taken in group}
+        upstream[name] = {stage for stage in stages if stage in entries and entry.goes_with(entries[stage])}
+    growing = True
+    while growing:
+        before = sum(map(len, used.values()))
+        for name in entries:
+            used[name].update(*(used[stage] for stage in upstream[name]))
+        growing = sum(map(len, used.values())) > before
+    return {name: frozenset(columns) for name, columns in used.items()}
+
+
+def _shared(entry: Entry, used: frozenset[str]) -> Entry:
+    """The entry with one instance for all rows that are equal in the columns `used`, named after those."""
+    if entry.rows is None:
+        return entry
+    columns = [column for column in entry.rows.columns if column in used]
+    labels = entry.rows.labels(columns) if columns else [""] * len(entry.instances)
+    instances: dict[str, Instance] = {}
+    for label, instance in zip(labels, entry.instances, strict=True):
+        name = f"{entry.name}[{label}]" if columns else entry.name
+        instances.setdefault(label, replace(instance, name=name))
+    number = {label: index for index, label in enumerate(instances)}
+    return replace(entry, instances=tuple(instances.values()), chosen=tuple(number[label] for label in labels))

@@ -14,10 +14,10 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 ENGINE = [
-    "errors canonical completion disk orphans temporary",
+    "errors canonical cause completion disk orphans temporary",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
     "engine_code",
-    "arrays",
+    "arrays substitution table",
     "matrix artifact executor placement fingerprint history wording",
     "stage store workflow livetable loaded_code",
     "declaration checkpoint external_cache naming privacy garbage verification workers progress",

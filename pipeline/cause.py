@@ -1,0 +1,33 @@
+"""Why something failed, told so that it can be part of a key: the same failure gives the same words every time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+LONGEST = 300  # characters
+VARYING = (
+    (re.compile(r"(?<![\w.])/(?:[^\s/:;,'\"]+/)+"), ""),  # folders; the name at the end of a path stays
+    (re.compile(r"\b0x[0-9a-f]+\b", re.IGNORECASE), "0x…"),
+    (re.compile(r"\b[0-9a-f]{16,}\b", re.IGNORECASE), "…"),  # digests and names drawn by chance
+    (re.compile(r"\b[0-9.]+ ?(?:ms|s|seconds?|min|minutes?|h|hours?)\b"), "some time"),
+)
+
+
+def lasting_words(cause: str, folders: Iterable[str] = ()) -> str:
+    """`cause` in one line without what differs from run to run or tells where things lie.
+
+    Paths keep their last name, those under one of `folders` what follows it; times and addresses are left out.
+
+    >>> lasting_words("/home/me/fox/7.jpg: found 10 bytes after 3.2 s at 0x7f3a")
+    '7.jpg: found 10 bytes after some time at 0x…'
+    >>> lasting_words("/my photos/fox/a/7.jpg: not a picture", ["/my photos/fox"])
+    'fox/a/7.jpg: not a picture'
+    """
+    words = " ".join(cause.split())
+    for folder in sorted(folders, key=len, reverse=True):
+        words = words.replace(folder, Path(folder).name) if len(folder) > 1 else words
+    for pattern, instead in VARYING:
+        words = pattern.sub(instead, words)
+    return words if len(words) <= LONGEST else f"{words[: LONGEST - 1]}…"

@@ -1,0 +1,78 @@
+"""`${…}`: what a workflow file says once and means in several places."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+from pipeline.errors import nearest
+from pipeline.located import Located, Problems
+
+Scope = Mapping[str, Located | None]
+"""What `${name}` stands for; None for a name whose value is missing, which has been reported already."""
+
+REFERENCE = re.compile(r"\$(\$|\{([^{}]*)\})")
+
+
+def substitute(located: Located, scope: Scope, problems: Problems) -> Located | None:
+    """`located` with every `${name}` replaced; None, with the reason among `problems`, where that is impossible.
+
+    A text that is nothing but `${name}` becomes the named value itself, with its type, its place and its base; a text
+    that begins with `${name}` keeps the base, so that `${folder}/photos` leads where `${folder}` does. `$$` stands for
+    a dollar sign.
+    """
+    if isinstance(located.value, tuple):
+        items = [substitute(item, scope, problems) for item in located.value]
+        return None if None in items else replace(located, value=tuple(item for item in items if item is not None))
+    if isinstance(located.value, Mapping):
+        values = {name: substitute(item, scope, problems) for name, item in located.value.items()}
+        if None in values.values():
+            return None
+        return replace(located, value={name: item for name, item in values.items() if item is not None})
+    if not isinstance(located.value, str) or "$" not in located.value:
+        return located
+    whole = REFERENCE.fullmatch(located.value)
+    if whole and whole[2] is not None:
+        return _look_up(whole[2], located, scope, problems)
+    return _interpolate(located, scope, problems)
+
+
+def references(located: Located) -> Iterator[str]:
+    """The name in every `${name}` of a value, at any depth."""
+    if isinstance(located.value, tuple):
+        for item in located.value:
+            yield from references(item)
+    elif isinstance(located.value, Mapping):
+        for item in located.value.values():
+            yield from references(item)
+    elif isinstance(located.value, str):
+        yield from (match[2] for match in REFERENCE.finditer(located.value) if match[2] is not None)
+
+
+def _interpolate(located: Located, scope: Scope, problems: Problems) -> Located | None:
+    text, pieces, end, base = str(located.value), [], 0, located.base
+    for match in REFERENCE.finditer(text):
+        pieces.append(text[end : match.start()])
+        end = match.end()
+        if match[1] == "$":
+            pieces.append("$")
+            continue
+        value = _look_up(match[2], located, scope, problems)
+        if value is None:
+            return None
+        if isinstance(value.value, tuple | Mapping) or value.value is None:
+            problems.add(located.place, f"${{{match[2]}}} is {value.found}, which cannot stand inside a text")
+            return None
+        if match.start() == 0:
+            base = value.base
+        pieces.append(str(value.value).lower() if isinstance(value.value, bool) else str(value.value))
+    return replace(located, value="".join([*pieces, text[end:]]), base=base)
+
+
+def _look_up(name: str, located: Located, scope: Scope, problems: Problems) -> Located | None:
+    if name in scope:
+        return scope[name]
+    known = ", ".join(f"${{{known}}}" for known in scope) or "none"
+    problems.add(located.place, f"${{{name}}} is not known; known are {known}{nearest(name, scope)}")
+    return None

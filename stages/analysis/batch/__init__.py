@@ -1,0 +1,1 @@
+"""The page about a batch: one row for each of its items, failed ones included."""

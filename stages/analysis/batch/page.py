@@ -1,0 +1,187 @@
+"""The batch's page as the template takes it, the page as HTML, and the same figures as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from stages.analysis.batch.results import (
+    COVER,
+    MESSAGE,
+    OWNER_FIGURES,
+    PUBLIC_FIGURES,
+    REFERENCE,
+    SCENE,
+    Figure,
+    Result,
+    mean_figure,
+    measured,
+)
+from stages.analysis.page.figures import MISSING, WORDING, label, write_figure, write_seconds
+from stages.analysis.page.page import TEMPLATES as COMMON_TEMPLATES
+from stages.analysis.page.summary import Tile
+
+RESOURCES = ("templates/*",)
+TEMPLATES = Path(__file__).parent / "templates"
+OWNER_SUBJECTS = {
+    COVER: "Cover, test views",
+    MESSAGE: "Message, test views",
+    REFERENCE: "3DGS of the cover alone",
+    SCENE: "Container",
+}
+PUBLIC_SUBJECTS = {COVER: "Test views", REFERENCE: "3DGS alone", SCENE: "Scene"}
+
+
+@dataclass(frozen=True)
+class Line:
+    """A row of the table: what it is called, its figures as written, and where it failed why."""
+
+    names: tuple[str, ...]
+    cells: tuple[str, ...]
+    cause: str = ""
+
+
+@dataclass(frozen=True)
+class BatchPage:
+    """`groups` are the headings above the columns, each with how many it spans; `means` is None for a single line."""
+
+    title: str
+    summary: str
+    tiles: tuple[Tile, ...]
+    names: tuple[str, ...]
+    groups: tuple[tuple[str, int], ...]
+    headings: tuple[str, ...]
+    lines: tuple[Line, ...]
+    means: Line | None
+    note: str
+    definitions: tuple[tuple[str, str], ...]
+
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """The columns with which a group begins."""
+        spans = [span for _, span in self.groups]
+        return tuple(sum(spans[:index]) for index in range(len(spans)))
+
+
+def owner_page(results: Sequence[Result], workflow: str) -> BatchPage:
+    """Everything, in the order of the batch."""
+    made = [result for result in results if result.made]
+    failed = len(results) - len(made)
+    told = f"{len(made)} of {len(results)} made" + (f", {failed} failed" if failed else "")
+    tiles = (
+        Tile("Made", f"{len(made)} of {len(results)}", f"{failed} failed" if failed else ""),
+        *_tile("Cover, test views", made, OWNER_FIGURES, Figure(COVER, OWNER_FIGURES[0].column)),
+        *_tile("Message, test views", made, OWNER_FIGURES, Figure(MESSAGE, OWNER_FIGURES[0].column)),
+        *_tile("3DGS of the cover alone", made, OWNER_FIGURES, Figure(REFERENCE, OWNER_FIGURES[0].column)),
+    )
+    names = tuple(dict.fromkeys(name for result in results for name in result.values))
+    note = "Time: of all stages behind a row; what rows share counts in each."
+    return _page(workflow, f"{told}.", tiles, names, results, OWNER_FIGURES, OWNER_SUBJECTS, note)
+
+
+def public_page(results: Sequence[Result], columns: Sequence[str]) -> BatchPage:
+    """The scenes that were made, in words that fit any splatted scenes; `columns` hold their names."""
+    made = [
+        Result({"Scene": _scene_name(result, columns, number)}, result.figures, math.nan)
+        for number, result in enumerate((result for result in results if result.made), start=1)
+    ]
+    summary = "Scenes of 3D Gaussians, compared with photos that they were not fitted to."
+    tiles = (
+        Tile("Scenes", str(len(made)), ""),
+        *_tile("Test views", made, PUBLIC_FIGURES, PUBLIC_FIGURES[0]),
+    )
+    title = "Gaussian splatting scenes"
+    return _page(title, summary, tiles, ("Scene",), made, PUBLIC_FIGURES, PUBLIC_SUBJECTS, "")
+
+
+def write_page(page: BatchPage) -> str:
+    """The page as HTML, complete in itself: no script, and nothing that is fetched from anywhere."""
+    environment = Environment(
+        loader=FileSystemLoader([TEMPLATES, COMMON_TEMPLATES]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("batch.html").render(page=page)
+
+
+def write_table(results: Sequence[Result], wanted: Sequence[Figure], names: Sequence[str]) -> str:
+    """The figures for other programs: a header, and a line for each result with all its digits."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*names, *(f"{figure.subject}_{figure.column.quantity}" for figure in wanted), "seconds", "failed"])
+    for result in results:
+        figures = ["" if math.isnan(value) else f"{value:.6g}" for value in (*result.figures, result.seconds)]
+        writer.writerow([*(result.values.get(name, "") for name in names), *figures, result.cause or ""])
+    return text.getvalue()
+
+
+def _page(
+    title: str,
+    summary: str,
+    tiles: tuple[Tile, ...],
+    names: tuple[str, ...],
+    results: Sequence[Result],
+    wanted: Sequence[Figure],
+    subjects: Mapping[str, str],
+    note: str,
+) -> BatchPage:
+    shown = measured(results, wanted)
+    timed = any(not math.isnan(result.seconds) for result in results)
+    groups = [(subjects[name], len(list(group))) for name, group in groupby(wanted[index].subject for index in shown)]
+    made = [result for result in results if result.made]
+    quantities = dict.fromkeys(wanted[index].column.quantity for index in shown)
+    seconds = math.fsum(result.seconds for result in made) / len(made) if made else math.nan
+    means = [write_figure(wanted[index].column.quantity, mean_figure(results, index)) for index in shown]
+    return BatchPage(
+        title=title,
+        summary=summary,
+        tiles=tiles,
+        names=names,
+        groups=(*groups, *([("Work", 1)] if timed else [])),
+        headings=(*(label(wanted[index].column.quantity) for index in shown), *(["Time"] if timed else [])),
+        lines=tuple(_line(result, names, wanted, shown, timed) for result in results),
+        means=Line((f"Mean of {len(made)}",), (*means, *([_time(seconds)] if timed else [])))
+        if len(made) > 1
+        else None,
+        note=note,
+        definitions=tuple(WORDING[quantity] for quantity in quantities),
+    )
+
+
+def _line(result: Result, names: Sequence[str], wanted: Sequence[Figure], shown: Sequence[int], timed: bool) -> Line:
+    cells = [write_figure(wanted[index].column.quantity, result.figures[index]) for index in shown]
+    return Line(
+        tuple(result.values.get(name, "") for name in names),
+        (*cells, *([_time(result.seconds)] if timed else [])),
+        result.cause or "",
+    )
+
+
+def _time(seconds: float) -> str:
+    return MISSING if math.isnan(seconds) else write_seconds(seconds)
+
+
+def _tile(name: str, made: Sequence[Result], wanted: Sequence[Figure], figure: Figure) -> list[Tile]:
+    """The mean of a figure with its range; nothing where it was not measured."""
+    index = list(wanted).index(figure)
+    values = [result.figures[index] for result in made if not math.isnan(result.figures[index])]
+    if not values:
+        return []
+    low, high = (write_figure(figure.column.quantity, value) for value in (min(values), max(values)))
+    mean = write_figure(figure.column.quantity, mean_figure(made, index))
+    return [Tile(name, f"{mean} dB", f"mean; {low} to {high}" if len(values) > 1 else "")]
+
+
+def _scene_name(result: Result, columns: Sequence[str], number: int) -> str:
+    """The last parts of the paths in the public columns; a number where there are none."""
+    parts = [Path(result.values[column]).name for column in columns if result.values.get(column)]
+    return " · ".join(part for part in parts if part) or str(number)

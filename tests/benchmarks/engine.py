@@ -1,0 +1,150 @@
+"""What the engine costs with 1,000 pairs of `workflows/batch_pairs.yaml`, 10,000 stages, none of which is really run.
+
+    python -m tests.benchmarks.engine [PAIRS]
+
+Every pair has a cover and a message of its own, so nothing is shared. Measured are whole commands, from the shell and
+back: a plan where nothing was done yet, then, with results in the store that were made up for the purpose (each of a
+few small files), `status` and a run that finds everything done. `cpu` is what the process itself worked, which other
+programs on the machine do not change.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.explain import key_of, key_parts
+from pipeline.graph import Node, Source
+from pipeline.history import StageResult
+from pipeline.manifest import FileRecord, Manifest
+from pipeline.project import open_project
+from pipeline.provenance import machine
+from pipeline.stage import output_is_private
+from pipeline.store import RECORD, Record, Store
+
+WORKFLOW = Path(__file__).parents[2] / "workflows" / "batch_pairs.yaml"
+FILES = {f"part{number}": b"what a stage made" for number in range(3)}
+RECORDS = {name: FileRecord(len(data), hashlib.sha256(data).hexdigest()) for name, data in FILES.items()}
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of one command: seconds on the clock and of work, and the most memory that it held, in MB."""
+
+    seconds: float
+    cpu: float
+    memory: float
+
+
+def main() -> None:
+    pairs = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
+    with tempfile.TemporaryDirectory(prefix="gs-hider-benchmark-") as name:
+        folder = Path(name)
+        table = write_pairs(folder, pairs)
+        small = write_pairs(folder / "one", 1)
+        for pairs_file in (small, table):  # imports the stages, which costs what torch costs, and remembers them
+            cost("run", folder / "store", pairs_file, "--dry-run")
+        nothing = cost("run", folder / "store", small, "--dry-run")
+        plan = cost("run", folder / "store", table, "--dry-run")
+        stages = fill(folder / "store", table)
+        print(f"{pairs} pairs, {stages} stages")
+        told("plan, nothing done", plan, stages, nothing)
+        told("status, all cached", cost("status", folder / "store", table), stages, nothing)
+        told("run, all cached", cost("run", folder / "store", table), stages, nothing)
+
+
+def write_pairs(folder: Path, pairs: int) -> Path:
+    """A CSV of pairs, and a folder with one file for each cover and each message."""
+    rows = ["cover,message"]
+    for number in range(pairs):
+        names = [f"photos/cover{number:04d}", f"photos/message{number:04d}"]
+        rows.append(",".join(names))
+        for name in names:
+            (folder / name).mkdir(parents=True)
+            (folder / name / "photo.jpg").write_text(name)
+    table = folder / "pairs.csv"
+    table.write_text("\n".join([*rows, ""]))
+    return table
+
+
+def cost(command: str, store: Path, table: Path, *arguments: str) -> Cost:
+    """What a command costs, its output thrown away. Raises RuntimeError where it fails."""
+    words = [sys.executable, "-m", "pipeline", command, str(WORKFLOW), "--store", str(store), "--set", f"pairs={table}"]
+    started = time.monotonic()
+    process = subprocess.Popen([*words, *arguments], stdout=subprocess.DEVNULL, cwd=WORKFLOW.parents[1])
+    _, status, usage = os.wait4(process.pid, 0)
+    if status:
+        raise RuntimeError(f"{command} ended with status {os.waitstatus_to_exitcode(status)}")
+    return Cost(time.monotonic() - started, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
+
+
+def told(what: str, cost: Cost, stages: int, nothing: Cost) -> None:
+    each = 1000 * (cost.cpu - nothing.cpu) / stages
+    ratio = cost.cpu / nothing.cpu
+    print(
+        f"{what:20} {cost.seconds:6.2f} s, cpu {cost.cpu:6.2f} s, {cost.memory:4.0f} MB; "
+        f"{each:.3f} ms a stage, {ratio:.1f} times a plan of one pair"
+    )
+
+
+def fill(folder: Path, table: Path) -> int:
+    """Makes up a result for every stage; returns how many there are."""
+    project = open_project(WORKFLOW, folder, [f"pairs={table}"])
+    store, digests = project.store, dict[Source, str | None]()
+    journal = store.history.begin(project.graph.workflow)
+    for number, node in enumerate(project.graph.nodes.values()):
+        parts = key_parts(node, digests)
+        outputs = {
+            name: make_up(store, output.kind, output_is_private(output, node.private), f"{number} {name}")
+            for name, output in node.declaration.outputs.items()
+        }
+        digests |= {Source(node.name, name): digest for name, digest in outputs.items()}
+        record = Record(key_of(parts), parts, outputs, provenance(node))
+        store.keep_code(node.code.digest, node.code.modules)
+        write_record(store, record)
+        journal.add(StageResult(node.name, "ran", record.key, outputs, 1.0))
+    journal.close()
+    return len(project.graph.nodes)
+
+
+def provenance(node: Node) -> dict[str, object]:
+    return {
+        "name": node.name,
+        "workflow": "batch_pairs",
+        "upstream": list(node.upstream),
+        "started": "2026-01-01T00:00:00+00:00",
+        "seconds": 1.0,
+        "versions": dict.fromkeys(node.code.libraries, "1.0"),
+        "machine": machine(),
+        "facts": {},
+        "commit": None,
+        "private": node.private,
+    }
+
+
+def make_up(store: Store, kind: str, private: bool, text: str) -> str:
+    """An artifact like no other, written without care for a power cut."""
+    manifest = Manifest(kind, private, {"made_up": text}, {}, RECORDS)
+    path = store.folder("objects") / manifest.digest
+    path.mkdir()
+    for name, data in FILES.items():
+        (path / name).write_bytes(data)
+    manifest.write(path)
+    return manifest.digest
+
+
+def write_record(store: Store, record: Record) -> None:
+    folder = store.folder("actions", record.key)
+    content = {"key": record.key, "parts": record.parts, "outputs": record.outputs, "provenance": record.provenance}
+    (folder / RECORD).write_text(json.dumps(content))
+
+
+if __name__ == "__main__":
+    main()

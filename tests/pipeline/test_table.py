@@ -1,0 +1,149 @@
+"""Rows from CSV files: whatever is wrong with one is said with its place, what was found and what is allowed."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.errors import Place
+from pipeline.located import Problems
+from pipeline.table import read_table
+from tests.pipeline.helpers import Workspace
+
+EACH = """\
+    stages:
+      each: {uses: numbers, foreach: rows.csv, with: {first: "${item.first}", note: "${item.note}"}}
+    """
+NAMES = st.lists(st.from_regex(r"[A-Za-z_][A-Za-z0-9_-]{0,8}", fullmatch=True), min_size=1, max_size=4, unique=True)
+TEXT = st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"], include_characters="\n\t"), max_size=12)
+
+
+def read(path: Path, content: bytes) -> tuple[list[dict[str, object]] | None, Problems]:
+    path.write_bytes(content)
+    problems = Problems()
+    rows = read_table(path, Place("workflow.yaml", 1, 1), problems)
+    return (None if rows is None else [dict(row.plain) for row in rows]), problems  # type: ignore[arg-type,call-overload]
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (b"", "1:1: the table is empty; expected a first row with the columns' names, such as cover,message"),
+        (b"\n \n", "1:1: the table is empty"),
+        (b"first,note\n", "1:1: the table has no rows; expected at least one under the columns' names"),
+        (b"first,note\n1,a\n2\n", "3:1: this row has 1 cell; expected 2 (first, note)"),
+        (
+            b"first,note\n1,a,b\n",
+            "2:5: this row has 3 cells; expected 2 (first, note); a cell with a comma needs quotes",
+        ),
+        (b"first, first\n1,2\n", "1:8: the column 'first' is there twice; give each a name of its own"),
+        (b"first,\n1,2\n", "1:7: '' cannot name a column; expected letters, digits, '_' and '-'"),
+        (
+            b"first;note\n1;2\n",
+            "1:1: 'first;note' cannot name a column; expected letters, digits, '_' and '-'; part the",
+        ),
+        (b"first,note\n1,a\n2,caf\xe9\n", "3:6: not UTF-8: found the byte 0xe9; save the table as UTF-8 text"),
+        (b'first,note\n1,"a\n', '2:3: the quotes of "a do not end with the cell; double a quote inside them'),
+        (b'first,note\n1,"a"b\n', '2:3: the quotes of "a"b do not end with the cell'),
+        (b"first,note\n1,a\0b\n", "2:3: 'a\\x00b' holds a control character; expected text"),
+        (b"first,note\n1,a\n1,a\n", "3:1: this row is there twice; the first is at"),
+        (b"first,note\nx,a\n", "2:1: parameter 'first' should be a valid number; found \"x\""),
+        (b"first,note\n1,2\n", "2:3: parameter 'note' should be a valid string; found 2"),
+        (b"first,nota\n1,a\n", "${item.note} is not known; known are ${item.first}, ${item.nota}; did you mean"),
+        (b"first,note\n1e999,a\n", "2:1: first is inf, which is not a finite number"),
+    ],
+)
+def test_one_problem(workspace: Workspace, content: bytes, problem: str) -> None:
+    workspace.write(EACH)
+    (workspace.folder / "rows.csv").write_bytes(content)
+    found = [line.removeprefix(f"{workspace.folder}/rows.csv:") for line in workspace.problems()]
+    assert any(problem in line if problem.startswith("$") else line.startswith(problem) for line in found), found
+
+
+def test_all_problems_at_once(workspace: Workspace) -> None:
+    workspace.write(EACH)
+    (workspace.folder / "rows.csv").write_text('first,first\n1\n1,"a\n')
+    found = [line.removeprefix(f"{workspace.folder}/rows.csv:").split(": ")[0] for line in workspace.problems()]
+    assert found == ["1:7", "2:1", "3:3"]
+
+
+def test_a_missing_table_is_told_where_it_is_named(workspace: Workspace) -> None:
+    (problem,) = workspace.write(EACH).problems()
+    assert problem.startswith("2:34: cannot read the table")
+    assert "rows.csv': No such file or directory; expected a CSV file with a first row with" in problem
+
+
+def test_a_table_of_set_is_relative_to_the_current_directory_and_its_paths_to_the_table(
+    workspace: Workspace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lists, here = tmp_path / "lists", tmp_path / "here"
+    for folder in (lists, here):
+        folder.mkdir()
+    (lists / "data").mkdir()
+    (lists / "data" / "numbers.txt").write_text("5\n")
+    (lists / "rows.csv").write_text("file\nnumbers.txt\n")
+    monkeypatch.chdir(here)
+    workspace.write("""
+        vars: {rows: null}
+        stages:
+          each: {uses: numbers, foreach: "${rows}", with: {file: "${item.file}"}}
+        """)
+    (problem,) = workspace.problems("rows=../lists/rows.csv")
+    assert "rows.csv:2:1: parameter 'file': there is no file or folder" in problem
+    workspace.file.write_text(workspace.file.read_text().replace("${item.file}", "${item.file}/numbers.txt"))
+    (lists / "rows.csv").write_text("file\ndata\n")
+    assert workspace.run("rows=../lists/rows.csv").values("each[data]").tolist() == [5.0]
+
+
+@settings(deadline=None, max_examples=50)
+@given(names=NAMES, data=st.data())
+def test_what_the_csv_module_writes_is_read_again(
+    tmp_path_factory: pytest.TempPathFactory, names: list[str], data: st.DataObject
+) -> None:
+    """Quoted cells are the very texts, whatever is in them, and lines end as they like."""
+    rows = data.draw(st.lists(st.tuples(*(TEXT for _ in names)), min_size=1, max_size=4))
+    text = io.StringIO(newline="")
+    end = data.draw(st.sampled_from(["\n", "\r\n"]))
+    csv.writer(text, lineterminator=end).writerow(names)
+    csv.writer(text, quoting=csv.QUOTE_ALL, lineterminator=end).writerows(rows)
+    path = tmp_path_factory.getbasetemp() / "hypothesis.csv"
+    found, problems = read(path, text.getvalue().encode("utf-8-sig"))
+    assert (found, len(problems)) == ([dict(zip(names, row, strict=True)) for row in rows], 0)
+
+
+@pytest.mark.parametrize(
+    ("cell", "value"),
+    [
+        ("1", 1),
+        ("-2.5e-3", -0.0025),
+        ("true", True),
+        ("null", None),
+        ("", None),
+        ('""', ""),
+        ('"1"', "1"),
+        ("007", "007"),
+        ("1_000", "1_000"),
+        ("2020-01-01", "2020-01-01"),
+        ("yes", "yes"),
+        ("  a b ", "a b"),
+        (' " a" ', " a"),
+        ('5" disk', '5" disk'),
+        ('"say ""a"", b"', 'say "a", b'),
+    ],
+)
+def test_cells(tmp_path: Path, cell: str, value: object) -> None:
+    rows, _ = read(tmp_path / "rows.csv", f"a,b\n{cell},x\n".encode())
+    assert rows is not None
+    assert (rows[0]["a"], type(rows[0]["a"])) == (value, type(value))
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.binary(max_size=60))
+def test_any_bytes_give_rows_or_a_reason(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    rows, problems = read(tmp_path_factory.getbasetemp() / "any.csv", content)
+    assert (rows is None) == (len(problems) > 0)

@@ -1,0 +1,22 @@
+"""Lists what its numbers are about, what failed included."""
+
+from __future__ import annotations
+
+from pipeline.stage import Context, Input, Output, Parameters, stage
+
+
+class TableParameters(Parameters):
+    """Nothing to choose."""
+
+
+@stage(
+    inputs={"numbers": Input("numbers", many=True, labelled=True)},
+    outputs={"page": Output("report")},
+    version=1,
+)
+def table(context: Context, parameters: TableParameters) -> None:
+    rows = []
+    for item in context.items("numbers"):
+        told = item.cause if item.artifact is None else f"sum {item.artifact.read('values').sum():g}"
+        rows.append(f"{item.label} {dict(item.values)} {told}\n")
+    context.output("page").write_file("rows.txt", "".join(rows))
