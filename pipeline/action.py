@@ -25,6 +25,7 @@ from pipeline.events import Noted, StageProgressed, StageStarted
 from pipeline.executor import Tell
 from pipeline.fingerprint import Code
 from pipeline.provenance import machine, now, versions_of
+from pipeline.remote import open_store
 from pipeline.stage import Context, InputValue, LineageRecord, Services, Stage, bind_inputs, output_is_private
 from pipeline.stagelog import StageLog, printed_to_stderr
 from pipeline.store import Record, Store
@@ -38,10 +39,10 @@ LONGEST_CAUSE = 500  # characters
 class Job:
     """All that a worker must know to do one action.
 
-    `inputs` holds the digests of the artifacts of each input; `lineage` the key of every action upstream by the name
-    of its stage, in order; `stop_flag` is a file that appears when work should stop. `private` is what the workflow
-    says; `private_log` whether an output is declared private. `captures` sends what the process prints to the log, for
-    processes that are a worker's own.
+    `inputs` holds the digests of the artifacts of each input; `lineage` the key of every action upstream by the
+    name of its stage, in order; `store` is its address; `stop_flag` is a file that appears when work should stop.
+    `private` is what the workflow says; `private_log` whether an output is declared private. `captures` sends what
+    the process prints to the log, for processes that are a worker's own.
     """
 
     name: str
@@ -57,7 +58,7 @@ class Job:
     code: Code
     private: bool
     private_log: bool
-    store: Path
+    store: str
     stop_flag: Path
     commit: str | None
     captures: bool
@@ -86,7 +87,7 @@ class Outcome:
 
 def perform(job: Job, tell: Tell) -> Outcome:
     """Does the action of `job`, unless it is done already or all is to stop."""
-    store = Store(job.store)
+    store = open_store(job.store)
     lock = store.lock(job.key)
     waits = False
     while not job.stop_flag.exists():
@@ -144,6 +145,7 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         return Outcome(state, time.monotonic() - started, None, _cause(error), damaged, log=path)
     finally:
         log.close()
+        store.keep_log(path)
         shutil.rmtree(work, ignore_errors=True)
 
 

@@ -40,8 +40,14 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="Sets a var, or a parameter as STAGE.PARAMETER. Repeatable."),
 ]
-StoreFolder = Annotated[
-    Path, typer.Option("--store", metavar="DIR", envvar="GS_HIDER_STORE", help="Where results are kept.")
+StoreAddress = Annotated[
+    str,
+    typer.Option(
+        "--store",
+        metavar="DIR",
+        envvar="GS_HIDER_STORE",
+        help="Where results are kept: a folder or s3://BUCKET/PREFIX.",
+    ),
 ]
 Package = Annotated[str, typer.Option("--stages", metavar="PACKAGE", help="The package whose modules are the stages.")]
 Json = Annotated[bool, typer.Option("--json", help="Prints one JSON object a line.")]
@@ -60,7 +66,7 @@ def run(
         typer.Argument(metavar="STAGE", help="Only these and what they need.", show_default=False),
     ] = None,
     settings: Settings = None,
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     workers: Annotated[int, typer.Option("--workers", min=1, metavar="N", help="Stages at the same time.")] = min(
         2, os.cpu_count() or 1
     ),
@@ -101,7 +107,7 @@ def run(
 def status(
     workflow: WorkflowFile,
     settings: Settings = None,
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
@@ -120,7 +126,7 @@ def explain(
     workflow: WorkflowFile,
     stage: Annotated[str, typer.Argument(metavar="STAGE", help="A stage of the workflow.", show_default=False)],
     settings: Settings = None,
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
@@ -144,7 +150,7 @@ def explain(
 def graph(
     workflow: WorkflowFile,
     settings: Settings = None,
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     svg: Annotated[
         Path | None, typer.Option("--svg", metavar="FILE", help="Draws the graph into a file.", show_default=False)
     ] = None,
@@ -186,7 +192,8 @@ def _run(
         _say(summary_words(graph.workflow, summary))
         for path in work.reports():
             print(f"Open {_near(path)}")
-        print(f"The store is {_near(project.store.root)}")
+        address = project.store.address
+        print(f"The store is {address if '://' in address else _near(project.store.root)}")
     return summary
 
 

@@ -10,6 +10,7 @@ from pipeline.declaration import Catalogue
 from pipeline.errors import CommandError
 from pipeline.graph import Graph, build_graph
 from pipeline.located import Problems
+from pipeline.remote import open_store
 from pipeline.store import Store
 from pipeline.workflow import read_workflow
 
@@ -25,12 +26,12 @@ class Project:
     package_folder: Path
 
 
-def open_project(file: Path, store: Path, settings: Sequence[str] = (), package: str = "stages") -> Project:
+def open_project(file: Path, store: str | Path, settings: Sequence[str] = (), package: str = "stages") -> Project:
     """Reads and checks a workflow. Raises WorkflowError with all that is wrong, CommandError for a bad store."""
     problems = Problems()
     workflow = read_workflow(file, settings, problems)
     try:
-        opened = Store(store)
+        opened = open_store(store)
     except OSError as error:
         raise CommandError("cannot be a store", where=store, found=error.strerror) from error
     catalogue = Catalogue(package, LIBRARIES, opened)

@@ -16,9 +16,9 @@ ROOT = Path(__file__).parents[1]
 ENGINE = [
     "errors canonical",
     "companion located external events provenance process stagelog drawing manifest",
-    "matrix artifact executor progress fingerprint history",
-    "stage store workflow cluster",
-    "declaration checkpoint",
+    "matrix artifact executor progress fingerprint history bucket",
+    "stage store remote_history workflow cluster",
+    "declaration checkpoint remote",
     "graph action",
     "explain",
     "plan runner",
