@@ -49,7 +49,9 @@ class Bucket:
         """The bytes of an object; None where there is none."""
         with self._reported():
             try:
-                data: bytes = self._files.cat_file(self._path(name))
+                data: bytes = self._files.cat_file(
+                    self._path(name), max_concurrency=1
+                )  # one request, no look before it
             except FileNotFoundError as error:
                 if _code(error) not in MISSING:
                     raise

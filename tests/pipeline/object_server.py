@@ -57,7 +57,7 @@ def main() -> None:
             pass
 
     folder = Path(sys.argv[1])
-    application = Server(folder, DomainDispatcherApplication(create_backend_app, service="s3"))
+    application = Server(folder, DomainDispatcherApplication(create_backend_app))
     server = make_server("127.0.0.1", 0, application, threaded=True, request_handler=Quiet)
     aside = folder / "port.aside"
     aside.write_text(str(server.port))
