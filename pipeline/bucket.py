@@ -21,7 +21,7 @@ from pipeline.errors import CommandError, RemoteError, Unreachable
 
 ADDRESS = re.compile(r"s3://(?P<bucket>[a-z0-9][a-z0-9.-]{1,61}[a-z0-9])(?P<prefix>(/[\w!'().*-]+)*)/?")
 TOGETHER = 8  # files on their way at the same time
-MOST_DELETED = 1000  # objects, in one request
+PAGE = 1000  # objects, at most, in one answer or request
 DENIED = ("AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMatch", "ExpiredToken", "InvalidToken", "403")
 MISSING = ("NoSuchKey", "404")
 TAKEN = ("PreconditionFailed", "412")
@@ -82,7 +82,7 @@ class Bucket:
             while "NextContinuationToken" in page:
                 token = page["NextContinuationToken"]
                 more = {"ContinuationToken": token} if token else {}
-                page = self._call("list_objects_v2", Prefix=self._key(f"{folder}/"), **more)
+                page = self._call("list_objects_v2", Prefix=self._key(f"{folder}/"), MaxKeys=PAGE, **more)
                 for entry in page.get("Contents", ()):
                     found[entry["Key"].removeprefix(self._prefix)] = entry["Size"]
         return found
@@ -110,8 +110,8 @@ class Bucket:
         """Deletes objects; those that are not there are passed over."""
         keys = [{"Key": self._key(name)} for name in names]
         with self._reported():
-            for start in range(0, len(keys), MOST_DELETED):
-                some = keys[start : start + MOST_DELETED]
+            for start in range(0, len(keys), PAGE):
+                some = keys[start : start + PAGE]
                 answer = self._call("delete_objects", Delete={"Objects": some, "Quiet": True})
                 if answer.get("Errors"):
                     raise _denied(self.address, answer["Errors"][0].get("Code"))
@@ -125,7 +125,7 @@ class Bucket:
             raise CommandError(
                 "stores in a bucket need s3fs", where=self.address, remedy='Install it: pip install "gs-hider[s3]"'
             ) from error
-        files = fsspec.filesystem("s3", skip_instance_cache=True, use_listings_cache=False)
+        files = fsspec.filesystem("s3", use_listings_cache=False)  # fsspec keeps the connection for the next one
         shared = str(files.s3_additional_kwargs.get("ACL", "private"))
         if "public" in shared or "authenticated" in shared:
             raise CommandError(
