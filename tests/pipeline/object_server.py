@@ -11,6 +11,7 @@ kept waiting is never done.
 from __future__ import annotations
 
 import io
+import socket
 import sys
 import threading
 import time
@@ -45,7 +46,7 @@ class Server:
             (self.folder / "held").touch()
             while (self.folder / "held").exists():
                 time.sleep(0.01)
-        environ["werkzeug.socket"].close()
+        environ["werkzeug.socket"].shutdown(socket.SHUT_RDWR)
         raise ConnectionAbortedError
 
     def counted_down(self, name: str) -> bool:
