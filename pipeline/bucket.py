@@ -17,7 +17,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pipeline.errors import CommandError, RemoteError, Unreachable
+from pipeline.errors import CommandError, PipelineError, RemoteError, Unreachable
 
 ADDRESS = re.compile(r"s3://(?P<bucket>[a-z0-9][a-z0-9.-]{1,61}[a-z0-9])(?P<prefix>(/[\w!'().*-]+)*)/?")
 TOGETHER = 8  # files on their way at the same time
@@ -148,6 +148,8 @@ class Bucket:
             yield
         except _Missing:
             raise FileNotFoundError(self.address) from None
+        except PipelineError:
+            raise
         except Exception as error:
             told = _told(error, self.address)
             if told is None:
