@@ -29,6 +29,7 @@ from pipeline.fingerprint import Code
 from pipeline.loaded_code import LoadedCode
 from pipeline.process import nobody_else_reads
 from pipeline.provenance import machine, now, versions_of
+from pipeline.remote import open_store
 from pipeline.stage import Context, InputValue, Item, LineageRecord, Services, Stage, bind_inputs, output_is_private
 from pipeline.stagelog import StageLog, printed_to_stderr
 from pipeline.store import Record, Store
@@ -62,10 +63,10 @@ class Job:
     """All that a worker must know to do one action.
 
     `inputs` holds the digests of the artifacts of each input, `items` what those of labelled ones are about; `lineage`
-    every action upstream by the name of its stage, in order. `stop_flag` is a file that appears when work should stop,
-    `begun_flag` one that the worker makes when the stage begins: where it lacks, a worker that died has done nothing.
-    `private` is what the workflow says; `private_log` whether an output is declared private. `captures` sends what the
-    process prints to the log, for processes that are a worker's own.
+    every action upstream by the name of its stage, in order; `store` is its address. `stop_flag` is a file that appears
+    when work should stop, `begun_flag` one that the worker makes when the stage begins: where it lacks, a worker that
+    died has done nothing. `private` is what the workflow says; `private_log` whether an output is declared private.
+    `captures` sends what the process prints to the log, for processes that are a worker's own.
     """
 
     name: str
@@ -82,7 +83,7 @@ class Job:
     code: Code
     private: bool
     private_log: bool
-    store: Path
+    store: str
     stop_flag: Path
     begun_flag: Path
     commit: str | None
@@ -124,7 +125,7 @@ def perform(job: Job, tell: Tell) -> Outcome:
 
 
 def _perform(job: Job, tell: Tell) -> Outcome:
-    store = Store(job.store)
+    store = open_store(job.store)
     lock = store.lock(job.key)
     waits = False
     while not job.stop_flag.exists():
@@ -185,6 +186,7 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         return Outcome(state, time.monotonic() - started, None, cause, damaged, log=path, transient=transient)
     finally:
         log.close()
+        store.keep_log(path)
         shutil.rmtree(work, ignore_errors=True)
 
 
@@ -329,7 +331,7 @@ def _accepted_fact(record: Record) -> dict[str, Json]:
     return {"accepted": "; ".join(notes)} if notes else {}
 
 
-def _cause(error: BaseException, store: Path, written: int = 0) -> str:
+def _cause(error: BaseException, store: Path | str, written: int = 0) -> str:
     """One line for a person: our own messages as they are, the disk's in words, others with their type."""
     if isinstance(error, OSError) and error.errno in FULL:
         return words_of(error, store, written)

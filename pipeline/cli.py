@@ -23,7 +23,7 @@ from pipeline.console import (
     Package,
     Settings,
     StageNames,
-    StoreFolder,
+    StoreAddress,
     WorkflowFile,
     command_line,
     near,
@@ -73,7 +73,7 @@ def run(
     workflow: WorkflowFile,
     stages: StageNames = None,
     settings: Settings = None,
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     workers: Annotated[int, typer.Option("--workers", min=1, metavar="N", help="Stages at the same time.")] = min(
         2, os.cpu_count() or 1
     ),
@@ -129,7 +129,7 @@ def run(
 def status(
     workflow: WorkflowFile,
     settings: Settings = None,
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
@@ -157,7 +157,7 @@ def explain(
         ),
     ],
     settings: Settings = None,
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
@@ -203,7 +203,7 @@ def accept(
         ),
     ],
     settings: Settings = None,
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only says what would be kept.")] = False,
     as_json: Json = False,
     package: Package = "stages",
@@ -245,7 +245,7 @@ def accept(
 def graph(
     workflow: WorkflowFile,
     settings: Settings = None,
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     svg: Annotated[
         Path | None, typer.Option("--svg", metavar="FILE", help="Draws the graph into a file.", show_default=False)
     ] = None,
@@ -296,7 +296,8 @@ def _run(
         say(summary_words(graph.workflow, summary))
         for path in work.reports():
             print(f"Open {near(path)}")
-        print(f"The store is {near(project.store.root)}")
+        address = project.store.address
+        print(f"The store is {address if '://' in address else near(project.store.root)}")
     return summary
 
 

@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
-from pipeline.console import ArtifactName, Json, Reveal, StoreFolder, near, reported, say
+from pipeline.console import ArtifactName, Json, Reveal, StoreAddress, near, reported, say
 
 
 def show(
     artifact: ArtifactName,
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     pictures: Annotated[
         Path | None,
         typer.Option(
@@ -66,7 +66,7 @@ def show(
 def export(
     artifact: ArtifactName,
     target: Annotated[Path, typer.Argument(metavar="TARGET", help="Where to; nothing may be there.")],
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     zipped: Annotated[bool, typer.Option("--zip", help="One .zip file; so does a TARGET that ends in .zip.")] = False,
     reveal: Reveal = False,
 ) -> None:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from pipeline.completion import complete_known_workflow, complete_pin
-from pipeline.console import Json, Package, Settings, StageNames, StoreFolder, WorkflowFile, reported, say
+from pipeline.console import Json, Package, Settings, StageNames, StoreAddress, WorkflowFile, reported, say
 
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Only says what would be done.")]
 
 
-def verify(store: StoreFolder = Path("store"), dry_run: DryRun = False, as_json: Json = False) -> None:
+def verify(store: StoreAddress = "store", dry_run: DryRun = False, as_json: Json = False) -> None:
     """Reads every byte of the store, and sets aside what is damaged: the next run makes it again.
 
     \b
@@ -43,7 +42,7 @@ def verify(store: StoreFolder = Path("store"), dry_run: DryRun = False, as_json:
 
 
 def gc(
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     dry_run: DryRun = False,
     keep_last: Annotated[
         int, typer.Option("--keep-last", min=1, metavar="N", help="Runs whose results are kept, of each workflow.")
@@ -98,7 +97,7 @@ def pin(
         typer.Option("--name", metavar="NAME", help="What to call it.", show_default="the workflow's name"),
     ] = None,
     settings: Settings = None,
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
     package: Package = "stages",
 ) -> None:
     """Keeps the results of a workflow, or of some of its stages and what they need, from `gc`, until `unpin`.
@@ -133,7 +132,7 @@ def pin(
 
 def unpin(
     name: Annotated[str, typer.Argument(metavar="NAME", help="A name of `pins`.", autocompletion=complete_pin)],
-    store: StoreFolder = Path("store"),
+    store: StoreAddress = "store",
 ) -> None:
     """Lets pinned results go: the next `gc` deletes them unless something else needs them.
 
@@ -147,7 +146,7 @@ def unpin(
         say(f"{name} is no longer pinned")
 
 
-def pins(store: StoreFolder = Path("store"), as_json: Json = False) -> None:
+def pins(store: StoreAddress = "store", as_json: Json = False) -> None:
     """Lists what is pinned: name, workflow, when, and how many results.
 
     \b

@@ -35,8 +35,14 @@ Settings = Annotated[
         autocompletion=complete_setting,
     ),
 ]
-StoreFolder = Annotated[
-    Path, typer.Option("--store", metavar="DIR", envvar="GS_HIDER_STORE", help="Where results are kept.")
+StoreAddress = Annotated[
+    str,
+    typer.Option(
+        "--store",
+        metavar="DIR",
+        envvar="GS_HIDER_STORE",
+        help="Where results are kept: a folder or s3://BUCKET/PREFIX.",
+    ),
 ]
 Package = Annotated[str, typer.Option("--stages", metavar="PACKAGE", help="The package whose modules are the stages.")]
 Json = Annotated[bool, typer.Option("--json", help="Prints one JSON object a line.")]
@@ -57,7 +63,7 @@ Reveal = Annotated[
 
 
 @contextmanager
-def reported(store: Path) -> Iterator[None]:
+def reported(store: Path | str) -> Iterator[None]:
     """Tells errors as messages; what is no message of ours is a defect of the engine and keeps its traceback."""
     try:
         yield

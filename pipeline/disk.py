@@ -61,7 +61,7 @@ def is_link(path: Path) -> bool:
         return False
 
 
-def words_of(error: OSError, store: Path, written: int = 0) -> str:
+def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
     """What the system refused, in one line; `written` are the bytes that the work at hand had written by then."""
     if error.errno not in FULL:
         where = f"{error.filename}: " if error.filename else ""
@@ -87,7 +87,7 @@ def size_words(size: float) -> str:
     return f"{size / 1000**power:.1f} {'KMGT'[power - 1]}B"
 
 
-def _free(store: Path) -> int:
+def _free(store: Path | str) -> int:
     try:
         return shutil.disk_usage(store).free
     except OSError:

@@ -3,7 +3,9 @@
 PipelineError            anything that the engine or a stage reports on purpose
 ├── UserError            bad input: one clear message, never a traceback
 │   ├── WorkflowError    a workflow file or a `--set` is wrong: every problem at once, each with its place
-│   └── CommandError     the command line is wrong
+│   ├── CommandError     the command line is wrong
+│   └── RemoteError      a store in a bucket cannot be used: no such bucket, no credentials, access denied
+│       └── Unreachable  nor reached at all, although it was tried several times: a TransientError too
 ├── ArtifactError        a stage misused an artifact (wrong type of array, a name that leaves the directory)
 │   └── CorruptArtifact  what lies on the disk is not what was written
 ├── TransientError       what may well succeed if it is simply tried again, such as a connection that broke off
@@ -101,6 +103,14 @@ class TransientError(PipelineError):
 
     A stage that raises it is tried again, with growing waits, and goes on from what it kept in `context.scratch`.
     """
+
+
+class RemoteError(UserError):
+    """A store in a bucket cannot be used: there is no such bucket, or the credentials are missing or not enough."""
+
+
+class Unreachable(RemoteError, TransientError):
+    """The server of a bucket cannot be reached, or broke off, although it was tried several times."""
 
 
 class Interrupted(PipelineError):

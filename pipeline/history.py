@@ -111,7 +111,10 @@ class History:
     def begin(self, workflow: str, **facts: object) -> Journal:
         """The journal of a run that begins now; `facts` are written first. Raises OSError where there can be none."""
         self._runs.mkdir(parents=True, exist_ok=True, mode=0o700)
-        return Journal(self._runs / workflow, **facts)
+        return self._journal(self._runs / workflow, **facts)
+
+    def _journal(self, folder: Path, **facts: object) -> Journal:
+        return Journal(folder, **facts)
 
     def workflows(self) -> list[str]:
         """Names of the workflows that ever ran."""

@@ -11,14 +11,15 @@ from pathlib import Path
 from pipeline.artifact import Artifact, load
 from pipeline.errors import CommandError, nearest
 from pipeline.manifest import MANIFEST
+from pipeline.remote import open_store
 from pipeline.store import Store
 
 PREFIX = re.compile(r"[0-9a-f]{6,64}")
 SHOWN = 12  # names in an error
 
 
-def find_artifact(text: str, folder: Path) -> tuple[Artifact, Store | None]:
-    """The artifact that `text` names, and the store that it is in, if any; `folder` is where the store should be.
+def find_artifact(text: str, address: str | Path) -> tuple[Artifact, Store | None]:
+    """The artifact that `text` names, and the store that it is in, if any; `address` is where the store should be.
 
     `text` is the path of an artifact; at least six characters of a digest; or `WORKFLOW/STAGE.OUTPUT`, of which the
     workflow and the output may be left out where that leaves no choice. Raises CommandError where nothing or more than
@@ -27,7 +28,7 @@ def find_artifact(text: str, folder: Path) -> tuple[Artifact, Store | None]:
     path = Path(text)
     if (path / MANIFEST).is_file():
         return load(path.resolve()), _store_around(path.resolve())
-    store = open_existing(folder)
+    store = open_existing(address)
     names = store.latest_digests()
     if PREFIX.fullmatch(text):
         found = {digest: _names_of(digest, names) for digest in store.objects if digest.startswith(text)}
@@ -40,12 +41,12 @@ def find_artifact(text: str, folder: Path) -> tuple[Artifact, Store | None]:
 
 
 @contextmanager
-def finding(text: str, folder: Path) -> Iterator[tuple[Artifact, Store | None]]:
+def finding(text: str, address: str | Path) -> Iterator[tuple[Artifact, Store | None]]:
     """`find_artifact`, and the store stays in use: nothing is deleted from it meanwhile.
 
     Another user's store, which cannot be written, is looked at without.
     """
-    artifact, store = find_artifact(text, folder)
+    artifact, store = find_artifact(text, address)
     with store.in_use() if store and os.access(store.root, os.W_OK) else nullcontext():
         yield artifact, store
 
@@ -59,13 +60,13 @@ def check_workflows(store: Store, names: Iterable[str]) -> None:
             raise CommandError(f"no workflow {name!r} ran here; those that did are {listed}{nearest(name, known)}")
 
 
-def open_existing(folder: Path) -> Store:
-    """The store in `folder`. Raises CommandError where there is none: looking must not make one."""
-    if not folder.is_dir():
+def open_existing(address: str | Path) -> Store:
+    """The store at an address. Raises CommandError where there is none: looking must not make one."""
+    if "://" not in str(address) and not Path(address).is_dir():
         raise CommandError(
-            "no store there", where=folder, remedy="Say with --store, or in $GS_HIDER_STORE, where results are kept."
+            "no store there", where=address, remedy="Say with --store, or in $GS_HIDER_STORE, where results are kept."
         )
-    return Store(folder)
+    return open_store(address)
 
 
 def names_of(digest: str, store: Store) -> list[str]:

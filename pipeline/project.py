@@ -12,7 +12,9 @@ from pipeline.declaration import Catalogue
 from pipeline.errors import CommandError
 from pipeline.external_cache import ExternalCache
 from pipeline.graph import Graph, build_graph
+from pipeline.remote import open_store
 from pipeline.store import Store
+from pipeline.workflow import read_workflow
 
 LIBRARIES = ("opencl",)
 """First-party packages, besides the one of the stages, whose code a result depends on."""
@@ -26,14 +28,16 @@ class Project:
     package_folder: Path
 
 
-def open_project(file: Path, store: Path, settings: Sequence[str] = (), package: str = "stages") -> Project:
+def open_project(file: Path, store: str | Path, settings: Sequence[str] = (), package: str = "stages") -> Project:
     """Reads and checks a workflow. Raises WorkflowError with all that is wrong, CommandError for a bad store."""
     try:
-        opened = Store(store)
+        opened = open_store(store)
     except OSError as error:
         raise CommandError("cannot be a store", where=store, found=error.strerror) from error
     catalogue = Catalogue(package, LIBRARIES, opened)
+    problems = Problems()
     with _without_collection():
+        workflow = read_workflow(file, settings, problems)
         graph = build_graph(workflow, catalogue, ExternalCache(opened), problems)
     module = catalogue.sources.module(package)
     return Project(graph, opened, package, module.path.parent if module else Path.cwd())

@@ -26,7 +26,7 @@ from pipeline.explain import key_of, key_parts
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import Journal, StageResult
 from pipeline.provenance import git_commit
-from pipeline.store import Store
+from pipeline.store import Record, Store
 
 GRACE = 60.0  # seconds that a running stage has to save its checkpoint and stop
 MOMENT = 0.2  # seconds between two looks at the stop flag
@@ -74,6 +74,7 @@ class Run:
     def __post_init__(self) -> None:
         self._stop_flag = self.store.temporary()
         self._order = {name: index for index, name in enumerate(self.graph.nodes)}
+        self._final = frozenset(self.graph.final)
         self._dependents = self.graph.dependents
 
     def run(self) -> Summary:
@@ -120,6 +121,7 @@ class Run:
                 self._journal.close()
 
     def _loop(self) -> None:
+        self.store.look(self.graph.workflow, self.graph.nodes.keys())
         self._waiting = dict.fromkeys(self.graph.nodes)
         candidates = list(self.graph.nodes)
         while self._waiting or self._running:
@@ -172,7 +174,7 @@ class Run:
         digests = {source: self._digest(source) for sources in node.sources.values() for source in sources}
         parts = key_parts(node, {source: digest or FAILED for source, digest in digests.items()}, self._causes)
         key = key_of(parts)
-        record = self.store.find(key)
+        record = self._found(name, key)
         if record:
             self._finish(StageResult(name, "cached", key, record.outputs, 0.0, record.private))
             return True
@@ -182,6 +184,16 @@ class Run:
             return False
         self._start(node, key, parts)
         return True
+
+    def _found(self, name: str, key: str) -> Record | None:
+        """The record of an action that is done. What the last stages made is at hand then, to be opened by people."""
+        record = self.store.find(key)
+        if record is None or name not in self._final:
+            return record
+        damaged = [digest for digest in record.outputs.values() if not self.store.is_whole(digest)]
+        for digest in damaged:
+            self.store.set_aside(digest)
+        return None if damaged else record
 
     def _someone_is_alone(self) -> bool:
         return any(self.graph.nodes[name].declaration.alone for name in self._running)
@@ -215,7 +227,7 @@ class Run:
             code=node.code,
             private=node.private,
             private_log=node.private or any(o.privacy == "private" for o in node.declaration.outputs.values()),
-            store=self.store.root,
+            store=self.store.address,
             stop_flag=self._stop_flag,
             begun_flag=self._begun_flag(key),
             commit=self._commit,

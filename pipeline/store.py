@@ -25,7 +25,7 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,6 +108,11 @@ class Store:
     def __repr__(self) -> str:
         return f"Store({str(self.root)!r})"
 
+    @property
+    def address(self) -> str:
+        """By which another process opens this store."""
+        return str(self.root)
+
     def object(self, digest: str) -> Path:
         """Where the artifact of that digest is, or would be."""
         return self.root / "objects" / digest
@@ -126,6 +131,9 @@ class Store:
         folder = self.root / "logs" / workflow
         return (folder / "private" if private else folder) / f"{name}.log"
 
+    def keep_log(self, path: Path) -> None:
+        """Keeps a log that is finished where others find it too."""
+
     @property
     def history(self) -> History:
         return History(self.root / "runs")
@@ -143,6 +151,9 @@ class Store:
     def objects(self) -> frozenset[str]:
         """Digests of all artifacts, whole or not; one look at the folder."""
         return self._names("objects")
+
+    def look(self, workflow: str, stages: Collection[str]) -> None:
+        """Before a run asks for one action after the other: a store that is far away learns at once what is there."""
 
     def _names(self, folder: str) -> frozenset[str]:
         path = self.root / folder

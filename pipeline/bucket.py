@@ -1,0 +1,200 @@
+"""A bucket of an object store that speaks S3, reached through fsspec's s3fs: named bytes, and little else.
+
+Credentials and endpoint come from where AWS's own programs take them (`AWS_PROFILE`, `AWS_ACCESS_KEY_ID`,
+`AWS_ENDPOINT_URL`, the files in `~/.aws`) and are never told to anybody: messages name the address and the server's
+code for what went wrong, never its text. Objects are put without an access list, which makes them their owner's alone
+unless the bucket itself is public.
+
+s3fs is imported where it is needed: it takes half a second, and only those who keep results in a bucket install it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pipeline.errors import CommandError, PipelineError, RemoteError, Unreachable
+
+ADDRESS = re.compile(r"s3://(?P<bucket>[a-z0-9][a-z0-9.-]{1,61}[a-z0-9])(?P<prefix>(/[\w!'().*-]+)*)/?")
+TOGETHER = 8  # files on their way at the same time
+PAGE = 1000  # objects, at most, in one answer or request
+DENIED = ("AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMatch", "ExpiredToken", "InvalidToken", "403")
+MISSING = ("NoSuchKey", "404")
+TAKEN = ("PreconditionFailed", "412")
+CREDENTIALS = "AWS's own: AWS_PROFILE, or AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or ~/.aws"
+
+
+class Bucket:
+    """What lies under an address `s3://BUCKET/PREFIX`; names are relative to it.
+
+    Opening one asks nothing of the server. Every method raises RemoteError where the bucket is missing, the credentials
+    are missing or not enough, and Unreachable where several attempts at a request failed.
+    """
+
+    def __init__(self, address: str) -> None:
+        if "@" in address:
+            raise CommandError("an address holds no credentials", where="--store", expected=CREDENTIALS)
+        match = ADDRESS.fullmatch(address)
+        if not match:
+            raise CommandError("not the address of a store", where=address, expected="a folder or s3://BUCKET/PREFIX")
+        self._bucket = match["bucket"]
+        self._prefix = f"{match['prefix'].strip('/')}/".lstrip("/")
+        self.address = f"s3://{self._bucket}{match['prefix']}"
+
+    def get(self, name: str) -> bytes | None:
+        """The bytes of an object; None where there is none."""
+        with self._reported():
+            try:
+                data: bytes = self._files.cat_file(
+                    self._path(name), max_concurrency=1
+                )  # one request, no look before it
+            except FileNotFoundError as error:
+                if _code(error) not in MISSING:
+                    raise
+                return None
+            return data
+
+    def put(self, name: str, data: bytes) -> None:
+        """Puts an object in the place of whatever has that name."""
+        with self._reported():
+            self._call("put_object", Key=self._key(name), Body=data)
+
+    def create(self, name: str, data: bytes) -> bool:
+        """Puts an object where none has that name: the server sees to it that of several writers one succeeds."""
+        with self._reported():
+            try:
+                self._call("put_object", Key=self._key(name), Body=data, IfNoneMatch="*")
+            except OSError as error:
+                if _code(error) not in TAKEN:
+                    raise
+                return False
+            return True
+
+    def names(self, folder: str) -> dict[str, int]:
+        """Names and sizes of all objects under a folder; a request for each thousand of them."""
+        found: dict[str, int] = {}
+        page: dict[str, Any] = {"NextContinuationToken": None}
+        with self._reported():
+            while "NextContinuationToken" in page:
+                token = page["NextContinuationToken"]
+                more = {"ContinuationToken": token} if token else {}
+                page = self._call("list_objects_v2", Prefix=self._key(f"{folder}/"), MaxKeys=PAGE, **more)
+                for entry in page.get("Contents", ()):
+                    found[entry["Key"].removeprefix(self._prefix)] = entry["Size"]
+        return found
+
+    def upload(self, files: Mapping[str, Path]) -> None:
+        """Puts files, several at a time, each under its name."""
+        with self._reported():
+            self._files.put(
+                [str(path) for path in files.values()], [self._path(name) for name in files], batch_size=TOGETHER
+            )
+
+    def download(self, files: Mapping[str, Path]) -> None:
+        """Writes objects to files in folders that exist, several at a time; FileNotFoundError where one is missing."""
+        with self._reported():
+            try:
+                self._files.get(
+                    [self._path(name) for name in files], [str(path) for path in files.values()], batch_size=TOGETHER
+                )
+            except FileNotFoundError as error:
+                if _code(error) not in MISSING:
+                    raise
+                raise _Missing from error
+
+    def delete(self, names: Iterable[str]) -> None:
+        """Deletes objects; those that are not there are passed over."""
+        keys = [{"Key": self._key(name)} for name in names]
+        with self._reported():
+            for start in range(0, len(keys), PAGE):
+                some = keys[start : start + PAGE]
+                answer = self._call("delete_objects", Delete={"Objects": some, "Quiet": True})
+                if answer.get("Errors"):
+                    raise _denied(self.address, answer["Errors"][0].get("Code"))
+
+    @cached_property
+    def _files(self) -> Any:
+        try:
+            import fsspec
+            import s3fs  # noqa: F401 — fsspec finds it by itself; its absence is for us to tell
+        except ImportError as error:
+            raise CommandError(
+                "stores in a bucket need s3fs", where=self.address, remedy='Install it: pip install "gs-hider[s3]"'
+            ) from error
+        files = fsspec.filesystem("s3", use_listings_cache=False)  # fsspec keeps the connection for the next one
+        shared = str(files.s3_additional_kwargs.get("ACL", "private"))
+        if "public" in shared or "authenticated" in shared:
+            raise CommandError(
+                "would make private results public", where="fsspec's configuration of s3", found=f"ACL {shared!r}"
+            )
+        return files
+
+    def _call(self, method: str, **arguments: object) -> Any:
+        return self._files.call_s3(method, Bucket=self._bucket, **arguments)
+
+    def _key(self, name: str) -> str:
+        return f"{self._prefix}{name}"
+
+    def _path(self, name: str) -> str:
+        return f"{self._bucket}/{self._key(name)}"
+
+    @contextmanager
+    def _reported(self) -> Iterator[None]:
+        try:
+            yield
+        except _Missing:
+            raise FileNotFoundError(self.address) from None
+        except PipelineError:
+            raise
+        except Exception as error:
+            told = _told(error, self.address)
+            if told is None:
+                raise
+            raise told from None  # what lies behind it may quote what was signed
+
+
+class _Missing(Exception):
+    """An object that was to be downloaded is not there."""
+
+
+def _code(error: BaseException) -> str:
+    """The server's code for an error, "" where it is not the server that complains."""
+    for known in (error, error.__cause__):
+        answer = getattr(known, "response", None)
+        if isinstance(answer, Mapping):
+            return str(answer.get("Error", {}).get("Code", ""))
+    return ""
+
+
+def _told(error: Exception, address: str) -> Exception | None:
+    """The error as a person is told it; None for one that has nothing to do with the server."""
+    from aiohttp import ClientError as BrokenConnection
+    from botocore.exceptions import BotoCoreError, ClientError, HTTPClientError
+    from botocore.exceptions import ConnectionError as NoConnection
+
+    code = _code(error)
+    if code == "NoSuchBucket":
+        return RemoteError("there is no such bucket", where=address, remedy="Make it, or correct --store.")
+    if code in DENIED or (code and isinstance(error, PermissionError)):
+        return _denied(address, code)
+    kind = type(error).__name__
+    if kind in ("NoCredentialsError", "PartialCredentialsError", "CredentialRetrievalError", "ProfileNotFound"):
+        return RemoteError("no credentials for the bucket", where=address, found=kind, expected=CREDENTIALS)
+    if code or isinstance(error, ClientError):
+        return Unreachable("the server refused a request", where=address, found=code, remedy="Try again later.")
+    broken: tuple[type[Exception], ...] = (BrokenConnection, HTTPClientError, NoConnection, ConnectionError)
+    if isinstance(error, (*broken, TimeoutError)):
+        remedy = "Check the network and AWS_ENDPOINT_URL, and try again; what is done is kept."
+        return Unreachable("the server cannot be reached", where=address, found=kind, remedy=remedy)
+    if isinstance(error, BotoCoreError):
+        return RemoteError("cannot use the bucket", where=address, found=kind, expected=CREDENTIALS)
+    return None
+
+
+def _denied(address: str, code: object) -> RemoteError:
+    remedy = "Check whose credentials are used (AWS_PROFILE) and what the bucket lets them do."
+    return RemoteError("access denied", where=address, found=code or None, remedy=remedy)

@@ -1,0 +1,75 @@
+"""What the runs did whose results are in a bucket: journals written here are put there, and those of others fetched.
+
+A bucket knows no appending, so the journal of a run is put again and again, at most every few seconds. What a killed
+run told in its last seconds is lost to other machines; the records of its actions are not.
+"""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from pipeline.bucket import Bucket
+from pipeline.history import History, Journal
+
+PUT_EVERY = 5.0  # seconds
+
+
+class RemoteHistory(History):
+    """The runs of the workflows of a store in a bucket; `runs` is the folder for copies."""
+
+    def __init__(self, runs: Path, bucket: Bucket) -> None:
+        super().__init__(runs)
+        self._bucket = bucket
+
+    def workflows(self) -> list[str]:
+        return sorted({name.split("/")[1] for name in self._bucket.names("runs")})
+
+    def journals(self, workflow: str) -> list[Path]:
+        """The files of a workflow's runs, the newest first; those that are not here, or not whole, are fetched."""
+        sizes = self._bucket.names(f"runs/{workflow}")
+        paths = {name: self._runs / workflow / name.rpartition("/")[2] for name in sizes}
+        lacking = {name: path for name, path in paths.items() if _size(path) < sizes[name]}
+        for folder in (self._runs, self._runs / workflow) if lacking else ():
+            folder.mkdir(mode=0o700, exist_ok=True)
+        asides = {name: path.with_name(f"fetched-{uuid.uuid4().hex}") for name, path in lacking.items()}
+        with suppress(FileNotFoundError):  # deleted meanwhile
+            self._bucket.download(asides)
+        for name, aside in asides.items():
+            if aside.is_file():
+                aside.chmod(0o600)
+                aside.replace(lacking[name])
+        return sorted((path for path in paths.values() if path.is_file()), reverse=True)
+
+    def _journal(self, folder: Path, **facts: object) -> Journal:
+        return RemoteJournal(folder, self._put, **facts)
+
+    def _put(self, path: Path) -> None:
+        self._bucket.put(f"runs/{path.parent.name}/{path.name}", path.read_bytes())
+
+
+class RemoteJournal(Journal):
+    """The file of a run under way, put into the bucket when it begins, while it grows, and when it ends."""
+
+    def __init__(self, folder: Path, put: Callable[[Path], None], **facts: object) -> None:
+        self._put = put
+        self._put_at = time.monotonic()
+        super().__init__(folder, **facts)
+        self._put(self.path)
+
+    def _write(self, content: Mapping[str, object]) -> None:
+        super()._write(content)
+        if time.monotonic() - self._put_at > PUT_EVERY:
+            self._put(self.path)
+            self._put_at = time.monotonic()
+
+    def close(self) -> None:
+        super().close()
+        self._put(self.path)
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.is_file() else -1

@@ -1,0 +1,366 @@
+"""Stores in a bucket, against a server process on loopback: other machines, two at once, kills, damage, no access."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import stat
+import subprocess
+import sys
+import threading
+import time
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.bucket import Bucket
+from pipeline.errors import CommandError, RemoteError, Unreachable
+from pipeline.plan import make_plan
+from pipeline.project import open_project
+from pipeline.remote import RemoteStore, open_store
+from tests.pipeline.helpers import TOYS, Ran, Workspace
+from tests.pipeline.test_runner import CHAIN
+
+s3fs = pytest.importorskip("s3fs", reason='stores in a bucket are tested with pip install "gs-hider[dev]"')
+pytest.importorskip("moto", reason='the server of objects is in pip install "gs-hider[dev]"')
+
+ROOT = Path(__file__).parents[2]
+SECRET = "topsecret"
+DONE = dict.fromkeys(["base", "twice", "other", "sum"], "cached")
+
+
+@dataclass
+class Server:
+    """The server, and the folder by which it is told to fail."""
+
+    folder: Path
+    port: int
+
+    @property
+    def requests(self) -> list[str]:
+        """Of all requests since this was last asked for, method and path."""
+        file = self.folder / "requests"
+        lines = file.read_text().splitlines() if file.exists() else []
+        file.unlink(missing_ok=True)
+        return lines
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    folder = tmp_path_factory.mktemp("server")
+    command = [sys.executable, "-m", "tests.pipeline.object_server", str(folder)]
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE) as process:
+        await_file(folder / "port", process)
+        yield Server(folder, int((folder / "port").read_text()))
+        assert process.stdin
+        process.stdin.close()
+
+
+def forget_connections() -> None:
+    """Else those with other credentials would be used again."""
+    s3fs.S3FileSystem.clear_instance_cache()
+
+
+def await_file(path: Path, process: subprocess.Popen[bytes]) -> None:
+    while not path.exists():
+        assert process.poll() is None, "ended too early"
+        time.sleep(0.01)
+
+
+class Elsewhere(Workspace):
+    """A workspace whose store is in a bucket; `machine` is what has a mirror of its own."""
+
+    def __init__(self, folder: Path, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        super().__init__(folder)
+        self.address = address
+        self.monkeypatch = monkeypatch
+        self.machine("A")
+
+    def machine(self, name: str) -> Elsewhere:
+        self.monkeypatch.setenv("GS_HIDER_CACHE", str(self.folder / name))
+        return self
+
+    def open(self, *settings: str):
+        return open_project(self.file, self.address, settings, TOYS)
+
+    def store(self) -> RemoteStore:
+        store = open_store(self.address)
+        assert isinstance(store, RemoteStore)
+        return store
+
+    def start(self, *arguments: str, machine: str = "A") -> subprocess.Popen[bytes]:
+        environment = {**os.environ, "GS_HIDER_CACHE": str(self.folder / machine), "GS_HIDER_STORE": self.address}
+        command = [sys.executable, "-m", "pipeline", "run", str(self.file), "--stages", TOYS, "--json", *arguments]
+        return subprocess.Popen(
+            command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+        )
+
+    def is_valid(self) -> bool:
+        """Whether every record in the bucket has all its artifacts, every byte of them."""
+        store = self.machine(uuid.uuid4().hex).store()
+        records = [store.find(key) for key in store.actions]
+        return all(record and all(map(store.is_sound, record.outputs.values())) for record in records)
+
+
+@pytest.fixture
+def remote(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Elsewhere:
+    for name in [name for name in os.environ if name.startswith(("AWS_", "GS_HIDER_"))]:
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{server.port}")
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "reader")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", SECRET)
+    monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+    monkeypatch.setenv("AWS_CONFIG_FILE", str(tmp_path / "config"))
+    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "credentials"))
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "kernels"))
+    forget_connections()
+    for name in ("deny", "break", "hold", "held", "requests"):
+        (server.folder / name).unlink(missing_ok=True)
+    name = f"b{uuid.uuid4().hex}"
+    Bucket(f"s3://{name}")._call("create_bucket")
+    return Elsewhere(tmp_path, f"s3://{name}/some/store", monkeypatch)
+
+
+def test_another_machine_finds_everything_done(remote: Elsewhere, server: Server) -> None:
+    remote.write(CHAIN)
+    first = remote.run()
+    assert set(first.states.values()) == {"ran"}
+    assert server.requests
+    remote.machine("B")
+    assert {name: step.state for name, step in remote.plan().items()} == DONE
+    assert len(server.requests) == 4, "three listings and a journal"
+    second = remote.run()
+    assert second.states == DONE
+    np.testing.assert_array_equal(second.values("sum", "total"), [6.0, 15.0])
+    assert second.project.store.root != first.project.store.root
+    assert not second.project.store.object(second.ended["twice"].outputs["numbers"].name).exists(), "not asked for"
+    assert remote.run("factor=3.0").states == {"base": "cached", "twice": "ran", "other": "cached", "sum": "ran"}
+    assert remote.machine("A").run("factor=3.0").states == DONE
+
+
+def test_a_page_of_a_listing_is_not_all(remote: Elsewhere, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.bucket.PAGE", 3)
+    (tmp_path / "empty").touch()
+    store = remote.store()
+    keys = {f"{number:064x}" for number in range(7)}
+    store._bucket.upload({f"actions/{key}.json": tmp_path / "empty" for key in keys})
+    assert store.actions == keys
+    store._bucket.delete(store._bucket.names("actions"))
+    assert store.actions == frozenset()
+
+
+def test_what_is_private_stays_private(remote: Elsewhere, server: Server) -> None:
+    remote.write(CHAIN + "  bad: {uses: fail, in: {numbers: base}, with: {how: defect}}\n").run()
+    ran = remote.machine("B").run()
+    artifact = ran.artifact("sum", "key")
+    assert artifact.private
+    for path in (artifact.path, *artifact.path.rglob("*")):
+        assert stat.S_IMODE(path.stat().st_mode) == (0o700 if path.is_dir() else 0o600)
+    assert stat.S_IMODE(ran.project.store.root.stat().st_mode) == 0o700
+    bucket = remote.store()._bucket
+    names = [name for folder in ("actions", "manifests", "files", "runs", "logs") for name in bucket.names(folder)]
+    assert "logs/chain/bad.log" in names
+    for name in names:
+        grants = bucket._call("get_object_acl", Key=bucket._key(name))["Grants"]
+        assert all(grant["Grantee"]["Type"] == "CanonicalUser" for grant in grants), "its owner's alone"
+        assert SECRET.encode() not in (bucket.get(name) or b"")
+    for path in remote.folder.rglob("*"):
+        assert not path.is_file() or SECRET.encode() not in path.read_bytes()
+
+
+def test_of_two_writers_at_once_one_succeeds(remote: Elsewhere) -> None:
+    buckets = [Bucket(remote.address) for _ in range(2)]
+    for turn in range(10):
+        barrier = threading.Barrier(2)
+        succeeded: list[int] = []
+
+        def write(writer: int, name: str, barrier: threading.Barrier, succeeded: list[int]) -> None:
+            barrier.wait()
+            if buckets[writer].create(name, str(writer).encode()):
+                succeeded.append(writer)
+
+        threads = [
+            threading.Thread(target=write, args=(writer, f"actions/{turn}", barrier, succeeded)) for writer in (0, 1)
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert len(succeeded) == 1
+        assert buckets[0].get(f"actions/{turn}") == str(succeeded[0]).encode()
+
+
+def test_two_runs_at_once_on_two_machines(remote: Elsewhere) -> None:
+    """One has dask's workers, the other is one process; both end well, and of each action there is one record."""
+    remote.write(CHAIN)
+    runs = [remote.start("--workers", "2", machine="A"), remote.start("--serial", machine="B")]
+    ended = [run.communicate(timeout=100) for run in runs]
+    assert [run.returncode for run in runs] == [0, 0], ended
+    lines = [[json.loads(line) for line in out.splitlines()] for out, _ in ended]
+    keys = [{line["key"] for line in said[:-1]} for said in lines]
+    assert keys[0] == keys[1] == remote.store().actions
+    assert remote.machine("C").run().states == DONE
+    assert remote.is_valid()
+
+
+def test_the_second_takes_the_record_of_the_first(remote: Elsewhere) -> None:
+    """Results that differ by chance: one of them counts, everywhere."""
+    from tests.pipeline.test_store import KEY, commit
+
+    first = commit(remote.machine("A").store(), 1.0)
+    second = commit(remote.machine("B").store(), 2.0)
+    assert second == first == remote.machine("C").store().find(KEY)
+    np.testing.assert_array_equal(remote.store().artifact(second.outputs["out"]).read("values"), np.ones(3))
+
+
+def killed_while_it_puts(remote: Elsewhere, server: Server, puts: int) -> None:
+    (server.folder / "hold").write_text(str(puts))
+    process = remote.start("--serial")
+    await_file(server.folder / "held", process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    (server.folder / "hold").unlink()
+    (server.folder / "held").unlink()
+
+
+def check_kills(remote: Elsewhere, server: Server, moments: list[int]) -> None:
+    remote.write(CHAIN)
+    for puts in moments:
+        killed_while_it_puts(remote, server, puts)
+        assert remote.is_valid()
+    assert set(remote.machine("B").run().states.values()) <= {"ran", "cached"}
+    assert remote.machine("C").run().states == DONE
+    assert remote.is_valid()
+
+
+def test_killed_while_it_puts(remote: Elsewhere, server: Server) -> None:
+    """In the middle of an artifact's files; before its manifest; before its record."""
+    check_kills(remote, server, [3, 5, 6])
+
+
+@pytest.mark.slow
+def test_killed_at_every_put(remote: Elsewhere, server: Server) -> None:
+    check_kills(remote, server, [*range(16), *range(0, 16, 3)])
+
+
+@pytest.mark.parametrize("damage", ["altered", "shortened", "missing", "no manifest", "not a manifest"])
+def test_a_damaged_artifact_is_made_again(remote: Elsewhere, damage: str) -> None:
+    digest = remote.write(CHAIN).run().ended["base"].outputs["numbers"].name
+    bucket = remote.store()._bucket
+    name = next(iter(bucket.names(f"files/{digest}"))) if "manifest" not in damage else f"manifests/{digest}.json"
+    data = bucket.get(name)
+    assert data
+    if damage in ("missing", "no manifest"):
+        bucket.delete([name])
+    else:
+        bucket.put(name, data[:-1] if damage == "shortened" else bytes([data[0] ^ 1]) + data[1:])
+    states = remote.machine("B").run("twice.factor=7").states
+    assert states == {"base": "ran", "twice": "ran", "other": "cached", "sum": "ran"}
+    assert remote.machine("C").run("other.factor=8", "twice.factor=7").states["base"] == "cached"
+    assert remote.is_valid()
+
+
+def test_a_damaged_copy_is_fetched_again(remote: Elsewhere) -> None:
+    path = remote.write(CHAIN).run().artifact("base").path
+    chunk = next(path.glob("arrays.zarr/values/c/*"))
+    chunk.write_bytes(bytes([chunk.read_bytes()[0] ^ 1]) + chunk.read_bytes()[1:])
+    assert remote.run("twice.factor=7").states["base"] == "cached"
+    next(path.glob("arrays.zarr/values/c/*")).unlink()
+    assert remote.run("twice.factor=8").states["base"] == "cached"
+
+
+def test_a_damaged_record_is_written_again(remote: Elsewhere) -> None:
+    key = remote.write(CHAIN).run().ended["base"].key
+    remote.store()._bucket.put(f"actions/{key}.json", b"{")
+    assert remote.machine("B").run("twice.factor=7").states["base"] == "ran"
+    assert remote.machine("C").run().states["base"] == "cached"
+
+
+def test_what_is_deleted_is_deleted_everywhere(remote: Elsewhere) -> None:
+    ran = remote.write(CHAIN).run()
+    store = remote.machine("B").store()
+    store.delete_record(str(ran.ended["base"].key))
+    store.delete_object(ran.ended["base"].outputs["numbers"].name)
+    assert not store._bucket.names(f"files/{ran.ended['base'].outputs['numbers'].name}")
+    states = remote.machine("A").run().states
+    assert states == {"base": "ran", "twice": "cached", "other": "cached", "sum": "cached"}
+    assert remote.is_valid()
+
+
+def test_a_broken_connection(remote: Elsewhere, server: Server) -> None:
+    """Some attempts are made; then the stage fails, and nothing of its result is to be seen."""
+    (server.folder / "break").write_text("2")
+    assert set(remote.write(CHAIN).run().states.values()) == {"ran"}
+    (server.folder / "break").write_text("1000")
+    ran = remote.run("base.count=4")
+    assert ran.states == {"base": "failed", "twice": "skipped", "other": "skipped", "sum": "skipped"}
+    assert str(ran.ended["base"].cause).startswith(f"{remote.address}: the server cannot be reached; found ")
+    assert len(remote.store().actions) == 4
+    assert remote.machine("B").plan("base.count=4")["base"].failed == ran.ended["base"].cause
+    (server.folder / "break").unlink()
+    assert set(remote.machine("A").run("base.count=4").states.values()) == {"ran"}
+    assert remote.is_valid()
+
+
+def plan(remote: Elsewhere) -> None:
+    project = remote.open()
+    make_plan(project.graph, project.store)
+
+
+def test_what_goes_wrong_is_said_in_one_line(
+    remote: Elsewhere, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    remote.write(CHAIN)
+    (server.folder / "deny").touch()
+    with pytest.raises(RemoteError, match=r"access denied; found AccessDenied. Check whose credentials") as denied:
+        plan(remote)
+    assert SECRET not in str(denied.value)
+    (server.folder / "deny").unlink()
+    good, remote.address = remote.address, "s3://no-such-bucket/store"
+    with pytest.raises(RemoteError, match=r"s3://no-such-bucket/store: there is no such bucket\. Make it, or"):
+        plan(remote)
+    with pytest.raises(RemoteError, match=r"there is no such bucket"):
+        remote.run()
+    remote.address = good
+    monkeypatch.delenv("AWS_ACCESS_KEY_ID")
+    forget_connections()
+    with pytest.raises(RemoteError, match=r"no credentials for the bucket; .*AWS_PROFILE"):
+        plan(remote)
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "reader")
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:1")
+    forget_connections()
+    with pytest.raises(Unreachable, match=r"cannot be reached.*AWS_ENDPOINT_URL"):
+        plan(remote)
+
+
+@pytest.mark.parametrize("address", ["s3://", "s3://UPPER", "gs://bucket/a", "s3://bucket//a", "s3://bucket/a b"])
+def test_addresses_that_are_none(address: str) -> None:
+    with pytest.raises(CommandError, match=r"expected a folder or s3://BUCKET/PREFIX"):
+        open_store(address)
+
+
+def test_an_address_holds_no_credentials() -> None:
+    with pytest.raises(CommandError, match=r"holds no credentials") as told:
+        open_store(f"s3://reader:{SECRET}@bucket/a")
+    assert SECRET not in str(told.value)
+
+
+def test_without_s3fs(remote: Elsewhere, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "s3fs", None)
+    with pytest.raises(CommandError, match=r'pip install "gs-hider\[s3\]"'):
+        plan(remote.write(CHAIN))
+
+
+def test_results_shown_are_here(remote: Elsewhere) -> None:
+    """Paths of what the last stages made are those of copies that exist."""
+    remote.write(CHAIN).run()
+    ran: Ran = remote.machine("B").run()
+    assert all(path.is_dir() for path in ran.ended["sum"].outputs.values())
+    assert all(path.exists() for path in ran.project.store.root.glob("latest/chain/sum.*"))
