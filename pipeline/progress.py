@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from types import TracebackType
 from typing import Protocol, Self, TextIO
 
 from rich.console import Console

@@ -12,6 +12,7 @@ from pipeline.declaration import Catalogue
 from pipeline.errors import CommandError
 from pipeline.external_cache import ExternalCache
 from pipeline.graph import Graph, build_graph
+from pipeline.located import Problems
 from pipeline.remote import open_store
 from pipeline.store import Store
 from pipeline.workflow import read_workflow
