@@ -255,15 +255,14 @@ class RemoteStore(Store):
     def delete_record(self, key: str) -> None:
         """Deletes the record of an action, here and in the bucket."""
         self._bucket.delete([_record_name(key)])
-        if (self.root / "actions" / key).exists():
-            (self.root / "actions" / key).rename(self.temporary())
+        self._mirror.delete_record(key)
 
     def delete_object(self, digest: str) -> None:
         """Deletes an artifact, here and in the bucket: its manifest first, so that nobody sees a part of it."""
         self._forget(digest)
         self._bucket.delete([_manifest_name(digest)])
         self._bucket.delete(self._bucket.names(f"files/{digest}"))
-        self._mirror.set_aside(digest)
+        self._mirror.delete_object(digest)
 
 
 def _record_name(key: str) -> str:

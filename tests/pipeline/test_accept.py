@@ -128,7 +128,7 @@ def change_privacy(session: Session) -> None:
 def lose_the_result(session: Session) -> None:
     step = session.workspace.plan()["s1"]
     assert step.result
-    session.workspace.open().store.set_aside(step.result.outputs["numbers"])
+    session.workspace.open().store.delete_object(step.result.outputs["numbers"])
 
 
 @pytest.mark.parametrize(
