@@ -244,10 +244,6 @@ class Store:
             if record:
                 yield record
 
-    def is_record_sound(self, key: str) -> bool:
-        """Whether a record is what was written."""
-        return self.record(key) is not None
-
     def set_record_aside(self, key: str) -> None:
         """Takes a damaged record out of the store, so that its action is done again."""
         with suppress(FileNotFoundError):

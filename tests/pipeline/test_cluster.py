@@ -103,7 +103,7 @@ def test_other_code_at_the_worker_is_refused(workspace: Workspace, tmp_path: Pat
         worker = cluster.worker("other", sources=copy)
         ran = workspace.run(executor=DaskExecutor(0, cluster.address))
         assert ran.states == {"a": "ran", "b": "failed"}
-        assert "the worker's sources are not those of the run: tests.pipeline.toys.scale" in str(ran.ended["b"].cause)
+        assert "is not the one that was planned; found another tests.pipeline.toys.scale" in str(ran.ended["b"].cause)
         worker.kill()
         worker.wait()
         with (copy / "pipeline" / "errors.py").open("a") as file:
@@ -122,7 +122,7 @@ def test_interrupted_on_a_cluster(workspace: Workspace, cluster: Cluster) -> Non
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=100)
     assert process.returncode == 130
-    assert "a: skipped: stopped; it goes on from its checkpoint next time" in err
+    assert "a: skipped: stopped" in err
     assert "Traceback" not in err
     (folder / "open").touch()
     assert set(workspace.run(executor=DaskExecutor(0, cluster.address)).states.values()) == {"ran"}

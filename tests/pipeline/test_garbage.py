@@ -16,6 +16,7 @@ from pipeline.errors import CommandError, UserError
 from pipeline.garbage import CHECKPOINT_DAYS, JOURNALS_KEPT, Collection, Rules, collect
 from pipeline.pins import Pin
 from pipeline.store import Store
+from pipeline.temporary import left_behind
 from pipeline.verification import verify_store
 from tests.pipeline.helpers import Workspace
 from tests.pipeline.test_runner import CHAIN
@@ -261,12 +262,12 @@ def test_a_checkpoint_of_a_run_that_no_longer_counts_goes_when_it_is_old(chain: 
 def test_leftovers_go(chain: Workspace) -> None:
     chain.run()
     store = store_of(chain)
-    (store.temporary()).mkdir()
+    (store.root / "temporary" / "of-a-dead-process").mkdir()
     shutil.copytree(store.object(next(iter(store.objects))), store.object("f" * 64))
     store.folder("code").joinpath("0.json").write_text("{}")
     store.folder("logs", "gone").joinpath("a.log").write_text("said")
     collected(chain)
-    assert not list((store.root / "temporary").iterdir())
+    assert not list((store.root / "temporary").glob("*dead*"))
     assert not (store.root / "code" / "0.json").exists()
     assert not (store.root / "logs" / "gone").exists()
     assert (store.root / "logs" / "chain").exists()
@@ -346,9 +347,9 @@ def test_killed_while_it_deletes(chain: Workspace, number: int) -> None:
     store = store_of(chain)
     killed = subprocess.run([sys.executable, "-c", KILLED, str(store.root), str(number)], cwd=ROOT, check=False)
     assert killed.returncode == -signal.SIGKILL
-    assert len(list((store.root / "temporary").iterdir())) == 1
+    assert len(left_behind(store.root / "temporary")) == 1
     assert_sound(store)
     assert is_cached(chain, "factor=4")
     collected(chain, keep_last=1)
-    assert not list((store.root / "temporary").iterdir())
+    assert not left_behind(store.root / "temporary")
     assert len(store.actions) == 4

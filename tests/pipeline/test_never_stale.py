@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from pipeline.executor import SerialExecutor, Work
 from pipeline.explanation import explain, in_words
 from pipeline.plan import make_plan
+from pipeline.resources import Resources
 from tests.pipeline.helpers import Ran, Workspace
 from tests.pipeline.model import DEFAULTS, KINDS, TEMPLATES, Folder, StageNode, World
 
@@ -224,9 +225,9 @@ class Edited(SerialExecutor):
         super().__init__()
         self._edit = edit
 
-    def start(self, name: str, work: Work, subject: object, urgency: int) -> None:
+    def start(self, name: str, work: Work, subject: object, urgency: int, needs: Resources) -> None:
         self._edit()
-        super().start(name, work, subject, urgency)
+        super().start(name, work, subject, urgency, needs)
 
 
 def live(nodes: list[StageNode], folders: list[Folder], data: st.DataObject, edits: int) -> None:

@@ -79,21 +79,21 @@ def edit(file: Path, change: Callable[[dict[str, dict[str, object]]], object]) -
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "change",
     [
-        (lambda content: content["parts"].update(version=2), "its parts are not those whose hash is its key"),
-        (lambda content: content["provenance"].update(seconds=1e9), "altered since it was written"),
-        (lambda content: content["outputs"].update(numbers="f" * 64), "altered since it was written"),
-        (lambda content: content.pop("outputs"), "not a readable record"),
+        lambda content: content["parts"].update(version=2),
+        lambda content: content["provenance"].update(seconds=1e9),
+        lambda content: content["outputs"].update(numbers="f" * 64),
+        lambda content: content.pop("outputs"),
     ],
 )
-def test_an_altered_record(workspace: Workspace, change: Callable[[object], object], words: str) -> None:
+def test_an_altered_record(workspace: Workspace, change: Callable[[object], object]) -> None:
     ran = workspace.write(CHAIN).run()
     store = ran.project.store
     key = str(ran.ended["twice"].key)
     edit(store.root / "actions" / key / "record.json", change)
     (found,) = damaged(store)
-    assert (found.what, found.name, found.damage) == ("record", key, words)
+    assert (found.what, found.name, found.damage) == ("record", key, "altered since it was written")
     assert workspace.run().states["twice"] == "ran"
     assert damaged(store) == []
 
@@ -101,7 +101,7 @@ def test_an_altered_record(workspace: Workspace, change: Callable[[object], obje
 def test_an_output_that_is_gone(workspace: Workspace) -> None:
     ran = workspace.write(CHAIN).run()
     store = ran.project.store
-    store.set_aside(ran.ended["sum"].outputs["page"].name)
+    store.delete_object(ran.ended["sum"].outputs["page"].name)
     assert [(checked.what, checked.name) for checked in damaged(store)] == [
         ("record", ran.ended["sum"].key),
         ("link", "chain/sum.page"),
@@ -133,7 +133,7 @@ def test_an_artifact_under_the_digest_of_another(workspace: Workspace) -> None:
     store = ran.project.store
     store.object(ran.ended["twice"].outputs["numbers"].name).rename(store.object("f" * 64))
     found = {checked.what: checked.damage for checked in damaged(store)}
-    assert "it is the artifact" in str(found["artifact"])
+    assert "holds the artifact" in str(found["artifact"])
     assert set(found) == {"artifact", "record", "link"}
 
 
