@@ -117,7 +117,7 @@ def in_words(explanation: Explanation, graph: Graph, duration: str) -> list[str]
     else:
         lines = [f"{step.name}: to run, because"]
     lines += [f"  {reason}" for reason in step.reasons]
-    lines += [f"  {cause.text}" for cause in explanation.causes]
+    lines += dict.fromkeys(f"  {cause.text}" for cause in explanation.causes)  # two inputs may have one cause
     return lines + ([f"  it failed last time: {step.failed}"] if step.failed else [])
 
 

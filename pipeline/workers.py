@@ -30,6 +30,7 @@ SETTINGS: dict[str, Any] = {
     "distributed.worker.multiprocessing-method": "spawn",  # forked OpenCL and OpenMP do not work
     "distributed.nanny.pre-spawn-environ": dict(THREADS),  # dask's own would allow one thread only
 }
+STOPPING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 STANDARD_ERROR = 2  # where the log of the stage is, while it works
 TOLD = {kind.__name__: kind for kind in (Noted, StageProgressed, StageStarted)}
 
@@ -55,9 +56,10 @@ def _without_signals() -> Iterator[None]:
     What a terminal sends to all its processes at once, or a cluster's scheduler to all of a job, would else end workers
     before they save a checkpoint. For this thread it only waits until the end, so nothing is lost.
     """
-    resource_tracker.ensure_running()  # by itself it starts with the first process, and lets signals through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
     try:
+        resource_tracker.ensure_running()  # by itself it starts with the first process, and lets signals through again
+        signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
