@@ -6,126 +6,24 @@ import json
 import os
 import signal
 import stat
-import subprocess
 import sys
 import threading
-import time
-import uuid
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+pytest.importorskip("s3fs", reason='stores in a bucket are tested with pip install "gs-hider[dev]"')
+
 from pipeline.bucket import Bucket
 from pipeline.errors import CommandError, RemoteError, Unreachable
 from pipeline.plan import make_plan
-from pipeline.project import open_project
-from pipeline.remote import RemoteStore, open_store
-from tests.pipeline.helpers import TOYS, Ran, Workspace
+from pipeline.remote import open_store
+from tests.pipeline.elsewhere import SECRET, Elsewhere, Server, await_file, forget_connections
+from tests.pipeline.helpers import Ran
 from tests.pipeline.test_runner import CHAIN
 
-s3fs = pytest.importorskip("s3fs", reason='stores in a bucket are tested with pip install "gs-hider[dev]"')
-pytest.importorskip("moto", reason='the server of objects is in pip install "gs-hider[dev]"')
-
-ROOT = Path(__file__).parents[2]
-SECRET = "topsecret"
 DONE = dict.fromkeys(["base", "twice", "other", "sum"], "cached")
-
-
-@dataclass
-class Server:
-    """The server, and the folder by which it is told to fail."""
-
-    folder: Path
-    port: int
-
-    @property
-    def requests(self) -> list[str]:
-        """Of all requests since this was last asked for, method and path."""
-        file = self.folder / "requests"
-        lines = file.read_text().splitlines() if file.exists() else []
-        file.unlink(missing_ok=True)
-        return lines
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    folder = tmp_path_factory.mktemp("server")
-    command = [sys.executable, "-m", "tests.pipeline.object_server", str(folder)]
-    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE) as process:
-        await_file(folder / "port", process)
-        yield Server(folder, int((folder / "port").read_text()))
-        assert process.stdin
-        process.stdin.close()
-
-
-def forget_connections() -> None:
-    """Else those with other credentials would be used again."""
-    s3fs.S3FileSystem.clear_instance_cache()
-
-
-def await_file(path: Path, process: subprocess.Popen[bytes]) -> None:
-    while not path.exists():
-        assert process.poll() is None, "ended too early"
-        time.sleep(0.01)
-
-
-class Elsewhere(Workspace):
-    """A workspace whose store is in a bucket; `machine` is what has a mirror of its own."""
-
-    def __init__(self, folder: Path, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-        super().__init__(folder)
-        self.address = address
-        self.monkeypatch = monkeypatch
-        self.machine("A")
-
-    def machine(self, name: str) -> Elsewhere:
-        self.monkeypatch.setenv("GS_HIDER_CACHE", str(self.folder / name))
-        return self
-
-    def open(self, *settings: str):
-        return open_project(self.file, self.address, settings, TOYS)
-
-    def store(self) -> RemoteStore:
-        store = open_store(self.address)
-        assert isinstance(store, RemoteStore)
-        return store
-
-    def start(self, *arguments: str, machine: str = "A") -> subprocess.Popen[bytes]:
-        environment = {**os.environ, "GS_HIDER_CACHE": str(self.folder / machine), "GS_HIDER_STORE": self.address}
-        command = [sys.executable, "-m", "pipeline", "run", str(self.file), "--stages", TOYS, "--json", *arguments]
-        return subprocess.Popen(
-            command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
-        )
-
-    def is_valid(self) -> bool:
-        """Whether every record in the bucket has all its artifacts, every byte of them."""
-        store = self.machine(uuid.uuid4().hex).store()
-        records = [store.find(key) for key in store.actions]
-        return all(record and all(map(store.is_sound, record.outputs.values())) for record in records)
-
-
-@pytest.fixture
-def remote(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Elsewhere:
-    for name in [name for name in os.environ if name.startswith(("AWS_", "GS_HIDER_"))]:
-        monkeypatch.delenv(name)
-    monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{server.port}")
-    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "reader")
-    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", SECRET)
-    monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
-    monkeypatch.setenv("AWS_CONFIG_FILE", str(tmp_path / "config"))
-    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "credentials"))
-    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
-    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
-    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "kernels"))
-    forget_connections()
-    for name in ("deny", "break", "hold", "held", "requests"):
-        (server.folder / name).unlink(missing_ok=True)
-    name = f"b{uuid.uuid4().hex}"
-    Bucket(f"s3://{name}")._call("create_bucket")
-    return Elsewhere(tmp_path, f"s3://{name}/some/store", monkeypatch)
 
 
 def test_another_machine_finds_everything_done(remote: Elsewhere, server: Server) -> None:
@@ -294,8 +192,9 @@ def test_what_is_deleted_is_deleted_everywhere(remote: Elsewhere) -> None:
     assert remote.is_valid()
 
 
-def test_a_broken_connection(remote: Elsewhere, server: Server) -> None:
+def test_a_broken_connection(remote: Elsewhere, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     """Some attempts are made; then the stage fails, and nothing of its result is to be seen."""
+    monkeypatch.setattr("pipeline.runner.FIRST_WAIT", 0.0)
     (server.folder / "break").write_text("2")
     assert set(remote.write(CHAIN).run().states.values()) == {"ran"}
     (server.folder / "break").write_text("1000")
