@@ -47,7 +47,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 @pytest.fixture
 def remote(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Elsewhere:
     from pipeline.bucket import Bucket
-    from tests.pipeline.elsewhere import SECRET, Elsewhere, forget_connections
+    from tests.pipeline.elsewhere import SECRET, Elsewhere
 
     for name in [name for name in os.environ if name.startswith(("AWS_", "GS_HIDER_"))]:
         monkeypatch.delenv(name)
@@ -60,7 +60,6 @@ def remote(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> E
     monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
     monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "kernels"))
-    forget_connections()
     for name in ("deny", "break", "hold", "held", "requests"):
         (server.folder / name).unlink(missing_ok=True)
     name = f"b{uuid.uuid4().hex}"

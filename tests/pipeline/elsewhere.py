@@ -62,7 +62,7 @@ class Elsewhere(Workspace):
         return self
 
     def open(self, *settings: str) -> Project:
-        return open_project(self.file, self.address, settings, TOYS)
+        return open_project(self.file, self.address, settings, self.package)
 
     def store(self) -> RemoteStore:
         store = open_store(self.address)

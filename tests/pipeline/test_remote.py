@@ -8,6 +8,7 @@ import signal
 import stat
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,12 @@ from tests.pipeline.elsewhere import SECRET, Elsewhere, Server, await_file, forg
 from tests.pipeline.helpers import Ran
 from tests.pipeline.test_runner import CHAIN
 
+PAIR = """
+    name: pair
+    stages:
+      base:  {uses: numbers}
+      twice: {uses: scale, in: {numbers: base}}
+    """
 DONE = dict.fromkeys(["base", "twice", "other", "sum"], "cached")
 
 
@@ -150,7 +157,7 @@ def test_killed_at_every_put(remote: Elsewhere, server: Server) -> None:
 
 @pytest.mark.parametrize("damage", ["altered", "shortened", "missing", "no manifest", "not a manifest"])
 def test_a_damaged_artifact_is_made_again(remote: Elsewhere, damage: str) -> None:
-    digest = remote.write(CHAIN).run().ended["base"].outputs["numbers"].name
+    digest = remote.write(PAIR).run().ended["base"].outputs["numbers"].name
     bucket = remote.store()._bucket
     name = next(iter(bucket.names(f"files/{digest}"))) if "manifest" not in damage else f"manifests/{digest}.json"
     data = bucket.get(name)
@@ -159,14 +166,13 @@ def test_a_damaged_artifact_is_made_again(remote: Elsewhere, damage: str) -> Non
         bucket.delete([name])
     else:
         bucket.put(name, data[:-1] if damage == "shortened" else bytes([data[0] ^ 1]) + data[1:])
-    states = remote.machine("B").run("twice.factor=7").states
-    assert states == {"base": "ran", "twice": "ran", "other": "cached", "sum": "ran"}
-    assert remote.machine("C").run("other.factor=8", "twice.factor=7").states["base"] == "cached"
+    assert remote.machine("B").run("twice.factor=7").states == {"base": "ran", "twice": "ran"}
+    assert remote.machine("C").run("twice.factor=8").states == {"base": "cached", "twice": "ran"}
     assert remote.is_valid()
 
 
 def test_a_damaged_copy_is_fetched_again(remote: Elsewhere) -> None:
-    path = remote.write(CHAIN).run().artifact("base").path
+    path = remote.write(PAIR).run().artifact("base").path
     chunk = next(path.glob("arrays.zarr/values/c/*"))
     chunk.write_bytes(bytes([chunk.read_bytes()[0] ^ 1]) + chunk.read_bytes()[1:])
     assert remote.run("twice.factor=7").states["base"] == "cached"
@@ -175,7 +181,7 @@ def test_a_damaged_copy_is_fetched_again(remote: Elsewhere) -> None:
 
 
 def test_a_damaged_record_is_written_again(remote: Elsewhere) -> None:
-    key = remote.write(CHAIN).run().ended["base"].key
+    key = remote.write(PAIR).run().ended["base"].key
     remote.store()._bucket.put(f"actions/{key}.json", b"{")
     assert remote.machine("B").run("twice.factor=7").states["base"] == "ran"
     assert remote.machine("C").run().states["base"] == "cached"
@@ -192,13 +198,12 @@ def test_what_is_deleted_is_deleted_everywhere(remote: Elsewhere) -> None:
     assert remote.is_valid()
 
 
-def test_a_broken_connection(remote: Elsewhere, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_broken_connection(remote: Elsewhere, server: Server) -> None:
     """Some attempts are made; then the stage fails, and nothing of its result is to be seen."""
-    monkeypatch.setattr("pipeline.runner.FIRST_WAIT", 0.0)
     (server.folder / "break").write_text("2")
     assert set(remote.write(CHAIN).run().states.values()) == {"ran"}
     (server.folder / "break").write_text("1000")
-    ran = remote.run("base.count=4")
+    ran = remote.run("base.count=4", retries=0)
     assert ran.states == {"base": "failed", "twice": "skipped", "other": "skipped", "sum": "skipped"}
     assert str(ran.ended["base"].cause).startswith(f"{remote.address}: the server cannot be reached; found ")
     assert len(remote.store().actions) == 4
@@ -208,14 +213,20 @@ def test_a_broken_connection(remote: Elsewhere, server: Server, monkeypatch: pyt
     assert remote.is_valid()
 
 
+@pytest.fixture
+def access(remote: Elsewhere) -> Iterator[pytest.MonkeyPatch]:
+    """For environments with other credentials: connections with these are not used by the next test."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        yield monkeypatch
+    forget_connections()
+
+
 def plan(remote: Elsewhere) -> None:
     project = remote.open()
     make_plan(project.graph, project.store)
 
 
-def test_what_goes_wrong_is_said_in_one_line(
-    remote: Elsewhere, server: Server, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_goes_wrong_is_said_in_one_line(remote: Elsewhere, server: Server, access: pytest.MonkeyPatch) -> None:
     remote.write(CHAIN)
     (server.folder / "deny").touch()
     with pytest.raises(RemoteError, match=r"access denied; found AccessDenied. Check whose credentials") as denied:
@@ -228,12 +239,12 @@ def test_what_goes_wrong_is_said_in_one_line(
     with pytest.raises(RemoteError, match=r"there is no such bucket"):
         remote.run()
     remote.address = good
-    monkeypatch.delenv("AWS_ACCESS_KEY_ID")
+    access.delenv("AWS_ACCESS_KEY_ID")
     forget_connections()
     with pytest.raises(RemoteError, match=r"no credentials for the bucket; .*AWS_PROFILE"):
         plan(remote)
-    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "reader")
-    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:1")
+    access.setenv("AWS_ACCESS_KEY_ID", "reader")
+    access.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:1")
     forget_connections()
     with pytest.raises(Unreachable, match=r"cannot be reached.*AWS_ENDPOINT_URL"):
         plan(remote)
