@@ -19,7 +19,8 @@ from pipeline.graph import Graph, Source
 from pipeline.history import StageResult
 from pipeline.plan import Step, make_plan
 from pipeline.provenance import now
-from pipeline.store import Record, Store
+from pipeline.record import Record
+from pipeline.store import Store
 
 ACCEPTABLE = ("code", "version", "format")
 

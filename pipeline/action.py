@@ -29,10 +29,11 @@ from pipeline.fingerprint import Code
 from pipeline.loaded_code import LoadedCode
 from pipeline.process import nobody_else_reads
 from pipeline.provenance import machine, now, versions_of
+from pipeline.record import Record
 from pipeline.remote import open_store
 from pipeline.stage import Context, InputValue, Item, LineageRecord, Services, Stage, bind_inputs, output_is_private
 from pipeline.stagelog import StageLog, printed_to_stderr
-from pipeline.store import Record, Store
+from pipeline.store import Store
 
 TELL_EVERY = 0.25  # seconds between two messages about progress
 LOOK_EVERY = 0.2  # seconds between two looks at the stop flag

@@ -136,8 +136,9 @@ class Artifact:
         return self.path / name
 
     def verify(self) -> None:
-        """Reads every byte; raises CorruptArtifact naming the first file that is missing or altered."""
+        """Reads every byte; raises CorruptArtifact naming the first file that is missing, altered or not its own."""
         self._check_folders()
+        self._check_nothing_foreign()
         for name in self.manifest.files:
             self._check_content(name)
         for name in self.manifest.arrays:
@@ -154,6 +155,13 @@ class Artifact:
         for folder in {parent for name in self.manifest.files for parent in PurePosixPath(name).parents}:
             if is_link(self.path / folder):
                 raise CorruptArtifact(f"{self.path / folder}: a link; expected a folder")
+
+    def _check_nothing_foreign(self) -> None:
+        for path in sorted(self.path.rglob("*")):
+            name = path.relative_to(self.path).as_posix()
+            known = name == MANIFEST or name in self.manifest.files
+            if path.is_symlink() or not (path.is_dir() or known):
+                raise CorruptArtifact(f"{path}: not a part of the artifact; something else put it there")
 
     def _check_content(self, name: str) -> None:
         if name not in self.manifest.files:

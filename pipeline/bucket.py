@@ -13,6 +13,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,6 +29,14 @@ DENIED = ("AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMatch", "Expire
 MISSING = ("NoSuchKey", "404")
 TAKEN = ("PreconditionFailed", "412")
 CREDENTIALS = "AWS's own: AWS_PROFILE, or AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or ~/.aws"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An object in a listing: its bytes, and the seconds since it was put, by the server's clock."""
+
+    size: int
+    age: float
 
 
 class Bucket:
@@ -75,16 +86,22 @@ class Bucket:
             return True
 
     def names(self, folder: str) -> dict[str, int]:
-        """Names and sizes of all objects under a folder; a request for each thousand of them."""
-        found: dict[str, int] = {}
+        """Names and sizes of all objects under a folder."""
+        return {name: entry.size for name, entry in self.listing(folder).items()}
+
+    def listing(self, folder: str) -> dict[str, Entry]:
+        """All objects under a folder, by name; a request for each thousand of them."""
+        found: dict[str, Entry] = {}
         page: dict[str, Any] = {"NextContinuationToken": None}
         with self._reported():
             while "NextContinuationToken" in page:
                 token = page["NextContinuationToken"]
                 more = {"ContinuationToken": token} if token else {}
                 page = self._call("list_objects_v2", Prefix=self._key(f"{folder}/"), MaxKeys=PAGE, **more)
+                now = _server_time(page)
                 for entry in page.get("Contents", ()):
-                    found[entry["Key"].removeprefix(self._prefix)] = entry["Size"]
+                    age = (now - entry["LastModified"]).total_seconds()
+                    found[entry["Key"].removeprefix(self._prefix)] = Entry(entry["Size"], age)
         return found
 
     def upload(self, files: Mapping[str, Path]) -> None:
@@ -159,6 +176,12 @@ class Bucket:
 
 class _Missing(Exception):
     """An object that was to be downloaded is not there."""
+
+
+def _server_time(answer: Mapping[str, Any]) -> datetime:
+    """When the server gave an answer; our own clock, which may be wrong, only where it does not say."""
+    told = answer.get("ResponseMetadata", {}).get("HTTPHeaders", {}).get("date")
+    return parsedate_to_datetime(told) if told else datetime.now(UTC)
 
 
 def _code(error: BaseException) -> str:

@@ -21,7 +21,8 @@ def verify(store: StoreAddress = "store", dry_run: DryRun = False, as_json: Json
     python -m pipeline verify --store /scratch/store --dry-run
 
     Looked at are artifacts, the records of how they were made, pins, and the links in `latest`. What is set aside is
-    gone with the next `gc`. Exit status: 0 all is sound, 1 something was damaged.
+    gone with the next `gc`. Of a store in a bucket all is fetched to be looked at and none of it kept; a sound copy on
+    this machine takes the place of what is damaged there. Exit status: 0 all is sound, 1 something was damaged.
     """
     with reported(store):
         from pipeline.naming import open_existing
@@ -73,6 +74,9 @@ def gc(
     that it was made from, and what is pinned. Only runs of a whole workflow that came to their end count; results of a
     part, and of interrupted runs, are kept besides. So are the checkpoints of runs that are kept, and those younger
     than 14 days. No run may use the store meanwhile. A gc that is interrupted leaves a valid store.
+
+    Of runs on other machines that use a store in a bucket gc knows nothing, so it spares all that was put there within
+    a day; what such a run took that is older may be deleted under it, and is then made again.
     """
     with reported(store):
         from pipeline.garbage import Rules, collect

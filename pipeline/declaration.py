@@ -21,8 +21,9 @@ import pydantic
 from pipeline.canonical import Json, digest_of, plain
 from pipeline.errors import UserError, nearest
 from pipeline.fingerprint import Code, SourceTree
+from pipeline.sealed import read_sealed, sealed, write_text_whole
 from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
-from pipeline.store import Store, read_sealed, sealed, write_text_whole
+from pipeline.store import Store
 
 FORMAT = 4
 DECLARATION = "declaration"

@@ -17,7 +17,8 @@ from pipeline.artifact import Artifact
 from pipeline.canonical import Json
 from pipeline.manifest import ARRAYS
 from pipeline.naming import names_of
-from pipeline.store import Record, Store, newest_makers
+from pipeline.record import Record, newest_makers
+from pipeline.store import Store
 
 if TYPE_CHECKING:
     import numpy as np

@@ -10,7 +10,8 @@ from pipeline.changes import Change, changes
 from pipeline.explain import key_parts
 from pipeline.graph import Graph, Node, Source
 from pipeline.plan import Known, Step
-from pipeline.store import Record, Store
+from pipeline.record import Record
+from pipeline.store import Store
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ from pathlib import Path
 
 from pipeline.errors import UserError
 from pipeline.external import Contents, contents_of
-from pipeline.store import Store, read_sealed, sealed, write_text_whole
+from pipeline.sealed import read_sealed, sealed, write_text_whole
+from pipeline.store import Store
 
 SETTLED = 2_000_000_000  # nanoseconds; the coarsest clock of a file system (FAT) ticks every two seconds
 TRIES = 3

@@ -11,20 +11,23 @@ Checkpoints are kept as long as a kept run may go on from them, and otherwise fo
 
 Deleted is in an order that leaves a valid store wherever it breaks off: links first, then records, then the artifacts
 that no record names any more. What breaks off half way is left over, and goes the next time.
+
+No lock tells of runs elsewhere that use a bucket. So what was put there within a day stays, whatever names it.
 """
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
 from pathlib import Path
 
 from pipeline.errors import UserError
-from pipeline.store import Record, Store, newest_makers, remove, size_of
+from pipeline.record import Record, newest_makers
+from pipeline.store import Store, size_of
 from pipeline.temporary import left_behind
 
 CHECKPOINT_DAYS = 14.0
@@ -88,13 +91,16 @@ class _Collector:
         self.store = store
         self.rules = rules
         self.now = time.time()
+        self.actions = store.actions
+        self.objects = store.objects
+        self.young = store.young  # asked for last: what the above know is looked at in it
         self.records = {record.key: record for record in store.records()}
         self.makers = newest_makers(self.records.values())
         self.links = store.latest_digests()
         self.workflows = [name for name in store.history.workflows() if name not in rules.forgotten]
         self.gone: set[str] = set()
         self.begun: set[str] = set()
-        self.old_journals: list[Path] = []
+        self.old_journals: dict[str, int] = {}
         self.waste: list[Waste] = []
         self.remarks: list[str] = []
         self.steps: list[Callable[[], None]] = []
@@ -110,11 +116,11 @@ class _Collector:
         return Collection(tuple(self.waste), len(kept), tuple(self.remarks), tuple(self.steps))
 
     def kept_keys(self) -> set[str]:
-        unreadable = self.store.actions - self.records.keys()
+        unreadable = self.actions - self.records.keys()
         if unreadable:
             raise UserError(
                 f"{len(unreadable)} records cannot be read, {min(unreadable)[:12]} for one",
-                where=self.store.root,
+                where=self.store.address,
                 remedy="Nothing was deleted. Run `verify` first, which sets damaged records aside.",
             )
         wanted: set[str] = set()
@@ -125,6 +131,9 @@ class _Collector:
             self.remarks.append(f"pin {name}: {len(pin.keys)} results of {pin.workflow}")
             wanted |= set(pin.keys.values())
         wanted |= {key for key, record in self.records.items() if self.age(record) < self.rules.younger_than * DAY}
+        wanted |= self.young.actions
+        if self.young.actions or self.young.objects:
+            self.remarks.append("what was put within a day: a run on another machine may be about to use it")
         return self.with_what_made(self.linked(), wanted & self.records.keys())
 
     def of_workflow(self, workflow: str) -> set[str]:
@@ -134,6 +143,7 @@ class _Collector:
         keys: set[str] = set()
         stages: set[str] = set()
         found: set[str] = set()
+        sizes = self.store.entries(f"runs/{workflow}")
         for number, journal in enumerate(self.store.history.journals(workflow)):
             run = self.store.history.read(journal)
             made = {name: str(result.key) for name, result in run.results.items() if result.outputs}
@@ -147,7 +157,8 @@ class _Collector:
                 last = {key for name, key in made.items() if name in stages - found}
                 keys |= last
                 if number >= JOURNALS_KEPT and not last:
-                    self.old_journals.append(journal)
+                    name = f"runs/{workflow}/{journal.name}"
+                    self.old_journals[name] = sizes.get(name, 0)
             found |= made.keys()
         if newest_is_whole:
             linked = {name for name in self.links if name.startswith(f"{workflow}/")}
@@ -187,29 +198,32 @@ class _Collector:
                 self.steps.append(partial(self.store.unlink_latest, name))
 
     def drop_records(self, kept: set[str]) -> None:
-        dropped = sorted(self.store.actions - kept)
+        dropped = sorted(self.actions - kept)
         if dropped:
-            size = sum(self.store.size_of_record(key) for key in dropped)
+            size = sum(self.store.sizes_of_records(dropped).values())
             self.waste.append(Waste("records of how they were made", len(dropped), size))
             self.steps += [partial(self.store.delete_record, key) for key in dropped]
 
     def drop_objects(self, digests: set[str]) -> None:
         numbers: Counter[tuple[str, str]] = Counter()
         sizes: Counter[tuple[str, str]] = Counter()
-        for digest in sorted(self.store.objects - digests):
+        dropped = sorted(self.objects - digests - self.young.objects)
+        bytes_of = self.store.sizes_of_objects(dropped)
+        for digest in dropped:
             self.steps.append(partial(self.store.delete_object, digest))
             maker = self.makers.get(digest)
             group = (maker.workflow, maker.name) if maker else ("", "")
             numbers[group] += 1
-            sizes[group] += self.store.size_of_object(digest)
+            sizes[group] += bytes_of[digest]
         for workflow, stage in sorted(numbers):
             what = "artifacts" if stage else "artifacts that no record names"
             group = (workflow, stage)
             self.waste.append(Waste(what, numbers[group], sizes[group], workflow, stage))
 
     def drop_checkpoints(self) -> None:
-        dropped = []
-        for folder in _entries(self.store.root / "scratch"):
+        dropped: dict[str, int] = {}
+        scratch = self.store.root / "scratch"
+        for folder in sorted(scratch.iterdir()) if scratch.is_dir() else []:
             done = folder.name in self.records
             days = (self.now - _newest(folder)) / DAY
             if not done and folder.name in self.begun:
@@ -218,21 +232,23 @@ class _Collector:
                 left = f"{CHECKPOINT_DAYS - days:.0f} days more"
                 self.remarks.append(f"checkpoint {folder.name[:8]}: of unfinished work {days:.0f} days ago; {left}")
             else:
-                dropped.append(folder)
+                dropped[f"scratch/{folder.name}"] = size_of(folder)
         self.drop("checkpoints that nothing goes on from", dropped)
 
     def drop_the_rest(self, kept: set[str]) -> None:
-        root = self.store.root
         known = {*self.workflows, *(name.partition("/")[0] for name in self.links)}
         codes = {str(self.records[key].parts.get("code")) for key in kept}
         self.drop_leftovers()
         self.drop("journals of old runs", self.old_journals)
-        self.drop("workflows' histories", [root / "runs" / name for name in self.rules.forgotten])
-        self.drop(
-            "workflows' logs",
-            [path for path in _entries(root / "logs") if path.name not in known - self.rules.forgotten],
-        )
-        self.drop("lists of code", [path for path in _entries(root / "code") if path.stem not in codes])
+        self.drop("workflows' histories", self.entries("runs", lambda name: name in self.rules.forgotten))
+        self.drop("workflows' logs", self.entries("logs", lambda name: name not in known - self.rules.forgotten))
+        self.drop("lists of code", self.entries("code", lambda name: name.removesuffix(".json") not in codes))
+        self.drop("broken uploads and copies of what is deleted", self.store.abandoned())
+
+    def entries(self, folder: str, goes: Callable[[str], bool]) -> dict[str, int]:
+        """What of a folder of the store goes: names and bytes."""
+        found = self.store.entries(folder)
+        return {name: size for name, size in found.items() if goes(name.removeprefix(f"{folder}/"))}
 
     def drop_leftovers(self) -> None:
         """What processes left in `temporary` that have ended; every run removes it, too."""
@@ -241,11 +257,11 @@ class _Collector:
             self.waste.append(Waste("leftovers of interrupted and damaged work", len(left), sum(map(size_of, left))))
             self.steps.append(self.store.sweep)
 
-    def drop(self, what: str, paths: Iterable[Path]) -> None:
-        present = [path for path in paths if path.exists() or path.is_symlink()]
-        if present:
-            self.waste.append(Waste(what, len(present), sum(size_of(path) for path in present)))
-            self.steps += [partial(remove, path) for path in present]
+    def drop(self, what: str, entries: Mapping[str, int]) -> None:
+        """Has names of the store deleted, whose bytes are given."""
+        if entries:
+            self.waste.append(Waste(what, len(entries), sum(entries.values())))
+            self.steps += [partial(self.store.delete_entry, name) for name in entries]
 
     def age(self, record: Record) -> float:
         """Seconds since an action began."""
@@ -253,10 +269,6 @@ class _Collector:
             return self.now - datetime.fromisoformat(str(record.provenance["started"])).timestamp()
         except (KeyError, ValueError):
             return float("inf")
-
-
-def _entries(folder: Path) -> list[Path]:
-    return sorted(folder.iterdir()) if folder.is_dir() else []
 
 
 def _newest(folder: Path) -> float:

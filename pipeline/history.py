@@ -139,6 +139,16 @@ class History:
         keys = frozenset(content["began"] for content in lines if isinstance(content.get("began"), str))
         return PastRun(results, keys, whole=began and ended)
 
+    def latest_digests(self) -> dict[str, str]:
+        """The digest of the last result of every output `<workflow>/<stage>.<output>`, as far as journals tell."""
+        found: dict[str, str] = {}
+        for workflow in self.workflows():
+            for journal in self.journals(workflow):
+                for name, result in self.results(journal).items():
+                    for output, digest in result.outputs.items():
+                        found.setdefault(f"{workflow}/{name}.{output}", digest)
+        return found
+
     def forget(self, workflow: str) -> None:
         """Deletes the journals of a workflow."""
         shutil.rmtree(self._runs / workflow, ignore_errors=True)

@@ -36,7 +36,7 @@ def find_artifact(text: str, address: str | Path) -> tuple[Artifact, Store | Non
             return store.artifact(_only(text, found)), store
     found_names = {name: [name] for name in names if text in forms_of(name)}
     if not found_names:
-        raise CommandError(f"no artifact {text!r}", where=store.root, expected=_expected(text, names))
+        raise CommandError(f"no artifact {text!r}", where=store.address, expected=_expected(text, names))
     return store.artifact(names[_only(text, found_names)]), store
 
 

@@ -41,9 +41,8 @@ class Pins:
 
     def read(self, name: str) -> Pin:
         """Raises UserError for a pin that cannot be read: nobody knows then what it was to keep."""
-        path = self._path(name)
         try:
-            content = json.loads(path.read_bytes())
+            content = json.loads(self._data(name))
             return Pin(
                 content["workflow"],
                 content["made"],
@@ -52,7 +51,7 @@ class Pins:
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise UserError(
                 "not a readable pin",
-                where=path,
+                where=self._place(name),
                 found=error,
                 remedy=f"Remove it with `unpin {name}`, and pin the results again.",
             ) from error
@@ -61,19 +60,9 @@ class Pins:
         """Raises CommandError for a name that is taken or cannot be one."""
         if not NAME.fullmatch(name):
             raise CommandError(f"{name!r} cannot name a pin", expected="letters, digits and '_' '-' '.' ',' '[' ']'")
-        self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        aside = self._folder / f".{name}.{os.getpid()}"
-        with os.fdopen(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
-            json.dump(asdict(pin), file, indent=1, sort_keys=True)
-            file.flush()
-            os.fsync(file.fileno())
-        try:
-            os.link(aside, self._path(name))
-        except FileExistsError:
+        if not self._create(name, json.dumps(asdict(pin), indent=1, sort_keys=True).encode()):
             remedy = f"Choose another with --name, or remove that one with `unpin {name}`."
-            raise CommandError(f"there is a pin {name!r} already", remedy=remedy) from None
-        finally:
-            aside.unlink()
+            raise CommandError(f"there is a pin {name!r} already", remedy=remedy)
 
     def remove(self, name: str) -> None:
         """Raises CommandError where there is no pin of that name."""
@@ -81,6 +70,31 @@ class Pins:
             raise CommandError(
                 f"no pin {name!r}; there are {', '.join(self.names) or 'none'}{nearest(name, self.names)}"
             )
+        self._delete(name)
+
+    def _place(self, name: str) -> str:
+        return str(self._path(name))
+
+    def _data(self, name: str) -> bytes:
+        return self._path(name).read_bytes()
+
+    def _create(self, name: str, data: bytes) -> bool:
+        """Writes a pin where none has that name; False where one has."""
+        self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        aside = self._folder / f".{name}.{os.getpid()}"
+        with os.fdopen(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        try:
+            os.link(aside, self._path(name))
+        except FileExistsError:
+            return False
+        finally:
+            aside.unlink()
+        return True
+
+    def _delete(self, name: str) -> None:
         self._path(name).unlink()
 
     def _path(self, name: str) -> Path:

@@ -1,29 +1,28 @@
 """A store in a bucket: every result of it that is used here has a copy in a local store, the mirror.
 
     actions/<key>.json               the record of an action
-    manifests/<digest>.json          the manifest of an artifact
-    files/<digest>/<sha256>          its files, each under the hash of its bytes
-    code/ runs/ logs/                as in a local store
+    manifests/ files/                artifacts: see `remote_artifacts`
+    code/ runs/ logs/ pins/          as in a local store
 
-A bucket knows neither renaming nor locks. So an artifact is there when its manifest is, which is put after all its
-files; files are named after their bytes, so that two who write one artifact write the same; and an action is done when
-its record is, which is put last and only where there is none yet: whoever comes second takes the record of the first.
-An upload that breaks off leaves nothing but files without a manifest, which `gc` may delete.
+A bucket knows neither renaming nor locks. So an action is done when its record is there, which is put after its
+artifacts and only where there is none yet: whoever comes second takes the record of the first.
 
 Stages work on the mirror. An artifact is fetched whole when it is first needed, and is moved into the mirror when every
-byte of it has been checked. Locks, checkpoints, declarations and `latest` are the mirror's alone: on one machine each
-action is done once; two machines at the same time may both do one, of which one result counts; and what was
-interrupted on one machine begins anew on another.
+byte of it has been checked. Locks, checkpoints, declarations, the files behind a digest and the links in `latest` are
+the mirror's alone: on one machine each action is done once; two machines at the same time may both do one, of which
+one result counts; and what was interrupted on one machine begins anew on another.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Collection, Mapping
+import shutil
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from platformdirs import user_cache_path
@@ -33,11 +32,16 @@ from pipeline.bucket import Bucket
 from pipeline.canonical import Json
 from pipeline.errors import CorruptArtifact, RemoteError
 from pipeline.history import History
-from pipeline.manifest import MANIFEST, read_manifest
+from pipeline.pins import Pins
+from pipeline.record import RECORD, Record, read_record
+from pipeline.remote_artifacts import RemoteArtifacts
 from pipeline.remote_history import RemoteHistory
-from pipeline.store import RECORD, Record, Store, write_text_whole
+from pipeline.remote_pins import RemotePins
+from pipeline.sealed import write_text_whole
+from pipeline.store import Store, Young
 
 CACHE = "GS_HIDER_CACHE"
+SPARED = 86400.0  # seconds for which `gc` spares what was put: no lock tells of runs on other machines
 ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 
 
@@ -72,6 +76,7 @@ class RemoteStore(Store):
         super().__init__(folder)
         self._mirror = Store(folder)
         self._bucket = bucket
+        self._artifacts = RemoteArtifacts(bucket)
         self._listing: _Listing | None = None
 
     def __repr__(self) -> str:
@@ -86,23 +91,36 @@ class RemoteStore(Store):
         return RemoteHistory(self.root / "runs", self._bucket)
 
     @property
+    def pins(self) -> Pins:
+        return RemotePins(self._bucket)
+
+    @property
     def actions(self) -> frozenset[str]:
         return frozenset(_stem(name) for name in self._bucket.names("actions"))
 
     @property
     def objects(self) -> frozenset[str]:
-        return frozenset(_stem(name) for name in self._bucket.names("manifests"))
+        return self._artifacts.digests
+
+    @property
+    def young(self) -> Young:
+        """What was put within a day: a run on another machine may have put it, or have just found it there."""
+        actions = self._bucket.listing("actions").items()
+        return Young(
+            frozenset(_stem(name) for name, entry in actions if entry.age < SPARED),
+            self._artifacts.younger_than(SPARED),
+        )
+
+    def holds(self, digest: str) -> bool:
+        return self._artifacts.holds(digest)
+
+    def place(self, digest: str) -> str:
+        return self._artifacts.place(digest)
 
     def look(self, workflow: str, stages: Collection[str]) -> None:
         self._listing = _Listing(self.actions, set(self.objects))
         keys = {str(last.made.key) for last in self.history.last(workflow, stages).values() if last.made}
-        lacking = [key for key in keys & self._listing.actions if self._mirror.record(key) is None]
-        asides = {key: self.temporary() for key in lacking}
-        with suppress(FileNotFoundError):  # deleted meanwhile; the others are asked for one by one
-            self._bucket.download({_record_name(key): aside for key, aside in asides.items()})
-        for key, aside in asides.items():
-            if aside.is_file():
-                aside.replace(self._record_file(key))
+        self._fetch_records(keys & self._listing.actions)
 
     def find(self, key: str) -> Record | None:
         listing = self._listing
@@ -110,28 +128,67 @@ class RemoteStore(Store):
             record = self.record(key)
             if record and listing.objects.issuperset(record.outputs.values()):
                 return record
+        return self._find_in_bucket(key)
+
+    def _find_in_bucket(self, key: str) -> Record | None:
         record = self._fetch_record(key)
-        return record if record and all(self._is_there(digest) for digest in record.outputs.values()) else None
+        return record if record and all(map(self.holds, record.outputs.values())) else None
 
     def record(self, key: str) -> Record | None:
         return self._mirror.record(key) or self._fetch_record(key)
 
+    def records(self) -> Iterator[Record]:
+        """All records that can be read, by key; those that are not here yet are fetched together."""
+        keys = self.actions
+        self._fetch_records(keys)
+        for key in sorted(keys):
+            record = self.record(key)
+            if record:
+                yield record
+
+    def kept_record(self, key: str) -> Record | None:
+        return self._record_in_bucket(key, self.temporary())
+
     def _fetch_record(self, key: str) -> Record | None:
+        aside = self.temporary()
+        record = self._record_in_bucket(key, aside)
+        if record:
+            aside.replace(self._record_file(key))
+        return record
+
+    def _record_in_bucket(self, key: str, aside: Path) -> Record | None:
+        """The record of an action as it is in the bucket, whatever a copy says; its file is written to `aside`."""
         data = self._bucket.get(_record_name(key))
         if data is None:
             return None
-        write_text_whole(self._record_file(key), data.decode(errors="replace"), self.temporary())
-        return self._mirror.record(key)
+        aside.write_bytes(data)
+        return read_record(aside, key)
+
+    def _fetch_records(self, keys: Collection[str]) -> None:
+        """Fetches those records that are not here, several at a time."""
+        asides = {key: self.temporary() for key in keys if self._mirror.record(key) is None}
+        with suppress(FileNotFoundError):  # deleted meanwhile; the others are asked for one by one
+            self._bucket.download({_record_name(key): aside for key, aside in asides.items()})
+        for key, aside in asides.items():
+            if read_record(aside, key):
+                aside.replace(self._record_file(key))
 
     def _record_file(self, key: str) -> Path:
         return self.folder("actions", key) / RECORD
 
-    def _is_there(self, digest: str) -> bool:
-        return self._bucket.get(_manifest_name(digest)) is not None
-
     def artifact(self, digest: str) -> Artifact:
         """Raises CorruptArtifact where it is missing or damaged in the bucket; fetches it where it is not here yet."""
         return self._whole_copy(digest) or self._fetch(digest)
+
+    def check_object(self, digest: str) -> int:
+        """Reads every byte of an artifact in the bucket; a damaged copy here is dropped and counts for nothing."""
+        self._mirror.set_aside(digest)
+        aside = self.temporary()
+        try:
+            artifact = self._artifacts.fetch(digest, aside)
+        finally:
+            shutil.rmtree(aside, ignore_errors=True)
+        return sum(file.size for file in artifact.manifest.files.values())
 
     def is_sound(self, digest: str) -> bool:
         """Of the copy here, every byte of it; a damaged one is dropped, so that it is fetched when next asked for."""
@@ -153,55 +210,40 @@ class RemoteStore(Store):
             there = self._whole_copy(digest)
             if there:  # another process was first
                 return there
-            artifact = self._fetched(digest)
+            artifact = self._artifacts.fetch(digest, self.temporary())
             if self.object(digest).exists():
                 self.object(digest).rename(self.temporary())
             self.folder("objects")
             return publish(artifact, self.object(digest))
 
-    def _fetched(self, digest: str) -> Artifact:
-        """The artifact, fetched and checked, in a temporary folder."""
-        where = f"{self.address}/{_manifest_name(digest)}"
-        manifest_data = self._bucket.get(_manifest_name(digest))
-        if manifest_data is None:
-            raise CorruptArtifact(f"{where}: missing")
-        aside = self.temporary()
-        aside.mkdir(mode=0o700)
-        (aside / MANIFEST).write_bytes(manifest_data)
-        manifest = read_manifest(aside)
-        if manifest.digest != digest:
-            raise CorruptArtifact(f"{where}: the manifest of another artifact, {manifest.digest}")
-        for name in manifest.files:
-            (aside / name).parent.mkdir(parents=True, exist_ok=True)
-        names: dict[str, list[str]] = {}
-        for name, file in manifest.files.items():
-            names.setdefault(_file_name(digest, file.sha256), []).append(name)
-        try:
-            self._bucket.download({source: aside / copies[0] for source, copies in names.items()})
-        except FileNotFoundError:
-            raise CorruptArtifact(f"{where}: a file of this artifact is missing") from None
-        for first, *others in names.values():
-            for other in others:
-                (aside / other).write_bytes((aside / first).read_bytes())
-        artifact = Artifact(aside, manifest)
-        artifact.verify()
-        for path in (aside, *aside.rglob("*")):
-            everybody = 0o755 if path.is_dir() else 0o644
-            path.chmod(everybody & 0o700 if manifest.private else everybody)
-        return artifact
-
     def set_aside(self, digest: str) -> None:
-        """Takes an artifact out of the bucket that is damaged there; where only the copy here was, it is renewed."""
-        self._mirror.set_aside(digest)
-        try:
-            self._fetch(digest)
-        except CorruptArtifact:
-            self._forget(digest)
-            self._bucket.delete([_manifest_name(digest)])
+        """Takes an artifact out of the bucket that is damaged there; a sound copy takes its place, if one is here.
 
-    def _forget(self, digest: str) -> None:
-        if self._listing:
-            self._listing.objects.discard(digest)
+        Where only the copy here is damaged, it is renewed.
+        """
+        self._mirror.set_aside(digest)
+        copy = self._whole_copy(digest)
+        try:
+            if copy:
+                self.check_object(digest)
+            else:
+                self._fetch(digest)
+        except CorruptArtifact:
+            self._artifacts.withdraw(digest)
+            if copy:
+                self._artifacts.put(copy)
+            elif self._listing:
+                self._listing.objects.discard(digest)
+
+    def set_record_aside(self, key: str) -> None:
+        """Takes a damaged record out of the bucket; a sound copy takes its place, if one is here with its artifacts."""
+        altered = self.kept_record(key) is None
+        copy = self._mirror.record(key)
+        self._bucket.delete([_record_name(key)])
+        if altered and copy and all(map(self.holds, copy.outputs.values())):
+            self._put_record(copy)
+        else:
+            self._mirror.set_record_aside(key)
 
     def commit(
         self, key: str, parts: Mapping[str, Json], writers: Mapping[str, ArtifactWriter], provenance: Mapping[str, Any]
@@ -209,31 +251,27 @@ class RemoteStore(Store):
         """As in a local store. If it breaks off, nothing of the action can be seen."""
         made = self._mirror.commit(key, parts, writers, provenance)
         for digest in made.outputs.values():
-            self._push(digest)
-        data = self._record_file(key).read_bytes()
-        while not self._bucket.create(_record_name(key), data):
-            first = self.find(key)
+            self._artifacts.put(self._mirror.artifact(digest))
+        self._put_code(str(parts.get("code")))
+        return self._put_record(made)
+
+    def add(self, record: Record) -> None:
+        self._mirror.add(record)
+        self._put_code(str(record.parts.get("code")))
+        self._put_record(record)
+
+    def _put_record(self, made: Record) -> Record:
+        """Puts a record of the mirror into the bucket; returns the one of another machine that was first, if any."""
+        data = self._record_file(made.key).read_bytes()
+        while not self._bucket.create(_record_name(made.key), data):
+            first = self._find_in_bucket(made.key)
             if first:
                 return first
-            self._bucket.delete([_record_name(key)])  # one whose artifacts are damaged or gone
+            self._bucket.delete([_record_name(made.key)])  # one whose artifacts are damaged or gone
         return made
 
-    def _push(self, digest: str) -> None:
-        """Puts an artifact of the mirror into the bucket, unless it is there, whole as far as sizes tell."""
-        artifact = self._mirror.artifact(digest)
-        manifest_data = (artifact.path / MANIFEST).read_bytes()
-        files = {
-            _file_name(digest, file.sha256): artifact.path / name for name, file in artifact.manifest.files.items()
-        }
-        if self._bucket.get(_manifest_name(digest)) == manifest_data:
-            sizes = self._bucket.names(f"files/{digest}")
-            if all(sizes.get(name) == path.stat().st_size for name, path in files.items()):
-                return
-        self._bucket.upload(files)
-        self._bucket.put(_manifest_name(digest), manifest_data)
-
-    def keep_code(self, digest: str, modules: Mapping[str, str], definitions: Mapping[str, Mapping[str, str]]) -> None:
-        self._mirror.keep_code(digest, modules, definitions)
+    def _put_code(self, digest: str) -> None:
+        """Puts a list of code where others find it, who may have to explain a result; planning alone puts nothing."""
         with suppress(RemoteError, FileNotFoundError):  # it only costs an explanation
             self._bucket.create(_code_name(digest), self._code(digest).read_bytes())
 
@@ -248,6 +286,15 @@ class RemoteStore(Store):
         write_text_whole(self._code(digest), data.decode(errors="replace"), self.temporary())
         return self._mirror.code(digest)
 
+    def latest_digests(self) -> dict[str, str]:
+        """The digests that the last run of each stage gave its outputs, on whatever machine, as far as they are kept.
+
+        Links here tell what no journal does.
+        """
+        names = self._mirror.latest_digests() | self.history.latest_digests()
+        objects = self.objects
+        return {name: digest for name, digest in sorted(names.items()) if digest in objects}
+
     def keep_log(self, path: Path) -> None:
         with suppress(RemoteError, FileNotFoundError):  # the log is here; what matters more says what went wrong
             self._bucket.put(path.relative_to(self.root).as_posix(), path.read_bytes())
@@ -258,23 +305,41 @@ class RemoteStore(Store):
         self._mirror.delete_record(key)
 
     def delete_object(self, digest: str) -> None:
-        """Deletes an artifact, here and in the bucket: its manifest first, so that nobody sees a part of it."""
-        self._forget(digest)
-        self._bucket.delete([_manifest_name(digest)])
-        self._bucket.delete(self._bucket.names(f"files/{digest}"))
+        """Deletes an artifact, here and in the bucket."""
+        if self._listing:
+            self._listing.objects.discard(digest)
+        self._artifacts.delete(digest)
         self._mirror.delete_object(digest)
+
+    def sizes_of_records(self, keys: Collection[str]) -> dict[str, int]:
+        sizes = self._bucket.names("actions")
+        return {key: sizes.get(_record_name(key), 0) for key in keys}
+
+    def sizes_of_objects(self, digests: Collection[str]) -> dict[str, int]:
+        return self._artifacts.sizes(digests) if digests else {}
+
+    def entries(self, folder: str) -> dict[str, int]:
+        """What is in a folder of the bucket, or in the mirror's alone."""
+        sizes: Counter[str] = Counter()
+        for name, size in self._bucket.names(folder).items():
+            sizes[f"{folder}/{name.removeprefix(f'{folder}/').split('/')[0]}"] += size
+        return self._mirror.entries(folder) | dict(sorted(sizes.items()))
+
+    def delete_entry(self, name: str) -> None:
+        """Deletes what has a name of `entries`, here and in the bucket."""
+        self._bucket.delete([name, *self._bucket.names(name)])
+        self._mirror.delete_entry(name)
+
+    def abandoned(self) -> dict[str, int]:
+        """Files of uploads that broke off, a day ago or longer, and copies here of what is no longer in the bucket."""
+        actions, objects = self.actions, self.objects
+        copies = self._mirror.entries("actions") | self._mirror.entries("objects")
+        lone = {name: size for name, size in copies.items() if _stem(name) not in actions | objects}
+        return self._artifacts.unfinished(SPARED) | lone
 
 
 def _record_name(key: str) -> str:
     return f"actions/{key}.json"
-
-
-def _manifest_name(digest: str) -> str:
-    return f"manifests/{digest}.json"
-
-
-def _file_name(digest: str, sha256: str) -> str:
-    return f"files/{digest}/{sha256}"
 
 
 def _code_name(digest: str) -> str:
@@ -282,4 +347,4 @@ def _code_name(digest: str) -> str:
 
 
 def _stem(name: str) -> str:
-    return name.rpartition("/")[2].removesuffix(".json")
+    return PurePosixPath(name).stem

@@ -26,7 +26,8 @@ from pipeline.explain import key_of, key_parts
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import Journal, StageResult
 from pipeline.provenance import git_commit
-from pipeline.store import Record, Store
+from pipeline.record import Record
+from pipeline.store import Store
 
 GRACE = 60.0  # seconds that a running stage has to save its checkpoint and stop
 MOMENT = 0.2  # seconds between two looks at the stop flag

@@ -20,12 +20,12 @@ run hold `locks/in_use` together; `gc` holds it alone.
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import re
 import shutil
+import threading
 import uuid
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,67 +34,23 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from pipeline.artifact import Artifact, ArtifactWriter, flush, load, publish
-from pipeline.canonical import Json, digest_of
-from pipeline.disk import read_json_object
+from pipeline.canonical import Json
 from pipeline.errors import CommandError, CorruptArtifact
 from pipeline.history import History
 from pipeline.pins import Pins
+from pipeline.record import RECORD, Record, read_record
+from pipeline.sealed import read_sealed, sealed, write_text_whole
 from pipeline.temporary import OwnFolder, sweep
 
-RECORD = "record.json"
-SEAL = "sha256"
 KEY = re.compile(r"[0-9a-f]{64}")
 
 
 @dataclass(frozen=True)
-class Record:
-    """An action that was done.
+class Young:
+    """Keys of actions and digests of artifacts."""
 
-    `parts` is what its key is the hash of; `outputs` the digests of what came out; `provenance` all else worth
-    knowing: when, how long, with which versions, where, from which commit.
-    """
-
-    key: str
-    parts: Mapping[str, Json]
-    outputs: Mapping[str, str]
-    provenance: Mapping[str, Any]
-
-    @property
-    def seconds(self) -> float:
-        return float(self.provenance["seconds"])
-
-    @property
-    def accepted(self) -> tuple[Mapping[str, Any], ...]:
-        """How often a person said that a change did not matter: `from` which key, `when`, at which `commit`, and
-        the `changes` in words; empty for a result that the action itself made."""
-        return tuple(self.provenance.get("accepted", ()))
-
-    @property
-    def name(self) -> str:
-        """The stage's name in the workflow that had it done."""
-        return str(self.provenance.get("name", ""))
-
-    @property
-    def workflow(self) -> str:
-        """The workflow that had it done; others may use the result."""
-        return str(self.provenance.get("workflow", ""))
-
-    @property
-    def inputs(self) -> dict[str, list[str]]:
-        """The digests of the artifacts that it took, by input."""
-        given = self.parts.get("inputs")
-        groups = given.items() if isinstance(given, dict) else ()
-        return {name: [str(digest) for digest in group] for name, group in groups if isinstance(group, list)}
-
-    @property
-    def taken(self) -> list[str]:
-        """The digests of all artifacts that it took."""
-        return [digest for digests in self.inputs.values() for digest in digests]
-
-    @property
-    def private(self) -> bool:
-        """Whether any output is private."""
-        return bool(self.provenance.get("private"))
+    actions: frozenset[str] = frozenset()
+    objects: frozenset[str] = frozenset()
 
 
 class Store:
@@ -104,6 +60,7 @@ class Store:
         self.root = root.absolute()
         self.root.mkdir(parents=True, exist_ok=True)
         self._own: OwnFolder | None = None
+        self._making = threading.Lock()
 
     def __repr__(self) -> str:
         return f"Store({str(self.root)!r})"
@@ -152,6 +109,19 @@ class Store:
         """Digests of all artifacts, whole or not; one look at the folder."""
         return self._names("objects")
 
+    @property
+    def young(self) -> Young:
+        """What a run that no lock tells of may be about to use, though nothing names it yet; nothing in a folder."""
+        return Young()
+
+    def holds(self, digest: str) -> bool:
+        """Whether there is an artifact of that digest, whole or not."""
+        return os.path.lexists(self.object(digest))
+
+    def place(self, digest: str) -> str:
+        """Where an artifact is, or would be, in words."""
+        return str(self.object(digest))
+
     def look(self, workflow: str, stages: Collection[str]) -> None:
         """Before a run asks for one action after the other: a store that is far away learns at once what is there."""
 
@@ -173,9 +143,10 @@ class Store:
 
         What is there is removed when this store, or the process, comes to its end: by the next run if need be.
         """
-        if self._own is None or not self._own.path.is_dir():
-            self._own = OwnFolder(self.folder("temporary"))
-        return self._own.path / uuid.uuid4().hex
+        with self._making:  # of two threads one would lose its folder to the other
+            if self._own is None or not self._own.path.is_dir():
+                self._own = OwnFolder(self.folder("temporary"))
+            return self._own.path / uuid.uuid4().hex
 
     def sweep(self) -> None:
         """Removes what processes left behind that were killed: what they wrote, and checkpoints of finished actions."""
@@ -217,6 +188,15 @@ class Store:
             return False
         return True
 
+    def check_object(self, digest: str) -> int:
+        """Reads every byte of an artifact where it is kept, and returns their number.
+
+        Raises CorruptArtifact where it is missing, not what was written, or holds what is not its own.
+        """
+        artifact = self.artifact(digest)
+        artifact.verify()
+        return sum(file.size for file in artifact.manifest.files.values())
+
     def is_sound(self, digest: str) -> bool:
         """Whether an artifact is what was written, every byte of it."""
         try:
@@ -232,10 +212,11 @@ class Store:
 
     def record(self, key: str) -> Record | None:
         """The record of an action, whether or not its outputs are still there."""
-        content = read_sealed(self.root / "actions" / key / RECORD)
-        if not content or content["key"] != key:
-            return None
-        return Record(content["key"], content["parts"], content["outputs"], content["provenance"])
+        return read_record(self.root / "actions" / key / RECORD, key)
+
+    def kept_record(self, key: str) -> Record | None:
+        """The record of an action, read where it is kept; None where it is missing or not what was written."""
+        return self.record(key)
 
     def records(self) -> Iterator[Record]:
         """All records that can be read, by key."""
@@ -263,13 +244,27 @@ class Store:
             path.rename(aside)
         remove(aside)
 
-    def size_of_record(self, key: str) -> int:
-        """Bytes of a record."""
-        return size_of(self.root / "actions" / key)
+    def sizes_of_records(self, keys: Collection[str]) -> dict[str, int]:
+        """Bytes of records, by key."""
+        return {key: size_of(self.root / "actions" / key) for key in keys}
 
-    def size_of_object(self, digest: str) -> int:
-        """Bytes of all files of an artifact, damaged or not."""
-        return size_of(self.object(digest))
+    def sizes_of_objects(self, digests: Collection[str]) -> dict[str, int]:
+        """Bytes of all files of artifacts, damaged or not, by digest."""
+        return {digest: size_of(self.object(digest)) for digest in digests}
+
+    def entries(self, folder: str) -> dict[str, int]:
+        """What is in a folder of the store, such as `logs`: names from the store's root on, and the bytes of each."""
+        path = self.root / folder
+        names = [f"{folder}/{entry.name}" for entry in os.scandir(path)] if path.is_dir() else []
+        return {name: size_of(self.root / name) for name in sorted(names)}
+
+    def delete_entry(self, name: str) -> None:
+        """Deletes what has a name of `entries`."""
+        remove(self.root / name)
+
+    def abandoned(self) -> dict[str, int]:
+        """Names and bytes of what nobody will go on with and `sweep` does not remove; nothing in a folder."""
+        return {}
 
     def commit(
         self, key: str, parts: Mapping[str, Json], writers: Mapping[str, ArtifactWriter], provenance: Mapping[str, Any]
@@ -369,12 +364,6 @@ class Store:
         return self.root / "code" / f"{digest}.json"
 
 
-def newest_makers(records: Iterable[Record]) -> dict[str, Record]:
-    """For each artifact the last of `records` that made it, by digest."""
-    ordered = sorted(records, key=lambda record: str(record.provenance.get("started", "")))
-    return {digest: record for record in ordered for digest in record.outputs.values()}
-
-
 def size_of(path: Path) -> int:
     """Bytes of a file, or of all files under a folder; 0 where there is nothing."""
     if not path.is_dir():
@@ -388,24 +377,3 @@ def remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
-
-
-def write_text_whole(path: Path, text: str, aside: Path, mode: int = 0o666) -> None:
-    """Writes a file so that readers see the old or the new one, never a part."""
-    aside.touch(mode)
-    aside.write_text(text)
-    aside.replace(path)
-
-
-def sealed(content: Mapping[str, Any]) -> str:
-    """JSON with a checksum in it, by which `read_sealed` knows that it is whole."""
-    return json.dumps({**content, SEAL: digest_of(dict(content))}, indent=1, sort_keys=True, allow_nan=False) + "\n"
-
-
-def read_sealed(path: Path) -> dict[str, Any] | None:
-    """What `sealed` made of something; None where that is missing or not what was written."""
-    content = read_json_object(path)
-    try:
-        return content if content and content.pop(SEAL, None) == digest_of(content) else None
-    except (TypeError, ValueError, RecursionError):
-        return None

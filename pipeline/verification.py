@@ -1,24 +1,25 @@
 """Whether a store is what was written: every byte of every artifact, every record, pin and link.
 
 What is damaged is set aside, so that the next run makes it again: an artifact, with the records that name it, or a
-record alone. Other processes may run meanwhile; what they add is looked at or not.
+record alone. In a bucket a sound copy on this machine takes its place, if there is one. Other processes may run
+meanwhile; what they add is looked at or not.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
-from pipeline.artifact import Artifact
 from pipeline.canonical import digest_of
-from pipeline.errors import ArtifactError, CorruptArtifact, UserError
-from pipeline.manifest import MANIFEST
-from pipeline.store import Record, Store
+from pipeline.errors import ArtifactError, UserError
+from pipeline.record import Record
+from pipeline.store import Store
 
+MENDED = "the sound copy that is here took its place"
 THREADS = min(4, os.cpu_count() or 1)  # hashing lets go of Python's lock; a disk is not read faster by more
 
 
@@ -42,54 +43,50 @@ def verify_store(store: Store, dry_run: bool = False) -> Iterator[Checked]:
     lost: set[str] = set()
     with ThreadPoolExecutor(THREADS) as pool:
         for checked in pool.map(partial(_artifact, store), sorted(store.objects)):
-            if checked.damage:
+            if checked.damage and dry_run:
                 lost.add(checked.name)
-                if not dry_run:
-                    store.set_aside(checked.name)
+            elif checked.damage:
+                store.set_aside(checked.name)
+                mended = f"; {MENDED}" if store.holds(checked.name) else ""
+                checked = replace(checked, damage=f"{checked.damage}{mended}")
             yield replace(checked, stages=names.get(checked.name, ()))
-    for key in sorted(store.actions):
-        record = store.record(key)
-        damage = _damage_of_record(store, key, record, lost)
+    keys = sorted(store.actions)  # ahead of the artifacts: those of a new record are there before it
+    present = store.objects - lost
+    with ThreadPoolExecutor(THREADS) as pool:
+        records = list(pool.map(store.kept_record, keys))
+    for key, record in zip(keys, records, strict=True):
+        damage = _damage_of_record(key, record, present)
         if damage and not dry_run:
             store.set_record_aside(key)
+            damage += f"; {MENDED}" if store.kept_record(key) else ""
         stages = (f"{record.workflow}/{record.name}",) if record else ()
         yield Checked("record", key, damage=damage, stages=stages)
     yield from _pins(store)
     for name, digest in store.latest_digests().items():
-        gone = digest in lost or not store.object(digest).is_dir()
+        gone = digest not in present and (digest in lost or not store.holds(digest))
         if gone and not dry_run:
             store.unlink_latest(name)
         yield Checked("link", name, damage=f"leads to {digest[:8]}, which is not in the store" if gone else None)
 
 
 def _artifact(store: Store, digest: str) -> Checked:
-    path = store.object(digest)
+    place = store.place(digest)
     try:
-        artifact = store.artifact(digest)
-        artifact.verify()
-        _refuse_foreign_files(artifact)
+        size = store.check_object(digest)
     except (ArtifactError, OSError) as error:
-        if not path.exists():  # another process set it aside meanwhile
+        if not store.holds(digest):  # another process set it aside meanwhile
             return Checked("artifact", digest)
-        return Checked("artifact", digest, damage=str(error).replace(f"{path}/", "").replace(f"{path}: ", ""))
-    return Checked("artifact", digest, sum(file.size for file in artifact.manifest.files.values()))
+        return Checked("artifact", digest, damage=str(error).replace(f"{place}/", "").replace(f"{place}: ", ""))
+    return Checked("artifact", digest, size)
 
 
-def _refuse_foreign_files(artifact: Artifact) -> None:
-    for path in sorted(artifact.path.rglob("*")):
-        name = path.relative_to(artifact.path).as_posix()
-        known = name == MANIFEST or name in artifact.manifest.files
-        if path.is_symlink() or not (path.is_dir() or known):
-            raise CorruptArtifact(f"{name}: not a part of the artifact; something else put it there")
-
-
-def _damage_of_record(store: Store, key: str, record: Record | None, lost: set[str]) -> str | None:
+def _damage_of_record(key: str, record: Record | None, present: Collection[str]) -> str | None:
     if record is None:
         return "altered since it was written"
     if digest_of(dict(record.parts)) != key:
         return "its parts are not those whose hash is its key"
     for output, digest in record.outputs.items():
-        if digest in lost or not store.object(digest).is_dir():
+        if digest not in present:
             return f"its output {output} ({digest[:8]}) is damaged or gone"
     return None
 

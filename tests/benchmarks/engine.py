@@ -26,8 +26,9 @@ from pipeline.history import StageResult
 from pipeline.manifest import FileRecord, Manifest
 from pipeline.project import open_project
 from pipeline.provenance import machine
+from pipeline.record import RECORD, Record
 from pipeline.stage import output_is_private
-from pipeline.store import RECORD, Record, Store
+from pipeline.store import Store
 
 WORKFLOW = Path(__file__).parents[2] / "workflows" / "batch_pairs.yaml"
 FILES = {f"part{number}": b"what a stage made" for number in range(3)}

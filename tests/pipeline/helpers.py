@@ -15,7 +15,7 @@ from pipeline.events import Event, StageEnded, Summary
 from pipeline.executor import Executor, SerialExecutor
 from pipeline.plan import Step, make_plan
 from pipeline.project import Project, open_project
-from pipeline.runner import Run
+from pipeline.runner import RETRIES, Run
 
 TOYS = "tests.pipeline.toys"
 
@@ -67,7 +67,9 @@ class Workspace:
             return [str(problem).removeprefix(f"{self.file}:") for problem in error.problems]
         return []
 
-    def run(self, *settings: str, stages: Sequence[str] = (), executor: Executor | None = None) -> Ran:
+    def run(
+        self, *settings: str, stages: Sequence[str] = (), executor: Executor | None = None, retries: int = RETRIES
+    ) -> Ran:
         project = self.open(*settings)
         graph = project.graph.needed_for(stages) if stages else project.graph
         events: list[Event] = []
@@ -79,6 +81,7 @@ class Workspace:
             lambda: executor or SerialExecutor(),
             captures=executor is not None,
             tell=events.append,
+            retries=retries,
         )
         summary = work.run()
         ended = {event.name: event for event in events if isinstance(event, StageEnded)}

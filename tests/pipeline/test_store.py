@@ -10,7 +10,8 @@ import pytest
 from pipeline.artifact import ArtifactWriter
 from pipeline.errors import UserError
 from pipeline.external import contents_of
-from pipeline.store import Record, Store
+from pipeline.record import Record
+from pipeline.store import Store
 
 KEY = "ab" * 32
 

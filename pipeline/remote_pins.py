@@ -1,0 +1,39 @@
+"""Pins of a store in a bucket: they are there alone, so that `gc` on any machine keeps what was pinned on any other."""
+
+from __future__ import annotations
+
+from pathlib import PurePosixPath
+
+from pipeline.bucket import Bucket
+from pipeline.pins import Pins
+
+
+class RemotePins(Pins):
+    """The pins of the store in a bucket. Methods raise RemoteError where the bucket cannot be used."""
+
+    def __init__(self, bucket: Bucket) -> None:
+        self._bucket = bucket
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all pins, sorted."""
+        return sorted(PurePosixPath(name).stem for name in self._bucket.names("pins"))
+
+    def _place(self, name: str) -> str:
+        return f"{self._bucket.address}/{_pin_name(name)}"
+
+    def _data(self, name: str) -> bytes:
+        data = self._bucket.get(_pin_name(name))
+        if data is None:
+            raise FileNotFoundError("there is none")
+        return data
+
+    def _create(self, name: str, data: bytes) -> bool:
+        return self._bucket.create(_pin_name(name), data)
+
+    def _delete(self, name: str) -> None:
+        self._bucket.delete([_pin_name(name)])
+
+
+def _pin_name(name: str) -> str:
+    return f"pins/{name}.json"
