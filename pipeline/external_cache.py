@@ -41,10 +41,11 @@ class ExternalCache:
         contents = contents_of(path, lambda file: _digest(file, before, after))
         if after != before:
             self._write(place, {name: [*look, digest] for name, (look, digest) in after.items()})
-        listing = self._listing(contents.digest)
+        digest = contents.digest
+        listing = self._listing(digest)
         if not listing.is_file():
             self._write(listing, {"folder": contents.is_folder, "files": contents.files})
-        return contents.digest
+        return digest
 
     def contents(self, digest: str) -> Contents | None:
         """The names and digests of the files behind a digest; None where that is not known."""
