@@ -59,6 +59,7 @@ def main() -> None:
         told("run, all cached", cost("run", folder / "store", table), stages, nothing)
         if os.environ.get("KEEP"):
             import shutil
+
             shutil.copytree(folder, os.environ["KEEP"], symlinks=True)
 
 

@@ -85,7 +85,8 @@ def test_changed_files(workspace: Workspace, tmp_path: Path) -> None:
 
 def explained(workspace: Workspace, name: str, *settings: str) -> Explanation:
     project = workspace.open(*settings)
-    return explain(project.graph, make_plan(project.graph, project.store), project.store, name)
+    (explained,) = explain(project.graph, make_plan(project.graph, project.store), project.store, [name])
+    return explained
 
 
 def test_the_way_back_to_what_changed(workspace: Workspace) -> None:
