@@ -185,8 +185,8 @@ def explain(
         project = open_project(workflow, store, settings or [], package)
         part = project.graph.needed_for([stage])
         steps = make_plan(part, project.store)
-        for name in (name for name in steps if stage in (name, name.partition("[")[0])):
-            explanation = explained(part, steps, project.store, name)
+        names = [name for name in steps if stage in (name, name.partition("[")[0])]
+        for explanation in explained(part, steps, project.store, names):
             if as_json:
                 print(json.dumps(fields_of(explanation)))
             else:

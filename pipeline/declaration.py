@@ -22,6 +22,7 @@ from pipeline.canonical import Json, digest_of, plain
 from pipeline.errors import UserError, nearest
 from pipeline.fingerprint import Code, SourceTree
 from pipeline.sealed import read_sealed, sealed, write_text_whole
+from pipeline.source_cache import SourceCache
 from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
 from pipeline.store import Store
 
@@ -69,7 +70,8 @@ class Catalogue:
     def __init__(self, package: str, libraries: tuple[str, ...], store: Store) -> None:
         top = package.partition(".")[0]
         self.package = package
-        self.sources = SourceTree((top, *libraries))
+        self._source_cache = SourceCache(store, top)
+        self.sources = SourceTree((top, *libraries), self._source_cache.module)
         self._store = store
         self._stages: dict[str, Stage] = {}
         self._codes: dict[tuple[str, ...], Code] = {}
@@ -129,6 +131,7 @@ class Catalogue:
 
     def remember(self) -> None:
         """Writes what was learnt of stages into the store's cache, for the next time."""
+        self._source_cache.remember()
         for uses in self._new:
             answers = self._answers[uses]
             if len(answers) > MOST_ANSWERS:

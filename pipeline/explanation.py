@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from pipeline.changes import Change, changes
@@ -40,9 +42,9 @@ class Explanation:
     run: str | None = None
 
 
-def explain(graph: Graph, steps: Mapping[str, Step], store: Store, name: str) -> Explanation:
-    """Explains the step of the stage `name`; `steps` hold its own and those of all that it depends on."""
-    return _Explainer(graph, steps, store).explanation(name)
+def explain(graph: Graph, steps: Mapping[str, Step], store: Store, names: Iterable[str]) -> Iterator[Explanation]:
+    """Explains the steps of the stages `names`; `steps` hold theirs and those of all that they depend on."""
+    return map(_Explainer(graph, steps, store).explanation, names)
 
 
 class _Explainer:
@@ -51,6 +53,8 @@ class _Explainer:
         self.steps = steps
         self.store = store
         self.known = Known(store)
+        self.journals = self.all_journals()
+        self.runs: dict[str, str] = {}
         self.digests: dict[Source, str | None] = {
             Source(name, output): step.result.outputs.get(output) if step.result else None
             for name, step in steps.items()
@@ -84,28 +88,43 @@ class _Explainer:
 
     def maker(self, name: str, digest: str) -> Record | None:
         """The newest record of an action that made an artifact, of the stage `name` rather than of another."""
-        history = self.store.history
-        keys: dict[str, bool] = {}
-        for journal in history.journals(self.graph.workflow):
-            for result in history.results(journal).values():
-                if result.key and digest in result.outputs.values():
-                    keys.setdefault(result.key, result.name == name)
-        for key in sorted(keys, key=lambda key: not keys[key]):
+        makers = self.makers.get(digest, {})
+        for key in sorted(makers, key=lambda key: makers[key] != name):
             record = self.store.record(key)
             if record and record.parts["stage"] == self.graph.nodes[name].uses:
                 return record
         return None
 
+    @cached_property
+    def makers(self) -> dict[str, dict[str, str]]:
+        """For each artifact that the journals tell of the actions that made it, by key, the newest first, with the
+        stage that each was last done or found for."""
+        makers: dict[str, dict[str, str]] = {}
+        history = self.store.history
+        for journal in history.journals(self.graph.workflow):
+            for result in history.results(journal).values():
+                for digest in result.outputs.values() if result.key else ():
+                    makers.setdefault(digest, {}).setdefault(str(result.key), result.name)
+        return makers
+
     def run_that_made(self, key: str) -> str | None:
         """The run, of this workflow or another, whose journal says that it did the action `key`."""
+        while key not in self.runs:
+            workflow, journal = next(self.journals, (None, None))
+            if journal is None:
+                return None
+            for result in self.store.history.results(journal).values():
+                if result.key and result.state == "ran":
+                    self.runs.setdefault(result.key, f"{workflow}/{journal.stem}")
+        return self.runs[key]
+
+    def all_journals(self) -> Iterator[tuple[str, Path]]:
+        """Those of this workflow first, the newest of each workflow before the others."""
         history = self.store.history
-        workflows = [self.graph.workflow, *(name for name in history.workflows() if name != self.graph.workflow)]
-        for workflow in workflows:
+        others = (name for name in history.workflows() if name != self.graph.workflow)
+        for workflow in (self.graph.workflow, *others):
             for journal in history.journals(workflow):
-                for result in history.results(journal).values():
-                    if result.key == key and result.state == "ran":
-                        return f"{workflow}/{journal.stem}"
-        return None
+                yield workflow, journal
 
 
 def in_words(explanation: Explanation, graph: Graph, duration: str) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 from pipeline.canonical import digest_of, digest_of_file
@@ -41,8 +42,8 @@ def _files_under(folder: Path) -> list[Path]:
     files = []
     for name, _, names in os.walk(folder, followlinks=True, onerror=_raise):
         directory = Path(name)
-        above = [parent.resolve() for parent in directory.parents if parent.is_relative_to(folder)]
-        if directory.resolve() in above:
+        above = list(takewhile(lambda parent: parent.is_relative_to(folder), directory.parents))
+        if above and directory.resolve() in [parent.resolve() for parent in above]:
             raise UserError("a link leads round in a circle", where=directory)
         files += [directory / file for file in names]
     for file in files:

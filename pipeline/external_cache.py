@@ -3,10 +3,7 @@
     cache/external/<hash of the path>.json   for each folder or file that a workflow names: what its files looked like
     external/<digest>.json                   the names and digests behind a digest, for `explain`
 
-A file looks the same when size, modification and change time, inode and device are the same. No program can set the
-change time, so a file that is replaced, restored with its old times or renamed over another always looks different.
-Two writes within one tick of the clock do not: what changed less than `SETTLED` before it was read is not remembered,
-nor is what seems to come from the future.
+See `look` for when a file is taken for the one that it was; what has just changed is not remembered.
 
 Names of files may tell of a message, so nobody else can read either. A process replaces a whole file at a time; of two
 at once the last one's memory stays, and is as true as the other's.
@@ -23,13 +20,12 @@ from pathlib import Path
 
 from pipeline.errors import UserError
 from pipeline.external import Contents, contents_of
+from pipeline.look import Look, is_settled, look_of
 from pipeline.sealed import read_sealed, sealed, write_text_whole
 from pipeline.store import Store
 
-SETTLED = 2_000_000_000  # nanoseconds; the coarsest clock of a file system (FAT) ticks every two seconds
 TRIES = 3
 
-Look = tuple[int, ...]
 Memory = dict[str, tuple[Look, str]]
 
 
@@ -46,10 +42,11 @@ class ExternalCache:
         contents = contents_of(path, lambda file: _digest(file, before, after))
         if after != before:
             self._write(place, {name: [*look, digest] for name, (look, digest) in after.items()})
-        listing = self._listing(contents.digest)
+        digest = contents.digest
+        listing = self._listing(digest)
         if not listing.is_file():
             self._write(listing, {"folder": contents.is_folder, "files": contents.files})
-        return contents.digest
+        return digest
 
     def contents(self, digest: str) -> Contents | None:
         """The names and digests of the files behind a digest; None where that is not known."""
@@ -68,31 +65,22 @@ class ExternalCache:
 def _digest(path: Path, before: Memory, after: Memory) -> str:
     """SHA-256 of a file, from the memory `before` if it looks as it did then; what may be remembered joins `after`."""
     name = str(path)
-    look = _look(path.stat())
+    look = look_of(path.stat())
     remembered = before.get(name)
     if remembered and remembered[0] == look:
         after[name] = remembered
         return remembered[1]
     for _ in range(TRIES):
         with path.open("rb") as file:
-            look = _look(os.fstat(file.fileno()))
+            look = look_of(os.fstat(file.fileno()))
             began = time.time_ns()
             digest = file_digest(file, "sha256").hexdigest()
-            unchanged = look == _look(os.fstat(file.fileno()))
+            unchanged = look == look_of(os.fstat(file.fileno()))
         if unchanged:
-            if _is_settled(look, began):
+            if is_settled(look, began):
                 after[name] = look, digest
             return digest
     raise UserError("changes while it is read", where=path, remedy="Try again when nobody writes to it.")
-
-
-def _look(status: os.stat_result) -> Look:
-    return status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_dev
-
-
-def _is_settled(look: Look, moment: int) -> bool:
-    _, modified, changed, _, _ = look
-    return moment - max(modified, changed) > SETTLED
 
 
 def _read_memory(path: Path) -> Memory:

@@ -18,12 +18,13 @@ from __future__ import annotations
 
 import ast
 import importlib.util
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from hashlib import sha256
 from pathlib import Path
 
-from pipeline.canonical import digest_of, digest_of_file
+from pipeline.canonical import digest_of
 from pipeline.errors import UserError
 
 ENGINE = "pipeline"
@@ -38,6 +39,7 @@ class Module:
 
     `definitions` holds a digest for each name that the file defines at its top level, for its imports and other
     statements, and for each of its resources. They are there to say what changed: the key counts `digest` alone.
+    `resources` holds the patterns that name these.
     """
 
     path: Path
@@ -45,6 +47,7 @@ class Module:
     definitions: Mapping[str, str]
     imports: tuple[str, ...]
     dynamic: tuple[int, ...]
+    resources: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -62,10 +65,11 @@ class Code:
 
 
 class SourceTree:
-    """The sources of the first-party packages, each file read once. Nothing is imported to read it."""
+    """The sources of the first-party packages, each file read once, by `read`. Nothing is imported to read it."""
 
-    def __init__(self, packages: Iterable[str]) -> None:
+    def __init__(self, packages: Iterable[str], read: Callable[[str, Path], Module] | None = None) -> None:
         self._folders = {package: _folders_of(package) for package in packages if package != ENGINE}
+        self._read = read or read_module
         self._modules: dict[str, Module | None] = {}
 
     def code(self, roots: Iterable[str]) -> Code:
@@ -104,7 +108,7 @@ class SourceTree:
         """The first-party module of that name; None where there is none."""
         if name not in self._modules:
             path = self._path(name)
-            self._modules[name] = read_module(name, path) if path else None
+            self._modules[name] = self._read(name, path) if path else None
         return self._modules[name]
 
     def _path(self, name: str) -> Path | None:
@@ -127,21 +131,24 @@ def _folders_of(package: str) -> tuple[Path, ...]:
     return tuple(Path(folder) for folder in specification.submodule_search_locations)
 
 
-def read_module(name: str, path: Path) -> Module:
-    """The module `name` in the file at `path`. Raises UserError where that is not Python."""
+def read_module(name: str, path: Path, read: Callable[[Path], bytes] = Path.read_bytes) -> Module:
+    """The module `name` in the file at `path`. Raises UserError where that is not Python or a resource is missing."""
     try:
-        tree = ast.parse(path.read_bytes(), str(path))
+        tree = ast.parse(read(path), str(path))
     except (SyntaxError, ValueError) as error:
         line = getattr(error, "lineno", None) or 1
         raise UserError(f"not Python: {getattr(error, 'msg', error)}", where=f"{path}:{line}") from error
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    resources = {file.relative_to(path.parent).as_posix(): digest_of_file(file) for file in _resources(tree, path)}
+    patterns = _resources(tree, path)
+    files = {file.relative_to(path.parent).as_posix(): file for file in resource_files(patterns, path)}
+    resources = {name: sha256(read(file)).hexdigest() for name, file in files.items()}
     return Module(
         path=path,
         digest=digest_of([spell(tree), resources]),
         definitions={**_definitions(tree), **resources},
         imports=tuple(dict.fromkeys(_imports(tree, package))),
         dynamic=tuple(_dynamic(tree)),
+        resources=patterns,
     )
 
 
@@ -226,9 +233,9 @@ def _literal_name(call: ast.Call) -> str | None:
     return None
 
 
-def _resources(tree: ast.Module, path: Path) -> list[Path]:
-    """The files that a module-level `RESOURCES` names, by patterns relative to the module's folder."""
-    patterns: object = ()
+def _resources(tree: ast.Module, path: Path) -> tuple[str, ...]:
+    """The patterns of a module-level `RESOURCES`."""
+    found: tuple[str, ...] = ()
     for node in tree.body:
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
         if isinstance(node, ast.Assign | ast.AnnAssign) and any(getattr(t, "id", "") == "RESOURCES" for t in targets):
@@ -238,8 +245,17 @@ def _resources(tree: ast.Module, path: Path) -> list[Path]:
                 patterns = None
             if not isinstance(patterns, tuple) or not all(isinstance(pattern, str) for pattern in patterns):
                 raise UserError("RESOURCES is not a literal tuple of patterns", where=f"{path}:{node.lineno}")
+            found = patterns
+    return found
+
+
+def resource_files(patterns: Iterable[str], path: Path) -> list[Path]:
+    """The files that `patterns` match, relative to the folder of the module at `path`.
+
+    Raises UserError for a pattern that matches none.
+    """
     files: list[Path] = []
-    for pattern in patterns if isinstance(patterns, tuple) else ():
+    for pattern in patterns:
         found = sorted(file for file in path.parent.glob(pattern) if file.is_file())
         if not found:
             raise UserError(f"RESOURCES names {pattern!r}, which matches no file", where=path)

@@ -11,6 +11,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
@@ -56,7 +57,7 @@ class Manifest:
         """Names of the files that are not part of an array, sorted."""
         return tuple(sorted(name for name in self.files if PurePosixPath(name).parts[0] != ARRAYS))
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """SHA-256 of the logical content."""
         return digest_of(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from pipeline.changes import Change, changes
+from pipeline.collection import without_collection
 from pipeline.explain import key_of, key_parts
 from pipeline.external import Contents
 from pipeline.external_cache import ExternalCache
@@ -63,7 +64,8 @@ class Known:
 
 def make_plan(graph: Graph, store: Store) -> dict[str, Step]:
     """The steps of a run, in order."""
-    return _Planner(graph, store).plan()
+    with without_collection():
+        return _Planner(graph, store).plan()
 
 
 class _Planner:

@@ -10,7 +10,7 @@
     scratch/<key>/                   checkpoints of an action that was interrupted
     locks/<key>.lock                 held by the kernel for the process that works on an action
     external/<digest>.json           names and digests of the files behind a digest, for `explain`
-    cache/                           what can be computed again: declarations of stages, digests of external files
+    cache/                           what can be computed again: of stages, their sources and external files
     temporary/<id>/                  what a process is writing; everything else appears by renaming, whole
 
 Two processes may use one store: a lock lets one of them do an action, and whoever comes second finds it done. All who

@@ -14,13 +14,14 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 ENGINE = [
-    "errors canonical cause completion disk orphans temporary",
+    "errors canonical cause collection completion disk look orphans temporary",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
     "engine_code sealed",
     "arrays substitution table record",
     "matrix artifact executor placement fingerprint history wording bucket",
     "stage store remote_history remote_pins remote_artifacts workflow livetable loaded_code",
-    "declaration checkpoint remote external_cache privacy garbage verification workers progress",
+    "source_cache checkpoint remote external_cache privacy garbage verification workers progress",
+    "declaration",
     "graph action naming storewords cluster",
     "explain changes description exporting",
     "plan runner showing pictures",

@@ -53,7 +53,8 @@ def call(session: Session, command: str, *arguments: str) -> tuple[int, str]:
 def words(session: Session, name: str) -> list[str]:
     prepare(session)
     project = session.workspace.open()
-    return in_words(explain(project.graph, session.workspace.plan(), project.store, name), project.graph, "1 s")
+    (explained,) = explain(project.graph, session.workspace.plan(), project.store, [name])
+    return in_words(explained, project.graph, "1 s")
 
 
 def test_a_cosmetic_change(session: Session) -> None:

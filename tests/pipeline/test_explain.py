@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from pipeline.explanation import Explanation, as_json, explain, in_words
 from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code, read_module
 from pipeline.graph import Node, Source
+from pipeline.history import History, StageResult
 from pipeline.plan import Known, make_plan
 from tests.pipeline.helpers import Workspace
 from tests.pipeline.test_runner import CHAIN
@@ -85,7 +87,8 @@ def test_changed_files(workspace: Workspace, tmp_path: Path) -> None:
 
 def explained(workspace: Workspace, name: str, *settings: str) -> Explanation:
     project = workspace.open(*settings)
-    return explain(project.graph, make_plan(project.graph, project.store), project.store, name)
+    (explained,) = explain(project.graph, make_plan(project.graph, project.store), project.store, [name])
+    return explained
 
 
 def test_the_way_back_to_what_changed(workspace: Workspace) -> None:
@@ -182,3 +185,25 @@ def test_results_of_another_workflow_are_found_by_key(workspace: Workspace) -> N
     workspace.write(CHAIN).run()
     workspace.write(CHAIN.replace("name: chain", "name: another"))
     assert {step.state for step in workspace.plan().values()} == {"cached"}
+
+
+def test_a_journal_is_read_no_oftener_for_many_stages(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once for who made what is cached, once for who made what the others took: a thousand stages are one question."""
+    workspace.write(CHAIN).run()
+    workspace.run("base.count=2")
+    project = workspace.open("base.count=2", "twice.factor=7.0")
+    steps = make_plan(project.graph, project.store)
+    read: Counter[Path] = Counter()
+    results = History.results
+
+    def counted(history: History, journal: Path) -> dict[str, StageResult]:
+        read[journal] += 1
+        return results(history, journal)
+
+    monkeypatch.setattr(History, "results", counted)
+    told = list(explain(project.graph, steps, project.store, [*steps, *steps]))
+    assert [each.step.name for each in told] == [*steps, *steps]
+    newest = project.store.history.journals(project.graph.workflow)[0].stem
+    assert {each.run for each in told if each.record} == {f"chain/{newest}"}
+    assert {cause.text for each in told for cause in each.causes} == {"because twice: parameter factor: 2.0 → 7.0"}
+    assert max(read.values()) == 2

@@ -20,7 +20,8 @@ from hypothesis import strategies as st
 from pipeline import external_cache
 from pipeline.errors import UserError
 from pipeline.external import contents_of
-from pipeline.external_cache import SETTLED, ExternalCache
+from pipeline.external_cache import ExternalCache
+from pipeline.look import SETTLED
 from pipeline.store import Store
 
 NAMES = ["a.jpg", "b.jpg", "deep/a.jpg"]

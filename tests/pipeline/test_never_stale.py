@@ -184,7 +184,8 @@ def check(world: World, workspace: Workspace) -> Ran:
     project = workspace.open()
     plan = make_plan(project.graph, project.store)
     for name, step in plan.items():
-        explained = in_words(explain(project.graph, plan, project.store, name), project.graph, "1 s")
+        (explanation,) = explain(project.graph, plan, project.store, [name])
+        explained = in_words(explanation, project.graph, "1 s")
         assert explained
         assert (step.state == "cached") <= (recipes[name] not in new), f"{name}: a stale result would be used"
         assert (step.state == "run") <= (recipes[name] in new), f"{name} would be run needlessly: {step.reasons}"

@@ -1,0 +1,26 @@
+"""How a file looks from outside, by which one that was read before need not be read again.
+
+A file looks the same when size, modification and change time, inode and device are the same. No program can set the
+change time, so a file that is replaced, restored with its old times or renamed over another always looks different.
+Two writes within one tick of the clock do not: a look at what changed less than `SETTLED` before it was read is not to
+be trusted, nor is one at what seems to come from the future.
+"""
+
+from __future__ import annotations
+
+import os
+
+SETTLED = 2_000_000_000  # nanoseconds; the coarsest clock of a file system (FAT) ticks every two seconds
+
+Look = tuple[int, ...]
+
+
+def look_of(status: os.stat_result) -> Look:
+    """Size, modification time, change time, inode and device."""
+    return status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_dev
+
+
+def is_settled(look: Look, moment: int) -> bool:
+    """Whether a file that looked so when it was read, at `moment` (nanoseconds), will look different once changed."""
+    _, modified, changed, _, _ = look
+    return moment - max(modified, changed) > SETTLED
