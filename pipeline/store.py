@@ -167,7 +167,10 @@ class Store:
         Raises CommandError where that cannot be had at once: another process deletes, or others work.
         """
         path = self.folder("locks") / "in_use"
-        with path.open("a") as file:
+        descriptor = os.open(
+            path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o666
+        )  # a link would make a file elsewhere
+        with os.fdopen(descriptor, "ab") as file:
             try:
                 fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
             except BlockingIOError:

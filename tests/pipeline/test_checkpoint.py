@@ -8,6 +8,7 @@ import shutil
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -157,8 +158,7 @@ def test_a_full_disk_stops_no_work(context: Context, log: list[str], monkeypatch
 def rewrite(checkpoint: Path, change: dict[str, object]) -> None:
     """Another program's checkpoint: its attributes are others, and its manifest fits them."""
     manifest = read_manifest(checkpoint)
-    manifest.attributes.update(change)  # type: ignore[attr-defined]
-    manifest.write(checkpoint)
+    replace(manifest, attributes={**manifest.attributes, **change}).write(checkpoint)
 
 
 def test_another_format_is_not_read(context: Context, log: list[str]) -> None:

@@ -58,7 +58,13 @@ def make_folder(path: Path, chance: random.Random) -> None:
 
 def make_link(path: Path, chance: random.Random) -> None:
     path.unlink()
-    path.symlink_to(chance.choice(["/dev/zero", "/nowhere", "/etc/passwd", path.name]))
+    path.symlink_to(chance.choice(["/dev/zero", *map(str, outside(path)), path.name]))
+
+
+def outside(path: Path) -> tuple[Path, Path]:
+    """A file beside the store that `path` is in, and one that is not there: neither may be touched."""
+    beside = next(parent for parent in path.parents if parent.name == "store").parent
+    return beside / "a stranger's", beside / "nowhere"
 
 
 def delete_folder(path: Path, chance: random.Random) -> None:
@@ -99,6 +105,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
 def damaged_copy(sound: Workspace, folder: Path, seed: int, times: int) -> Workspace:
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(sound.folder, folder, symlinks=True)
+    (folder / "a stranger's").write_text("kept")
     chance = random.Random(seed)
     for _ in range(times):
         files = sorted(path for path in (folder / "store").rglob("*") if path.is_file() and not path.is_symlink())
@@ -121,6 +128,13 @@ def wrong_or_unreadable(ran: Ran) -> list[str]:
 
 def check_damage(sound: Workspace, folder: Path, seed: int, times: int) -> None:
     workspace = damaged_copy(sound, folder, seed, times)
+    check_repair(workspace, folder)
+    strangers, nowhere = outside(folder / "store" / "a file")
+    assert strangers.read_text() == "kept"
+    assert not nowhere.exists()
+
+
+def check_repair(workspace: Workspace, folder: Path) -> None:
     try:
         workspace.plan()
         ran = workspace.run()
