@@ -9,6 +9,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -150,10 +151,16 @@ def _perform(job: Job, tell: Tell) -> Outcome:
 
 def _with_inputs(job: Job, store: Store, tell: Tell) -> Outcome:
     """Opens the inputs, and runs the stage."""
-    damaged = tuple(digest for digest in job.digests if not store.is_whole(digest))
+    artifacts: dict[str, Artifact] = {}
+    for digest in job.digests:
+        with suppress(CorruptArtifact):
+            artifact = store.artifact(digest)
+            artifact.check_sizes()
+            artifacts[digest] = artifact
+    damaged = tuple(digest for digest in job.digests if digest not in artifacts)
     if damaged:
         return Outcome("damaged", damaged=damaged)
-    inputs = {name: tuple(store.artifact(digest) for digest in digests) for name, digests in job.inputs.items()}
+    inputs = {name: tuple(artifacts[digest] for digest in digests) for name, digests in job.inputs.items()}
     private = job.private or any(artifact.private for group in inputs.values() for artifact in group)
     return _logged(job, store, tell, _Action(job, store, inputs, private))
 
@@ -180,7 +187,7 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         return Outcome("stopped", time.monotonic() - started, cause=cause, log=path)
     except (Exception, SystemExit) as error:
         log.traceback()
-        damaged = action.damaged_inputs() if isinstance(error, CorruptArtifact) else ()
+        damaged = action.damaged_inputs(error) if isinstance(error, CorruptArtifact) else ()
         state: Literal["damaged", "failed"] = "damaged" if damaged else "failed"
         cause = _cause(error, store.root, bytes_below(work))
         transient = isinstance(error, TransientError)
@@ -269,9 +276,13 @@ class _Action:
             for name, items in self.job.items.items()
         }
 
-    def damaged_inputs(self) -> tuple[str, ...]:
-        """Digests of the inputs that are not what was written; reads every byte of all of them."""
-        return tuple(digest for digest in self.job.digests if not self.store.is_sound(digest))
+    def damaged_inputs(self, error: CorruptArtifact) -> tuple[str, ...]:
+        """Digests of the inputs that are not what was written; reads every byte of all of them.
+
+        If all are, then of those that the error is about: another run has just made them again.
+        """
+        damaged = tuple(digest for digest in self.job.digests if not self.store.is_sound(digest))
+        return damaged or tuple(digest for digest in self.job.digests if digest in str(error))
 
     def progress(self, tell: Tell, done: float, total: float, figures: Mapping[str, float]) -> None:
         moment = time.monotonic()

@@ -99,7 +99,10 @@ class Artifact:
                 self._check_size(file)
         self._check_content(f"{prefix}zarr.json")  # chunks carry checksums of their own, what describes them does not
         check_array(self.path, self.manifest, name)
-        return zarr.open_array(self.path / ARRAYS / name, mode="r", zarr_format=3)
+        try:
+            return zarr.open_array(self.path / ARRAYS / name, mode="r", zarr_format=3)
+        except OSError as error:  # another run has just set it aside
+            raise CorruptArtifact(f"{self.path}: array {name!r} cannot be opened ({error})") from error
 
     def read(self, name: str) -> np.ndarray:
         """The whole array `name`, in memory. Raises as `open` does, and CorruptArtifact for a flipped bit."""
@@ -125,8 +128,8 @@ class Artifact:
 
         try:
             return np.asarray(array[part])
-        except (RuntimeError, ValueError) as error:  # the decoder's own complaint about a checksum
-            raise CorruptArtifact(f"{self.path}: array {name!r} cannot be decoded ({error})") from error
+        except (OSError, RuntimeError, ValueError) as error:  # the last two: the decoder's complaints about a checksum
+            raise CorruptArtifact(f"{self.path}: array {name!r} cannot be read ({error})") from error
 
     def file(self, name: str) -> Path:
         """The path of the plain file `name`, its bytes checked. Raises as `open` does."""
@@ -167,7 +170,11 @@ class Artifact:
         if name not in self.manifest.files:
             raise CorruptArtifact(f"{self.path}: its manifest does not name {name!r}")
         self._check_size(name)
-        if digest_of_file(self.path / name) != self.manifest.files[name].sha256:
+        try:
+            digest = digest_of_file(self.path / name)
+        except OSError as error:
+            raise CorruptArtifact(f"{self.path / name}: cannot be read ({error.strerror})") from error
+        if digest != self.manifest.files[name].sha256:
             raise CorruptArtifact(f"{self.path / name}: altered since it was written")
 
     def _check_size(self, name: str) -> None:

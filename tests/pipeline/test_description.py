@@ -74,7 +74,7 @@ def test_a_damaged_chunk_is_told(tmp_path: Path) -> None:
     data = bytearray(chunk.read_bytes())
     data[len(data) // 2] ^= 1
     chunk.write_bytes(data)
-    with pytest.raises(CorruptArtifact, match="cannot be decoded"):
+    with pytest.raises(CorruptArtifact, match="cannot be read"):
         describe(artifact, None, reveal=False)
 
 
