@@ -23,7 +23,6 @@ DESCRIPTION = "zarr.json"
 LARGEST_READ = 2**31  # bytes that a chunk may unfold into
 TYPE = re.compile(r"[<|]([biufc])(\d{1,2})")
 NAMES = {"b": "bool", "i": "int", "u": "uint", "f": "float", "c": "complex"}
-CODECS = ({"bytes"}, {"bytes", "zstd"})
 ZSTANDARD = b"\x28\xb5\x2f\xfd"
 SINGLE_SEGMENT, CHECKSUM, RESERVED_OR_DICTIONARY = 0x20, 0x04, 0x0B
 REPEATED_BYTE = 1  # kind of a block

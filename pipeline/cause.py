@@ -20,7 +20,7 @@ def lasting_words(cause: str, folders: Iterable[str] = ()) -> str:
 
     Paths keep their last name, those under one of `folders` what follows it; times and addresses are left out.
 
-    >>> lasting_words("/home/me/fox/7.jpg: found 10 bytes after 3.2 s at 0x7f3a")
+    >>> lasting_words("/photos/fox/7.jpg: found 10 bytes after 3.2 s at 0x7f3a")
     '7.jpg: found 10 bytes after some time at 0x…'
     >>> lasting_words("/my photos/fox/a/7.jpg: not a picture", ["/my photos/fox"])
     'fox/a/7.jpg: not a picture'

@@ -18,11 +18,11 @@ import typer
 
 from pipeline.commands_results import export, show
 from pipeline.commands_store import gc, pin, pins, unpin, verify
-from pipeline.completion import complete_stage
 from pipeline.console import (
     Json,
     Package,
     Settings,
+    StageName,
     StageNames,
     StoreAddress,
     WorkflowFile,
@@ -151,12 +151,7 @@ def status(
 @app.command()
 def explain(
     workflow: WorkflowFile,
-    stage: Annotated[
-        str,
-        typer.Argument(
-            metavar="STAGE", help="A stage of the workflow.", show_default=False, autocompletion=complete_stage
-        ),
-    ],
+    stage: StageName,
     settings: Settings = None,
     store: StoreAddress = "store",
     as_json: Json = False,
@@ -197,12 +192,7 @@ def explain(
 @app.command()
 def accept(
     workflow: WorkflowFile,
-    stage: Annotated[
-        str,
-        typer.Argument(
-            metavar="STAGE", help="A stage, or one item of it.", show_default=False, autocompletion=complete_stage
-        ),
-    ],
+    stage: StageName,
     settings: Settings = None,
     store: StoreAddress = "store",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only says what would be kept.")] = False,

@@ -20,6 +20,12 @@ WorkflowFile = Annotated[
     Path,
     typer.Argument(metavar="WORKFLOW", help="The workflow file.", show_default=False, autocompletion=complete_workflow),
 ]
+StageName = Annotated[
+    str,
+    typer.Argument(
+        metavar="STAGE", help="A stage, or one item of it.", show_default=False, autocompletion=complete_stage
+    ),
+]
 StageNames = Annotated[
     list[str] | None,
     typer.Argument(

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 State = Literal["ran", "cached", "failed", "skipped"]
 
@@ -58,12 +58,6 @@ class Summary:
 
 
 Event = StageStarted | StageProgressed | StageEnded | Noted | Summary
-
-
-class Listener(Protocol):
-    """Shows events; used as a context around a run."""
-
-    def __call__(self, event: Event) -> None: ...
 
 
 def as_json(event: Event) -> str | None:

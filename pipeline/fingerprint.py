@@ -211,11 +211,9 @@ def _dynamic(tree: ast.Module) -> Iterator[int]:
     """Lines of imports whose name is computed, and of those that give the means for it another name."""
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
-            hidden = any(alias.name in DYNAMIC and alias.asname for alias in node.names)
-        else:
-            hidden = isinstance(node, ast.Call) and _called(node) in DYNAMIC and not _literal_name(node)
-        if hidden:
-            yield node.lineno  # type: ignore[attr-defined]
+            yield from (node.lineno for alias in node.names if alias.name in DYNAMIC and alias.asname)
+        elif isinstance(node, ast.Call) and _called(node) in DYNAMIC and not _literal_name(node):
+            yield node.lineno
 
 
 def _called(call: ast.Call) -> str:
