@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Generic, TypeVar
 
 import torch
@@ -22,6 +22,8 @@ FEATURE_RANGE = (0.02, 0.98)
 
 FEATURE_RATE = 2.5e-3
 """Of Adam, as in the released code."""
+
+COUPLED_SETTINGS = ("feature_dim", "layers", "decoder_width", "precision")
 
 DecoderType = TypeVar("DecoderType", bound=torch.nn.Module)
 
@@ -59,17 +61,27 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
         """A decoder for so many pictures."""
 
     @abstractmethod
-    def decoded(self, rendering: Rendering, camera: Camera) -> list[Float[Tensor, "H W C"]]:
+    def decoded(
+        self, decoders: Sequence[DecoderType], rendering: Rendering, camera: Camera
+    ) -> list[Float[Tensor, "H W C"]]:
         """What each of `decoders` makes of a feature map: three channels for each of its pictures."""
 
-    def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
-        """F_coup (Eq. 4) and what the decoders make of it (Eq. 5)."""
+    def render(
+        self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None
+    ) -> Rendering:
+        """F_coup (Eq. 4) and what the decoders make of it (Eq. 5); a decoder of nothing wanted does not run."""
         features = gaussians["raw_features"].sigmoid()
         backward_of(ACTIVATIONS, features)
         rendering = splat(gaussians, features, camera)
+        shown = self._shown(wanted)
         with part(DECODERS):
-            decoded = self.decoded(rendering, camera)
+            decoded = self.decoded([decoder for decoder, _ in shown], rendering, camera)
         backward_of(DECODERS, *decoded)
-        pictures = [picture for channels in decoded for picture in channels.split(3, dim=-1)]
-        rendering.pictures.update(zip((COVER, *self.messages), pictures, strict=True))
+        for channels, (_, names) in zip(decoded, shown, strict=True):
+            rendering.pictures.update(zip(names, channels.split(3, dim=-1), strict=True))
         return rendering
+
+    def _shown(self, wanted: Collection[str] | None) -> list[tuple[DecoderType, tuple[str, ...]]]:
+        """Each decoder that shows something wanted, and the names of all that it shows."""
+        pairs = zip(self.decoders, ((COVER,), self.messages), strict=False)
+        return [(decoder, names) for decoder, names in pairs if wanted is None or set(names) & set(wanted)]

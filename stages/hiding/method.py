@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Protocol, cast
 
 import numpy as np
@@ -36,13 +36,23 @@ class Method(Protocol):
     ) -> dict[str, Float[Tensor, "N ..."]]:
         """Attributes of N new Gaussians that look so in every picture, by its name: sRGB in [0, 1], 0.5 if unknown."""
 
-    def render(self, gaussians: Gaussians, camera: Camera, progress: float = 1.0) -> Rendering:
-        """All pictures of one camera; `progress` in [0, 1] is the share of the training that is done."""
+    def render(
+        self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None
+    ) -> Rendering:
+        """The pictures `wanted` of one camera, or all; `progress` in [0, 1] is the share of the training that is done.
+
+        What is not wanted may be there all the same, where leaving it out would save nothing.
+        """
 
 
 def module_of(name: str) -> str:
     """The module that holds method `name`: what a stage declares to the code fingerprint."""
     return f"{PACKAGE}.{name}"
+
+
+def settings_of(name: str) -> tuple[str, ...]:
+    """The settings from which method `name` is built, beside its messages."""
+    return tuple(importlib.import_module(module_of(name)).SETTINGS)
 
 
 def build_method(name: str, settings: Mapping[str, object]) -> Method:

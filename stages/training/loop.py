@@ -17,7 +17,7 @@ from stages.scene.gaussians import Gaussians
 from stages.timing.stopwatch import part
 from stages.training.curves import Curves
 from stages.training.density_control import DensityControl, DensitySettings
-from stages.training.objectives import PictureTerm, total_loss
+from stages.training.objectives import Compared, FixedView, PictureTerm, total_loss
 from stages.training.optimizer import GaussianOptimizer
 from stages.training.sampling import ViewSampler
 from stages.training.schedules import decayed, density_schedule
@@ -42,6 +42,7 @@ class TrainingViews:
 class TrainingSettings:
     """Constants of 3DGS; `extent` of the rig scales positions' learning rate. `density` None keeps all Gaussians.
 
+    Schedules are 3DGS's, scaled to `schedule_iterations`; None: to all iterations. Later ones keep the last rates.
     `attribute_rates` replace the method's own learning rates; they and `network_rate` fall exponentially to
     `final_rate_share` of themselves.
     """
@@ -56,6 +57,7 @@ class TrainingSettings:
     opacity_rate: float = 5e-2
     network_rate: float = 1e-3
     final_rate_share: float = 1.0
+    schedule_iterations: int | None = None
     attribute_rates: Mapping[str, float] = field(default_factory=dict)
     density: DensitySettings | None = field(default_factory=DensitySettings)
 
@@ -77,15 +79,17 @@ class Training:
         views: TrainingViews,
         terms: Sequence[PictureTerm],
         settings: TrainingSettings,
+        fixed: Sequence[FixedView] = (),
     ):
         self.gaussians, self.method, self.views, self.terms, self.settings = gaussians, method, views, terms, settings
+        self.fixed = fixed
         self.optimizer = GaussianOptimizer(gaussians, self._learning_rates())
         self.network_optimizer = self._network_optimizer()
         self.sampler = ViewSampler(len(views.cameras), settings.seed)
         self.generator = torch.Generator().manual_seed(settings.seed)
-        self.schedule = density_schedule(settings.iterations)
+        self.schedule = density_schedule(settings.schedule_iterations or settings.iterations)
         self.iteration = 0
-        self.curves = Curves(settings.iterations, terms, method.name)
+        self.curves = Curves(settings.iterations, [*terms, *(view.term for view in fixed)], method.name)
         self.density = (
             DensityControl(settings.density, settings.extent, len(gaussians)) if settings.density is not None else None
         )
@@ -97,11 +101,9 @@ class Training:
             "quats": settings.rotation_rate,
             "log_scales": settings.scale_rate,
             "logit_opacities": settings.opacity_rate,
-            **self._attribute_rates(),
+            **self.method.learning_rates,
+            **settings.attribute_rates,
         }
-
-    def _attribute_rates(self) -> dict[str, float]:
-        return {**self.method.learning_rates, **self.settings.attribute_rates}
 
     def _network_optimizer(self) -> torch.optim.Adam | None:
         weights = [weight for network in self.method.networks.values() for weight in network.parameters()]
@@ -110,34 +112,37 @@ class Training:
     def step(self, iteration: int) -> dict[str, float]:
         """One view, one step; `iteration` counts from 1. Returns the loss and each picture's squared error."""
         settings = self.settings
-        progress = iteration / settings.iterations
+        progress = min(1.0, iteration / (settings.schedule_iterations or settings.iterations))
         self._set_learning_rates(progress)
         with part("data"):
             view = self.sampler.draw()
             camera, truths = self.views.cameras[view], self.views.truths(view)
         with part(ACTIVATIONS):
-            rendering = self.method.render(self.gaussians, camera, progress)
+            rendering = self.method.render(self.gaussians, camera, progress, [term.picture for term in self.terms])
+        compared = [Compared(term, rendering.pictures[term.picture], truths[term.picture]) for term in self.terms]
+        compared += [self._seen(view, progress) for view in self.fixed]
         with part(LOSS):
-            loss = total_loss(rendering.pictures, truths, self.terms)
+            loss = total_loss(compared)
         with part(LOSS, "backward"):
             loss.backward()
         with part("figures"), torch.no_grad():
-            figures = {"loss": float(loss)} | {
-                term.picture: float(
-                    (rendering.pictures[term.picture].clamp(0, 1) - truths[term.picture]).square().mean()
-                )
-                for term in self.terms
-            }
+            figures = {"loss": float(loss)} | {each.term.picture: each.squared_error() for each in compared}
         self._update(iteration, rendering, camera)
         return figures
 
+    def _seen(self, view: FixedView, progress: float) -> Compared:
+        """What a fixed camera sees now. Where Gaussians are added is left to the views that are drawn."""
+        with part(ACTIVATIONS):
+            rendering = self.method.render(self.gaussians, view.camera, progress, [view.term.picture])
+        return Compared(view.term, rendering.pictures[view.term.picture], view.truth.float() / 255)
+
     def _set_learning_rates(self, progress: float) -> None:
-        """Positions slow down as in 3DGS; so do the method's attributes and networks, down to `final_rate_share`."""
+        """Positions slow down as in 3DGS; so do `attribute_rates` and networks, down to `final_rate_share`."""
         settings = self.settings
         position_rate = decayed(settings.position_rate, settings.final_position_rate, progress)
         self.optimizer.set_learning_rate("means", position_rate * settings.extent)
         share = decayed(1.0, settings.final_rate_share, progress)
-        for name, rate in self._attribute_rates().items():
+        for name, rate in settings.attribute_rates.items():
             self.optimizer.set_learning_rate(name, rate * share)
         if self.network_optimizer is not None:
             self.network_optimizer.param_groups[0]["lr"] = settings.network_rate * share

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from stages.hiding.rendering import COVER
 from stages.imaging.ssim import ssim
+from stages.scene.cameras import Camera
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,28 @@ class PictureTerm:
     ssim_weight: float
 
 
+@dataclass(frozen=True)
+class FixedView:
+    """A picture that one camera must see in every iteration, whichever view is drawn: a hidden image (section 4.5)."""
+
+    term: PictureTerm
+    camera: Camera
+    truth: UInt8[Tensor, "H W 3"]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A picture as it is and as it should be, in [0, 1]."""
+
+    term: PictureTerm
+    picture: Float[Tensor, "H W 3"]
+    truth: Float[Tensor, "H W 3"]
+
+    def squared_error(self) -> float:
+        """The mean over the picture, clamped to [0, 1]."""
+        return float((self.picture.clamp(0, 1) - self.truth).square().mean())
+
+
 def picture_loss(
     picture: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], ssim_weight: float
 ) -> Float[Tensor, ""]:
@@ -30,15 +53,9 @@ def picture_loss(
     return (1 - ssim_weight) * difference + ssim_weight * (1 - ssim(picture, truth))
 
 
-def total_loss(
-    pictures: Mapping[str, Float[Tensor, "H W 3"]],
-    truths: Mapping[str, Float[Tensor, "H W 3"]],
-    terms: Sequence[PictureTerm],
-) -> Float[Tensor, ""]:
-    """Σ weight · loss over the terms: ℓ_total = ℓ_rgb + λ ℓ_mes. Raises `KeyError` for a picture that is not there."""
-    losses = [
-        term.weight * picture_loss(pictures[term.picture], truths[term.picture], term.ssim_weight) for term in terms
-    ]
+def total_loss(compared: Sequence[Compared]) -> Float[Tensor, ""]:
+    """Σ weight · loss over all that is compared: ℓ_total = ℓ_rgb + λ ℓ_mes."""
+    losses = [each.term.weight * picture_loss(each.picture, each.truth, each.term.ssim_weight) for each in compared]
     return torch.stack(losses).sum()
 
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.hiding.coupled import FEATURE_RANGE, CoupledFeatures
+from stages.hiding.coupled import COUPLED_SETTINGS, FEATURE_RANGE, CoupledFeatures
 from stages.hiding.decoders import Decoder, decode
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER, Rendering
 from stages.scene.cameras import Camera
+
+SETTINGS = COUPLED_SETTINGS
 
 
 class GSHider(CoupledFeatures[Decoder]):
@@ -43,9 +45,11 @@ class GSHider(CoupledFeatures[Decoder]):
         features = 0.5 + (shown - 0.5) @ mixture
         return {"raw_features": features.clamp(*FEATURE_RANGE).logit()}
 
-    def decoded(self, rendering: Rendering, camera: Camera) -> list[Float[Tensor, "H W C"]]:
+    def decoded(
+        self, decoders: Sequence[Decoder], rendering: Rendering, camera: Camera
+    ) -> list[Float[Tensor, "H W C"]]:
         """The feature map through each decoder (Eq. 5)."""
-        return [decode(decoder, rendering.feature_map, self.precision) for decoder in self.decoders]
+        return [decode(decoder, rendering.feature_map, self.precision) for decoder in decoders]
 
 
 def build(settings: Mapping[str, object]) -> GSHider:

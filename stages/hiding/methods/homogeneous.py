@@ -12,19 +12,21 @@ The decoders also see from where a pixel is looked at, which the paper names as 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.hiding.coupled import FEATURE_RANGE, CoupledFeatures
+from stages.hiding.coupled import COUPLED_SETTINGS, FEATURE_RANGE, CoupledFeatures
 from stages.hiding.decoders import Decoder, decode
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER, Rendering
 from stages.scene.cameras import Camera, pixel_directions
 from stages.scene.spherical_harmonics import harmonics, harmonics_count
+
+SETTINGS = COUPLED_SETTINGS
 
 BELONGING = 0.48
 """A Gaussian starts with a share of 0.5 + this in its own picture, and 0.5 - this in the others."""
@@ -106,13 +108,15 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         features = 0.5 + belongs @ directions + torch.einsum("npc,pcm->nm", centred, rows)
         return {"raw_features": features.clamp(*FEATURE_RANGE).logit()}
 
-    def decoded(self, rendering: Rendering, camera: Camera) -> list[Float[Tensor, "H W C"]]:
+    def decoded(
+        self, decoders: Sequence[HomogeneousDecoder], rendering: Rendering, camera: Camera
+    ) -> list[Float[Tensor, "H W C"]]:
         """The feature map divided for each picture, beside the direction of view, through each decoder."""
         view = harmonics(pixel_directions(camera), VIEW_DEGREE)[..., 1:]
         half_alphas = rendering.alphas[..., None] / 2
         centred = rendering.feature_map - half_alphas
         outputs = []
-        for decoder in self.decoders:
+        for decoder in decoders:
             seen = torch.cat([*decoder.divided(centred, half_alphas), view], dim=-1)
             outputs.append(decode(decoder.convolutions, seen, self.precision))
         return outputs

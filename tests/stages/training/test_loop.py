@@ -9,7 +9,7 @@ import torch
 
 from stages.hiding.rendering import COVER
 from stages.timing.stopwatch import OTHER, Stopwatch, watching
-from stages.training.objectives import hiding_terms, picture_loss, total_loss
+from stages.training.objectives import Compared, hiding_terms, picture_loss, total_loss
 from stages.training.sampling import ViewSampler
 from tests.stages.training.trainings import MESSAGE, prepared
 
@@ -31,6 +31,8 @@ def threads() -> Iterator[Callable[[int], None]]:
     ("method", "iterations", "precision"),
     [
         ("plain", 200, "float32"),
+        ("sh", 200, "float32"),
+        ("decoder", 200, "float32"),
         ("gs_hider", 60, "float32"),
         ("gs_hider", 60, "bfloat16"),
         ("homogeneous", 60, "float32"),
@@ -46,7 +48,7 @@ def test_it_learns(method: str, iterations: int, precision: str) -> None:
 
 @pytest.mark.parametrize("number", [1, 2])
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-@pytest.mark.parametrize("method", ["plain", "gs_hider", "homogeneous"])
+@pytest.mark.parametrize("method", ["plain", "sh", "decoder", "gs_hider", "homogeneous"])
 def test_the_same_seed_and_threads_give_the_same_bits(
     method: str, precision: str, number: int, threads: Callable[[int], None]
 ) -> None:
@@ -90,7 +92,9 @@ def test_total_loss_is_the_cover_plus_lambda_times_every_message() -> None:
     truths = {name: torch.rand(12, 12, 3, generator=generator) for name in names}
     losses = {name: picture_loss(pictures[name], truths[name], 0.2) for name in names}
     expected = losses[COVER] + 0.5 * (losses["a"] + losses["b"])
-    torch.testing.assert_close(total_loss(pictures, truths, hiding_terms(["a", "b"], 0.5)), expected)
+    terms = hiding_terms(["a", "b"], 0.5)
+    compared = [Compared(term, pictures[term.picture], truths[term.picture]) for term in terms]
+    torch.testing.assert_close(total_loss(compared), expected)
 
 
 def test_equal_pictures_cost_nothing() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from stages.hiding.method import build_method
+from stages.hiding.method import build_method, settings_of
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import gaussians_at
@@ -33,12 +33,10 @@ def prepared(
 ) -> Training:
     """A training before its first iteration; the same every time."""
     torch.manual_seed(seed)
-    settings: dict[str, object] = {"sh_degree": 1}
-    messages = []
-    if method_name != "plain":
-        messages = [MESSAGE]
-        settings = {"feature_dim": 8, "layers": 2, "decoder_width": 8, "precision": precision, "messages": messages}
-    method = build_method(method_name, settings)
+    every = {"sh_degree": 1, "feature_dim": 8, "layers": 2, "decoder_width": 8, "precision": precision}
+    settings: dict[str, object] = {name: every[name] for name in settings_of(method_name)}
+    messages = [] if method_name == "plain" else [MESSAGE]
+    method = build_method(method_name, settings | ({"messages": messages} if messages else {}))
     generator = np.random.default_rng(seed)
     points = np.random.default_rng(seed).uniform([-1, -1, 2], [1, 1, 4], (40, 3))
     colors = {COVER: (230, 120, 40), MESSAGE: (20, 60, 220)}

@@ -1,0 +1,45 @@
+"""Colours from spherical harmonics, as 3DGS learns and shows them: what all methods that keep them have in common."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from opencl.harmonics import colors_of_harmonics
+from stages.scene.cameras import Camera
+from stages.scene.gaussians import Gaussians
+from stages.scene.spherical_harmonics import BASE, harmonics_count
+from stages.timing.stopwatch import backward_of, part
+
+SPHERICAL_HARMONICS = "spherical harmonics"
+
+DEGREE_RAISED_EVERY = 1 / 30
+"""3DGS raises the degree every 1,000 of its 30,000 iterations."""
+
+RATES = (2.5e-3, 2.5e-3 / 20)
+"""Of Adam, for the constant harmonic and for the others."""
+
+
+def initial_harmonics(
+    colors: Float[np.ndarray, "N 3"], sh_degree: int
+) -> tuple[Float[Tensor, "N 3"], Float[Tensor, "N K 3"]]:
+    """The constant harmonic and the others of Gaussians that have these colours from everywhere."""
+    base = (torch.as_tensor(colors, dtype=torch.float32) - 0.5) / BASE
+    return base, torch.zeros(len(base), harmonics_count(sh_degree) - 1, 3)
+
+
+def degree_at(sh_degree: int, progress: float) -> int:
+    """The degree of harmonics that is in use so far."""
+    return min(sh_degree, int(progress / DEGREE_RAISED_EVERY))
+
+
+def seen_colors(
+    gaussians: Gaussians, base: Float[Tensor, "N 3"], rest: Float[Tensor, "N K 3"], camera: Camera, degree: int
+) -> Float[Tensor, "N 3"]:
+    """The colours that the camera sees of all Gaussians, from the harmonics `base` and `rest`."""
+    with part(SPHERICAL_HARMONICS):
+        colors = colors_of_harmonics(base, rest, gaussians.means, camera.centre, degree)
+    backward_of(SPHERICAL_HARMONICS, colors)
+    return colors

@@ -1,0 +1,70 @@
+"""3DGS+SH: a second set of spherical harmonics for each message, the first of the paper's intuitive approaches (3.2).
+
+Cover and messages share positions, shapes and opacities. Nothing is hidden: the harmonics of a message stand in the
+published file, and whoever drops them loses nothing of the cover. The paper keeps it as a baseline of fidelity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.hiding.harmonics import RATES, degree_at, initial_harmonics, seen_colors
+from stages.hiding.rendering import COVER, Rendering, splat
+from stages.scene.cameras import Camera
+from stages.scene.gaussians import Gaussians
+
+SETTINGS = ("sh_degree",)
+
+
+class HarmonicsForEach:
+    """`sh_base [N,3]`, `sh_rest [N,K-1,3]` of the cover; `message_sh_base [N,L,3]`, `message_sh_rest [N,L,K-1,3]`."""
+
+    name = "sh"
+
+    def __init__(self, sh_degree: int, messages: Sequence[str] = ()):
+        self.sh_degree = sh_degree
+        self.messages = tuple(messages)
+        self.settings: Mapping[str, int | float | str] = {"sh_degree": sh_degree}
+        own = {"sh_base": RATES[0], "sh_rest": RATES[1]}
+        self.learning_rates: Mapping[str, float] = own | (
+            {f"message_{name}": rate for name, rate in own.items()} if self.messages else {}
+        )
+        self.networks: Mapping[str, torch.nn.Module] = {}
+
+    def initial_attributes(
+        self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
+    ) -> dict[str, Float[Tensor, "N ..."]]:
+        """The points' colours in every picture, the same from everywhere."""
+        base, rest = initial_harmonics(colors[COVER], self.sh_degree)
+        attributes = {"sh_base": base, "sh_rest": rest}
+        if self.messages:
+            bases, rests = zip(
+                *(initial_harmonics(colors[name], self.sh_degree) for name in self.messages), strict=True
+            )
+            attributes |= {"message_sh_base": torch.stack(bases, dim=1), "message_sh_rest": torch.stack(rests, dim=1)}
+        return attributes
+
+    def render(
+        self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None
+    ) -> Rendering:
+        """The cover and every message over black, blended at once."""
+        degree = degree_at(self.sh_degree, progress)
+        sets = [(gaussians["sh_base"], gaussians["sh_rest"])]
+        if self.messages:
+            bases, rests = gaussians["message_sh_base"].unbind(dim=1), gaussians["message_sh_rest"].unbind(dim=1)
+            sets += zip(bases, rests, strict=True)
+        colors = [seen_colors(gaussians, base.contiguous(), rest.contiguous(), camera, degree) for base, rest in sets]
+        rendering = splat(gaussians, torch.cat(colors, dim=-1), camera)
+        pictures = rendering.feature_map.split(3, dim=-1)
+        rendering.pictures.update(zip((COVER, *self.messages), pictures, strict=True))
+        return rendering
+
+
+def build(settings: Mapping[str, object]) -> HarmonicsForEach:
+    """The method from its settings; `messages` may be absent: then only the cover is shown."""
+    return HarmonicsForEach(**settings)  # type: ignore[arg-type]  # a missing or unknown setting raises TypeError

@@ -1,0 +1,119 @@
+"""What hiding scenes and hiding an image have in common: their parameters, and the training that follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from pipeline.artifact import Artifact
+from pipeline.errors import UserError
+from stages.hiding.key import key_generator
+from stages.hiding.method import Method, build_method, settings_of
+from stages.hiding.rendering import COVER
+from stages.scene.cameras import rig_extent
+from stages.scene.gaussians import gaussians_at
+from stages.scene.message_views import MessageViews
+from stages.scene.scene import Scene
+from stages.training.loop import Training, TrainingViews
+from stages.training.objectives import FixedView, PictureTerm
+from stages.training.parameters import TrainingParameters
+from stages.training.starting_points import GREY, Points, starting_points
+
+FEATURES = "raw_features"
+
+
+class HidingParameters(TrainingParameters):
+    """The paper's symbols: M is `feature_dim`, λ `lambda_message`, γ and β the two SSIM weights."""
+
+    method: Literal["gs_hider", "homogeneous", "sh", "decoder"] = Field(
+        "gs_hider",
+        description="How Gaussians become pictures: as in the paper, or with features divided by shares; or one of "
+        "the paper's baselines 3DGS+SH and 3DGS+Decoder.",
+    )
+    feature_dim: int = Field(16, ge=1, description="M: channels of the coupled feature of each Gaussian.")
+    layers: int = Field(5, ge=2, description="Convolutions in each decoder.")
+    decoder_width: int = Field(64, ge=1, description="Channels between the decoders' convolutions.")
+    sh_degree: int = Field(3, ge=0, le=3, description="Highest degree of spherical harmonics, of methods with them.")
+    lambda_message: float = Field(0.5, ge=0, description="λ: the messages' weight in the total loss.")
+    ssim_weight_cover: float = Field(0.2, ge=0, le=1, description="γ: SSIM's share of the cover's loss.")
+    ssim_weight_message: float = Field(0.2, ge=0, le=1, description="β: SSIM's share of a message's loss.")
+    initial_features: Literal["colors", "zeros"] = Field(
+        "colors",
+        description="Features and decoders start by showing the points' colours; or, as the released code's, with "
+        "zeros and random decoders.",
+    )
+    feature_rate: float = Field(
+        5e-2, gt=0, description="Learning rate of features. Released code: 2.5e-3, with 50,000 iterations."
+    )
+    network_rate: float = Field(1e-3, gt=0, description="Learning rate of the decoders.")
+    final_rate_share: float = Field(
+        0.1, gt=0, le=1, description="Share of both rates that is left at the end. Released code: 1."
+    )
+    precision: Literal["float32", "bfloat16"] = Field(
+        "float32",
+        description="Of the convolutions between a decoder's first and last. Where the CPU has it, bfloat16 takes 0.7 "
+        "of an iteration's time, and costs the message 0.1 to 0.2 dB. "
+        "Either gives the same bits every time for one number of threads.",
+    )
+
+    def build_method(self, messages: Sequence[str]) -> Method:
+        """The method for these messages, its networks' first weights drawn from `seed`."""
+        settings = self.model_dump(include=set(settings_of(self.method)))
+        with torch.random.fork_rng():
+            torch.manual_seed(self.seed)
+            return build_method(self.method, settings | {"messages": list(messages)})
+
+
+def hiding_training(
+    parameters: HidingParameters,
+    cover: Scene,
+    messages: Sequence[str],
+    views: TrainingViews,
+    terms: Sequence[PictureTerm],
+    key: Artifact | None,
+    placed: Mapping[str, MessageViews] | None = None,
+    message_points: int = 0,
+    fixed: Sequence[FixedView] = (),
+) -> Training:
+    """A training from the first iteration: Gaussians at the cover's sparse points and at `message_points` of each
+    message that is `placed` in its world. Those of other messages are grey at first.
+
+    Raises `UserError` where `initial_features` are zeros and the method has no features.
+    """
+    method = parameters.build_method(messages)
+    points, colors = starting_points(cover, placed or {}, parameters.start(message_points))
+    attributes = _initial_attributes(
+        parameters, method, points, {name: colors.get(name) for name in (COVER, *messages)}, key
+    )
+    settings = replace(
+        parameters.settings(rig_extent(cover.cameras)),
+        attribute_rates={FEATURES: parameters.feature_rate} if FEATURES in attributes else {},
+        network_rate=parameters.network_rate,
+        final_rate_share=parameters.final_rate_share,
+    )
+    return Training(gaussians_at(points, attributes), method, views, terms, settings, fixed)
+
+
+def _initial_attributes(
+    parameters: HidingParameters,
+    method: Method,
+    points: Points,
+    colors: Mapping[str, Points | None],
+    key: Artifact | None,
+) -> dict[str, Tensor]:
+    if parameters.initial_features == "colors":
+        known = {name: np.full_like(points, GREY) if shown is None else shown for name, shown in colors.items()}
+        return method.initial_attributes(known, key_generator(key, parameters.seed))
+    if FEATURES not in method.learning_rates:
+        raise UserError(
+            "this method has no features that could start from zeros",
+            found=f"method: {method.name}, initial_features: zeros",
+            remedy="leave initial_features out, or choose gs_hider",
+        )
+    return {FEATURES: torch.zeros(len(points), parameters.feature_dim)}
