@@ -14,6 +14,7 @@ from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
 from pipeline.located import Located, Problems
 from pipeline.resources import amount
+from pipeline.stage import Input
 from pipeline.workflow import Entry, Instance, Reference, Workflow
 
 
@@ -249,7 +250,7 @@ class _Builder:
             place = entry.input_places.get(name, entry.inputs_place)
             if not port.many and name in instance.listed:
                 self.problems.add(place, f"input {name!r} takes one artifact; found a list")
-            found = [self.resolve(entry, reference, index, port.kind) for reference in references]
+            found = [self.resolve(entry, reference, index, port) for reference in references]
             sources[name] = tuple(source for group in found for source in group)
             if name in instance.without_failed and not port.many:
                 self.problems.add(place, f"input {name!r} takes one artifact, without which there is nothing to go on")
@@ -258,7 +259,7 @@ class _Builder:
                 self.problems.add(references[0].place, f"{message} (only the same foreach goes item by item)")
         return sources
 
-    def resolve(self, entry: Entry, reference: Reference, index: int, kind: str | None = None) -> list[Source]:
+    def resolve(self, entry: Entry, reference: Reference, index: int, port: Input | None = None) -> list[Source]:
         """The outputs that a reference stands for: one for each row of a foreach, or that of the same row."""
         target = self.workflow.entries.get(reference.stage)
         if target is None:
@@ -267,7 +268,7 @@ class _Builder:
             self.problems.add(reference.place, f"no stage {reference.stage!r}; there are {known}{hint}")
             return []
         chosen = target.chosen[index : index + 1] if entry.goes_with(target) else target.chosen
-        return [source for number in chosen for source in self.output(target.instances[number], reference, kind)]
+        return [source for number in chosen for source in self.output(target.instances[number], reference, port)]
 
     def labels(self, entry: Entry, references: Iterable[Reference], index: int) -> Iterator[Label]:
         """What each of the outputs that references stand for is about."""
@@ -280,7 +281,7 @@ class _Builder:
             for number in (index,) if entry.goes_with(target) else range(len(texts)):
                 yield Label(texts[number], target.rows.plain[number])
 
-    def output(self, instance: Instance, reference: Reference, kind: str | None) -> list[Source]:
+    def output(self, instance: Instance, reference: Reference, port: Input | None) -> list[Source]:
         declaration = self.declared(instance)
         if declaration is None:
             return []
@@ -294,10 +295,10 @@ class _Builder:
             message = f"{reference.stage!r} has no output {name!r}; there are {listed}{nearest(name, outputs)}"
             self.problems.add(reference.place, message)
             return []
-        if kind is not None and outputs[name].kind != kind:
+        if port is not None and not port.takes(outputs[name].kind):
             self.problems.add(
                 reference.place,
-                f"{reference.stage}.{name} is of kind {outputs[name].kind}; this input takes kind {kind}",
+                f"{reference.stage}.{name} is of kind {outputs[name].kind}; this input takes kind {port.kind}",
             )
         return [Source(instance.name, name)]
 

@@ -51,6 +51,8 @@ ExternalPath = Annotated[Path, ExternalMarker()]
 class Input:
     """An artifact that a stage takes; `many` takes any number of them, in order, as a tuple.
 
+    `kind` names one kind or several: "container or splats".
+
     A `labelled` one, which is `many`, tells what each artifact is about, and what is lacking because it failed: see
     `Context.items`. Both are then part of the action's key.
     """
@@ -59,6 +61,10 @@ class Input:
     many: bool = False
     optional: bool = False
     labelled: bool = False
+
+    def takes(self, kind: str) -> bool:
+        """Whether an artifact of this kind may come in."""
+        return kind in self.kind.split(" or ")
 
 
 @dataclass(frozen=True)
@@ -336,7 +342,7 @@ def bind_inputs(declared: Stage, given: Mapping[str, InputValue]) -> dict[str, I
         if value is not None and isinstance(value, tuple) != port.many:
             raise TypeError(f"stage {declared.name}: input {name!r} takes {'a tuple' if port.many else 'one artifact'}")
         for artifact in _artifacts({name: value}):
-            if artifact.kind != port.kind:
+            if not port.takes(artifact.kind):
                 raise TypeError(f"stage {declared.name}: input {name!r} takes a {port.kind}, not a {artifact.kind}")
         values[name] = value
     return values

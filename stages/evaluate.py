@@ -37,7 +37,7 @@ class EvaluateParameters(Parameters):
 
 @stage(
     inputs={
-        "container": Input("container"),
+        "container": Input("container or splats"),
         "cover": Input("scene"),
         "secret": Input("secret", optional=True),
         "messages": Input("views", many=True, optional=True),

@@ -34,7 +34,7 @@ class TimeFramesParameters(Parameters):
 
 
 @stage(
-    inputs={"container": Input("container"), "cover": Input("scene")},
+    inputs={"container": Input("container or splats"), "cover": Input("scene")},
     outputs={"timings": Output("metrics", privacy="public")},
     version=1,
     modules=lambda parameters: [module_of(parameters.method)],
