@@ -14,23 +14,26 @@ from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
 from stages.analysis.fidelity import Perceptual
-from stages.analysis.scoring import Scores, leakage_rows, score
+from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score
 from stages.hiding.method import module_of
-from stages.hiding.storage import check_method, published_bytes, read_gaussians, read_method
-from stages.imaging.lpips import load_lpips
-from stages.imaging.lpips_weights import HOW_TO_INSTALL
+from stages.hiding.storage import bytes_of, check_method, read_gaussians, read_method
+from stages.imaging.image import filling, read_image
+from stages.imaging.lpips import Lpips, load_lpips
+from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network
 from stages.imaging.metric_table import MetricRow, write_rows
+from stages.scene.attributes import string
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
 
 REFERENCE_METHOD = "plain"
+NETWORKS: Mapping[str, tuple[Network, ...]] = {"vgg": ("vgg",), "alex": ("alex",), "both": ("vgg", "alex"), "none": ()}
 
 
 class EvaluateParameters(Parameters):
     """What is measured."""
 
     method: str = Field("gs_hider", description="The container's method.")
-    lpips: Literal["vgg", "alex", "none"] = Field("vgg", description="The network of LPIPS, measured on test views.")
+    lpips: Literal["vgg", "alex", "both", "none"] = Field("vgg", description="LPIPS's network, used on test views.")
     shown_train_views: int = Field(2, ge=0, description="How many training views are kept as pictures.")
     threads: int = Field(2, ge=1, description="Threads of torch.")
 
@@ -41,6 +44,7 @@ class EvaluateParameters(Parameters):
         "cover": Input("scene"),
         "secret": Input("secret", optional=True),
         "messages": Input("views", many=True, optional=True),
+        "image": Input("image", optional=True),
         "reference": Input("splats", optional=True),
     },
     outputs={
@@ -53,7 +57,7 @@ class EvaluateParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method), module_of(REFERENCE_METHOD)],
 )
 def evaluate(context: Context, parameters: EvaluateParameters) -> None:
-    """Score the container's cover and messages, and beside them plain 3DGS of the same cover where it is given."""
+    """Score the container's cover and messages or hidden image, and plain 3DGS of the same cover where it is given."""
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
@@ -68,6 +72,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
             expected="the message decoder",
             remedy="give evaluate the input secret: hide.secret",
         )
+    image = _hidden_image(context.input_optional("image"), secret, scene)
     passes = 1 if reference is None else 2
 
     def scored(splats: Artifact, name: str, hidden: Mapping[str, MessageViews], finished: int) -> Scores:
@@ -75,11 +80,13 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
             context.progress(finished * total + done, passes * total)
             context.stop_if_requested()
 
-        method, gaussians = read_method(splats, secret if hidden else None), read_gaussians(splats)
+        own = splats is container
+        decodes = own and bool(messages or image)
+        method, gaussians = read_method(splats, secret if decodes else None), read_gaussians(splats)
         shown = parameters.shown_train_views
-        scores = score(gaussians, method, name, scene, hidden, perceptual, shown, progress)
+        scores = score(gaussians, method, name, scene, hidden, perceptual, shown, progress, image if own else None)
         # For the reference, which has never seen a message, this is the control: what chance gives.
-        scores.rows += _sizes(splats, name) + leakage_rows(scores, messages)
+        scores.rows += _sizes(splats, name, secret if own else None) + leakage_rows(scores, messages)
         return scores
 
     every = [scored(container, parameters.method, messages, 0)]
@@ -89,23 +96,42 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     context.record(device=choose_device().describe())
 
 
+def _hidden_image(image: Artifact | None, secret: Artifact | None, scene: Scene) -> HiddenImage | None:
+    if image is None:
+        return None
+    if secret is None or "image_view" not in secret.attributes:
+        raise UserError(
+            "the hidden image cannot be scored",
+            found="no secret" if secret is None else "the secret of hidden scenes",
+            expected="the secret of hide_image",
+            remedy="give evaluate the input secret: hide.secret",
+        )
+    name, picture = read_image(image)
+    view = string(secret, "image_view")
+    return HiddenImage(name, view, filling(picture, scene.cameras.width, scene.cameras.height))
+
+
 def _perceptual(parameters: EvaluateParameters) -> Perceptual:
-    if parameters.lpips == "none":
-        return {}
-    metric = load_lpips(parameters.lpips)
+    return {f"lpips_{network}": _lpips(network) for network in NETWORKS[parameters.lpips]}
+
+
+def _lpips(network: Network) -> Lpips:
+    metric = load_lpips(network)
     if metric is None:
         # Not left out silently: the result would be kept, and would still lack LPIPS once the weights are there.
         raise UserError(
-            f"LPIPS ({parameters.lpips}) cannot be measured",
+            f"LPIPS ({network}) cannot be measured",
             found="no weights",
             remedy=f"{HOW_TO_INSTALL} Or leave it out: --set scores.lpips=none",
         )
-    return {f"lpips_{parameters.lpips}": metric}
+    return metric
 
 
-def _sizes(splats: Artifact, name: str) -> list[MetricRow]:
+def _sizes(splats: Artifact, name: str, secret: Artifact | None) -> list[MetricRow]:
+    published = bytes_of(splats)
     return [
-        MetricRow("container_bytes", published_bytes(splats), "bytes", method=name),
+        MetricRow("container_bytes", published, "bytes", method=name),
+        MetricRow("total_bytes", published + (bytes_of(secret) if secret is not None else 0), "bytes", method=name),
         MetricRow("gaussians", float(str(splats.attributes["gaussians"])), method=name),
     ]
 
@@ -116,7 +142,12 @@ def _write(context: Context, every: list[Scores], scene: Scene) -> None:
     pictures = [comparison for scores in every for comparison in scores.comparisons(scene)]
     write_rows(context.output("scores"), rows)
     write_comparisons(context.output("pictures"), pictures)
-    write_rows(context.output("public_scores"), [row for row in rows if row.message is None])
+    write_rows(context.output("public_scores"), [row for row in rows if _is_public(row)])
     write_comparisons(
         context.output("public_pictures"), [comparison for comparison in pictures if comparison.role != "message"]
     )
+
+
+def _is_public(row: MetricRow) -> bool:
+    """The size in all would tell that there is a secret, and how large it is."""
+    return row.message is None and row.quantity != "total_bytes"

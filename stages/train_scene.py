@@ -9,14 +9,13 @@ from pydantic import Field
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, stage
 from stages.hiding.method import build_method, module_of
-from stages.hiding.rendering import COVER
 from stages.hiding.storage import write_container
 from stages.imaging.metric_table import write_rows
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
 from stages.scene.scene import read_scene
 from stages.training.loop import Training
-from stages.training.objectives import PictureTerm
+from stages.training.objectives import cover_term
 from stages.training.parameters import TrainingParameters
 from stages.training.session import train
 from stages.training.starting_points import starting_points
@@ -49,7 +48,7 @@ def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
         gaussians_at(points, method.initial_attributes(colors, generator)),
         method,
         training_views(scene),
-        [PictureTerm(COVER, 1.0, parameters.ssim_weight_cover)],
+        [cover_term(parameters.ssim_weight_cover)],
         parameters.settings(rig_extent(scene.cameras)),
     )
     curves = train(context, training)

@@ -26,6 +26,16 @@ FEATURE_MAP = "feature map"
 FEATURE_MAP_CHANNELS = (0, 1, 2)
 """Shown as red, green and blue, as in the paper's figure of the feature map."""
 
+
+@dataclass(frozen=True)
+class HiddenImage:
+    """An image that the view of this name hides, as large as the view."""
+
+    name: str
+    view: str
+    picture: UInt8[np.ndarray, "H W 3"]
+
+
 Pictures = dict[str, list[UInt8[np.ndarray, "H W 3"]]]
 
 
@@ -39,6 +49,7 @@ class Scores:
     truths: Pictures = field(default_factory=dict)
     rendered: Pictures = field(default_factory=dict)
     residuals: dict[str, Float[np.ndarray, "H W 3"]] = field(default_factory=dict)
+    hidden: tuple[HiddenImage, UInt8[np.ndarray, "H W 3"]] | None = None
 
     def add(self, view: str, split: str, figures: Mapping[str, float], message: str | None = None) -> None:
         """Rows of one picture."""
@@ -53,7 +64,18 @@ class Scores:
         self.rendered.setdefault(picture, []).append(tensor_to_picture(rendered))
 
     def comparisons(self, scene: Scene) -> list[Comparison]:
-        """The kept pictures: the cover first, then the messages, then the feature map."""
+        """The kept pictures: the cover first, then the messages, the feature map, and the hidden image."""
+        return [*self._views(scene), *self._hidden()]
+
+    def _hidden(self) -> list[Comparison]:
+        if self.hidden is None:
+            return []
+        image, found = self.hidden
+        return [
+            Comparison(image.name, "message", self.method, (image.view,), ("train",), image.picture[None], found[None])
+        ]
+
+    def _views(self, scene: Scene) -> list[Comparison]:
         tests = set(scene.test_names)
         splits = tuple("test" if name in tests else "train" for name in self.shown)
         return [
@@ -79,24 +101,28 @@ def score(
     perceptual: Perceptual,
     shown_train_views: int,
     progress: Callable[[int, int], None],
+    image: HiddenImage | None = None,
 ) -> Scores:
     """Measure every view; pictures are kept of all test views and of the first few training views.
 
-    LPIPS is measured on test views only, since it costs more than the rest together.
+    LPIPS is measured on test views, and where an image is hidden, since it costs more than the rest together.
     """
     scores = Scores(name)
     tests = set(scene.test_names)
-    shown = tests | set(scene.train_names[:shown_train_views])
+    hiding = {image.view} if image is not None else set()
+    shown = tests | hiding | set(scene.train_names[:shown_train_views])
     for row, rendering in enumerate(photographs(gaussians, method, scene.cameras)):
         view = scene.cameras.names[row]
         split = "test" if view in tests else "train"
-        measured = perceptual if view in tests else {}
+        measured = perceptual if view in tests | hiding else {}
         _score_cover(scores, rendering, scene, row, split, measured)
         for message in messages.values():
             _score_message(scores, rendering, message, row, split, measured)
         if view in shown:
             scores.shown.append(view)
             _show(scores, rendering, scene, messages, row)
+        if image is not None and view == image.view:
+            _score_image(scores, rendering, image, measured)
         progress(row + 1, len(scene.cameras))
     return scores
 
@@ -119,6 +145,14 @@ def _score_message(
     picture = rendering.pictures[message.name]
     figures = picture_figures(picture, truth, perceptual) | covered_figures(picture, truth, coverage)
     scores.add(message.view_names[row], split, figures | {"legal": float(message.legal[row])}, message.name)
+
+
+def _score_image(scores: Scores, rendering: Rendering, image: HiddenImage, perceptual: Perceptual) -> None:
+    """The hidden image, where alone it is defined: what the decoder shows at other views is left to itself."""
+    picture = rendering.pictures[image.name]
+    figures = picture_figures(picture, picture_to_tensor(image.picture), perceptual)
+    scores.add(image.view, "train", figures | {"hides_image": 1.0}, image.name)
+    scores.hidden = (image, tensor_to_picture(picture))
 
 
 def _show(scores: Scores, rendering: Rendering, scene: Scene, messages: Mapping[str, MessageViews], row: int) -> None:

@@ -30,9 +30,14 @@ def write_container(writer: ArtifactWriter, gaussians: Gaussians, method: Method
     _write_networks(writer, method, PUBLIC_NETWORKS)
 
 
-def write_secret(writer: ArtifactWriter, method: Method, messages: Sequence[str]) -> None:
-    """Write the message decoder and the messages' names, in the order of its output channels."""
-    writer.attributes.update(messages=list(messages))
+def write_secret(
+    writer: ArtifactWriter, method: Method, messages: Sequence[str], image_view: str | None = None
+) -> None:
+    """Write the message decoder and the messages' names, in the order of its output channels.
+
+    `image_view` is the view that hides the message, where that is an image.
+    """
+    writer.attributes.update(messages=list(messages), **({"image_view": image_view} if image_view else {}))
     _write_networks(writer, method, SECRET_NETWORKS)
 
 
@@ -75,9 +80,9 @@ def check_method(container: Artifact, declared: str) -> None:
         )
 
 
-def published_bytes(container: Artifact) -> int:
-    """Bytes of everything that is published, uncompressed: the Gaussians' values and the public networks' weights."""
-    return sum(int(np.prod(array.shape)) * array.dtype.itemsize for array in map(container.open, container.names))
+def bytes_of(artifact: Artifact) -> int:
+    """Bytes of all values, uncompressed: of a container's Gaussians and its public networks, of a secret's networks."""
+    return sum(int(np.prod(array.shape)) * array.dtype.itemsize for array in map(artifact.open, artifact.names))
 
 
 def _write_networks(writer: ArtifactWriter, method: Method, names: Sequence[str]) -> None:

@@ -67,5 +67,10 @@ def hiding_terms(
     The paper leaves open whether λ is shared by L messages; a weight for each keeps what one message costs and gains
     the same whatever else is hidden.
     """
-    cover = PictureTerm(COVER, 1.0, ssim_weight_cover)
-    return (cover, *(PictureTerm(name, lambda_message, ssim_weight_message) for name in messages))
+    hidden = (PictureTerm(name, lambda_message, ssim_weight_message) for name in messages)
+    return (cover_term(ssim_weight_cover), *hidden)
+
+
+def cover_term(ssim_weight: float) -> PictureTerm:
+    """The cover counts fully: ℓ_rgb."""
+    return PictureTerm(COVER, 1.0, ssim_weight)

@@ -22,7 +22,9 @@ WORDING: Mapping[str, tuple[str, str]] = {
     ),
     "coverage": ("Coverage", "How much of the picture the message fills, from 0 to 1."),
     "legal": ("Legal", "1 where the message fills enough of the picture to be scored, otherwise 0."),
+    "hides_image": ("Hides the image", "1 for the view that hides the image."),
     "container_bytes": ("Size", "All that is published, uncompressed."),
+    "total_bytes": ("Size in all", "All that is published and the secret decoder, uncompressed."),
     "gaussians": ("Gaussians", "How many Gaussians the scene has."),
     "seconds_per_frame": ("Time a frame", "Wall-clock time to render one picture, decoding included."),
     "seconds_per_feature_map": (

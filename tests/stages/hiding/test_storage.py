@@ -12,8 +12,8 @@ from pipeline.artifact import create, load
 from pipeline.errors import UserError
 from stages.hiding.method import build_method
 from stages.hiding.storage import (
+    bytes_of,
     check_method,
-    published_bytes,
     read_gaussians,
     read_method,
     write_container,
@@ -90,8 +90,8 @@ def test_a_container_of_another_method_than_declared_is_refused(tmp_path: Path) 
         check_method(container, "homogeneous")
 
 
-def test_published_bytes_counts_values_and_weights(tmp_path: Path) -> None:
+def test_bytes_of_counts_values_and_weights(tmp_path: Path) -> None:
     _, _, container, _ = hidden(tmp_path)
     values = 6 * (3 + 4 + 3 + 1 + 5)
     weights = (5 * 8 * 9 + 8) + (8 * 8 * 9 + 8) + (8 * 3 * 9 + 3)
-    assert published_bytes(container) == 4 * (values + weights)
+    assert bytes_of(container) == 4 * (values + weights)

@@ -1,0 +1,79 @@
+"""`hide_image`: one image hidden in one view of the cover, while the cover's scene is fitted (section 4.5)."""
+
+from __future__ import annotations
+
+import torch
+from pydantic import Field
+
+from opencl.device import choose_device
+from pipeline.errors import UserError, nearest
+from pipeline.stage import Context, Input, Output, stage
+from stages.hiding.method import module_of
+from stages.hiding.storage import write_container, write_secret
+from stages.imaging.image import filling, read_image
+from stages.imaging.metric_table import write_rows
+from stages.scene.cameras import single_cameras
+from stages.scene.scene import Scene, read_scene
+from stages.training.hiding import HidingParameters, hiding_training
+from stages.training.objectives import FixedView, PictureTerm, cover_term
+from stages.training.session import train
+from stages.training.views import training_views
+
+
+class HideImageParameters(HidingParameters):
+    """What hiding an image changes."""
+
+    lambda_message: float = Field(0.1, ge=0, description="λ: the image's weight in the total loss.")
+    view: str | None = Field(None, description="The view that hides the image, by its name; the middle one if not set.")
+
+
+@stage(
+    inputs={"cover": Input("scene"), "image": Input("image"), "key": Input("key", optional=True)},
+    outputs={
+        "container": Output("container", privacy="public"),
+        "secret": Output("secret", privacy="private"),
+        "curves": Output("metrics"),
+    },
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def hide_image(context: Context, parameters: HideImageParameters) -> None:
+    """Fit the cover, and in each iteration compare what the message decoder shows at one view with the image.
+
+    The image fills the view's picture: it is scaled, and what sticks out is cut off. What the decoder shows at other
+    views is left to itself.
+    """
+    torch.set_num_threads(parameters.threads)
+    cover = read_scene(context.input("cover"))
+    name, picture = read_image(context.input("image"))
+    view = chosen_view(cover, parameters.view)
+    camera = single_cameras(cover.cameras.select([view]))[0]
+    truth = torch.from_numpy(filling(picture, camera.width, camera.height))
+    training = hiding_training(
+        parameters,
+        cover,
+        [name],
+        training_views(cover),
+        [cover_term(parameters.ssim_weight_cover)],
+        context.input_optional("key"),
+        fixed=[FixedView(PictureTerm(name, parameters.lambda_message, parameters.ssim_weight_message), camera, truth)],
+    )
+    curves = train(context, training)
+    write_container(context.output("container"), training.gaussians, training.method)
+    write_secret(context.output("secret"), training.method, [name], image_view=view)
+    write_rows(context.output("curves"), curves)
+    context.record(device=choose_device().describe(), gaussians=len(training.gaussians))
+
+
+def chosen_view(cover: Scene, wanted: str | None) -> str:
+    """The training view that hides the image. Raises `UserError` for a name that is not one of them."""
+    names = cover.train_names
+    if wanted is None:
+        return names[len(names) // 2]
+    if wanted not in names:
+        raise UserError(
+            "an image is hidden in a view that is trained on",
+            found=wanted,
+            expected=f"one of {len(names)} training views{nearest(wanted, names)}",
+        )
+    return wanted

@@ -1,0 +1,45 @@
+"""`image`: one picture that is to be hidden, from a file or from a capture."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from pipeline.errors import UserError, nearest
+from pipeline.stage import Context, ExternalPath, Input, Output, Parameters, stage
+from stages.imaging.image import write_image
+from stages.imaging.pictures import read_picture
+from stages.scene.capture import picture_path, read_capture
+
+
+class ImageParameters(Parameters):
+    """Which picture."""
+
+    name: str = Field("image", description="The image's name in the secret and in the tables.", min_length=1)
+    file: ExternalPath | None = Field(None, description="A picture file; or give a capture and leave this out.")
+    photo: str | None = Field(None, description="The photo of the capture; without it, its first.")
+
+
+@stage(inputs={"capture": Input("capture", optional=True)}, outputs={"image": Output("image")}, version=1)
+def image(context: Context, parameters: ImageParameters) -> None:
+    """Read the picture, upright and as RGB."""
+    capture = context.input_optional("capture")
+    if (capture is None) == (parameters.file is None):
+        raise UserError(
+            "an image comes from one place",
+            found="neither a file nor a capture" if capture is None else "a file and a capture",
+            expected="the parameter file, or the input capture",
+        )
+    if parameters.file is not None:
+        path = parameters.file
+    else:
+        assert capture is not None
+        names = read_capture(capture).names
+        photo = parameters.photo or names[0]
+        if photo not in names:
+            raise UserError(
+                "the capture has no such photo",
+                found=photo,
+                expected=f"{names[0]} to {names[-1]}{nearest(photo, names)}",
+            )
+        path = picture_path(capture, photo)
+    write_image(context.output("image"), parameters.name, read_picture(path))

@@ -1,0 +1,32 @@
+"""An image to hide: one picture with a name, and how it fills the picture of a camera."""
+
+from __future__ import annotations
+
+from pipeline.artifact import Artifact, ArtifactWriter
+from stages.imaging.pictures import Picture, resize_picture
+
+
+def write_image(writer: ArtifactWriter, name: str, picture: Picture) -> None:
+    """Write an `image` artifact."""
+    writer.write("picture", picture)
+    writer.attributes.update(name=name)
+
+
+def read_image(artifact: Artifact) -> tuple[str, Picture]:
+    """Its name and its picture."""
+    return str(artifact.attributes["name"]), artifact.read("picture")
+
+
+def filling(picture: Picture, width: int, height: int) -> Picture:
+    """The picture scaled so that it just fills width x height, and its middle: nothing is stretched or left black.
+
+    >>> import numpy as np
+    >>> filling(np.zeros((40, 80, 3), np.uint8), 10, 20).shape
+    (20, 10, 3)
+    """
+    scale = max(width / picture.shape[1], height / picture.shape[0])
+    whole = resize_picture(
+        picture, max(width, round(picture.shape[1] * scale)), max(height, round(picture.shape[0] * scale))
+    )
+    top, left = (whole.shape[0] - height) // 2, (whole.shape[1] - width) // 2
+    return whole[top : top + height, left : left + width].copy()

@@ -1,0 +1,78 @@
+"""An image is hidden in one view, decoded there by its secret, and scored where it is hidden."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.artifact import Artifact, create, load
+from pipeline.errors import UserError
+from pipeline.stage import run_stage
+from stages.evaluate import EvaluateParameters, evaluate
+from stages.hide_image import hide_image
+from stages.imaging.image import filling, write_image
+from stages.imaging.metric_table import read_rows
+from tests.stages.small import HEIGHT, NAMES, WIDTH, scene
+
+SETTINGS = {"iterations": 150, "decoder_width": 16, "feature_dim": 8, "lambda_message": 1.0, "sh_degree": 1}
+
+
+@pytest.fixture
+def cover(tmp_path: Path) -> Artifact:
+    return scene(tmp_path / "cover")
+
+
+@pytest.fixture
+def emblem(tmp_path: Path) -> Artifact:
+    """A picture in which no view of the cover shows anything."""
+    picture = np.zeros((HEIGHT, 2 * WIDTH, 3), np.uint8)
+    picture[6:18, 20:44] = (250, 200, 20)
+    with create(tmp_path / "emblem", "image", private=True) as writer:
+        write_image(writer, "emblem", picture)
+    return load(tmp_path / "emblem")
+
+
+def hidden(folder: Path, cover: Artifact, emblem: Artifact, **settings: object) -> dict[str, Artifact]:
+    parameters = hide_image.parameters.model_validate(SETTINGS | settings)
+    return run_stage(hide_image, parameters, {"cover": cover, "image": emblem}, folder)
+
+
+def scores(folder: Path, made: dict[str, Artifact], cover: Artifact, emblem: Artifact, method: str):
+    inputs = {"container": made["container"], "secret": made["secret"], "cover": cover, "image": emblem}
+    return run_stage(evaluate, EvaluateParameters(method=method, lpips="none"), inputs, folder)
+
+
+@pytest.mark.parametrize("method", ["gs_hider", "homogeneous", "sh", "decoder"])
+def test_the_image_is_decoded_at_its_view(tmp_path: Path, cover: Artifact, emblem: Artifact, method: str) -> None:
+    made = hidden(tmp_path / "made", cover, emblem, method=method, view=NAMES[3])
+    rows = read_rows(scores(tmp_path / "scores", made, cover, emblem, method)["scores"])
+    image = {row.quantity: row for row in rows if row.message == "emblem"}
+    assert {row.view for row in image.values()} == {NAMES[3]}
+    assert image["hides_image"].value == 1
+    black = filling(emblem.read("picture"), WIDTH, HEIGHT) / 255.0
+    assert image["psnr"].value > -10 * np.log10((black**2).mean()) + 3
+
+
+def test_the_public_never_hears_of_the_image(tmp_path: Path, cover: Artifact, emblem: Artifact) -> None:
+    made = hidden(tmp_path / "made", cover, emblem, iterations=2)
+    assert "emblem" not in str(made["container"].attributes)
+    assert not made["container"].private
+    assert made["secret"].private
+    found = scores(tmp_path / "scores", made, cover, emblem, "gs_hider")
+    public = read_rows(found["public_scores"])
+    assert public
+    assert not any(row.message or row.quantity in ("hides_image", "total_bytes") for row in public)
+
+
+def test_a_view_that_is_not_trained_on_is_refused(tmp_path: Path, cover: Artifact, emblem: Artifact) -> None:
+    with pytest.raises(UserError, match="trained on"):
+        hidden(tmp_path / "made", cover, emblem, view=NAMES[0])  # a test view
+
+
+def test_the_image_fills_the_view_unstretched() -> None:
+    wide = np.zeros((10, 40, 3), np.uint8)
+    wide[:, 15:25] = 255
+    np.testing.assert_array_equal(filling(wide, 10, 10), np.full((10, 10, 3), 255))
+    assert filling(wide, 5, 20).shape == (20, 5, 3)
