@@ -12,6 +12,7 @@ from pydantic import Field
 
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.coupled import FEATURES
 from stages.hiding.method import module_of
 from stages.hiding.rendering import Rendering, splat
 from stages.hiding.storage import check_method, read_gaussians, read_method
@@ -67,7 +68,7 @@ def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
 
 def feature_dim(gaussians: Gaussians) -> int:
     """M of the container's features, or 3 where Gaussians carry colours."""
-    return gaussians["raw_features"].shape[1] if "raw_features" in gaussians.parameters else 3
+    return gaussians[FEATURES].shape[1] if FEATURES in gaussians.parameters else 3
 
 
 def median_seconds(

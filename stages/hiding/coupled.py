@@ -23,6 +23,9 @@ FEATURE_RANGE = (0.02, 0.98)
 FEATURE_RATE = 2.5e-3
 """Of Adam, as in the released code."""
 
+FEATURES = "raw_features"
+"""The attribute that all these methods add: f_i before its activation, a sigmoid."""
+
 COUPLED_SETTINGS = ("feature_dim", "layers", "decoder_width", "precision")
 
 DecoderType = TypeVar("DecoderType", bound=torch.nn.Module)
@@ -45,7 +48,7 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
             "decoder_width": decoder_width,
             "precision": precision,
         }
-        self.learning_rates: Mapping[str, float] = {"raw_features": FEATURE_RATE}
+        self.learning_rates: Mapping[str, float] = {FEATURES: FEATURE_RATE}
         self.scene_decoder = self.make_decoder(1, layers, decoder_width)
         self.decoders = [self.scene_decoder]
         self.networks: dict[str, torch.nn.Module] = {"scene_decoder": self.scene_decoder}
@@ -70,7 +73,7 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None
     ) -> Rendering:
         """F_coup (Eq. 4) and what the decoders make of it (Eq. 5); a decoder of nothing wanted does not run."""
-        features = gaussians["raw_features"].sigmoid()
+        features = gaussians[FEATURES].sigmoid()
         backward_of(ACTIVATIONS, features)
         rendering = splat(gaussians, features, camera)
         shown = self._shown(wanted)

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
+from stages.hiding.coupled import FEATURES
 from stages.hiding.key import key_generator
 from stages.hiding.method import Method, build_method, settings_of
 from stages.hiding.rendering import COVER
@@ -24,8 +25,6 @@ from stages.training.loop import Training, TrainingViews
 from stages.training.objectives import FixedView, PictureTerm
 from stages.training.parameters import TrainingParameters
 from stages.training.starting_points import GREY, Points, starting_points
-
-FEATURES = "raw_features"
 
 
 class HidingParameters(TrainingParameters):

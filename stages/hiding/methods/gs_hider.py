@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.hiding.coupled import COUPLED_SETTINGS, FEATURE_RANGE, CoupledFeatures
+from stages.hiding.coupled import COUPLED_SETTINGS, FEATURE_RANGE, FEATURES, CoupledFeatures
 from stages.hiding.decoders import Decoder, decode
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER, Rendering
@@ -43,7 +43,7 @@ class GSHider(CoupledFeatures[Decoder]):
             self.message_decoder.pass_through(mixture[3:])
         shown = torch.as_tensor(np.concatenate([colors[name] for name in (COVER, *self.messages)], axis=1)).float()
         features = 0.5 + (shown - 0.5) @ mixture
-        return {"raw_features": features.clamp(*FEATURE_RANGE).logit()}
+        return {FEATURES: features.clamp(*FEATURE_RANGE).logit()}
 
     def decoded(
         self, decoders: Sequence[Decoder], rendering: Rendering, camera: Camera

@@ -19,7 +19,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.hiding.coupled import COUPLED_SETTINGS, FEATURE_RANGE, CoupledFeatures
+from stages.hiding.coupled import COUPLED_SETTINGS, FEATURE_RANGE, FEATURES, CoupledFeatures
 from stages.hiding.decoders import Decoder, decode
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER, Rendering
@@ -106,7 +106,7 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         known = (centred != 0).any(dim=-1)
         belongs = torch.where(known, BELONGING, -BELONGING) * known.any(dim=-1, keepdim=True)
         features = 0.5 + belongs @ directions + torch.einsum("npc,pcm->nm", centred, rows)
-        return {"raw_features": features.clamp(*FEATURE_RANGE).logit()}
+        return {FEATURES: features.clamp(*FEATURE_RANGE).logit()}
 
     def decoded(
         self, decoders: Sequence[HomogeneousDecoder], rendering: Rendering, camera: Camera

@@ -1,0 +1,77 @@
+"""Does the message decoder decode, or has it learnt the message by heart? What it shows of features that hold none.
+
+A decoder of 121,795 weights could keep pictures of its own. If it did, it would show them whatever it is given. So it
+is given the container's geometry with other features: those of another container, one and the same for all Gaussians,
+or its own with channels set to zero (GS-Hider's camera-ready version has such a test, without figures of a floor).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.analysis.fidelity import covered_figures
+from stages.hiding.coupled import FEATURES
+from stages.hiding.method import Method
+from stages.imaging.metric_table import QUANTITIES, MetricRow
+from stages.imaging.pictures import picture_to_tensor
+from stages.scene.cameras import single_cameras
+from stages.scene.gaussians import Gaussians
+from stages.scene.message_views import MessageViews
+from stages.scene.scene import Scene
+
+OWN = "own features"
+SILENT = -1e4
+"""A raw feature whose sigmoid is zero."""
+
+RawFeatures = Float[Tensor, "N M"]
+
+
+def probes(own: RawFeatures, foreign: RawFeatures | None, seed: int) -> dict[str, RawFeatures]:
+    """Raw features by what was done to them; `foreign` are another container's, any number, of as many channels.
+
+    Each Gaussian takes those of a Gaussian drawn at random. Raises `ValueError` where the channels differ in number.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    silenced = torch.randperm(own.shape[1], generator=generator)[: own.shape[1] // 2]
+    halved = own.clone()
+    halved[:, silenced] = SILENT
+    found = {
+        OWN: own,
+        "half of the channels zeroed": halved,
+        "all channels zeroed": torch.full_like(own, SILENT),
+        "every Gaussian with the mean feature": own.mean(dim=0).expand_as(own).contiguous(),
+    }
+    if foreign is not None:
+        if foreign.shape[1] != own.shape[1]:
+            raise ValueError(f"features of {own.shape[1]} and of {foreign.shape[1]} channels")
+        rows = torch.randint(len(foreign), (len(own),), generator=generator)
+        found["features of another scene"] = foreign[rows]
+    return found
+
+
+@torch.no_grad()
+def probe_rows(
+    gaussians: Gaussians,
+    method: Method,
+    scene: Scene,
+    messages: Mapping[str, MessageViews],
+    features: Mapping[str, RawFeatures],
+    after_each: Callable[[], None],
+) -> Iterator[MetricRow]:
+    """PSNR over a message's covered pixels and that of the best constant, on test views; `method` names the probe."""
+    cameras = single_cameras(scene.cameras.select(scene.test_names))
+    for probe, raw in features.items():
+        probed = Gaussians(gaussians.parameters | {FEATURES: raw})
+        for view, row, camera in zip(scene.test_names, scene.rows(scene.test_names), cameras, strict=True):
+            pictures = method.render(probed, camera, wanted=tuple(messages)).pictures
+            for name, message in messages.items():
+                coverage = torch.from_numpy(message.coverage[row])
+                figures = covered_figures(pictures[name], picture_to_tensor(message.pictures[row]), coverage)
+                for quantity in ("psnr_covered", "psnr_constant"):
+                    unit = QUANTITIES[quantity].unit
+                    yield MetricRow(quantity, figures[quantity], unit, view, "test", name, method=probe)
+            after_each()

@@ -1,0 +1,57 @@
+"""`probe_decoder`: what the message decoder shows of features that hold no message."""
+
+from __future__ import annotations
+
+import torch
+from pydantic import Field
+
+from pipeline.errors import UserError
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.probing import probe_rows, probes
+from stages.hiding.coupled import FEATURES
+from stages.hiding.method import module_of
+from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.imaging.metric_table import write_rows
+from stages.scene.message_views import read_messages
+from stages.scene.scene import read_scene
+
+
+class ProbeDecoderParameters(Parameters):
+    """Whose decoder, and which random choices."""
+
+    method: str = Field("gs_hider", description="The containers' method.")
+    seed: int = Field(0, ge=0, description="Of the channels that are silenced, and of the foreign features' places.")
+    threads: int = Field(1, ge=1, description="Threads of torch.")
+
+
+@stage(
+    inputs={
+        "container": Input("container"),
+        "secret": Input("secret"),
+        "cover": Input("scene"),
+        "messages": Input("views", many=True),
+        "other": Input("container", optional=True),
+    },
+    outputs={"scores": Output("metrics", privacy="private")},
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def probe_decoder(context: Context, parameters: ProbeDecoderParameters) -> None:
+    """Score the message on test views as it is decoded from the container's own features, and from others."""
+    torch.set_num_threads(parameters.threads)
+    container, other = context.input("container"), context.input_optional("other")
+    check_method(container, parameters.method)
+    scene = read_scene(context.input("cover"))
+    messages = read_messages(context.input_many("messages"), scene.cameras.names)
+    gaussians, method = read_gaussians(container), read_method(container, context.input("secret"))
+    if FEATURES not in gaussians.parameters:
+        raise UserError(
+            "this container has no features to probe",
+            where=str(container.path),
+            found=f"method {parameters.method}",
+            expected="a method with coupled features, such as gs_hider",
+        )
+    foreign = None if other is None else read_gaussians(other)[FEATURES]
+    features = probes(gaussians[FEATURES], foreign, parameters.seed)
+    rows = probe_rows(gaussians, method, scene, messages, features, context.stop_if_requested)
+    write_rows(context.output("scores"), rows)
