@@ -21,7 +21,7 @@ from stages.imaging.image import filling, read_image
 from stages.imaging.lpips import Lpips, load_lpips
 from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network
 from stages.imaging.metric_table import MetricRow, write_rows
-from stages.scene.attributes import string
+from stages.scene.attributes import string, strings
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
 
@@ -65,13 +65,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     container, reference = context.input("container"), context.input_optional("reference")
     secret = context.input_optional("secret")
     check_method(container, parameters.method)
-    if messages and secret is None:
-        raise UserError(
-            "messages cannot be scored",
-            found="messages without a secret",
-            expected="the message decoder",
-            remedy="give evaluate the input secret: hide.secret",
-        )
+    messages = _hidden_messages(messages, secret)
     image = _hidden_image(context.input_optional("image"), secret, scene)
     passes = 1 if reference is None else 2
 
@@ -94,6 +88,19 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
         every.append(scored(reference, REFERENCE_METHOD, {}, 1))
     _write(context, every, scene)
     context.record(device=choose_device().describe())
+
+
+def _hidden_messages(messages: Mapping[str, MessageViews], secret: Artifact | None) -> dict[str, MessageViews]:
+    """Those of the messages that the container hides: a workflow may give more than were hidden."""
+    if messages and secret is None:
+        raise UserError(
+            "messages cannot be scored",
+            found="messages without a secret",
+            expected="the message decoder",
+            remedy="give evaluate the input secret: hide.secret",
+        )
+    hidden = strings(secret, "messages") if secret is not None else ()
+    return {name: views for name, views in messages.items() if name in hidden}
 
 
 def _hidden_image(image: Artifact | None, secret: Artifact | None, scene: Scene) -> HiddenImage | None:

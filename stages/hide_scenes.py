@@ -21,6 +21,9 @@ from stages.training.views import training_views
 class HideScenesParameters(HidingParameters):
     """What hiding scenes needs beside."""
 
+    hidden: int | None = Field(
+        None, ge=0, description="How many of the given messages are hidden, from the first on; null: all of them."
+    )
     message_points: int = Field(
         0, ge=0, description="Start with this many points of each message, too. The paper: none."
     )
@@ -44,7 +47,7 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
     """Fit the cover and hide the messages; without messages, the cover alone is fitted by the same method."""
     torch.set_num_threads(parameters.threads)
     cover = read_scene(context.input("cover"))
-    messages = read_messages(context.input_many("messages"), cover.cameras.names)
+    messages = read_messages(context.input_many("messages")[: parameters.hidden], cover.cameras.names)
     training = hiding_training(
         parameters,
         cover,

@@ -59,6 +59,7 @@ def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
             quantity,
             median_seconds(draw, cameras, parameters.warmup, parameters.frames, context.stop_if_requested),
             "s",
+            method=parameters.method,
         )
         for quantity, draw in drawings.items()
     ]
