@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import pytest
 import torch
 
 from stages.hiding.rendering import COVER
 from stages.timing.stopwatch import OTHER, Stopwatch, watching
+from stages.training.loop import Training
 from stages.training.objectives import Compared, hiding_terms, picture_loss, total_loss
 from stages.training.sampling import ViewSampler
 from tests.stages.training.trainings import MESSAGE, prepared
@@ -83,6 +85,25 @@ def test_every_view_once_a_pass() -> None:
     passes = [[sampler.draw() for _ in range(5)] for _ in range(4)]
     assert all(sorted(views) == list(range(5)) for views in passes)
     assert len({tuple(views) for views in passes}) > 1
+
+
+def test_schedules_may_end_before_the_training_as_in_the_released_code() -> None:
+    """50,000 iterations with 3DGS's schedule of 30,000: density control until 15,000, then the last rates."""
+    training = prepared("gs_hider", 50_000)
+    training.settings = replace(
+        training.settings, schedule_iterations=30_000, final_rate_share=0.1, attribute_rates={"raw_features": 1.0}
+    )
+    scheduled = Training(
+        training.gaussians, training.method, training.views, training.terms, training.settings, training.fixed
+    )
+    assert scheduled.schedule.stop == 15_000
+    rates = []
+    for iteration in (30_000, 50_000):
+        scheduled.step(iteration)
+        rates.append({group["name"]: group["lr"] for group in scheduled.optimizer.adam.param_groups})
+    assert rates[0] == rates[1]
+    assert rates[1]["raw_features"] == pytest.approx(0.1)
+    assert rates[1]["means"] == pytest.approx(1.6e-6)
 
 
 def test_total_loss_is_the_cover_plus_lambda_times_every_message() -> None:
