@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32
 
+from pipeline.errors import UserError
 from stages.scene.ply import Ply
 
 VERTEX = "vertex"
@@ -93,11 +94,17 @@ def columns_of(attributes: Mapping[str, Float32[np.ndarray, "N ..."]]) -> dict[s
 def attribute_of(ply: Ply, name: str, shape: tuple[int, ...]) -> Float32[np.ndarray, "N ..."]:
     """An attribute [N, *shape] out of its columns.
 
-    Raises `UserError` where a column is missing, of another type, or not finite.
+    Raises `UserError` where a column is missing, of another type, or not finite, and for a shape that the attribute
+    cannot have.
     """
     layout = layout_of(name)
+    names = layout.columns(math.prod(shape))
+    if len(names) != math.prod(shape) or (layout.colors_apart and len(shape) < 2):
+        raise UserError(
+            f"an attribute {name!r} of another shape", where=ply.path, found=shape, expected=f"columns {layout.names}"
+        )
     stored = (*shape[:-2], shape[-1], shape[-2]) if layout.colors_apart else shape
-    values = ply.floats(VERTEX, layout.columns(math.prod(shape)))
+    values = ply.floats(VERTEX, names)
     values = values.reshape(len(values), *stored)
     return np.ascontiguousarray(values.swapaxes(-1, -2)) if layout.colors_apart else values
 

@@ -14,7 +14,7 @@ from stages.hiding.rendering import COVER
 from stages.hiding.weights import Weights
 from stages.scene.gaussians import GEOMETRY
 
-LARGEST_SETTING = 2048
+LARGEST_SETTING = 1024
 LONGEST_WORD = 100  # characters
 SHAPES: dict[str, tuple[int, ...]] = dict(zip(GEOMETRY, ((3,), (4,), (3,), ()), strict=True))
 Shape = tuple[int, ...]

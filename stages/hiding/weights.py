@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -25,7 +26,7 @@ REMEDY = "Fetch the file again where it came from."
 
 def weights_file(weights: Weights) -> bytes:
     """The bytes of a safetensors file; the same weights give the same bytes."""
-    return save({name: np.ascontiguousarray(values) for name, values in weights.items()})
+    return save({name: np.asarray(values, order="C") for name, values in weights.items()})
 
 
 def read_weights(path: Path) -> Weights:
@@ -67,9 +68,14 @@ def _bytes(path: Path) -> bytes:
         if not path.is_file():
             raise UserError("no such file of weights", where=path, found="a folder" if path.is_dir() else "nothing")
         with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
+            size = os.fstat(file.fileno()).st_size
+            if size > LARGEST_FILE:
+                raise UserError(
+                    "a file of weights that is too large",
+                    where=path,
+                    found=size,
+                    expected=f"at most {LARGEST_FILE} bytes",
+                )
+            return file.read(size)
     except OSError as error:
         raise UserError("cannot be read", where=path, found=error.strerror or error) from error
-    if len(content) > LARGEST_FILE:
-        raise UserError("a file of weights that is too large", where=path, expected=f"at most {LARGEST_FILE} bytes")
-    return content
