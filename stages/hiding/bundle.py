@@ -25,7 +25,7 @@ from jaxtyping import Float32
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
 from stages.hiding.columns import activations, columns_of
-from stages.hiding.storage import PUBLIC_NETWORKS, SECRET_NETWORKS
+from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.weights import SUFFIX, Weights, weights_file
 from stages.scene.attributes import mapping, string, strings
 from stages.scene.gaussians import GEOMETRY

@@ -22,8 +22,8 @@ from stages.hiding.bundle import (
     SecretBundle,
 )
 from stages.hiding.columns import VERTEX, attribute_of
+from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.rendering import COVER
-from stages.hiding.storage import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.weights import SUFFIX, Weights, read_weights
 from stages.scene.ply import Ply, read_ply
 
