@@ -45,7 +45,7 @@ LAYOUTS = {
     "means": Layout("x y z", "position in the world, as it is"),
     "sh_base": Layout("f_dc_*", "constant harmonic: color = max(0, 0.5 + 0.28209479 value + what f_rest adds)"),
     "sh_rest": Layout("f_rest_*", HARMONICS, colors_apart=True),
-    "raw_features": Layout("feature_*", "sigmoid(value) is blended into the feature map that decoders read"),
+    "raw_features": Layout("feature_*", "sigmoid(value) is blended into the feature map that the scene decoder reads"),
     "logit_opacities": Layout("opacity", "opacity = sigmoid(value)"),
     "log_scales": Layout("scale_*", "standard deviation along the Gaussian's own axis = exp(value)"),
     "quats": Layout("rot_*", "rotation as a quaternion w x y z, to be normalized"),
