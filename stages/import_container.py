@@ -52,4 +52,5 @@ def import_container(context: Context, parameters: ImportContainerParameters) ->
     gaussians = Gaussians({name: torch.from_numpy(values) for name, values in bundle.attributes.items()})
     write_container(context.output("container"), gaussians, method)
     write_secret(context.output("secret"), method, secret.messages)
+    context.output("secret").attributes |= secret.facts
     context.record(method=bundle.method, gaussians=len(gaussians))

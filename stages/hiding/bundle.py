@@ -4,7 +4,7 @@
     container.json                method, settings and attributes, and what the renderer makes of each column
     scene_decoder.safetensors     D_s, where the method has one
 
-    secret.json                   the messages' names, in the order of the message decoder's channels
+    secret.json                   the messages' names, in the order of the message decoder's channels, and other facts
     message_decoder.safetensors   D_m, where the method has one
 
 What is public tells nothing of messages, neither names nor number; only a method whose Gaussians carry attributes of
@@ -58,10 +58,14 @@ class ContainerBundle:
 
 @dataclass(frozen=True)
 class SecretBundle:
-    """The messages' names in the order of the message decoder's channels, and the weights of the secret networks."""
+    """The messages' names in the order of the message decoder's channels, and the weights of the secret networks.
+
+    `facts` is what else the secret says of itself, numbers and words.
+    """
 
     messages: tuple[str, ...]
     networks: Mapping[str, Weights] = field(default_factory=dict)
+    facts: Mapping[str, Any] = field(default_factory=dict)
 
 
 def container_bundle(container: Artifact) -> ContainerBundle:
@@ -73,7 +77,8 @@ def container_bundle(container: Artifact) -> ContainerBundle:
 
 def secret_bundle(secret: Artifact) -> SecretBundle:
     """What is to be exported of a `secret`."""
-    return SecretBundle(strings(secret, "messages"), _networks(secret, SECRET_NETWORKS))
+    facts = {name: value for name, value in secret.attributes.items() if name != "messages"}
+    return SecretBundle(strings(secret, "messages"), _networks(secret, SECRET_NETWORKS), facts)
 
 
 def _networks(artifact: Artifact, names: Sequence[str]) -> Mapping[str, Weights]:
@@ -96,7 +101,8 @@ def write_container_bundle(writer: ArtifactWriter, bundle: ContainerBundle) -> N
 
 def write_secret_bundle(writer: ArtifactWriter, bundle: SecretBundle) -> None:
     """Write the secret files; without messages they say that there are none."""
-    description = {"format": SECRET_FORMAT, "version": VERSION, "messages": [*bundle.messages]}
+    description: dict[str, Any] = {"format": SECRET_FORMAT, "version": VERSION, "messages": [*bundle.messages]}
+    description |= {"facts": dict(bundle.facts)} if bundle.facts else {}
     writer.write_file(SECRET_DESCRIPTION, json.dumps(description, indent=1) + "\n")
     _write_networks(writer, bundle.networks)
 

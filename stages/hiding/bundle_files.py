@@ -31,6 +31,7 @@ PARTS = ("method", "settings", "attributes")
 LARGEST_JSON = 2**20  # bytes
 MOST_ATTRIBUTES, MOST_AXES = 32, 4
 MOST_MESSAGES = 1000
+MOST_FACTS, LARGEST_NUMBER = 32, 2**53
 LONGEST_TEXT = 200  # characters
 WORD = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
@@ -63,7 +64,22 @@ def read_secret_bundle(place: Path) -> SecretBundle:
         raise _no_names(path)
     if len(set(messages)) != len(messages):
         raise _no_names(path)
-    return SecretBundle(tuple(messages), _networks(place, SECRET_NETWORKS))
+    return SecretBundle(tuple(messages), _networks(place, SECRET_NETWORKS), _facts(path, description.get("facts", {})))
+
+
+def _facts(path: Path, facts: Any) -> dict[str, Any]:
+    if isinstance(facts, dict) and len(facts) <= MOST_FACTS and all(map(_is_fact, facts.items())):
+        return facts
+    raise UserError(
+        "facts of a secret that are none", where=path, expected=f"at most {MOST_FACTS} short words and finite numbers"
+    )
+
+
+def _is_fact(fact: tuple[str, Any]) -> bool:
+    name, value = fact
+    word = isinstance(value, str) and len(value) <= LONGEST_TEXT and value.isprintable()
+    number = isinstance(value, int | float) and abs(value) <= LARGEST_NUMBER
+    return bool(WORD.fullmatch(name)) and name != "messages" and (word or number)
 
 
 def _is_name(value: Any) -> bool:

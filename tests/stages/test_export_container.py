@@ -48,6 +48,7 @@ def stored(folder: Path, name: str, count: int = 20, messages: tuple[str, ...] =
         write_container(writer, Gaussians(shaken), method)
     with create(folder / "secret", "secret", private=True) as writer:
         write_secret(writer, method, messages)
+        writer.attributes |= {"view": "003.png"} if messages else {}
     return load(folder / "container"), load(folder / "secret")
 
 

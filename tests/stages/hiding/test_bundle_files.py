@@ -178,6 +178,10 @@ SCENE_DECODER, MESSAGE_DECODER = "bundle/scene_decoder.safetensors", "secret_bun
         ),
         (lambda folder: change(folder / "secret_bundle/secret.json", messages=MESSAGE), "without the messages' names"),
         (lambda folder: change(folder / "secret_bundle/secret.json", messages=[["a"]]), "without the messages' names"),
+        (lambda folder: change(folder / "secret_bundle/secret.json", facts=[1]), "facts of a secret that are none"),
+        (lambda folder: change(folder / "secret_bundle/secret.json", facts={"messages": "a"}), "facts of a secret"),
+        (lambda folder: change(folder / "secret_bundle/secret.json", facts={"a": float("nan")}), "facts of a secret"),
+        (lambda folder: change(folder / "secret_bundle/secret.json", facts={"a": "x" * 10**5}), "facts of a secret"),
         (lambda folder: change(folder / "secret_bundle/secret.json", format="gs-hider container"), "something else"),
     ],
 )
