@@ -43,12 +43,12 @@ class Layout:
 HARMONICS = "spherical harmonics of degree 1 and more in the order and signs of 3DGS, all of red, then green, then blue"
 LAYOUTS = {
     "means": Layout("x y z", "position in the world, as it is"),
-    "sh_base": Layout("f_dc_*", "constant harmonic: color = max(0, 0.5 + 0.28209479 value + what f_rest adds)"),
+    "sh_base": Layout("f_dc_*", "constant harmonic: colour = max(0, 0.5 + 0.28209479 value + what f_rest adds)"),
     "sh_rest": Layout("f_rest_*", HARMONICS, colors_apart=True),
     "raw_features": Layout("feature_*", "sigmoid(value) is blended into the feature map that the scene decoder reads"),
     "logit_opacities": Layout("opacity", "opacity = sigmoid(value)"),
     "log_scales": Layout("scale_*", "standard deviation along the Gaussian's own axis = exp(value)"),
-    "quats": Layout("rot_*", "rotation as a quaternion w x y z, to be normalized"),
+    "quats": Layout("rot_*", "rotation as a quaternion w x y z, to be normalised"),
 }
 FIRST, LAST = ("means", "sh_base", "sh_rest"), ("logit_opacities", "log_scales", "quats")
 """3DGS's order of columns; what it does not have stands between."""
@@ -113,7 +113,7 @@ def activations(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
     """For each group of columns, in order, what the renderer makes of the raw values.
 
     >>> activations({"quats": (4,), "logit_opacities": ()})["rot_0 to rot_3"]
-    'rotation as a quaternion w x y z, to be normalized'
+    'rotation as a quaternion w x y z, to be normalised'
     """
     said = {}
     for name in in_order(list(shapes)):
