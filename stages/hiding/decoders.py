@@ -16,9 +16,12 @@ class Decoder(torch.nn.Sequential):
 
     The paper says "five layers of convolution followed by ReLU"; as in its released code the last layer is linear,
     since a ReLU there has no gradient wherever the picture starts out black. Weights come from torch's generator.
+    Raises `ValueError` for fewer than two layers.
     """
 
     def __init__(self, feature_dim: int, channels: int, layers: int = 5, width: int = 64):
+        if layers < 2:
+            raise ValueError(f"a decoder has at least two layers, not {layers}")
         sizes = [feature_dim, *[width] * (layers - 1), channels]
         modules: list[torch.nn.Module] = []
         for inputs, outputs in pairwise(sizes):

@@ -10,11 +10,9 @@ import torch
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
 from stages.hiding.method import Method, build_method
+from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.scene.attributes import mapping, string, strings
 from stages.scene.gaussians import Gaussians
-
-PUBLIC_NETWORKS = ("scene_decoder",)
-SECRET_NETWORKS = ("message_decoder",)
 
 
 def write_container(writer: ArtifactWriter, gaussians: Gaussians, method: Method) -> None:

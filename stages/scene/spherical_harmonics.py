@@ -14,7 +14,8 @@ BASE = 0.5 / math.sqrt(math.pi)
 
 
 def harmonics_count(degree: int) -> int:
-    """(degree + 1)², how many harmonics there are up to `degree`."""
+    """(degree + 1)², how many harmonics there are up to `degree`. Raises `ValueError` for a degree outside 0..3."""
+    _check_degree(degree)
     return (degree + 1) ** 2
 
 
@@ -23,8 +24,7 @@ def harmonics(directions: Float[Tensor, "N 3"], degree: int) -> Float[Tensor, "N
 
     Raises `ValueError` for a degree outside 0..3.
     """
-    if not 0 <= degree <= MAXIMUM_DEGREE:
-        raise ValueError(f"spherical harmonics have degree 0 to {MAXIMUM_DEGREE} here, not {degree}")
+    _check_degree(degree)
     x, y, z = directions.movedim(-1, 0).contiguous()  # each by itself in memory, as the results are: half the time
     values = [torch.full_like(x, BASE)]
     if degree >= 1:
@@ -54,3 +54,8 @@ def harmonics(directions: Float[Tensor, "N 3"], degree: int) -> Float[Tensor, "N
             -outer * x * (xx - 3 * yy),
         ]
     return torch.stack(values).movedim(0, -1)
+
+
+def _check_degree(degree: int) -> None:
+    if not 0 <= degree <= MAXIMUM_DEGREE:
+        raise ValueError(f"spherical harmonics have degree 0 to {MAXIMUM_DEGREE} here, not {degree}")

@@ -1,0 +1,170 @@
+"""Reading bundles, whoever made them: every size is held against the file before room is made for what it claims."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pipeline.errors import UserError
+from stages.hiding.bundle import (
+    CONTAINER_FORMAT,
+    DESCRIPTION,
+    GAUSSIANS,
+    IN_COMMENT,
+    SECRET_DESCRIPTION,
+    SECRET_FORMAT,
+    VERSION,
+    ContainerBundle,
+    SecretBundle,
+)
+from stages.hiding.columns import VERTEX, attribute_of
+from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
+from stages.hiding.rendering import COVER
+from stages.hiding.weights import SUFFIX, Weights, read_weights
+from stages.scene.ply import Ply, read_ply
+
+PARTS = ("method", "settings", "attributes")
+LARGEST_JSON = 2**20  # bytes
+MOST_ATTRIBUTES, MOST_AXES = 32, 4
+MOST_MESSAGES = 1000
+MOST_FACTS, LARGEST_NUMBER = 32, 2**53
+LONGEST_TEXT = 200  # characters
+WORD = re.compile(r"[a-z][a-z0-9_]{0,63}")
+
+
+def read_container_bundle(place: Path) -> ContainerBundle:
+    """Read a bundle's folder, or a PLY that says by itself which container it is, without networks.
+
+    Raises `UserError` for whatever is missing, broken or of another kind. Whether networks and attributes fit the
+    method is not asked here: `fitted_method` does.
+    """
+    if place.is_dir():
+        description = _json(place / DESCRIPTION, _text(place, DESCRIPTION))
+        ply, networks = read_ply(place / GAUSSIANS), _networks(place, PUBLIC_NETWORKS)
+    else:
+        ply, networks = read_ply(place), {}
+        description = _json(place, _description_in(ply))
+    _check_format(ply.path, description, CONTAINER_FORMAT)
+    method, settings, shapes = _checked(ply, description)
+    attributes = {name: attribute_of(ply, name, shape) for name, shape in sorted(shapes.items())}
+    return ContainerBundle(method, settings, attributes, networks)
+
+
+def read_secret_bundle(place: Path) -> SecretBundle:
+    """Read a secret bundle's folder. Raises `UserError` for whatever is missing, broken or of another kind."""
+    path = place / SECRET_DESCRIPTION
+    description = _json(path, _text(place, SECRET_DESCRIPTION))
+    _check_format(path, description, SECRET_FORMAT)
+    messages = description.get("messages")
+    if not (isinstance(messages, list) and len(messages) <= MOST_MESSAGES and all(map(_is_name, messages))):
+        raise _no_names(path)
+    if len(set(messages)) != len(messages):
+        raise _no_names(path)
+    return SecretBundle(tuple(messages), _networks(place, SECRET_NETWORKS), _facts(path, description.get("facts", {})))
+
+
+def _facts(path: Path, facts: Any) -> dict[str, Any]:
+    if isinstance(facts, dict) and len(facts) <= MOST_FACTS and all(map(_is_fact, facts.items())):
+        return facts
+    raise UserError(
+        "facts of a secret that are none", where=path, expected=f"at most {MOST_FACTS} short words and finite numbers"
+    )
+
+
+def _is_fact(fact: tuple[str, Any]) -> bool:
+    name, value = fact
+    word = isinstance(value, str) and len(value) <= LONGEST_TEXT and value.isprintable()
+    number = isinstance(value, int | float) and abs(value) <= LARGEST_NUMBER
+    return bool(WORD.fullmatch(name)) and name != "messages" and (word or number)
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= LONGEST_TEXT and value.isprintable() and value != COVER
+
+
+def _no_names(path: Path) -> UserError:
+    """Without what was found: names of messages are not for logs."""
+    return UserError(
+        "a secret without the messages' names",
+        where=path,
+        expected=f"a list `messages` of at most {MOST_MESSAGES} different names, none of them {COVER!r}",
+        remedy="Fetch the file again from where the secret is kept.",
+    )
+
+
+def _checked(ply: Ply, description: Mapping[str, Any]) -> tuple[str, dict[str, Any], dict[str, tuple[int, ...]]]:
+    """The method, its settings, and the shapes of attributes, none larger than the PLY has columns."""
+    columns = len(ply.rows(VERTEX).dtype.names or ())
+    match description:
+        case {"method": str(method), "settings": dict(settings), "attributes": dict(shapes)} if (
+            WORD.fullmatch(method)
+            and len(shapes) <= MOST_ATTRIBUTES
+            and all(_is_attribute(name, shape, columns) for name, shape in shapes.items())
+        ):
+            return method, settings, {name: tuple(shape) for name, shape in shapes.items()}
+    raise UserError(
+        "the description of a container is not understood",
+        where=ply.path,
+        found=json.dumps({name: description.get(name) for name in PARTS})[:LONGEST_TEXT],
+        expected=f"a method, its settings, and the shapes of attributes that are among {columns} columns",
+    )
+
+
+def _is_attribute(name: str, shape: Any, columns: int) -> bool:
+    if not (WORD.fullmatch(name) and isinstance(shape, list) and len(shape) <= MOST_AXES):
+        return False
+    return all(type(size) is int and 0 <= size <= columns for size in shape) and math.prod(shape) <= columns
+
+
+def _check_format(path: Path, description: Mapping[str, Any], expected: str) -> None:
+    found = (description.get("format"), description.get("version"))
+    if found != (expected, VERSION):
+        raise UserError(
+            "a description of something else",
+            where=path,
+            found=f"format {found[0]!r}, version {found[1]!r}"[:LONGEST_TEXT],
+            expected=f"format {expected!r}, version {VERSION}",
+        )
+
+
+def _description_in(ply: Ply) -> bytes:
+    for comment in ply.comments:
+        if comment.startswith(IN_COMMENT):
+            return comment.removeprefix(IN_COMMENT).encode()
+    raise UserError(
+        "a PLY that does not say which container it is",
+        where=ply.path,
+        found=f"no comment {IN_COMMENT.strip()!r}",
+        expected=f"{GAUSSIANS} as it was exported, or its folder",
+    )
+
+
+def _networks(place: Path, names: Sequence[str]) -> dict[str, Weights]:
+    paths = {name: place / f"{name}{SUFFIX}" for name in names}
+    return {name: read_weights(path) for name, path in paths.items() if path.exists()}
+
+
+def _text(place: Path, name: str) -> bytes:
+    path = place / name
+    try:
+        if not path.is_file():
+            there = ", ".join(sorted(entry.name for entry in place.iterdir())[:5]) if place.is_dir() else "no folder"
+            raise UserError("no bundle", where=place, found=there or "an empty folder", expected=f"a file {name} in it")
+        with path.open("rb") as file:
+            return file.read(LARGEST_JSON + 1)
+    except OSError as error:
+        raise UserError("cannot be read", where=path, found=error.strerror or error) from error
+
+
+def _json(path: Path, text: bytes) -> dict[str, Any]:
+    try:
+        content = json.loads(text) if len(text) <= LARGEST_JSON else None
+    except (ValueError, RecursionError) as error:
+        raise UserError("no JSON", where=path, found=str(error)[:LONGEST_TEXT]) from error
+    if not isinstance(content, dict):
+        raise UserError("no description", where=path, expected=f"a JSON object of at most {LARGEST_JSON} bytes")
+    return content

@@ -1,0 +1,116 @@
+"""Whether what came from strangers fits its method, found out before anything of the size that it claims is made."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+
+from pipeline.errors import UserError
+from stages.hiding.method import Method, build_method
+from stages.hiding.rendering import COVER
+from stages.hiding.weights import Weights
+from stages.scene.gaussians import GEOMETRY
+
+LARGEST_SETTING = 1024
+LONGEST_WORD = 100  # characters
+SHAPES: dict[str, tuple[int, ...]] = dict(zip(GEOMETRY, ((3,), (4,), (3,), ()), strict=True))
+Shape = tuple[int, ...]
+
+
+def fitted_method(
+    where: object,
+    name: str,
+    settings: Mapping[str, object],
+    messages: Sequence[str],
+    shapes: Mapping[str, Shape],
+    networks: Mapping[str, Weights],
+) -> Method:
+    """The method `name` with the weights of `networks`, which may lack the secret ones where there are no `messages`.
+
+    `shapes` are those of a Gaussian's attributes. The method is first built without memory, then compared, then built:
+    it takes no more than the weights themselves. Raises `UserError` where settings are none that a method has, where
+    weights are missing, too many or of other shapes, and where Gaussians lack what the method renders.
+    """
+    check_settings(where, settings)
+    full = dict(settings) | ({"messages": list(messages)} if messages else {})
+    try:
+        with torch.random.fork_rng():
+            with torch.device("meta"):
+                _check_networks(where, build_method(name, full), networks)
+            method = build_method(name, full)
+            for network, weights in networks.items():
+                state = {weight: torch.from_numpy(values.copy()) for weight, values in weights.items()}
+                method.networks[network].load_state_dict(state)
+            needed = _attribute_shapes(name, full, messages)
+    except (TypeError, ValueError, KeyError, AttributeError, RuntimeError, OverflowError) as error:
+        raise UserError(
+            f"the settings are none of the method {name}",
+            where=where,
+            found=f"{str(settings)[:200]} ({str(error)[:100]!r})",
+            expected="those with which a container was trained",
+        ) from error
+    _check_attributes(where, SHAPES | needed, shapes)
+    return method
+
+
+def check_settings(where: object, settings: Mapping[str, object]) -> None:
+    """Raise `UserError` for what is no setting: other than short words and numbers that some method may have."""
+    for name, value in settings.items():
+        number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_SETTING
+        if not (number or (isinstance(value, str) and value.isprintable() and len(value) <= LONGEST_WORD)):
+            raise UserError(
+                f"the setting {name[:LONGEST_WORD]!r} is none",
+                where=where,
+                found=repr(value)[:LONGEST_WORD],
+                expected=f"a number up to {LARGEST_SETTING}, or a word",
+            )
+
+
+def _check_networks(where: object, method: Method, networks: Mapping[str, Weights]) -> None:
+    for network in networks.keys() - method.networks.keys():
+        raise UserError(
+            f"weights of {network}, which the method {method.name} does not have with these messages",
+            where=where,
+            expected=f"{', '.join(method.networks) or 'no weights'}",
+            remedy="Take them out, or check which files belong together.",
+        )
+    for network, module in method.networks.items():
+        expected = {weight: tuple(tensor.shape) for weight, tensor in module.state_dict().items()}
+        found = {weight: values.shape for weight, values in networks.get(network, {}).items()}
+        if found != expected:
+            raise UserError(
+                f"the weights of {network} do not fit the method {method.name} with its settings",
+                where=where,
+                found=_difference(found, expected),
+                expected=_difference(expected, found),
+                remedy="Give the files of one container, and its own secret.",
+            )
+
+
+def _difference(these: Mapping[str, Shape], those: Mapping[str, Shape]) -> str:
+    """What is only among these, the first few of it."""
+    only = [f"{name[:LONGEST_WORD]!r} {shape}" for name, shape in sorted(these.items()) if those.get(name) != shape]
+    return ", ".join(only[:3]) or "nothing else"
+
+
+def _attribute_shapes(name: str, settings: Mapping[str, object], messages: Sequence[str]) -> dict[str, Shape]:
+    """The shapes of the attributes that the method gives to Gaussians, asked for with no Gaussians at all."""
+    colors = {picture: np.zeros((0, 3)) for picture in (COVER, *messages)}
+    attributes = build_method(name, settings).initial_attributes(colors, np.random.default_rng(0))
+    return {attribute: tuple(tensor.shape[1:]) for attribute, tensor in attributes.items()}
+
+
+def _check_attributes(where: object, needed: Mapping[str, Shape], shapes: Mapping[str, Shape]) -> None:
+    for name, shape in needed.items():
+        if shapes.get(name) != shape:
+            raise UserError(
+                f"the Gaussians' attribute {name!r} is not what the method renders",
+                where=where,
+                found=f"{math.prod(shapes[name])} values a Gaussian, as {shapes[name]}"
+                if name in shapes
+                else "nothing",
+                expected=f"{math.prod(shape)} values a Gaussian, as {shape}",
+            )

@@ -1,0 +1,56 @@
+"""`import_container`: a container, and its secret, from the files that `export_container` writes."""
+
+from __future__ import annotations
+
+import torch
+from pydantic import Field
+
+from pipeline.errors import UserError
+from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
+from stages.hiding.bundle import SecretBundle
+from stages.hiding.bundle_files import read_container_bundle, read_secret_bundle
+from stages.hiding.fitting import fitted_method
+from stages.hiding.method import module_of
+from stages.hiding.storage import write_container, write_secret
+from stages.scene.gaussians import Gaussians
+
+
+class ImportContainerParameters(Parameters):
+    """Where the files are, and whose code they need."""
+
+    bundle: ExternalPath = Field(
+        description="Folder with container.ply, container.json and scene_decoder.safetensors; or the PLY alone, where "
+        "the method has no scene decoder."
+    )
+    secret: ExternalPath | None = Field(
+        None, description="Folder with secret.json and message_decoder.safetensors; without it, the cover alone."
+    )
+    method: str = Field("gs_hider", description="The container's method, as container.json names it.")
+
+
+@stage(
+    inputs={},
+    outputs={"container": Output("container"), "secret": Output("secret", privacy="private")},
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def import_container(context: Context, parameters: ImportContainerParameters) -> None:
+    """Read what may come from anyone, and check that it fits its method before anything is made of it."""
+    bundle = read_container_bundle(parameters.bundle)
+    secret = read_secret_bundle(parameters.secret) if parameters.secret else SecretBundle(())
+    if bundle.method != parameters.method:
+        raise UserError(
+            "the container was made by another method",
+            where=parameters.bundle,
+            found=bundle.method,
+            expected=parameters.method,
+            remedy=f"set the stage's method to {bundle.method}",
+        )
+    networks = {**bundle.networks, **secret.networks}
+    where = parameters.bundle
+    method = fitted_method(where, bundle.method, bundle.settings, secret.messages, bundle.shapes, networks)
+    gaussians = Gaussians({name: torch.from_numpy(values) for name, values in bundle.attributes.items()})
+    write_container(context.output("container"), gaussians, method)
+    write_secret(context.output("secret"), method, secret.messages)
+    context.output("secret").attributes |= secret.facts
+    context.record(method=bundle.method, gaussians=len(gaussians))

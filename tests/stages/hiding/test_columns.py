@@ -1,0 +1,59 @@
+"""Attributes of any shape come back from their columns bit for bit, in 3DGS's order where it has one."""
+
+from __future__ import annotations
+
+import doctest
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from stages.hiding import columns
+from stages.hiding.bundle import ContainerBundle, write_gaussians
+from stages.hiding.bundle_files import read_container_bundle
+from stages.hiding.columns import columns_of
+
+VALUES = st.floats(width=32, allow_nan=False, allow_infinity=False)
+GEOMETRY = {"means": (3,), "quats": (4,), "log_scales": (3,), "logit_opacities": ()}
+
+
+@st.composite
+def bundles(draw: st.DrawFn) -> ContainerBundle:
+    """Of N Gaussians, with the attributes of all methods and one that none has."""
+    count, harmonics, messages = draw(st.integers(0, 5)), draw(st.sampled_from([0, 3, 8, 15])), draw(st.integers(1, 3))
+    optional = {
+        "sh_base": (3,),
+        "sh_rest": (harmonics, 3),
+        "raw_features": (draw(st.integers(1, 20)),),
+        "message_sh_base": (messages, 3),
+        "message_sh_rest": (messages, harmonics, 3),
+        "something_new": draw(st.sampled_from([(), (1,), (2, 0), (2, 3, 2)])),
+    }
+    chosen = draw(st.lists(st.sampled_from(sorted(optional)), unique=True))
+    shapes = GEOMETRY | {name: optional[name] for name in chosen}
+    attributes = {name: draw(arrays.arrays("<f4", (count, *shape), elements=VALUES)) for name, shape in shapes.items()}
+    return ContainerBundle("a_method", {"sh_degree": 3, "share": draw(VALUES), "word": "x"}, attributes)
+
+
+@given(bundle=bundles())
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_attributes_of_any_shape_come_back_bit_for_bit(tmp_path: Path, bundle: ContainerBundle) -> None:
+    write_gaussians(tmp_path / "container.ply", bundle)
+    again = read_container_bundle(tmp_path / "container.ply")
+    assert (again.method, again.settings) == (bundle.method, bundle.settings)
+    assert again.shapes == bundle.shapes
+    for name, values in bundle.attributes.items():
+        assert again.attributes[name].tobytes() == values.tobytes()
+        assert again.attributes[name].dtype == np.float32
+
+
+def test_columns_of_two_attributes_may_not_have_one_name() -> None:
+    with pytest.raises(ValueError, match="another's names"):
+        columns_of({"raw_features": np.zeros((1, 2)), "feature": np.zeros((1, 2))})
+
+
+def test_examples() -> None:
+    assert doctest.testmod(columns).failed == 0
