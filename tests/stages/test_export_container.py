@@ -26,7 +26,13 @@ from stages.train_scene import TrainSceneParameters, train_scene
 from tests.stages import small
 
 COUPLED = {"feature_dim": 5, "layers": 3, "decoder_width": 12, "precision": "float32"}
-SETTINGS = {"gs_hider": COUPLED, "homogeneous": COUPLED, "plain": {"sh_degree": 3}}
+SETTINGS = {
+    "gs_hider": COUPLED,
+    "homogeneous": COUPLED,
+    "plain": {"sh_degree": 3},
+    "sh": {"sh_degree": 2},
+    "decoder": {"sh_degree": 1, "layers": COUPLED["layers"], "decoder_width": 8, "precision": "float32"},
+}
 MESSAGES = ["a-name-that-must-not-be-published", "another"]
 COLUMNS_OF_3DGS = [
     *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"),
@@ -67,7 +73,7 @@ def published(artifact: Artifact) -> bytes:
 
 
 @pytest.mark.parametrize("count", [20, 0])
-@pytest.mark.parametrize("name", ["gs_hider", "homogeneous"])
+@pytest.mark.parametrize("name", ["gs_hider", "homogeneous", "sh", "decoder"])
 def test_container_and_secret_come_back_bit_for_bit(tmp_path: Path, name: str, count: int) -> None:
     container, secret = stored(tmp_path, name, count, tuple(MESSAGES))
     files = exported(tmp_path, container, secret)
@@ -77,7 +83,7 @@ def test_container_and_secret_come_back_bit_for_bit(tmp_path: Path, name: str, c
     assert again["secret"].private
 
 
-@pytest.mark.parametrize("name", ["gs_hider", "homogeneous", "plain"])
+@pytest.mark.parametrize("name", ["gs_hider", "homogeneous", "plain", "sh", "decoder"])
 def test_without_the_secret_the_container_comes_back_alone(tmp_path: Path, name: str) -> None:
     container, _ = stored(tmp_path, name, messages=() if name == "plain" else tuple(MESSAGES))
     again = imported(tmp_path, name, exported(tmp_path, container)["bundle"].path)
