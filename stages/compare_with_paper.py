@@ -46,14 +46,16 @@ def compare_with_paper(context: Context, parameters: CompareWithPaperParameters)
     """
     columns = Columns(parameters.capture_column, parameters.method_column, parameters.seed_column)
     timings = context.items("timings")
-    study = read_study(context.items("scores"), timings, columns)
+    paper = read_published()
+    study = read_study(context.items("scores"), timings, columns, paper.setup)
     command = parameters.command or f"python -m pipeline run workflows/{context.workflow_name}.yaml"
-    owner = owner_page(study, parameters.tables, read_published(), context.workflow_name, command)
+    owner = owner_page(study, parameters.tables, paper, context.workflow_name, command)
     shown = [
         [item for item in items if item.artifact is not None and not item.artifact.private]
         for items in (context.items("public_scores"), timings)
     ]
-    public = public_page(read_study(shown[0], shown[1], columns), parameters.public_captures)
+    public_study = read_study(shown[0], shown[1], columns, paper.setup)
+    public = public_page(public_study, study, parameters.public_captures)
     for name, page in (("owner", owner), ("public", public)):
         context.output(name).write_file(PAGE_FILE, write_page(page))
         context.output(name).write_file(MARKDOWN_FILE, write_markdown(page))

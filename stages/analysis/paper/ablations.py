@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from stages.analysis.page.figures import label
 from stages.analysis.page.material import GS_HIDER, METHOD_TITLES
-from stages.analysis.paper.chapter import PICTURES, Base, Chapter, base_settings, noise_note, noises
+from stages.analysis.paper.chapter import PICTURES, Chapter, noise_note, noises
 from stages.analysis.paper.fidelity import hides_one_scene
-from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, without_empty_columns
-from stages.analysis.paper.measuring import Figure, Measured, Spread, cover, measure, message
+from stages.analysis.paper.grid import (
+    HERE,
+    NOT_MEASURED,
+    PAPER,
+    Cell,
+    Grid,
+    Line,
+    figure_cell,
+    published_cell,
+    without_empty_columns,
+)
+from stages.analysis.paper.measuring import Figure, Measured, cover, measure, message
 from stages.analysis.paper.published import PUBLISHED_AS, Ablated, Published, Subject, Variant
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study
@@ -33,40 +44,37 @@ ORDERS: tuple[tuple[Ablated, float, float, Subject], ...] = (
 
 def ablations(study: Study, tables: Published) -> Chapter:
     """Runs of one method that differ from the paper's settings in one of them alone."""
-    base = base_settings(study, tables)
     hiding = study.select(hides_one_scene)
     grids, shown = [], list[Run]()
     for method in dict.fromkeys(run.method for run in hiding):
         for name in TITLES:
-            runs = varied([run for run in hiding if run.method == method], name, base)
-            if len({value_of(run, name, base) for run in runs}) > 1:
-                grids.append(_grid(method, name, runs, study, base, tables))
+            runs = varied([run for run in hiding if run.method == method], name)
+            if len({value_of(run, name, tables) for run in runs}) > 1:
+                grids.append(_grid(method, name, runs, study, tables))
                 shown += runs
     ours = [run for run in hiding if run.method == GS_HIDER]
-    relations = [_relation(ours, order, study, base, tables) for order in ORDERS]
+    relations = [_relation(ours, order, study, tables) for order in ORDERS]
     return Chapter("Ablations", tuple(grids), tuple(relations), tuple(dict.fromkeys(shown)))
 
 
-def varied(runs: Sequence[Run], name: str, base: Base) -> list[Run]:
-    """Those whose other settings are those of `base`, or not stated."""
-    return [
-        run for run in runs if all(value == base.get(other, value) for other, value in run.settings if other != name)
-    ]
+def varied(runs: Sequence[Run], name: str) -> list[Run]:
+    """Those whose other settings are the usual ones."""
+    return [run for run in runs if all(other == name for other, _ in run.settings)]
 
 
-def value_of(run: Run, name: str, base: Base) -> float | str:
-    """A setting of a run, the one of `base` where it does not state it."""
-    return dict(run.settings).get(name, base[name])
+def value_of(run: Run, name: Ablated, tables: Published) -> float | str:
+    """A setting of a run: the paper's where it states no other."""
+    return dict(run.settings).get(name, tables.setup[name])
 
 
-def _grid(method: str, name: Ablated, runs: Sequence[Run], study: Study, base: Base, tables: Published) -> Grid:
+def _grid(method: str, name: Ablated, runs: Sequence[Run], study: Study, tables: Published) -> Grid:
     printed = {variant.value: variant for variant in tables.ablations[name]} if method == GS_HIDER else {}
     values = sorted(
-        {*printed, *(value_of(run, name, base) for run in runs)}, key=lambda value: (isinstance(value, str), value)
+        {*printed, *(value_of(run, name, tables) for run in runs)}, key=lambda value: (isinstance(value, str), value)
     )
     lines: list[Line] = []
     for value in values:
-        own = [run for run in runs if value_of(run, name, base) == value]
+        own = [run for run in runs if value_of(run, name, tables) == value]
         title = f"{value:g}" if isinstance(value, float | int) else value
         lines.append(Line((title, HERE), tuple(_cell(own, subject, quantity) for subject, quantity in COLUMNS)))
         if isinstance(value, float | int) and value in printed:
@@ -90,25 +98,28 @@ def _figure(subject: Subject, quantity: str) -> Figure:
 
 
 def _cell(runs: Sequence[Run], subject: Subject, quantity: str) -> Cell:
-    return figure_cell(quantity, measure(runs, _figure(subject, quantity)).average)
+    average = measure(runs, _figure(subject, quantity)).average
+    if quantity == "lpips_vgg" and subject == "cover" and runs and not average.count:
+        return Cell(NOT_MEASURED)
+    return figure_cell(quantity, average)
 
 
 def _published_line(title: str, variant: Variant) -> Line:
     figures: Mapping[Subject, Mapping[str, float]] = {"cover": variant.cover, "message": variant.message}
     cells = [
-        figure_cell(quantity, Spread(figures[subject].get(PUBLISHED_AS.get(quantity, quantity), float("nan"))))
+        published_cell(quantity, figures[subject].get(PUBLISHED_AS.get(quantity, quantity), math.nan))
         for subject, quantity in COLUMNS
     ]
     return Line((title, PAPER), tuple(cells), published=True)
 
 
 def _relation(
-    runs: Sequence[Run], order: tuple[Ablated, float, float, Subject], study: Study, base: Base, tables: Published
+    runs: Sequence[Run], order: tuple[Ablated, float, float, Subject], study: Study, tables: Published
 ) -> Relation:
     name, better, worse, subject = order
 
     def at(value: float) -> Measured:
-        chosen = [run for run in varied(runs, name, base) if value_of(run, name, base) == value]
+        chosen = [run for run in varied(runs, name) if value_of(run, name, tables) == value]
         return measure(chosen, _figure(subject, "psnr"))
 
     printed = {variant.value: getattr(variant, subject)["psnr"] for variant in tables.ablations[name]}

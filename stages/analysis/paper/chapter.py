@@ -13,10 +13,7 @@ from stages.analysis.paper.grid import Grid
 from stages.analysis.paper.measuring import Figure, Measured, Spread, cover, measure, message, noise
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation
-from stages.analysis.paper.runs import OF_HIDING, Run, Study, by_kind, differing, method_title
-
-Base = Mapping[str, float | str]
-"""The settings that need no mention, by name."""
+from stages.analysis.paper.runs import Run, Study, method_title
 
 PICTURES = {"cover": "Cover", "message": "Message"}
 
@@ -35,29 +32,26 @@ class Chapter:
 Writer = Callable[[Study, Published], Chapter]
 
 
-def base_settings(study: Study, tables: Published) -> Base:
-    """The paper's settings, and the fewest iterations of the study."""
-    base: dict[str, float | str] = {name: tables.setup[name] for name in OF_HIDING}
-    return base if study.iterations is None else {**base, "iterations": study.iterations}
-
-
-def at_base(runs: Iterable[Run], base: Base) -> tuple[Run, ...]:
-    """For each method its runs with the settings `base`, or all where it has none of these."""
+def usual(runs: Iterable[Run]) -> tuple[Run, ...]:
+    """For each method its runs with the usual settings, or all where it has none of these."""
     listed = list(runs)
-    usual = {run.method for run in listed if not differing(run, base)}
-    return tuple(run for run in listed if run.method not in usual or not differing(run, base))
+    methods = {run.method for run in listed if not run.settings}
+    return tuple(run for run in listed if run.method not in methods or not run.settings)
 
 
-def blocks(runs: Sequence[Run], base: Base, methods: Collection[str]) -> Iterator[tuple[str, str, tuple[Run, ...]]]:
-    """The method, the title and the runs of each kind of them; `methods` come first, without runs where there are none.
+def blocks(runs: Sequence[Run], methods: Collection[str] = ()) -> Iterator[tuple[str, str, tuple[Run, ...]]]:
+    """The method, the title and the runs of each kind, in the paper's order; of `methods` without runs, too.
 
-    The title is the method's alone where the settings are those of `base`.
+    The title is the method's alone where the settings are the usual ones.
     """
-    groups = by_kind(runs).values()
-    for method in dict.fromkeys([*methods, *(group[0].method for group in groups)]):
-        titled = {method_title(group[0], base): group for group in groups if group[0].method == method}
-        for title, group in {**({title_of(method): ()} if method in methods else {}), **titled}.items():
-            yield method, title, group
+    present = {*methods, *(run.method for run in runs)}
+    for method in [*(name for name in METHOD_TITLES if name in present), *sorted(present - METHOD_TITLES.keys())]:
+        titled: dict[str, list[Run]] = {title_of(method): []} if method in methods else {}
+        for run in runs:
+            if run.method == method:
+                titled.setdefault(method_title(run), []).append(run)
+        for title, group in titled.items():
+            yield method, title, tuple(group)
 
 
 def of_method(runs: Iterable[Run], method: str, figure: Figure) -> Measured:

@@ -11,15 +11,13 @@ from stages.analysis.page.summary import Tile
 from stages.analysis.page.tables import PICTURE_QUANTITIES
 from stages.analysis.paper.chapter import (
     PICTURES,
-    Base,
     Chapter,
-    at_base,
-    base_settings,
     blocks,
     noise_note,
     noises,
     of_method,
     title_of,
+    usual,
 )
 from stages.analysis.paper.fidelity_relations import own_relations, paper_relations
 from stages.analysis.paper.grid import (
@@ -52,10 +50,9 @@ from stages.analysis.paper.runs import Run, Study, capture_title
 
 def fidelity(study: Study, tables: Published) -> Chapter:
     """One scene hidden in another, by every method."""
-    base = base_settings(study, tables)
-    runs = at_base(study.select(lambda run: run.method == PLAIN or hides_one_scene(run)), base)
-    grids = [_grid(quantity, "test", runs, base, study, tables) for quantity in PICTURE_QUANTITIES]
-    grids += [_message_grid(runs, base), _grid("psnr", "train", runs, base, study, None)]
+    runs = usual(study.select(lambda run: run.method == PLAIN or hides_one_scene(run)))
+    grids = [_grid(quantity, "test", runs, study, tables) for quantity in PICTURE_QUANTITIES]
+    grids += [_message_grid(runs), _grid("psnr", "train", runs, study, None)]
     return Chapter(
         "One scene hidden in another",
         tuple(grid for grid in grids if any(not line.published for line in grid.lines)),
@@ -77,7 +74,7 @@ def size_note(runs: Sequence[Run]) -> str:
     return "Size: all that is stored, both decoders included."
 
 
-def _grid(quantity: str, split: str, runs: Sequence[Run], base: Base, study: Study, tables: Published | None) -> Grid:
+def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: Published | None) -> Grid:
     """Methods by cover and message, captures across: the paper's rows, where `tables` is given, under ours."""
     captures = study.captures
     reference = of_method(runs, PLAIN, cover(quantity, split))
@@ -87,10 +84,11 @@ def _grid(quantity: str, split: str, runs: Sequence[Run], base: Base, study: Stu
         ("message", message(quantity, split)),
     )
     lines: list[Line] = []
-    for method, title, group in blocks(runs, base, tables.fidelity if tables else ()):
+    for method, title, group in blocks(runs, tables.fidelity if tables else ()):
         for subject, figure in figures:
             compared = reference if subject == "cover" and method != PLAIN else None
-            cells = measured_cells(quantity, measure(group, figure), compared, captures)
+            expected = quantity == "lpips_vgg" and any(subject == "cover" or run.messages for run in group)
+            cells = measured_cells(quantity, measure(group, figure), compared, captures, expected)
             lead = _scene_cells(group, subject == "cover") if scene else []
             lines.append(Line((title, PICTURES[subject], HERE), (*lead, *cells)))
             if tables is not None and title == title_of(method):
@@ -125,11 +123,11 @@ def _published_line(
     lead: list[Cell] = []
     if scene:
         megabytes = tables.fidelity[method].megabytes if method in tables.fidelity and subject == "cover" else None
-        lead = [figure_cell("container_bytes", Spread(megabytes * 1e6)) if megabytes else Cell(""), Cell("")]
+        lead = [Cell(f"{megabytes:.3f}", "", Spread(megabytes)) if megabytes else Cell(""), Cell("")]
     return Line((title_of(method), PICTURES[subject], PAPER), (*lead, *cells), published=True)
 
 
-def _message_grid(runs: Sequence[Run], base: Base) -> Grid:
+def _message_grid(runs: Sequence[Run]) -> Grid:
     """Messages on legal views, and over the pixels that they cover, beside the floor of a picture of one colour."""
     columns: dict[str, tuple[str, Figure]] = {
         "PSNR (dB)": ("psnr", message("psnr")),
@@ -143,7 +141,7 @@ def _message_grid(runs: Sequence[Run], base: Base) -> Grid:
         "PSNR, training (dB)": ("psnr", message("psnr", "train")),
     }
     lines = []
-    for _, title, group in blocks(runs, base, ()):
+    for _, title, group in blocks(runs):
         for capture in dict.fromkeys(run.capture for run in group):
             own = [run for run in group if run.capture == capture]
             cells = tuple(_message_cell(own, quantity, figure) for quantity, figure in columns.values())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from stages.analysis.page.material import GS_HIDER, OURS, PLAIN
-from stages.analysis.paper.chapter import Chapter, at_base, base_settings, blocks, of_method, title_of
+from stages.analysis.paper.chapter import Chapter, blocks, of_method, title_of, usual
 from stages.analysis.paper.grid import (
     HERE,
     PAPER,
@@ -23,16 +23,15 @@ from stages.analysis.paper.runs import Study
 
 PARTS = {"seconds_per_frame": "Frame", "seconds_per_feature_map": "Feature map"}
 SLOWEST = 1.2
-NOTE = "The paper's on one NVIDIA RTX 4090, 1200 x 800; these on the device and at the size of this workflow."
+NOTE = "The paper's on a GPU, at the sizes of 3DGS; these on the device and at the size of this workflow."
 
 
 def frame_time(study: Study, tables: Published) -> Chapter:
     """What one picture of the cover takes."""
-    base = base_settings(study, tables)
-    runs = at_base(study.timings, base)
+    runs = usual(study.timings)
     captures = study.captures
     lines: list[Line] = []
-    for method, title, group in blocks(runs, base, tables.seconds_per_frame):
+    for method, title, group in blocks(runs, tables.seconds_per_frame):
         for quantity, part in PARTS.items():
             figure = cover(quantity, None)
             reference = None if method == PLAIN else of_method(runs, PLAIN, figure)

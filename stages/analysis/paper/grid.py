@@ -13,9 +13,13 @@ from stages.analysis.page.figures import MISSING, write_figure
 from stages.analysis.paper.measuring import UNKNOWN, Measured, Spread
 from stages.analysis.paper.published import Published, Row, average
 from stages.analysis.paper.runs import capture_title
+from stages.imaging.metric_table import QUANTITIES
 
 HERE, PAPER = "here", "paper"
 AVERAGE, DIFFERENCE = "Average", "To 3DGS"
+NOT_MEASURED = "not measured"
+SCALES = {"bytes": 1e-6, "s": 1e3}
+"""From a unit to the one in which its figures are written: MB and ms."""
 
 
 @dataclass(frozen=True)
@@ -56,17 +60,45 @@ class Grid:
 
 
 def figure_cell(quantity: str, spread: Spread, note: str = "") -> Cell:
-    """A figure as its quantity is written; with its standard deviation where there is one."""
+    """A figure as its quantity is written; with its standard deviation where there is one that can be written."""
     text = write_figure(quantity, spread.mean)
     if not math.isnan(spread.deviation):
-        text += f" ± {write_figure(quantity, spread.deviation)}"
+        deviation = write_figure(quantity, spread.deviation)
+        text += f" ± {deviation}" if deviation != write_figure(quantity, 0.0) else ""
         note = ", ".join(part for part in (note, f"n = {spread.count}") if part)
-    return Cell(text, note, spread)
+    return Cell(text, note, as_written(quantity, spread))
+
+
+def as_written(quantity: str, spread: Spread) -> Spread:
+    """A figure in the unit in which it is written.
+
+    >>> as_written("seconds_per_frame", Spread(0.25, 0.125, 3))
+    Spread(mean=250.0, deviation=125.0, count=3)
+    """
+    scale = SCALES.get(QUANTITIES[quantity].unit, 1)
+    return Spread(spread.mean * scale, spread.deviation * scale, spread.count)
+
+
+def published_cell(quantity: str, value: float, note: str = "") -> Cell:
+    """A figure of the paper with the paper's digits.
+
+    >>> published_cell("psnr", 27.205).text, published_cell("seconds_per_frame", 0.0222).text
+    ('27.205', '22.2')
+    """
+    if math.isnan(value):
+        return Cell(MISSING)
+    text = write_figure(quantity, value) if QUANTITIES[quantity].unit == "s" else f"{value:.3f}"
+    return Cell(text, note, as_written(quantity, Spread(value)))
+
+
+def published_difference(difference: float) -> str:
+    """A difference between figures of the paper, with the paper's digits; empty for NaN."""
+    return "" if math.isnan(difference) else f"{difference:+.3f}"
 
 
 def difference_cell(quantity: str, difference: float) -> Cell:
     """A difference with its sign."""
-    return Cell(signed(quantity, difference), "", Spread(difference))
+    return Cell(signed(quantity, difference), "", as_written(quantity, Spread(difference)))
 
 
 def signed(quantity: str, difference: float) -> str:
@@ -78,15 +110,20 @@ def signed(quantity: str, difference: float) -> str:
     if math.isnan(difference):
         return ""
     text = write_figure(quantity, difference)
-    if float(text.replace("∞", "inf")) == 0:
+    if text.removeprefix("-") == write_figure(quantity, 0.0):
         return text.removeprefix("-")
     return text if text.startswith("-") else f"+{text}"
 
 
 def measured_cells(
-    quantity: str, measured: Measured, reference: Measured | None, captures: Sequence[str]
+    quantity: str, measured: Measured, reference: Measured | None, captures: Sequence[str], expected: bool = False
 ) -> list[Cell]:
-    """A cell for each capture, the average, and the difference to the reference; its notes are differences, too."""
+    """A cell for each capture, the average, and the difference to the reference; their notes are differences, too.
+
+    What was `expected`, and is not there, is said to be not measured.
+    """
+    if expected and not measured.by_capture:
+        return [*(Cell(MISSING) for _ in captures), Cell(NOT_MEASURED), Cell("")]
     differences = measured.minus(reference) if reference is not None else Measured({})
     cells = [
         figure_cell(
@@ -101,7 +138,7 @@ def measured_cells(
     whole = measured.average
     return [
         *cells,
-        Cell(figure_cell(quantity, Spread(whole.mean, whole.deviation)).text, some, whole),
+        Cell(figure_cell(quantity, whole).text, some, as_written(quantity, whole)),
         difference_cell(quantity, differences.average.mean),
     ]
 
@@ -111,14 +148,16 @@ def published_cells(
 ) -> list[Cell]:
     """The same of a row of the paper: its captures that are among ours, and its average over all nine."""
 
+    difference = average(row) - average(reference)
+
     def cell(capture: str) -> Cell:
         value = tables.figure(row, capture)
-        return figure_cell(quantity, Spread(value), signed(quantity, value - tables.figure(reference, capture)))
+        return published_cell(quantity, value, published_difference(value - tables.figure(reference, capture)))
 
     return [
         *(cell(capture) for capture in captures),
-        figure_cell(quantity, Spread(average(row))),
-        difference_cell(quantity, average(row) - average(reference)),
+        published_cell(quantity, average(row)),
+        Cell(published_difference(difference), "", Spread(difference)),
     ]
 
 

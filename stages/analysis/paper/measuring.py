@@ -52,11 +52,11 @@ class Measured:
 
     def over(self, other: Measured) -> Measured:
         """The ratio on each capture that both have."""
-        return self._with(other, lambda own, others: own / others)
+        return self._with(other, lambda own, others: own / others if others else math.nan)
 
     def _with(self, other: Measured, combine: Callable[[float, float], float]) -> Measured:
-        both = [capture for capture in self.by_capture if capture in other.by_capture]
-        return Measured({capture: Spread(combine(self.on(capture), other.on(capture))) for capture in both})
+        found = {capture: combine(self.on(capture), other.on(capture)) for capture in self.by_capture}
+        return Measured({capture: Spread(value) for capture, value in found.items() if not math.isnan(value)})
 
 
 def measure(runs: Iterable[Run], figure: Figure) -> Measured:

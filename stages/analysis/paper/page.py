@@ -11,7 +11,7 @@ from stages.analysis.page.figures import WORDING
 from stages.analysis.page.html import fill
 from stages.analysis.page.summary import Tile
 from stages.analysis.paper.ablations import ablations
-from stages.analysis.paper.chapter import Chapter, Writer, base_settings
+from stages.analysis.paper.chapter import Chapter, Writer
 from stages.analysis.paper.fidelity import fidelity
 from stages.analysis.paper.frame_time import frame_time
 from stages.analysis.paper.grid import Grid
@@ -62,29 +62,32 @@ class TablesPage:
 def owner_page(study: Study, wanted: Sequence[str], tables: Published, title: str, command: str) -> TablesPage:
     """The tables that are `wanted`, in this order, beside the paper's, and the relations between their figures."""
     chapters = [WRITERS[name](study, tables) for name in wanted]
-    relations = [relation for chapter in chapters for relation in chapter.relations]
+    titled = [(chapter.title, relation) for chapter in chapters for relation in chapter.relations]
     captures = ", ".join(map(capture_title, study.captures)) or "no capture"
     return TablesPage(
-        title,
+        f"{title}, beside the paper",
         f"Measured on {captures}, beside what the GS-Hider paper prints for nine captures of Mip-NeRF 360. Captures, "
         "picture sizes and iterations differ: differences between methods can be compared, absolute figures cannot.",
-        (*_relations_tile(relations), *(tile for chapter in chapters for tile in chapter.tiles)),
+        (
+            *_relations_tile(relation for _, relation in titled),
+            *(tile for chapter in chapters for tile in chapter.tiles),
+        ),
         tuple(chapters),
-        relations_grid(relations, study.captures) if relations else None,
+        relations_grid(titled, study.captures) if titled else None,
         tuple(_remarks(study, chapters, tables)),
         tuple(WORDING[quantity] for quantity in DEFINED),
         command,
     )
 
 
-def public_page(study: Study, names_captures: bool) -> TablesPage:
-    """Figures of the scenes alone."""
+def public_page(study: Study, private: Study, names_captures: bool) -> TablesPage:
+    """Figures of the scenes alone; the `private` study tells which runs are of one kind."""
     public = public_study(study, names_captures)
     return TablesPage(
         "Gaussian splatting scenes",
         "Scenes of 3D Gaussians, compared with photos that they were not fitted to.",
         (),
-        (public_chapter(public),),
+        (public_chapter(public, private),),
         None,
         (),
         tuple(WORDING[quantity] for quantity in ("psnr", "ssim", "lpips_vgg", "lpips_alex")),
@@ -107,19 +110,20 @@ def _relations_tile(relations: Iterable[Relation]) -> list[Tile]:
 
 def _remarks(study: Study, chapters: Sequence[Chapter], tables: Published) -> list[str]:
     remarks = [
+        "Small figures under a capture are differences to 3DGS. Average: over the captures that are shown; the paper's "
+        "over all nine of its own. ±: standard deviation of n runs that differ in their seed alone.",
         f"Within noise: nearer to what is asked for than {NOISES} standard deviations from one seed to the next.",
         *(
             f"The paper's average of {name!r} is {average:g}; the mean of its row is {mean:.5g}."
             for name, average, mean in wrong_averages(tables)
         ),
     ]
-    rows = [row for run in study.runs for row in run.rows if row.quantity.startswith("lpips")]
+    rows = [row for run in study.runs for row in run.rows if row.quantity == "lpips_vgg"]
     if study.runs and all(math.isnan(row.value) for row in rows):
-        remarks.append(f"LPIPS was not measured: its weights were not installed. {HOW_TO_INSTALL}")
+        remarks.append(f"LPIPS (VGG16) was not measured. Where its weights are missing: {HOW_TO_INSTALL}")
     shown = {run for chapter in chapters for run in chapter.runs}
-    base = base_settings(study, tables)
     left = [run for run in (*study.runs, *study.timings) if run not in shown]
     if left:
-        named = dict.fromkeys(f"{capture_title(run.capture)}: {method_title(run, base)}" for run in left)
+        named = dict.fromkeys(f"{capture_title(run.capture)}: {method_title(run)}" for run in left)
         remarks.append(f"Measured, and in none of these tables: {'; '.join(named)}.")
-    return [*remarks, *(f"Not made: {label}: {cause}" for label, cause in study.failures)]
+    return [*remarks, *dict.fromkeys(f"Not made: {label}: {cause}" for label, cause in study.failures)]

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from stages.analysis.page.material import GS_HIDER, OURS, PLAIN
-from stages.analysis.paper.chapter import PICTURES, Base, Chapter, base_settings, noise_note, noises, title_of
+from stages.analysis.paper.ablations import varied
+from stages.analysis.paper.chapter import PICTURES, Chapter, noise_note, noises, title_of
 from stages.analysis.paper.fidelity import hides_one_scene
 from stages.analysis.paper.grid import HERE, Grid, Line, headings, measured_cells, without_empty_columns
 from stages.analysis.paper.measuring import Figure, cover, measure, message
@@ -20,20 +21,18 @@ MOST_GAINED = {PLAIN: 0.3, GS_HIDER: 0.1, OURS: 0.1}
 
 def plateau(study: Study, tables: Published) -> Chapter:
     """Methods that were trained for several numbers of iterations."""
-    base = base_settings(study, tables)
-    chosen = study.select(lambda run: (run.method == PLAIN or hides_one_scene(run)) and _is_usual(run, base))
-    long = {run.method for run in chosen if _iterations(run) != base.get("iterations")}
-    runs = tuple(run for run in chosen if run.method in long)
+    chosen = varied(study.select(lambda run: run.method == PLAIN or hides_one_scene(run)), "iterations")
+    longer = {run.method for run in chosen if run.settings}
+    runs = tuple(run for run in chosen if run.method in longer)
     lines: list[Line] = []
     for method in dict.fromkeys(run.method for run in runs):
         own = [run for run in runs if run.method == method]
-        usual = [run for run in own if _iterations(run) == base.get("iterations")]
         for subject, figure in FIGURES.items():
-            for count in sorted({_iterations(run) for run in own}, key=str):
-                again = [run for run in own if _iterations(run) == count]
-                reference = measure(usual, figure) if again != usual else None
-                cells = measured_cells("psnr", measure(again, figure), reference, study.captures)
-                lines.append(Line((title_of(method), PICTURES[subject], _written(count), HERE), tuple(cells)))
+            once = measure((run for run in own if not run.settings), figure)
+            for count in sorted({_iterations(run, study) for run in own}):
+                again = measure((run for run in own if _iterations(run, study) == count), figure)
+                cells = measured_cells("psnr", again, once if count != study.iterations else None, study.captures)
+                lines.append(Line((title_of(method), PICTURES[subject], f"{count:,.0f}", HERE), tuple(cells)))
     grid = Grid(
         "More iterations, test views: PSNR (dB)",
         ("Method", "Picture", "Iterations", "Figures"),
@@ -41,34 +40,25 @@ def plateau(study: Study, tables: Published) -> Chapter:
         tuple(lines),
         (noise_note(noises(runs, study)),),
     )
-    return Chapter("At the plateau", (without_empty_columns(grid),), _relations(runs, study, base), runs)
+    return Chapter("At the plateau", (without_empty_columns(grid),), _relations(runs, study), runs)
 
 
-def _relations(runs: Sequence[Run], study: Study, base: Base) -> tuple[Relation, ...]:
-    usual = base.get("iterations")
-    if not isinstance(usual, float):
-        return ()
+def _relations(runs: Sequence[Run], study: Study) -> tuple[Relation, ...]:
     spreads, found = noises(runs, study), []
     for method, most in MOST_GAINED.items():
         own = [run for run in runs if run.method == method]
         for subject, figure in FIGURES.items():
             if method == PLAIN and subject == "message":
                 continue
-            twice = measure((run for run in own if _iterations(run) == 2 * usual), figure)
-            once = measure((run for run in own if _iterations(run) == usual), figure)
+            once = measure((run for run in own if not run.settings), figure)
+            twice = measure((run for run in own if _iterations(run, study) == 2 * (study.iterations or 0)), figure)
             text = f"{title_of(method)}: what twice the iterations gain on the {subject}"
-            gained = twice.minus(once)
-            found.append(Relation(text, "difference", "less than", most, gained, noise=spreads[subject].deviation))
+            noise = spreads[subject].deviation
+            found.append(Relation(text, "difference", "less than", most, twice.minus(once), noise=noise))
     return tuple(found)
 
 
-def _is_usual(run: Run, base: Base) -> bool:
-    return all(value == base[name] for name, value in run.settings if name != "iterations")
-
-
-def _iterations(run: Run) -> float | str | None:
-    return dict(run.settings).get("iterations")
-
-
-def _written(count: float | str | None) -> str:
-    return f"{count:,.0f}" if isinstance(count, float) else str(count or "")
+def _iterations(run: Run, study: Study) -> float:
+    """How many a run has: the usual ones where it states no other."""
+    value = dict(run.settings).get("iterations", study.iterations)
+    return value if isinstance(value, float) else 0.0

@@ -31,12 +31,16 @@ def public_study(study: Study, names_captures: bool) -> Study:
     return Study(public(study.runs), public(study.timings))
 
 
-def public_chapter(study: Study) -> Chapter:
-    """Each kind of run that a stage scored is a scene with a number, beside plain 3DGS."""
+def public_chapter(study: Study, private: Study) -> Chapter:
+    """Each kind of run is a scene with a number, beside plain 3DGS.
+
+    The `private` study alone knows what was hidden, and so which runs are of one kind: nothing else is taken from it.
+    """
+    kinds = {(run.method, run.stage): run.kind for run in private.runs}
     groups: dict[str, list[Run]] = {}
     for run in study.runs:
-        name = PLAIN if run.method == PLAIN and not run.settings else f"{run.kind} {run.source}"
-        groups.setdefault(name, []).append(run)
+        name = str(kinds.get((run.method, run.stage), run.kind))
+        groups.setdefault(PLAIN if run.method == PLAIN and not run.settings else name, []).append(run)
     titles = neutral_titles(groups)
     lines = [
         Line((titles[name], label(quantity)), tuple(measured_cells(quantity, measured, None, study.captures)))
@@ -48,9 +52,9 @@ def public_chapter(study: Study) -> Chapter:
 
 
 def _figures(group: Sequence[Run], study: Study) -> dict[str, Measured]:
-    """Every quantity of a scene; its time where no other scene of the same kind could have been timed."""
-    alike = {(run.kind, run.source) for run in study.runs if run.kind == group[0].kind}
-    timed = [run for run in study.timings if run.kind == group[0].kind and len(alike) == 1]
+    """Every quantity of a scene; its time where no other scene's method and settings are the same."""
+    alike = [run for run in study.runs if run.kind == group[0].kind]
+    timed = [run for run in study.timings if run.kind == group[0].kind and len(alike) == len(group)]
     return {
         **{quantity: measure(group, cover(quantity)) for quantity in PICTURE_QUANTITIES},
         **{quantity: measure(group, cover(quantity, None)) for quantity in ("container_bytes", "gaussians")},

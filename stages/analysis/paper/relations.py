@@ -66,15 +66,15 @@ class Relation:
         return ", ".join(parts)
 
 
-def relations_grid(relations: Sequence[Relation], captures: Sequence[str]) -> Grid:
-    """A line for each relation, in order."""
+def relations_grid(relations: Sequence[tuple[str, Relation]], captures: Sequence[str]) -> Grid:
+    """A line for each relation, in order, under the title of what it is about."""
     return Grid(
         "Relations on test views",
-        ("Relation",),
+        ("About", "Relation"),
         ("Asked for", *map(capture_title, captures), AVERAGE, "Paper", "Verdict"),
         tuple(
             Line(
-                (each.text,),
+                (title, each.text),
                 (
                     Cell(f"{each.sense} {_written(each, each.bound, '')}"),
                     *(
@@ -82,13 +82,22 @@ def relations_grid(relations: Sequence[Relation], captures: Sequence[str]) -> Gr
                         for capture in captures
                     ),
                     Cell(_written(each, each.value), "", Spread(each.value)),
-                    Cell(_written(each, each.published), each.source, Spread(each.published)),
+                    Cell(_published(each), each.source, Spread(each.published)),
                     Cell(each.verdict),
                 ),
             )
-            for each in relations
+            for title, each in relations
         ),
     )
+
+
+def _published(relation: Relation) -> str:
+    """With the paper's digits; nothing where it gives no figure."""
+    if math.isnan(relation.published):
+        return "" if relation.source else MISSING
+    if relation.kind == "ratio":
+        return f"{relation.published:.3f}"
+    return f"{relation.published:{'+' if relation.kind == 'difference' else ''}.3f} dB"
 
 
 def _written(relation: Relation, value: float, plus: str = "+") -> str:

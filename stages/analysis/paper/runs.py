@@ -18,8 +18,6 @@ SETTINGS = {
     "iterations": "{} iterations",
 }
 """Columns of items that tell runs of one method apart, and how a line of a table is called after them."""
-OF_HIDING = ("lambda_message", "feature_dim", "layers")
-"""Settings that plain 3DGS does not have, even where it is scored beside a method that does."""
 
 Settings = tuple[tuple[str, float | str], ...]
 
@@ -37,8 +35,9 @@ class Columns:
 class Run:
     """One training, as scored or as timed.
 
-    `settings` are those that its item states, in the order of `SETTINGS`; `other` is whatever else it states, such as
-    the message: runs that differ in their seed alone have the same. `source` is the stage that measured it.
+    `settings` are those that its item states and that are not the usual ones, in the order of `SETTINGS`; `other` is
+    whatever else it states, such as the message: runs that differ in their seed alone have the same. `stage` is the
+    name, in the workflow, of the stage that measured it.
     """
 
     capture: str
@@ -47,7 +46,7 @@ class Run:
     seed: str
     rows: tuple[MetricRow, ...] = field(repr=False)
     other: tuple[str, ...] = ()
-    source: str = ""
+    stage: str = ""
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -72,11 +71,16 @@ class Run:
 
 @dataclass(frozen=True)
 class Study:
-    """Everything that the tables are made of; `failures` are items that were not made, each with its cause."""
+    """Everything that the tables are made of; `failures` are items that were not made, each with its cause.
+
+    `iterations` are the usual ones: the fewest that any item states, so that longer runs show how near these are to
+    their plateau; None where no item states any.
+    """
 
     runs: tuple[Run, ...]
     timings: tuple[Run, ...] = ()
     failures: tuple[tuple[str, str], ...] = ()
+    iterations: float | None = None
 
     @property
     def captures(self) -> tuple[str, ...]:
@@ -87,25 +91,24 @@ class Study:
         """The scored runs that `wanted` is true of, in order."""
         return tuple(run for run in self.runs if wanted(run))
 
-    @property
-    def iterations(self) -> float | str | None:
-        """The fewest iterations that are stated: longer runs show how near these are to their plateau."""
-        stated = [value for run in self.runs for name, value in run.settings if name == "iterations"]
-        return min(stated, key=lambda value: (isinstance(value, str), value)) if stated else None
 
+def read_study(scores: Iterable[Item], timings: Iterable[Item], columns: Columns, setup: Mapping[str, float]) -> Study:
+    """The runs behind labelled items; `setup` holds the usual settings, those of the paper.
 
-def read_study(scores: Iterable[Item], timings: Iterable[Item], columns: Columns) -> Study:
-    """The runs behind labelled items. Raises UserError where some items lack the column of captures that others have.
-
-    The plain 3DGS that several runs have as their reference counts once.
+    A training that was scored several times, such as the plain 3DGS beside every method, counts once.
+    Raises UserError where some items lack the column of captures that others have.
     """
     scores, timings = tuple(scores), tuple(timings)
-    _check_captures((*scores, *timings), columns)
-    failures = [(item.label, item.cause or "not made") for item in (*scores, *timings) if item.artifact is None]
+    items = (*scores, *timings)
+    _check_captures(items, columns)
+    stated = [_value(item.values["iterations"]) for item in items if item.values.get("iterations") is not None]
+    iterations = min((value for value in stated if isinstance(value, float)), default=None)
+    usual = {**setup, **({"iterations": iterations} if iterations is not None else {})}
     return Study(
-        _distinct(run for item in scores for run in _runs_of(item, columns)),
-        _distinct(run for item in timings for run in _runs_of(item, columns)),
-        tuple(failures),
+        _distinct(run for item in scores for run in _runs_of(item, columns, usual)),
+        _distinct(run for item in timings for run in _runs_of(item, columns, usual)),
+        tuple((item.label, item.cause or "not made") for item in items if item.artifact is None),
+        iterations,
     )
 
 
@@ -118,19 +121,14 @@ def by_kind(runs: Iterable[Run]) -> dict[tuple[object, ...], tuple[Run, ...]]:
     return {kind: tuple(group) for kind, group in groups.items()}
 
 
-def method_title(run: Run, base: Mapping[str, float | str]) -> str:
-    """The method's title, with each setting that is not that of `base`.
+def method_title(run: Run) -> str:
+    """The method's title, with each setting that is not the usual one.
 
-    >>> method_title(Run("fox", "gs_hider", (("feature_dim", 32.0),), "0", ()), {"feature_dim": 16})
+    >>> method_title(Run("fox", "gs_hider", (("feature_dim", 32.0),), "0", ()))
     'GS-Hider, M = 32'
     """
     title = METHOD_TITLES.get(run.method, run.method)
-    return ", ".join([title, *(SETTINGS[name].format(_written(value)) for name, value in differing(run, base))])
-
-
-def differing(run: Run, base: Mapping[str, float | str]) -> Settings:
-    """The settings that are not those of `base`, of which only the names in it count."""
-    return tuple((name, value) for name, value in run.settings if name in base and value != base[name])
+    return ", ".join([title, *(SETTINGS[name].format(_written(value)) for name, value in run.settings)])
 
 
 def capture_title(capture: str) -> str:
@@ -142,7 +140,7 @@ def _written(value: float | str) -> str:
     return f"{value:,g}" if isinstance(value, float) else str(value)
 
 
-def _runs_of(item: Item, columns: Columns) -> list[Run]:
+def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[Run]:
     if item.artifact is None:
         return []
     rows = read_rows(item.artifact)
@@ -150,7 +148,9 @@ def _runs_of(item: Item, columns: Columns) -> list[Run]:
     first = str(stated) if stated is not None else next((row.method for row in rows if row.method), PLAIN)
     by_method: dict[str, list[MetricRow]] = {}
     for row in rows:
-        by_method.setdefault(row.method or first, []).append(row)
+        method = row.method or first
+        if method != PLAIN or row.message is None:  # of plain 3DGS, messages are only a control
+            by_method.setdefault(method, []).append(row)
     capture, seed = (item.values.get(column) for column in (columns.capture, columns.seed))
     known = {columns.capture, columns.method, columns.seed, *SETTINGS}
     other = tuple(f"{name}={value}" for name, value in sorted(item.values.items()) if name not in known)
@@ -158,19 +158,23 @@ def _runs_of(item: Item, columns: Columns) -> list[Run]:
         Run(
             "" if capture is None else str(capture),
             method,
-            _settings(item, method),
+            _settings(item, method, group, usual),
             "" if seed is None else str(seed),
-            tuple(row for row in group if method != PLAIN or row.message is None),
+            tuple(group),
             other if method != PLAIN else (),
-            item.stage.partition("[")[0],
+            item.stage,
         )
         for method, group in by_method.items()
     ]
 
 
-def _settings(item: Item, method: str) -> Settings:
-    names = [name for name in SETTINGS if method != PLAIN or name not in OF_HIDING]
-    return tuple((name, _value(item.values[name])) for name in names if item.values.get(name) is not None)
+def _settings(item: Item, method: str, rows: Sequence[MetricRow], usual: Mapping[str, float]) -> Settings:
+    """What is stated and unusual; plain 3DGS has no setting of hiding."""
+    names = list(SETTINGS) if method != PLAIN else ["iterations"]
+    if any(row.quantity == "hides_image" for row in rows):
+        usual = {**usual, "lambda_message": usual["lambda_image"]}
+    stated = {name: _value(item.values[name]) for name in names if item.values.get(name) is not None}
+    return tuple((name, value) for name, value in stated.items() if value != usual[name])
 
 
 def _value(value: object) -> float | str:

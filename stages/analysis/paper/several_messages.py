@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from stages.analysis.page.material import PLAIN
 from stages.analysis.paper.chapter import (
     Chapter,
-    at_base,
-    base_settings,
     blocks,
     noise_note,
     noises,
     of_method,
+    usual,
 )
 from stages.analysis.paper.grid import (
     HERE,
@@ -31,14 +30,13 @@ from stages.analysis.paper.runs import Run, Study, by_kind
 
 def several_messages(study: Study, tables: Published) -> Chapter:
     """Scenes that hide one message, and more."""
-    base = base_settings(study, tables)
     hiding = study.select(lambda run: bool(run.messages) and not run.hides_image)
     many = {run.method for run in hiding if len(run.messages) > 1}
     chosen = [run for run in hiding if run.method in many] + list(study.select(lambda run: run.method == PLAIN))
-    runs = at_base(chosen, base)
+    runs = usual(chosen)
     plain = of_method(runs, PLAIN, cover("psnr"))
     lines: list[Line] = []
-    for method, title, group in blocks(runs, base, ()):
+    for method, title, group in blocks(runs):
         for alike in by_kind(group).values():
             lines += _lines(title, alike, None if method == PLAIN else plain, study.captures)
     grid = Grid(

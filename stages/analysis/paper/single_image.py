@@ -8,13 +8,12 @@ from stages.analysis.page.material import DECODER, GS_HIDER, PLAIN
 from stages.analysis.page.tables import Column, mean_of
 from stages.analysis.paper.chapter import (
     Chapter,
-    at_base,
-    base_settings,
     blocks,
     noise_note,
     noises,
     of_method,
     title_of,
+    usual,
 )
 from stages.analysis.paper.grid import (
     HERE,
@@ -40,8 +39,7 @@ NOTE = "Cover: test views. The image: at the one view that hides it. The paper's
 
 def single_image(study: Study, tables: Published) -> Chapter:
     """One image, or several of them one at a time, hidden at one view each."""
-    base = {**base_settings(study, tables), "lambda_message": tables.setup["lambda_image"]}
-    runs = at_base(study.select(lambda run: run.method == PLAIN or run.hides_image), base)
+    runs = usual(study.select(lambda run: run.method == PLAIN or run.hides_image))
     figures: dict[str, Figure] = {
         COVER: cover("psnr"),
         THERE: cover_where_it_hides,
@@ -50,7 +48,7 @@ def single_image(study: Study, tables: Published) -> Chapter:
     }
     plain = of_method(runs, PLAIN, cover("psnr"))
     captures, lines = study.captures, list[Line]()
-    for method, title, group in blocks(runs, base, tables.single_image):
+    for method, title, group in blocks(runs, tables.single_image):
         for image in dict.fromkeys(name for run in group for name in run.messages or ("",)):
             own = [run for run in group if run.messages == (image,) or not image]
             for picture, figure in figures.items():
