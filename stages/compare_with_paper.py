@@ -21,7 +21,7 @@ Table = Literal["fidelity", "no_message", "frame_time", "single_image", "several
 class CompareWithPaperParameters(Parameters):
     """Which tables, and what the items' columns mean."""
 
-    tables: tuple[Table, ...] = Field(("fidelity",), min_length=1, description="The tables, in order.")
+    tables: tuple[Table, ...] = Field(("fidelity",), description="The tables, in order.")
     capture_column: str = Field("capture", description="The column of the items that names the cover's capture.")
     method_column: str = Field("method", description="The column that names the method; without it, the scores say it.")
     seed_column: str = Field("seed", description="The column of the seed: items that differ in it alone are one.")

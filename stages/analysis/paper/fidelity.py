@@ -94,14 +94,16 @@ def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: 
             if tables is not None and title == title_of(method):
                 lines.append(_published_line(quantity, method, subject, captures, tables, scene))
     views = {"test": "test views", "train": "training views"}[split]
-    notes = [noise_note(noises(runs, study, quantity), quantity, " dB" if quantity == "psnr" else "")]
+    notes = [size_note(runs)] if scene else []
+    if split == "test" and any(measure(runs, figure).by_capture for _, figure in figures):
+        notes.append(noise_note(noises(runs, study, quantity), quantity, " dB" if quantity == "psnr" else ""))
     return without_empty_columns(
         Grid(
             f"{label(quantity)}, {views}",
             ("Method", "Picture", "Figures"),
             (*(("Size (MB)", "Gaussians") if scene else ()), *headings(captures)),
             tuple(lines),
-            (*([size_note(runs)] if scene else []), *notes),
+            tuple(notes),
         )
     )
 

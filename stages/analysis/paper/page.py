@@ -36,6 +36,13 @@ WRITERS: Mapping[str, Writer] = {
     "ablations": ablations,
     "plateau": plateau,
 }
+PAPER_TITLES = {
+    "fidelity": ("Fidelity", "All metrics"),
+    "no_message": ("No message",),
+    "frame_time": ("Rendering time",),
+    "single_image": ("Single image",),
+}
+"""How `published.rows_of` calls the paper's tables that ours stand beside."""
 DEFINED = ("psnr", "ssim", "lpips_vgg", "lpips_alex", "legal", "psnr_covered", "ssim_covered", "psnr_constant")
 
 
@@ -74,7 +81,7 @@ def owner_page(study: Study, wanted: Sequence[str], tables: Published, title: st
         ),
         tuple(chapters),
         relations_grid(titled, study.captures) if titled else None,
-        tuple(_remarks(study, chapters, tables)),
+        tuple(_remarks(study, chapters, wanted, tables)),
         tuple(WORDING[quantity] for quantity in DEFINED),
         command,
     )
@@ -108,7 +115,7 @@ def _relations_tile(relations: Iterable[Relation]) -> list[Tile]:
     return [Tile("Relations that hold", f"{len(holding)} of {len(measured)}", note)] if measured else []
 
 
-def _remarks(study: Study, chapters: Sequence[Chapter], tables: Published) -> list[str]:
+def _remarks(study: Study, chapters: Sequence[Chapter], wanted: Sequence[str], tables: Published) -> list[str]:
     remarks = [
         "Small figures under a capture are differences to 3DGS. Average: over the captures that are shown; the paper's "
         "over all nine of its own. ±: standard deviation of n runs that differ in their seed alone.",
@@ -116,6 +123,7 @@ def _remarks(study: Study, chapters: Sequence[Chapter], tables: Published) -> li
         *(
             f"The paper's average of {name!r} is {average:g}; the mean of its row is {mean:.5g}."
             for name, average, mean in wrong_averages(tables)
+            if name.startswith(tuple(title for each in wanted for title in PAPER_TITLES.get(each, ())))
         ),
     ]
     rows = [row for run in study.runs for row in run.rows if row.quantity == "lpips_vgg"]

@@ -29,7 +29,7 @@ from stages.analysis.paper.measuring import Figure, Measured, cover, measure
 from stages.analysis.paper.published import Published, average
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study
-from stages.imaging.metric_table import MetricRow
+from stages.imaging.metric_table import MetricRow, mean_value
 
 COVER, MESSAGE, THERE, ELSEWHERE = "Cover", "Image", "Cover, the view that hides it", "Cover, other training views"
 LEAST_OF_THE_IMAGE = 40.0
@@ -69,7 +69,7 @@ def single_image(study: Study, tables: Published) -> Chapter:
 
 def cover_where_it_hides(run: Run) -> float:
     """The cover's PSNR at the very view that hides the image; NaN where none does."""
-    return mean_of([row for row in _cover_rows(run) if row.view in run.hiding_views], Column("psnr", "train"))
+    return mean_value([row for row in _cover_rows(run) if row.view in run.hiding_views])
 
 
 def cover_elsewhere(run: Run) -> float:
@@ -80,12 +80,12 @@ def cover_elsewhere(run: Run) -> float:
 
 def image_psnr(run: Run) -> float:
     """The image's PSNR at the view that hides it."""
-    rows = [row for row in run.rows if row.message is not None and row.view in run.hiding_views]
-    return mean_of(rows, Column("psnr", "train"))
+    hidden = [row for row in run.rows if row.quantity == "psnr" and row.message is not None]
+    return mean_value([row for row in hidden if row.view in run.hiding_views])
 
 
 def _cover_rows(run: Run) -> list[MetricRow]:
-    return [row for row in run.rows if row.message is None]
+    return [row for row in run.rows if row.quantity == "psnr" and row.message is None]
 
 
 def _published_lines(method: str, captures: Sequence[str], tables: Published) -> list[Line]:
