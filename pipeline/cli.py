@@ -25,6 +25,7 @@ from pipeline.console import (
     StageName,
     StageNames,
     StoreAddress,
+    VarsFiles,
     WorkflowFile,
     command_line,
     near,
@@ -74,6 +75,7 @@ def run(
     workflow: WorkflowFile,
     stages: StageNames = None,
     settings: Settings = None,
+    vars_files: VarsFiles = None,
     store: StoreAddress = "store",
     workers: Annotated[int, typer.Option("--workers", min=1, metavar="N", help="Stages at the same time.")] = min(
         2, os.cpu_count() or 1
@@ -101,6 +103,7 @@ def run(
     python -m pipeline run workflows/hide_multi.yaml
     python -m pipeline run workflows/hide_multi.yaml --set iterations=300 --set hide.lambda_message=1.0
     python -m pipeline run workflows/hide_photos.yaml --set cover=photos/kitchen --set message=photos/fox
+    python -m pipeline run workflows/hide_photos.yaml --vars my_profile.yaml --set cover=photos/kitchen
     python -m pipeline run workflows/hide_multi.yaml cover --dry-run
 
     Exit status: 0 done, 1 a stage failed, 2 the command or the workflow is wrong, 130 interrupted.
@@ -112,7 +115,7 @@ def run(
         from pipeline.resources import read_resources
 
         stated = read_resources(resources)
-        project = open_project(workflow, store, settings or [], package)
+        project = open_project(workflow, store, settings or [], package, vars_files or [])
         graph = project.graph.needed_for(stages) if stages else project.graph
         if dry_run:
             print_plan(make_plan(graph, project.store), as_json)
@@ -130,6 +133,7 @@ def run(
 def status(
     workflow: WorkflowFile,
     settings: Settings = None,
+    vars_files: VarsFiles = None,
     store: StoreAddress = "store",
     as_json: Json = False,
     package: Package = "stages",
@@ -144,7 +148,7 @@ def status(
         from pipeline.planwords import print_plan
         from pipeline.project import open_project
 
-        project = open_project(workflow, store, settings or [], package)
+        project = open_project(workflow, store, settings or [], package, vars_files or [])
         print_plan(make_plan(project.graph, project.store), as_json)
 
 
@@ -153,6 +157,7 @@ def explain(
     workflow: WorkflowFile,
     stage: StageName,
     settings: Settings = None,
+    vars_files: VarsFiles = None,
     store: StoreAddress = "store",
     as_json: Json = False,
     package: Package = "stages",
@@ -177,7 +182,7 @@ def explain(
         from pipeline.project import open_project
         from pipeline.wording import duration
 
-        project = open_project(workflow, store, settings or [], package)
+        project = open_project(workflow, store, settings or [], package, vars_files or [])
         part = project.graph.needed_for([stage])
         steps = make_plan(part, project.store)
         names = [name for name in steps if stage in (name, name.partition("[")[0])]
@@ -194,6 +199,7 @@ def accept(
     workflow: WorkflowFile,
     stage: StageName,
     settings: Settings = None,
+    vars_files: VarsFiles = None,
     store: StoreAddress = "store",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only says what would be kept.")] = False,
     as_json: Json = False,
@@ -214,7 +220,7 @@ def accept(
         from pipeline.project import open_project
         from pipeline.provenance import git_commit
 
-        project = open_project(workflow, store, settings or [], package)
+        project = open_project(workflow, store, settings or [], package, vars_files or [])
         found = acceptances(project.graph, project.store, stage, git_commit(project.package_folder))
         if not dry_run and found:
             keep(found, project.graph, project.store)
@@ -236,6 +242,7 @@ def accept(
 def graph(
     workflow: WorkflowFile,
     settings: Settings = None,
+    vars_files: VarsFiles = None,
     store: StoreAddress = "store",
     svg: Annotated[
         Path | None, typer.Option("--svg", metavar="FILE", help="Draws the graph into a file.", show_default=False)
@@ -254,7 +261,7 @@ def graph(
         from pipeline.planwords import box, node_as_json
         from pipeline.project import open_project
 
-        project = open_project(workflow, store, settings or [], package)
+        project = open_project(workflow, store, settings or [], package, vars_files or [])
         nodes = project.graph.nodes.values()
         if svg:
             steps = make_plan(project.graph, project.store)

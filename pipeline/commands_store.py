@@ -8,7 +8,17 @@ from typing import Annotated
 import typer
 
 from pipeline.completion import complete_known_workflow, complete_pin
-from pipeline.console import Json, Package, Settings, StageNames, StoreAddress, WorkflowFile, reported, say
+from pipeline.console import (
+    Json,
+    Package,
+    Settings,
+    StageNames,
+    StoreAddress,
+    VarsFiles,
+    WorkflowFile,
+    reported,
+    say,
+)
 
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Only says what would be done.")]
 
@@ -101,6 +111,7 @@ def pin(
         typer.Option("--name", metavar="NAME", help="What to call it.", show_default="the workflow's name"),
     ] = None,
     settings: Settings = None,
+    vars_files: VarsFiles = None,
     store: StoreAddress = "store",
     package: Package = "stages",
 ) -> None:
@@ -117,7 +128,7 @@ def pin(
         from pipeline.project import open_project
         from pipeline.provenance import now
 
-        project = open_project(workflow, store, settings or [], package)
+        project = open_project(workflow, store, settings or [], package, vars_files or [])
         graph = project.graph.needed_for(stages) if stages else project.graph
         with project.store.in_use():
             steps = make_plan(graph, project.store)

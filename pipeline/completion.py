@@ -33,6 +33,16 @@ def _silent(complete: Completer) -> Completer:
 @_silent
 def complete_workflow(ctx: typer.Context, args: list[str], incomplete: str) -> list[str]:
     """YAML files and folders where one is typing; those in `workflows` before anything is typed."""
+    return _yaml_files(incomplete, Path("workflows"))
+
+
+@_silent
+def complete_vars(ctx: typer.Context, args: list[str], incomplete: str) -> list[str]:
+    """YAML files and folders where one is typing; the profiles before anything is typed."""
+    return _yaml_files(incomplete, Path("workflows/profiles"))
+
+
+def _yaml_files(incomplete: str, usual: Path) -> list[str]:
     folder, _, _ = incomplete.rpartition("/")
     start = f"{folder}/" if "/" in incomplete else ""
     found = [
@@ -41,7 +51,7 @@ def complete_workflow(ctx: typer.Context, args: list[str], incomplete: str) -> l
         if entry.is_dir() or entry.name.endswith((".yaml", ".yml"))
     ]
     if not start:
-        found += [str(path) for path in Path("workflows").glob("*.yaml")]
+        found += [str(path) for path in usual.glob("*.yaml")]
     return sorted(name for name in found if not name.startswith("."))
 
 

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.completion import complete_artifact, complete_setting, complete_stage, complete_workflow
+from pipeline.completion import complete_artifact, complete_setting, complete_stage, complete_vars, complete_workflow
 from pipeline.disk import words_of
 from pipeline.errors import PipelineError, UserError
 
@@ -39,6 +39,15 @@ Settings = Annotated[
         metavar="NAME=VALUE",
         help="Sets a var, or a parameter as STAGE.PARAMETER. Repeatable.",
         autocompletion=complete_setting,
+    ),
+]
+VarsFiles = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--vars",
+        metavar="FILE",
+        help="Sets the vars that a YAML file maps to values; later files win, --set wins over all. Repeatable.",
+        autocompletion=complete_vars,
     ),
 ]
 StoreAddress = Annotated[

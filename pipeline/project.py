@@ -28,7 +28,13 @@ class Project:
     package_folder: Path
 
 
-def open_project(file: Path, store: str | Path, settings: Sequence[str] = (), package: str = "stages") -> Project:
+def open_project(
+    file: Path,
+    store: str | Path,
+    settings: Sequence[str] = (),
+    package: str = "stages",
+    vars_files: Sequence[Path] = (),
+) -> Project:
     """Reads and checks a workflow. Raises WorkflowError with all that is wrong, CommandError for a bad store."""
     try:
         opened = open_store(store)
@@ -37,7 +43,7 @@ def open_project(file: Path, store: str | Path, settings: Sequence[str] = (), pa
     catalogue = Catalogue(package, LIBRARIES, opened)
     problems = Problems()
     with without_collection():
-        workflow = read_workflow(file, settings, problems)
+        workflow = read_workflow(file, settings, problems, vars_files)
         graph = build_graph(workflow, catalogue, ExternalCache(opened), problems)
     module = catalogue.sources.module(package)
     return Project(graph, opened, package, module.path.parent if module else Path.cwd())

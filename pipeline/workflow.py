@@ -1,7 +1,7 @@
-"""The workflow file: read, checked for its shape, `--set` applied, `foreach` and `matrix` unrolled, `${…}` replaced.
+"""The workflow file: read, checked for its shape, settings applied, `foreach` and `matrix` unrolled, `${…}` replaced.
 
     name: hide_scene
-    vars: {width: 192, cover: null}          # null: must be given with --set
+    vars: {width: 192, cover: null}          # null: must be given with --set or in a file of --vars
     stages:
       photos: {uses: photos, with: {folder: "${cover}"}}
       scene:  {uses: sfm, in: {capture: photos}, with: {width: "${width}"}}
@@ -89,20 +89,27 @@ class Workflow:
     entries: Mapping[str, Entry]
 
 
-def read_workflow(path: Path, settings: Sequence[str], problems: Problems) -> Workflow:
-    """The workflow in the file at `path`, with each `NAME=VALUE` of `settings` applied.
+def read_workflow(path: Path, settings: Sequence[str], problems: Problems, vars_files: Sequence[Path] = ()) -> Workflow:
+    """The workflow in the file at `path`, with the vars in `vars_files` and each `NAME=VALUE` of `settings` applied.
 
-    Raises CommandError where the file cannot be read; everything else that is wrong joins `problems`.
+    A setting wins over files, a later file over an earlier one, any of them over the workflow's own vars.
+    Raises CommandError where a file cannot be read; everything else that is wrong joins `problems`.
     """
+    root = _read_file(path, "the workflow", problems)
+    files = [_read_file(file, "the file of vars", problems) for file in vars_files]
+    if root is None:
+        return Workflow(path.stem, str(path), {})
+    readable = [file for file in files if file is not None]
+    return _Parser(path, problems).workflow(root, _settings(settings, problems), readable)
+
+
+def _read_file(path: Path, what: str, problems: Problems) -> Located | None:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise CommandError("cannot read the workflow", where=path, found=reason, expected="a YAML file") from error
-    root = read_yaml(text, str(path), path.resolve().parent, problems)
-    if root is None:
-        return Workflow(path.stem, str(path), {})
-    return _Parser(path, problems).workflow(root, _settings(settings, problems))
+        raise CommandError(f"cannot read {what}", where=path, found=reason, expected="a YAML file") from error
+    return read_yaml(text, str(path), path.resolve().parent, problems)
 
 
 def _settings(settings: Sequence[str], problems: Problems) -> dict[str, Located]:
@@ -125,14 +132,14 @@ class _Parser:
         self.problems = problems
         self.expanded: dict[tuple[object, ...], tuple[Located, Rows | None]] = {}
 
-    def workflow(self, root: Located, settings: dict[str, Located]) -> Workflow:
+    def workflow(self, root: Located, settings: dict[str, Located], files: Sequence[Located]) -> Workflow:
         top = self.mapping(root, "the workflow", WORKFLOW_KEYS)
         name = self.name(top.get("name"))
         stages = top.get("stages")
         if stages is None and isinstance(root.value, Mapping):
             self.problems.add(root.place, "the workflow has no 'stages'")
         bodies = dict(self.mapping(stages, "'stages'")) if stages is not None else {}
-        variables = self.variables(top.get("vars"), settings, bodies)
+        variables = self.variables(top.get("vars"), files, settings, bodies)
         entries = {}
         for stage, body in bodies.items():
             place = stages.keys.get(stage, body.place) if stages is not None else body.place
@@ -157,9 +164,17 @@ class _Parser:
             return self.path.stem
         return value.value
 
-    def variables(self, vars_: Located | None, settings: dict[str, Located], stages: Mapping[str, object]) -> Scope:
-        """The value of every var, in the order of the file: one may refer to those before it."""
-        given = self.mapping(vars_, "'vars'") if vars_ is not None else {}
+    def variables(
+        self,
+        vars_: Located | None,
+        files: Sequence[Located],
+        settings: dict[str, Located],
+        stages: Mapping[str, object],
+    ) -> Scope:
+        """The value of every var, in the order of the workflow: one may refer to those before it."""
+        given = dict(self.mapping(vars_, "'vars'")) if vars_ is not None else {}
+        for file in files:
+            given |= self.mapping(file, "the file of vars", tuple(given))
         scope: dict[str, Located | None] = {}
         for name, value in given.items():
             if name in settings:
@@ -296,7 +311,9 @@ class _Parser:
             return located.value
         for key in located.value:
             if key not in allowed:
-                message = f"unknown key {key!r} in {what}; allowed are {', '.join(allowed)}{nearest(key, allowed)}"
+                message = (
+                    f"unknown key {key!r} in {what}; allowed are {', '.join(allowed) or 'none'}{nearest(key, allowed)}"
+                )
                 self.problems.add(located.keys[key], message)
         return {key: value for key, value in located.value.items() if key in allowed}
 

@@ -52,17 +52,17 @@ class Workspace:
         self.file.write_text(textwrap.dedent(text))
         return self
 
-    def open(self, *settings: str) -> Project:
-        return open_project(self.file, self.folder / "store", settings, self.package)
+    def open(self, *settings: str, vars_files: Sequence[Path] = ()) -> Project:
+        return open_project(self.file, self.folder / "store", settings, self.package, vars_files)
 
     def plan(self, *settings: str) -> dict[str, Step]:
         project = self.open(*settings)
         return make_plan(project.graph, project.store)
 
-    def problems(self, *settings: str) -> list[str]:
+    def problems(self, *settings: str, vars_files: Sequence[Path] = ()) -> list[str]:
         """What is wrong with the workflow, without the name of the file."""
         try:
-            self.open(*settings)
+            self.open(*settings, vars_files=vars_files)
         except WorkflowError as error:
             return [str(problem).removeprefix(f"{self.file}:") for problem in error.problems]
         return []

@@ -69,6 +69,15 @@ def test_settings(here: Workspace) -> None:
     assert offered("run workflow.yaml --set nosuch.") == []
 
 
+def test_files_of_vars(here: Workspace) -> None:
+    (here.folder / "workflows/profiles").mkdir()
+    (here.folder / "workflows/profiles/cpu.yaml").write_text("count: 5\n")
+    assert offered("run workflow.yaml --vars w") == ["workflow.yaml", "workflows/", "workflows/profiles/cpu.yaml"]
+    assert offered("run workflow.yaml --vars workflows/profiles/") == ["workflows/profiles/cpu.yaml"]
+    assert offered("run workflow.yaml --vars workflows/profiles/cpu.yaml --set co") == ["count=3"]
+    assert offered("run --vars workflows/profiles/cpu.yaml workflow.yaml --set co") == ["count=3"]
+
+
 def test_parameters_of_a_base_class_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     found = offered("run workflows/hide_multi.yaml --set hide.")

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
 from stages.analysis.batch.results import (
     COVER,
     MESSAGE,
@@ -25,7 +23,7 @@ from stages.analysis.batch.results import (
     measured,
 )
 from stages.analysis.page.figures import MISSING, WORDING, label, write_figure, write_seconds
-from stages.analysis.page.page import TEMPLATES as COMMON_TEMPLATES
+from stages.analysis.page.html import fill
 from stages.analysis.page.summary import Tile
 
 RESOURCES = ("templates/*",)
@@ -103,14 +101,7 @@ def public_page(results: Sequence[Result], columns: Sequence[str]) -> BatchPage:
 
 def write_page(page: BatchPage) -> str:
     """The page as HTML, complete in itself: no script, and nothing that is fetched from anywhere."""
-    environment = Environment(
-        loader=FileSystemLoader([TEMPLATES, COMMON_TEMPLATES]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("batch.html").render(page=page)
+    return fill("batch.html", page, TEMPLATES)
 
 
 def write_table(results: Sequence[Result], wanted: Sequence[Figure], names: Sequence[str]) -> str:

@@ -10,8 +10,14 @@ from stages.imaging.metric_table import QUANTITIES
 MISSING = "–"
 
 WORDING: Mapping[str, tuple[str, str]] = {
-    "psnr": ("PSNR", "Peak signal-to-noise ratio, -10 log10 of the mean squared error in colours from 0 to 1."),
-    "ssim": ("SSIM", "Structural similarity: local means, contrasts and correlation in an 11 x 11 window."),
+    "psnr": (
+        "PSNR",
+        "-10 log10 of the mean squared error over the whole picture, whose colours are clamped to [0, 1] first.",
+    ),
+    "ssim": (
+        "SSIM",
+        "Structural similarity: local means, contrasts and correlation in an 11 x 11 window of sigma 1.5.",
+    ),
     "lpips_vgg": ("LPIPS", "Learned perceptual distance, version 0.1, between features of VGG16."),
     "lpips_alex": ("LPIPS (AlexNet)", "Learned perceptual distance, version 0.1, between features of AlexNet."),
     "psnr_covered": ("PSNR, covered", "PSNR over those pixels only that the message fills."),

@@ -15,20 +15,20 @@ from pipeline.stage import LineageRecord
 from stages.analysis.comparisons import Comparison, read_comparisons
 from stages.imaging.metric_table import MetricRow, read_rows
 
-# What anyone can measure who has the published splats and the photos.
 PUBLIC_QUANTITIES = frozenset(
     {"psnr", "ssim", "lpips_vgg", "lpips_alex", "container_bytes", "gaussians", "seconds_per_frame", "loss"}
 )
 PUBLIC_ROLES = frozenset({"cover"})
 PUBLIC_FACTS = frozenset({"device", "accepted"})
 
-PLAIN = "plain"
-METHOD_TITLES = {  # the paper's, and ours
+PLAIN, SECOND_HARMONICS, DECODER, GS_HIDER = "plain", "sh", "decoder", "gs_hider"
+OURS = "homogeneous"
+METHOD_TITLES = {  # the paper's, in its order, and ours
     PLAIN: "3DGS",
-    "gs_hider": "GS-Hider",
-    "homogeneous": "Homogeneous GS-Hider",
-    "sh": "3DGS+SH",
-    "decoder": "3DGS+Decoder",
+    SECOND_HARMONICS: "3DGS+SH",
+    DECODER: "3DGS+Decoder",
+    GS_HIDER: "GS-Hider",
+    OURS: "Homogeneous GS-Hider",
 }
 
 Inputs = Mapping[str, Sequence[Artifact]]
@@ -67,11 +67,11 @@ def public_material(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Materia
     return _named(
         replace(
             material,
-            scores=tuple(row for row in material.scores if _is_public(row)),
-            curves=tuple(row for row in material.curves if _is_public(row)),
+            scores=tuple(row for row in material.scores if is_public(row)),
+            curves=tuple(row for row in material.curves if is_public(row)),
             pictures=tuple(each for each in material.pictures if each.role in PUBLIC_ROLES),
         ),
-        _neutral_titles,
+        neutral_titles,
     )
 
 
@@ -128,7 +128,8 @@ def _named(material: Material, titles_of: Callable[[Iterable[str]], Mapping[str,
     )
 
 
-def _neutral_titles(methods: Iterable[str]) -> dict[str, str]:
+def neutral_titles(methods: Iterable[str]) -> dict[str, str]:
+    """For each method a title that does not say what it is for."""
     titles = {PLAIN: METHOD_TITLES[PLAIN]}
     for name in methods:
         if name not in titles:
@@ -136,5 +137,6 @@ def _neutral_titles(methods: Iterable[str]) -> dict[str, str]:
     return titles
 
 
-def _is_public(row: MetricRow) -> bool:
+def is_public(row: MetricRow) -> bool:
+    """Whether anyone can measure this who has the published splats and the photos."""
     return row.message is None and row.quantity in PUBLIC_QUANTITIES

@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from pipeline.stage import LineageRecord
 from stages.analysis.comparisons import Comparison, Role
@@ -15,14 +12,12 @@ from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.page.figures import write_seconds
 from stages.analysis.page.gallery import Gallery, cover_gallery, is_lossless, message_gallery, picture_gallery
 from stages.analysis.page.graph import Graph, draw_graph
+from stages.analysis.page.html import fill
 from stages.analysis.page.material import Material
 from stages.analysis.page.summary import Tile, message_tiles, owner_summary, scene_tiles
 from stages.analysis.page.tables import Table, tables_of
 from stages.imaging.lpips_weights import HOW_TO_INSTALL
 from stages.imaging.metric_table import MetricRow
-
-RESOURCES = ("templates/*",)
-TEMPLATES = Path(__file__).parent / "templates"
 
 
 @dataclass(frozen=True)
@@ -113,14 +108,7 @@ def public_page(material: Material, views: int) -> Page:
 
 def write_page(page: Page) -> str:
     """The page as HTML, complete in itself: no script, and nothing that is fetched from anywhere."""
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html").render(page=page)
+    return fill("report.html", page)
 
 
 def _page(

@@ -1,0 +1,85 @@
+"""What one of the paper's tables becomes: our figures beside its own, and the relations that should hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from stages.analysis.page.figures import write_figure
+from stages.analysis.page.material import METHOD_TITLES
+from stages.analysis.page.summary import Tile
+from stages.analysis.paper.grid import Grid
+from stages.analysis.paper.measuring import Figure, Measured, Spread, cover, measure, message, noise
+from stages.analysis.paper.published import Published
+from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.runs import Run, Study, method_title
+
+PICTURES = {"cover": "Cover", "message": "Message"}
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """`runs` are those that it shows."""
+
+    title: str
+    grids: tuple[Grid, ...]
+    relations: tuple[Relation, ...] = ()
+    runs: tuple[Run, ...] = ()
+    tiles: tuple[Tile, ...] = ()
+
+
+Writer = Callable[[Study, Published], Chapter]
+
+
+def usual(runs: Iterable[Run]) -> tuple[Run, ...]:
+    """For each method its runs with the usual settings, or all where it has none of these."""
+    listed = list(runs)
+    methods = {run.method for run in listed if not run.settings}
+    return tuple(run for run in listed if run.method not in methods or not run.settings)
+
+
+def blocks(runs: Sequence[Run], methods: Collection[str] = ()) -> Iterator[tuple[str, str, tuple[Run, ...]]]:
+    """The method, the title and the runs of each kind, in the paper's order; of `methods` without runs, too.
+
+    The title is the method's alone where the settings are the usual ones.
+    """
+    present = {*methods, *(run.method for run in runs)}
+    for method in [*(name for name in METHOD_TITLES if name in present), *sorted(present - METHOD_TITLES.keys())]:
+        titled: dict[str, list[Run]] = {title_of(method): []} if method in methods else {}
+        for run in runs:
+            if run.method == method:
+                titled.setdefault(method_title(run), []).append(run)
+        for title, group in titled.items():
+            yield method, title, tuple(group)
+
+
+def of_method(runs: Iterable[Run], method: str, figure: Figure) -> Measured:
+    """A figure of one method's runs."""
+    return measure((run for run in runs if run.method == method), figure)
+
+
+def title_of(method: str) -> str:
+    """The method as it is shown."""
+    return METHOD_TITLES.get(method, method)
+
+
+def noises(runs: Sequence[Run], study: Study, quantity: str = "psnr") -> dict[str, Spread]:
+    """From one seed to the next, of the cover and of the message: in these runs, or else in any of the study."""
+    found = {}
+    for picture, figure in (("cover", cover(quantity)), ("message", message(quantity))):
+        own = noise(runs, figure)
+        found[picture] = own if own.count else noise(study.runs, figure)
+    return found
+
+
+def noise_note(spreads: Mapping[str, Spread], quantity: str = "psnr", unit: str = " dB") -> str:
+    """The line under a table that says how large its noise is."""
+    told = [
+        f"{write_figure(quantity, spread.deviation)}{unit} on the {picture} ({spread.count} runs)"
+        for picture, spread in spreads.items()
+        if not math.isnan(spread.deviation)
+    ]
+    if not told:
+        return "How large the noise is was not measured: no two runs differ in their seed alone."
+    return f"One seed to the next differs by {' and '.join(told)}, as a standard deviation."

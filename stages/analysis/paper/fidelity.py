@@ -1,0 +1,184 @@
+"""Table 1, the appendix's other metrics, and what a message is worth where it fills the picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from stages.analysis.page.figures import MISSING, label
+from stages.analysis.page.material import GS_HIDER, OURS, PLAIN
+from stages.analysis.page.summary import Tile
+from stages.analysis.page.tables import PICTURE_QUANTITIES
+from stages.analysis.paper.chapter import (
+    PICTURES,
+    Chapter,
+    blocks,
+    noise_note,
+    noises,
+    of_method,
+    title_of,
+    usual,
+)
+from stages.analysis.paper.fidelity_relations import own_relations, paper_relations
+from stages.analysis.paper.grid import (
+    HERE,
+    PAPER,
+    Cell,
+    Grid,
+    Line,
+    figure_cell,
+    headings,
+    measured_cells,
+    published_cells,
+    signed,
+    without_empty_columns,
+)
+from stages.analysis.paper.measuring import (
+    UNKNOWN,
+    Figure,
+    Spread,
+    cover,
+    measure,
+    message,
+    published_bytes,
+    size,
+    total_bytes,
+)
+from stages.analysis.paper.published import Published, Subject, average, row_of
+from stages.analysis.paper.runs import Run, Study, capture_title
+
+
+def fidelity(study: Study, tables: Published) -> Chapter:
+    """One scene hidden in another, by every method."""
+    runs = usual(study.select(lambda run: run.method == PLAIN or hides_one_scene(run)))
+    grids = [_grid(quantity, "test", runs, study, tables) for quantity in PICTURE_QUANTITIES]
+    grids += [_message_grid(runs), _grid("psnr", "train", runs, study, None)]
+    return Chapter(
+        "One scene hidden in another",
+        tuple(grid for grid in grids if any(not line.published for line in grid.lines)),
+        (*paper_relations(runs, study, tables), *own_relations(runs, study, tables)),
+        runs,
+        _tiles(runs, tables),
+    )
+
+
+def hides_one_scene(run: Run) -> bool:
+    """Whether this is the paper's first experiment."""
+    return len(run.messages) == 1 and not run.hides_image
+
+
+def size_note(runs: Sequence[Run]) -> str:
+    """What the sizes contain."""
+    if any(math.isnan(total_bytes(run)) and not math.isnan(published_bytes(run)) for run in runs):
+        return "Size: what is published; the message decoder is not in it."
+    return "Size: all that is stored, both decoders included."
+
+
+def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: Published | None) -> Grid:
+    """Methods by cover and message, captures across: the paper's rows, where `tables` is given, under ours."""
+    captures = study.captures
+    reference = of_method(runs, PLAIN, cover(quantity, split))
+    scene = quantity == "psnr" and split == "test"
+    figures: tuple[tuple[Subject, Figure], ...] = (
+        ("cover", cover(quantity, split)),
+        ("message", message(quantity, split)),
+    )
+    lines: list[Line] = []
+    for method, title, group in blocks(runs, tables.fidelity if tables else ()):
+        for subject, figure in figures:
+            compared = reference if subject == "cover" and method != PLAIN else None
+            expected = quantity == "lpips_vgg" and any(subject == "cover" or run.messages for run in group)
+            cells = measured_cells(quantity, measure(group, figure), compared, captures, expected)
+            lead = _scene_cells(group, subject == "cover") if scene else []
+            lines.append(Line((title, PICTURES[subject], HERE), (*lead, *cells)))
+            if tables is not None and title == title_of(method):
+                lines.append(_published_line(quantity, method, subject, captures, tables, scene))
+    views = {"test": "test views", "train": "training views"}[split]
+    notes = [size_note(runs)] if scene else []
+    if split == "test" and any(measure(runs, figure).by_capture for _, figure in figures):
+        notes.append(noise_note(noises(runs, study, quantity), quantity, " dB" if quantity == "psnr" else ""))
+    return without_empty_columns(
+        Grid(
+            f"{label(quantity)}, {views}",
+            ("Method", "Picture", "Figures"),
+            (*(("Size (MB)", "Gaussians") if scene else ()), *headings(captures)),
+            tuple(lines),
+            tuple(notes),
+        )
+    )
+
+
+def _scene_cells(group: Sequence[Run], shown: bool) -> list[Cell]:
+    """The average size and number of Gaussians, beside the cover."""
+    if not shown:
+        return [Cell(""), Cell("")]
+    figures: tuple[tuple[str, Figure], ...] = (("container_bytes", size), ("gaussians", cover("gaussians", None)))
+    return [figure_cell(quantity, Spread(measure(group, figure).average.mean)) for quantity, figure in figures]
+
+
+def _published_line(
+    quantity: str, method: str, subject: Subject, captures: Sequence[str], tables: Published, scene: bool
+) -> Line:
+    row = row_of(tables, method, subject, quantity)
+    reference = row_of(tables, PLAIN, "cover", quantity) if subject == "cover" and method != PLAIN else None
+    cells = published_cells(quantity, row, reference, captures, tables)
+    lead: list[Cell] = []
+    if scene:
+        megabytes = tables.fidelity[method].megabytes if method in tables.fidelity and subject == "cover" else None
+        lead = [Cell(f"{megabytes:.3f}", "", Spread(megabytes)) if megabytes else Cell(""), Cell("")]
+    return Line((title_of(method), PICTURES[subject], PAPER), (*lead, *cells), published=True)
+
+
+def _message_grid(runs: Sequence[Run]) -> Grid:
+    """Messages on legal views, and over the pixels that they cover, beside the floor of a picture of one colour."""
+    columns: dict[str, tuple[str, Figure]] = {
+        "PSNR (dB)": ("psnr", message("psnr")),
+        "Legal views": ("legal", message("legal")),
+        "PSNR, legal (dB)": ("psnr", message("psnr", only_legal=True)),
+        "SSIM, legal": ("ssim", message("ssim", only_legal=True)),
+        "PSNR, covered (dB)": ("psnr_covered", message("psnr_covered")),
+        "SSIM, covered": ("ssim_covered", message("ssim_covered")),
+        "One colour (dB)": ("psnr_constant", message("psnr_constant")),
+        "Coverage": ("coverage", message("coverage")),
+        "PSNR, training (dB)": ("psnr", message("psnr", "train")),
+    }
+    lines = []
+    for _, title, group in blocks(runs):
+        for capture in dict.fromkeys(run.capture for run in group):
+            own = [run for run in group if run.capture == capture]
+            cells = tuple(_message_cell(own, quantity, figure) for quantity, figure in columns.values())
+            lines.append(Line((title, capture_title(capture)), cells))
+    grid = Grid(
+        "Messages: legal views and covered pixels, test views", ("Method", "Capture"), tuple(columns), tuple(lines)
+    )
+    return without_empty_columns(grid)
+
+
+def _message_cell(runs: Sequence[Run], quantity: str, figure: Figure) -> Cell:
+    spread = next(iter(measure(runs, figure).by_capture.values()), UNKNOWN)
+    if quantity != "legal":
+        return figure_cell(quantity, spread)
+    flags = [row.value for row in runs[0].rows if row.quantity == "legal" and row.split == "test"]
+    return Cell(f"{round(sum(flags))} of {len(flags)}" if flags else MISSING, "", spread)
+
+
+def _tiles(runs: Sequence[Run], tables: Published) -> tuple[Tile, ...]:
+    """Each method that hides, with what it loses on the cover."""
+    plain = of_method(runs, PLAIN, cover("psnr"))
+    tiles = []
+    for method in (GS_HIDER, OURS):
+        measured = of_method(runs, method, cover("psnr"))
+        if not measured.by_capture:
+            continue
+        lost = signed("psnr", measured.minus(plain).average.mean)
+        note = [f"{lost} dB to 3DGS"] if lost else []
+        if method in tables.fidelity:
+            difference = average(tables.fidelity[method].cover) - average(tables.fidelity[PLAIN].cover)
+            note.append(f"the paper {signed('psnr', difference)}")
+        tiles.append(Tile(f"{title_of(method)}, cover", f"{measured.average.mean:.2f} dB", "; ".join(note)))
+        hidden = of_method(runs, method, message("psnr"))
+        if hidden.by_capture:
+            tiles.append(
+                Tile(f"{title_of(method)}, message", f"{hidden.average.mean:.2f} dB", "whole pictures, test views")
+            )
+    return tuple(tiles)

@@ -1,0 +1,203 @@
+"""A table as the page, the Markdown file and the CSV file take it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from stages.analysis.page.figures import MISSING, write_figure
+from stages.analysis.paper.measuring import UNKNOWN, Measured, Spread
+from stages.analysis.paper.published import Published, Row, average
+from stages.analysis.paper.runs import capture_title
+from stages.imaging.metric_table import QUANTITIES
+
+HERE, PAPER = "here", "paper"
+AVERAGE, DIFFERENCE = "Average", "To 3DGS"
+NOT_MEASURED = "not measured"
+SCALES = {"bytes": 1e-6, "s": 1e3}
+"""From a unit to the one in which its figures are written: MB and ms."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What is written, and a note in smaller letters; `spread` is the figure behind it, with all its digits."""
+
+    text: str
+    note: str = ""
+    spread: Spread = UNKNOWN
+
+
+@dataclass(frozen=True)
+class Line:
+    """A row: its names, as many as the grid has headings for, and its cells; `published` where they are the paper's."""
+
+    names: tuple[str, ...]
+    cells: tuple[Cell, ...]
+    published: bool = False
+
+
+@dataclass(frozen=True)
+class Grid:
+    """`names` are the headings above the names of the lines, `headings` those above their cells."""
+
+    caption: str
+    names: tuple[str, ...]
+    headings: tuple[str, ...]
+    lines: tuple[Line, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def spans(self) -> tuple[int, ...]:
+        """Over how many lines the first name of each line extends; 0 where a line above has done so."""
+        if len(self.names) == 1:
+            return (1,) * len(self.lines)
+        groups = [len(list(group)) for _, group in groupby(self.lines, lambda line: line.names[0])]
+        return tuple(span for size in groups for span in (size, *(0,) * (size - 1)))
+
+
+def figure_cell(quantity: str, spread: Spread, note: str = "") -> Cell:
+    """A figure as its quantity is written; with its standard deviation where there is one that can be written."""
+    text = write_figure(quantity, spread.mean)
+    if not math.isnan(spread.deviation):
+        deviation = write_figure(quantity, spread.deviation)
+        text += f" ± {deviation}" if deviation != write_figure(quantity, 0.0) else ""
+        note = ", ".join(part for part in (note, f"n = {spread.count}") if part)
+    return Cell(text, note, as_written(quantity, spread))
+
+
+def as_written(quantity: str, spread: Spread) -> Spread:
+    """A figure in the unit in which it is written.
+
+    >>> as_written("seconds_per_frame", Spread(0.25, 0.125, 3))
+    Spread(mean=250.0, deviation=125.0, count=3)
+    """
+    scale = SCALES.get(QUANTITIES[quantity].unit, 1)
+    return Spread(spread.mean * scale, spread.deviation * scale, spread.count)
+
+
+def published_cell(quantity: str, value: float, note: str = "") -> Cell:
+    """A figure of the paper with the paper's digits.
+
+    >>> published_cell("psnr", 27.205).text, published_cell("seconds_per_frame", 0.0222).text
+    ('27.205', '22.2')
+    """
+    if math.isnan(value):
+        return Cell(MISSING)
+    text = write_figure(quantity, value) if QUANTITIES[quantity].unit == "s" else f"{value:.3f}"
+    return Cell(text, note, as_written(quantity, Spread(value)))
+
+
+def published_difference(difference: float) -> str:
+    """A difference between figures of the paper, with the paper's digits; empty for NaN."""
+    return "" if math.isnan(difference) else f"{difference:+.3f}"
+
+
+def difference_cell(quantity: str, difference: float) -> Cell:
+    """A difference with its sign."""
+    return Cell(signed(quantity, difference), "", as_written(quantity, Spread(difference)))
+
+
+def signed(quantity: str, difference: float) -> str:
+    """A difference with its sign, as its quantity is written; empty for NaN.
+
+    >>> signed("psnr", 0.123), signed("psnr", -1.388), signed("psnr", -0.001)
+    ('+0.12', '-1.39', '0.00')
+    """
+    if math.isnan(difference):
+        return ""
+    text = write_figure(quantity, difference)
+    if text.removeprefix("-") == write_figure(quantity, 0.0):
+        return text.removeprefix("-")
+    return text if text.startswith("-") else f"+{text}"
+
+
+def measured_cells(
+    quantity: str, measured: Measured, reference: Measured | None, captures: Sequence[str], expected: bool = False
+) -> list[Cell]:
+    """A cell for each capture, the average, and the difference to the reference; their notes are differences, too.
+
+    What was `expected`, and is not there, is said to be not measured.
+    """
+    if expected and not measured.by_capture:
+        return [*(Cell(MISSING) for _ in captures), Cell(NOT_MEASURED), Cell("")]
+    differences = measured.minus(reference) if reference is not None else Measured({})
+    cells = [
+        figure_cell(
+            quantity,
+            measured.by_capture.get(capture, UNKNOWN),
+            signed(quantity, differences.on(capture)),
+        )
+        for capture in captures
+    ]
+    lacking = [capture for capture in captures if capture not in measured.by_capture]
+    some = f"of {len(measured.by_capture)}" if lacking and measured.by_capture else ""
+    whole = measured.average
+    return [
+        *cells,
+        Cell(figure_cell(quantity, whole).text, some, as_written(quantity, whole)),
+        difference_cell(quantity, differences.average.mean),
+    ]
+
+
+def published_cells(
+    quantity: str, row: Row | None, reference: Row | None, captures: Sequence[str], tables: Published
+) -> list[Cell]:
+    """The same of a row of the paper: its captures that are among ours, and its average over all nine."""
+
+    difference = average(row) - average(reference)
+
+    def cell(capture: str) -> Cell:
+        value = tables.figure(row, capture)
+        return published_cell(quantity, value, published_difference(value - tables.figure(reference, capture)))
+
+    return [
+        *(cell(capture) for capture in captures),
+        published_cell(quantity, average(row)),
+        Cell(published_difference(difference), "", Spread(difference)),
+    ]
+
+
+def headings(captures: Iterable[str]) -> tuple[str, ...]:
+    """Above `measured_cells`."""
+    return (*map(capture_title, captures), AVERAGE, DIFFERENCE)
+
+
+def without_empty_columns(grid: Grid) -> Grid:
+    """The grid without columns in which nothing is written, and without lines of which nothing was measured."""
+    lines = [line for line in grid.lines if any(cell.text not in ("", MISSING) for cell in line.cells)]
+    kept = [
+        index
+        for index in range(len(grid.headings))
+        if any(line.cells[index].text not in ("", MISSING) for line in lines)
+    ]
+    return Grid(
+        grid.caption,
+        grid.names,
+        tuple(grid.headings[index] for index in kept),
+        tuple(Line(line.names, tuple(line.cells[index] for index in kept), line.published) for line in lines),
+        grid.notes,
+    )
+
+
+def write_csv(grids: Iterable[Grid]) -> str:
+    """Every figure for other programs, a line each: the table, the names of its line, its column, all its digits."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["table", "line", "figures", "column", "value", "deviation", "n", "note"])
+    for grid in grids:
+        for line in grid.lines:
+            for heading, cell in zip(grid.headings, line.cells, strict=True):
+                if math.isnan(cell.spread.mean):
+                    continue
+                deviation = "" if math.isnan(cell.spread.deviation) else f"{cell.spread.deviation:.6g}"
+                names = " · ".join(name for name in line.names if name not in (HERE, PAPER))
+                source = PAPER if line.published else HERE
+                count = cell.spread.count or ""
+                writer.writerow(
+                    [grid.caption, names, source, heading, f"{cell.spread.mean:.6g}", deviation, count, cell.note]
+                )
+    return text.getvalue()

@@ -1,0 +1,51 @@
+"""The same page as a Markdown file, to stand in the repository."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+from stages.analysis.paper.grid import Cell, Grid
+from stages.analysis.paper.page import TablesPage
+
+SPECIAL = re.compile(r"([\\`*_\[\]<>|#&])")
+
+
+def write_markdown(page: TablesPage) -> str:
+    """Title, command, tables, relations, remarks and definitions; names are text and never markup."""
+    parts = [f"# {_text(page.title)}", _text(page.summary)]
+    if page.command:
+        parts.append(f"    {' '.join(page.command.split())}")
+    for chapter in page.chapters:
+        parts += [f"## {_text(chapter.title)}", *(block for grid in chapter.grids for block in _grid(grid))]
+    if page.relations:
+        parts += ["## What should be seen", *_grid(page.relations)]
+    parts += ["## To read this", *map(_text, page.remarks)]
+    parts.append("\n".join(f"- {_text(name)}: {_text(definition)}" for name, definition in page.definitions))
+    return "\n\n".join(parts) + "\n"
+
+
+def _grid(grid: Grid) -> list[str]:
+    numbers = ["---:"] * len(grid.headings)
+    lines = [
+        _row([*grid.names, *grid.headings]),
+        f"|{'|'.join([*['---'] * len(grid.names), *numbers])}|",
+        *(
+            _row([line.names[0] if span else "", *line.names[1:], *map(_written, line.cells)])
+            for line, span in zip(grid.lines, grid.spans, strict=True)
+        ),
+    ]
+    return [f"**{_text(grid.caption)}**", "\n".join(lines), *map(_text, grid.notes)]
+
+
+def _written(cell: Cell) -> str:
+    return f"{cell.text} ({cell.note})" if cell.note else cell.text
+
+
+def _row(texts: Sequence[str] | Iterable[str]) -> str:
+    return f"| {' | '.join(map(_text, texts))} |"
+
+
+def _text(text: str) -> str:
+    """One line of text, in which nothing means anything to Markdown."""
+    return SPECIAL.sub(r"\\\1", " ".join(text.split()))

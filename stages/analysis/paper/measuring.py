@@ -1,0 +1,140 @@
+"""Figures of runs: the mean of what differs in the seed alone, its spread, and how large the noise is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from stages.analysis.page.tables import Column, mean_of
+from stages.analysis.paper.runs import Run
+
+Figure = Callable[[Run], float]
+"""What is read off a run; NaN where it was not measured."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The mean of `count` values and their standard deviation, NaN for fewer than two values; without any, both."""
+
+    mean: float
+    deviation: float = math.nan
+    count: int = 0
+
+
+UNKNOWN = Spread(math.nan)
+"""What was not measured."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One figure of runs of one kind, by capture."""
+
+    by_capture: Mapping[str, Spread]
+
+    @property
+    def average(self) -> Spread:
+        """The mean over the captures; its deviation is known where that of every capture is.
+
+        `count` is the number of captures.
+        """
+        spreads = list(self.by_capture.values())
+        deviation = math.hypot(*(each.deviation for each in spreads)) / len(spreads) if spreads else math.nan
+        return Spread(mean(each.mean for each in spreads), deviation, len(spreads))
+
+    def on(self, capture: str) -> float:
+        """The mean on one capture; NaN where it was not measured."""
+        return self.by_capture.get(capture, UNKNOWN).mean
+
+    def minus(self, other: Measured) -> Measured:
+        """The difference on each capture that both have."""
+        return self._with(other, lambda own, others: own - others)
+
+    def over(self, other: Measured) -> Measured:
+        """The ratio on each capture that both have."""
+        return self._with(other, lambda own, others: own / others if others else math.nan)
+
+    def _with(self, other: Measured, combine: Callable[[float, float], float]) -> Measured:
+        found = {capture: combine(self.on(capture), other.on(capture)) for capture in self.by_capture}
+        return Measured({capture: Spread(value) for capture, value in found.items() if not math.isnan(value)})
+
+
+def measure(runs: Iterable[Run], figure: Figure) -> Measured:
+    """The figure of runs of one kind on each capture where it was measured.
+
+    The spread is that of runs that differ in the seed alone; runs that differ in something else, such as the message,
+    are averaged, and have none.
+    """
+    values: dict[str, dict[tuple[str, ...], list[float]]] = {}
+    for run in runs:
+        value = figure(run)
+        if not math.isnan(value):
+            values.setdefault(run.capture, {}).setdefault(run.other, []).append(value)
+    return Measured({capture: _spread(list(groups.values())) for capture, groups in values.items()})
+
+
+def noise(runs: Iterable[Run], figure: Figure) -> Spread:
+    """The standard deviation from one seed to the next, pooled over all runs that others differ from in seed alone.
+
+    `mean` is meaningless here; `count` is the number of runs. NaN and 0 where no runs differ in their seed alone.
+    """
+    groups: dict[object, list[float]] = {}
+    for run in runs:
+        value = figure(run)
+        if math.isfinite(value):
+            groups.setdefault((run.capture, run.kind, run.other), []).append(value)
+    repeated = [group for group in groups.values() if len(group) > 1]
+    freedom = sum(len(group) - 1 for group in repeated)
+    squares = math.fsum((value - mean(group)) ** 2 for group in repeated for value in group)
+    return Spread(math.nan, math.sqrt(squares / freedom) if freedom else math.nan, sum(map(len, repeated)))
+
+
+def mean(values: Iterable[float]) -> float:
+    """The mean; NaN without values."""
+    listed = list(values)
+    return math.fsum(listed) / len(listed) if listed else math.nan
+
+
+def cover(quantity: str, split: str | None = "test") -> Figure:
+    """The mean of a quantity over the cover's views; `split` is None for what belongs to no view, such as a size."""
+    return lambda run: mean_of([row for row in run.rows if row.message is None], Column(quantity, split))
+
+
+def message(quantity: str, split: str = "test", only_legal: bool = False) -> Figure:
+    """The mean of a quantity over a message's views, or its legal ones; of several messages the mean."""
+    return lambda run: mean(
+        value for name in run.messages if not math.isnan(value := of_message(run, name, quantity, split, only_legal))
+    )
+
+
+def of_message(run: Run, name: str, quantity: str, split: str = "test", only_legal: bool = False) -> float:
+    """The mean of a quantity over the views of one message; NaN where it was not measured."""
+    return mean_of([row for row in run.rows if row.message == name], Column(quantity, split, only_legal=only_legal))
+
+
+def total_bytes(run: Run) -> float:
+    """All that is stored, the message decoder included: the paper's size. NaN where that is not told."""
+    return cover("total_bytes", None)(run)
+
+
+def published_bytes(run: Run) -> float:
+    """What is published: the container with the scene decoder."""
+    return cover("container_bytes", None)(run)
+
+
+def size(run: Run) -> float:
+    """All that is stored, or what is published where that alone is told."""
+    total = total_bytes(run)
+    return published_bytes(run) if math.isnan(total) else total
+
+
+def _spread(groups: Sequence[Sequence[float]]) -> Spread:
+    if len(groups) > 1:
+        return Spread(mean(mean(group) for group in groups), math.nan, len(groups))
+    [values] = groups
+    middle = mean(values)
+    if len(values) < 2:
+        return Spread(middle, math.nan, len(values))
+    return Spread(
+        middle, math.sqrt(math.fsum((value - middle) ** 2 for value in values) / (len(values) - 1)), len(values)
+    )

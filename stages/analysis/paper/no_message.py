@@ -1,0 +1,96 @@
+"""The no-message table: what features and a decoder cost beside spherical harmonics, when nothing is hidden."""
+
+from __future__ import annotations
+
+from stages.analysis.page.figures import label
+from stages.analysis.page.material import GS_HIDER, PLAIN
+from stages.analysis.page.tables import PICTURE_QUANTITIES
+from stages.analysis.paper.chapter import (
+    Chapter,
+    blocks,
+    noise_note,
+    noises,
+    of_method,
+    title_of,
+    usual,
+)
+from stages.analysis.paper.grid import (
+    HERE,
+    PAPER,
+    Grid,
+    Line,
+    headings,
+    measured_cells,
+    published_cells,
+    without_empty_columns,
+)
+from stages.analysis.paper.measuring import cover, measure
+from stages.analysis.paper.published import PUBLISHED_AS, Published, average
+from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.runs import Run, Study
+
+MOST_LOST_WITHOUT_A_MESSAGE = 0.7
+
+
+def no_message(study: Study, tables: Published) -> Chapter:
+    """Runs that hide nothing: with the paper's M and decoder, and with larger ones where there are any."""
+    runs = study.select(lambda run: not run.messages and not run.hides_image and "iterations" not in dict(run.settings))
+    lines: list[Line] = []
+    references = {quantity: of_method(runs, PLAIN, cover(quantity)) for quantity in PICTURE_QUANTITIES}
+    for method, title, group in blocks(runs, (PLAIN, GS_HIDER)):
+        for quantity in PICTURE_QUANTITIES:
+            reference = None if method == PLAIN else references[quantity]
+            expected = quantity == "lpips_vgg" and bool(group)
+            cells = measured_cells(quantity, measure(group, cover(quantity)), reference, study.captures, expected)
+            lines.append(Line((title, label(quantity), HERE), tuple(cells)))
+            if title == title_of(method):
+                lines.append(_published_line(method, quantity, study, tables))
+    grid = Grid(
+        "Nothing hidden, test views",
+        ("Method", "Metric", "Figures"),
+        headings(study.captures),
+        tuple(lines),
+        (noise_note({"cover": noises(runs, study)["cover"]}),),
+    )
+    return Chapter("Without a message", (without_empty_columns(grid),), _relations(runs, study, tables), runs)
+
+
+def _published_line(method: str, quantity: str, study: Study, tables: Published) -> Line:
+    plain = tables.fidelity[PLAIN].cover if quantity == "psnr" else None
+    row = plain if method == PLAIN else tables.no_message.get(PUBLISHED_AS.get(quantity, quantity))
+    reference = None if method == PLAIN else plain
+    cells = published_cells(quantity, row, reference, study.captures, tables)
+    return Line((title_of(method), label(quantity), PAPER), tuple(cells), published=True)
+
+
+def _relations(runs: tuple[Run, ...], study: Study, tables: Published) -> tuple[Relation, ...]:
+    name, noise = title_of(GS_HIDER), noises(runs, study)["cover"].deviation
+    bare = of_method(usual(runs), GS_HIDER, cover("psnr"))
+    larger = of_method([run for run in runs if _is_larger(run, tables)], GS_HIDER, cover("psnr"))
+    return (
+        Relation(
+            f"{name} without a message not far under 3DGS",
+            "difference",
+            "at least",
+            -MOST_LOST_WITHOUT_A_MESSAGE,
+            bare.minus(of_method(runs, PLAIN, cover("psnr"))),
+            average(tables.no_message["psnr"]) - average(tables.fidelity[PLAIN].cover),
+            noise,
+        ),
+        Relation(
+            f"{name} without a message: larger features and decoder approach 3DGS",
+            "difference",
+            "more than",
+            0.0,
+            larger.minus(bare),
+            noise=noise,
+            source="said",
+        ),
+    )
+
+
+def _is_larger(run: Run, tables: Published) -> bool:
+    """Whether features or decoder are larger than the paper's, and neither is smaller."""
+    return bool(run.settings) and all(
+        isinstance(value, float) and value > tables.setup[name] for name, value in run.settings
+    )

@@ -1,0 +1,137 @@
+"""The page as the template and the Markdown file take it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from stages.analysis.page.figures import WORDING
+from stages.analysis.page.html import fill
+from stages.analysis.page.summary import Tile
+from stages.analysis.paper.ablations import ablations
+from stages.analysis.paper.chapter import Chapter, Writer
+from stages.analysis.paper.fidelity import fidelity
+from stages.analysis.paper.frame_time import frame_time
+from stages.analysis.paper.grid import Grid
+from stages.analysis.paper.no_message import no_message
+from stages.analysis.paper.plateau import plateau
+from stages.analysis.paper.public import public_chapter, public_study
+from stages.analysis.paper.published import Published, wrong_averages
+from stages.analysis.paper.relations import NOISES, Relation, relations_grid
+from stages.analysis.paper.runs import Study, capture_title, method_title
+from stages.analysis.paper.several_messages import several_messages
+from stages.analysis.paper.single_image import single_image
+from stages.imaging.lpips_weights import HOW_TO_INSTALL
+
+RESOURCES = ("templates/*",)
+TEMPLATES = Path(__file__).parent / "templates"
+WRITERS: Mapping[str, Writer] = {
+    "fidelity": fidelity,
+    "no_message": no_message,
+    "frame_time": frame_time,
+    "single_image": single_image,
+    "several_messages": several_messages,
+    "ablations": ablations,
+    "plateau": plateau,
+}
+PAPER_TITLES = {
+    "fidelity": ("Fidelity", "All metrics"),
+    "no_message": ("No message",),
+    "frame_time": ("Rendering time",),
+    "single_image": ("Single image",),
+}
+"""How `published.rows_of` calls the paper's tables that ours stand beside."""
+DEFINED = ("psnr", "ssim", "lpips_vgg", "lpips_alex", "legal", "psnr_covered", "ssim_covered", "psnr_constant")
+
+
+@dataclass(frozen=True)
+class TablesPage:
+    """What is empty is left out. `relations` is None where none is asked for; `remarks` stand under all tables."""
+
+    title: str
+    summary: str
+    tiles: tuple[Tile, ...]
+    chapters: tuple[Chapter, ...]
+    relations: Grid | None
+    remarks: tuple[str, ...]
+    definitions: tuple[tuple[str, str], ...]
+    command: str
+
+    @property
+    def grids(self) -> tuple[Grid, ...]:
+        """Every table, in order."""
+        grids = [grid for chapter in self.chapters for grid in chapter.grids]
+        return (*grids, *([self.relations] if self.relations else []))
+
+
+def owner_page(study: Study, wanted: Sequence[str], tables: Published, title: str, command: str) -> TablesPage:
+    """The tables that are `wanted`, in this order, beside the paper's, and the relations between their figures."""
+    chapters = [WRITERS[name](study, tables) for name in wanted]
+    titled = [(chapter.title, relation) for chapter in chapters for relation in chapter.relations]
+    captures = ", ".join(map(capture_title, study.captures)) or "no capture"
+    return TablesPage(
+        f"{title}, beside the paper",
+        f"Measured on {captures}, beside what the GS-Hider paper prints for nine captures of Mip-NeRF 360. Captures, "
+        "picture sizes and iterations differ: differences between methods can be compared, absolute figures cannot.",
+        (
+            *_relations_tile(relation for _, relation in titled),
+            *(tile for chapter in chapters for tile in chapter.tiles),
+        ),
+        tuple(chapters),
+        relations_grid(titled, study.captures) if titled else None,
+        tuple(_remarks(study, chapters, wanted, tables)),
+        tuple(WORDING[quantity] for quantity in DEFINED),
+        command,
+    )
+
+
+def public_page(study: Study, private: Study, names_captures: bool) -> TablesPage:
+    """Figures of the scenes alone; the `private` study tells which runs are of one kind."""
+    public = public_study(study, names_captures)
+    return TablesPage(
+        "Gaussian splatting scenes",
+        "Scenes of 3D Gaussians, compared with photos that they were not fitted to.",
+        (),
+        (public_chapter(public, private),),
+        None,
+        (),
+        tuple(WORDING[quantity] for quantity in ("psnr", "ssim", "lpips_vgg", "lpips_alex")),
+        "",
+    )
+
+
+def write_page(page: TablesPage) -> str:
+    """The page as HTML, complete in itself."""
+    return fill("tables.html", page, TEMPLATES)
+
+
+def _relations_tile(relations: Iterable[Relation]) -> list[Tile]:
+    measured = [relation for relation in relations if relation.measured.by_capture]
+    holding = [relation for relation in measured if relation.holds(relation.value)]
+    unsure = sum(relation.within_noise for relation in measured)
+    note = f"{unsure} within noise" if unsure else ""
+    return [Tile("Relations that hold", f"{len(holding)} of {len(measured)}", note)] if measured else []
+
+
+def _remarks(study: Study, chapters: Sequence[Chapter], wanted: Sequence[str], tables: Published) -> list[str]:
+    remarks = [
+        "Small figures under a capture are differences to 3DGS. Average: over the captures that are shown; the paper's "
+        "over all nine of its own. ±: standard deviation of n runs that differ in their seed alone.",
+        f"Within noise: nearer to what is asked for than {NOISES} standard deviations from one seed to the next.",
+        *(
+            f"The paper's average of {name!r} is {average:g}; the mean of its row is {mean:.5g}."
+            for name, average, mean in wrong_averages(tables)
+            if name.startswith(tuple(title for each in wanted for title in PAPER_TITLES.get(each, ())))
+        ),
+    ]
+    rows = [row for run in study.runs for row in run.rows if row.quantity == "lpips_vgg"]
+    if study.runs and all(math.isnan(row.value) for row in rows):
+        remarks.append(f"LPIPS (VGG16) was not measured. Where its weights are missing: {HOW_TO_INSTALL}")
+    shown = {run for chapter in chapters for run in chapter.runs}
+    left = [run for run in (*study.runs, *study.timings) if run not in shown]
+    if left:
+        named = dict.fromkeys(f"{capture_title(run.capture)}: {method_title(run)}" for run in left)
+        remarks.append(f"Measured, and in none of these tables: {'; '.join(named)}.")
+    return [*remarks, *dict.fromkeys(f"Not made: {label}: {cause}" for label, cause in study.failures)]

@@ -1,0 +1,62 @@
+"""What everybody may see of the same runs: scenes compared with their photos, in words that fit any splatted scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from stages.analysis.page.figures import label
+from stages.analysis.page.material import PLAIN, is_public, neutral_titles
+from stages.analysis.page.tables import PICTURE_QUANTITIES
+from stages.analysis.paper.chapter import Chapter
+from stages.analysis.paper.grid import Grid, Line, headings, measured_cells, without_empty_columns
+from stages.analysis.paper.measuring import Measured, cover, measure
+from stages.analysis.paper.runs import Run, Study
+
+
+def public_study(study: Study, names_captures: bool) -> Study:
+    """Rows that anyone could measure; captures have numbers unless their names may be told."""
+    numbers = {capture: str(number) for number, capture in enumerate(study.captures, start=1)}
+
+    def public(runs: Sequence[Run]) -> tuple[Run, ...]:
+        return tuple(
+            replace(
+                run,
+                capture=run.capture if names_captures else numbers[run.capture],
+                rows=tuple(row for row in run.rows if is_public(row)),
+            )
+            for run in runs
+        )
+
+    return Study(public(study.runs), public(study.timings))
+
+
+def public_chapter(study: Study, private: Study) -> Chapter:
+    """Each kind of run is a scene with a number, beside plain 3DGS.
+
+    The `private` study alone knows what was hidden, and so which runs are of one kind: nothing else is taken from it.
+    """
+    kinds = {(run.method, run.stage): run.kind for run in private.runs}
+    groups: dict[str, list[Run]] = {}
+    for run in study.runs:
+        name = str(kinds.get((run.method, run.stage), run.kind))
+        groups.setdefault(PLAIN if run.method == PLAIN and not run.settings else name, []).append(run)
+    titles = neutral_titles(groups)
+    lines = [
+        Line((titles[name], label(quantity)), tuple(measured_cells(quantity, measured, None, study.captures)))
+        for name in sorted(groups, key=lambda name: name != PLAIN)
+        for quantity, measured in _figures(groups[name], study).items()
+    ]
+    grid = Grid("Test views", ("Scene", "Metric"), headings(study.captures), tuple(lines))
+    return Chapter("Scenes", (without_empty_columns(grid),))
+
+
+def _figures(group: Sequence[Run], study: Study) -> dict[str, Measured]:
+    """Every quantity of a scene; its time where no other scene's method and settings are the same."""
+    alike = [run for run in study.runs if run.kind == group[0].kind]
+    timed = [run for run in study.timings if run.kind == group[0].kind and len(alike) == len(group)]
+    return {
+        **{quantity: measure(group, cover(quantity)) for quantity in PICTURE_QUANTITIES},
+        **{quantity: measure(group, cover(quantity, None)) for quantity in ("container_bytes", "gaussians")},
+        "seconds_per_frame": measure(timed, cover("seconds_per_frame", None)),
+    }

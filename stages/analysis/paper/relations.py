@@ -1,0 +1,109 @@
+"""Relations that the paper's tables show, or that this project asks for: ours, the paper's, and whether they hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from stages.analysis.page.figures import MISSING
+from stages.analysis.paper.grid import AVERAGE, Cell, Grid, Line
+from stages.analysis.paper.measuring import Measured, Spread
+from stages.analysis.paper.runs import capture_title
+
+NOISES = 2
+"""A relation that is nearer to its bound than so many times the noise could be chance."""
+
+
+@dataclass(frozen=True)
+class Relation:
+    """A difference in dB, a ratio, or a figure in dB, which is to lie on one side of `bound`.
+
+    `published` is the same of the paper, or of whom `source` names, NaN where it gives no figure; `noise` the standard
+    deviation from one seed to the next.
+    """
+
+    text: str
+    kind: Literal["difference", "ratio", "figure"]
+    sense: Literal["more than", "at least", "less than", "at most"]
+    bound: float
+    measured: Measured
+    published: float = math.nan
+    noise: float = math.nan
+    source: str = ""
+
+    def holds(self, value: float) -> bool:
+        """Whether a value lies on the side of the bound that is asked for."""
+        return {
+            "more than": value > self.bound,
+            "at least": value >= self.bound,
+            "less than": value < self.bound,
+            "at most": value <= self.bound,
+        }[self.sense]
+
+    @property
+    def value(self) -> float:
+        """The average over the captures; NaN where nothing was measured."""
+        return self.measured.average.mean
+
+    @property
+    def within_noise(self) -> bool:
+        """Whether other seeds could well change the verdict."""
+        return abs(self.value - self.bound) < NOISES * self.noise
+
+    @property
+    def verdict(self) -> str:
+        """Whether it holds on average over the captures, and on how many of them."""
+        values = [spread.mean for spread in self.measured.by_capture.values()]
+        if not values:
+            return "not measured"
+        word = "holds" if self.holds(self.value) else "does not hold"
+        count = sum(map(self.holds, values))
+        parts = [word, *(["within noise"] if self.within_noise else [])]
+        if 0 < count < len(values):
+            parts.append(f"on {count} of {len(values)} captures")
+        return ", ".join(parts)
+
+
+def relations_grid(relations: Sequence[tuple[str, Relation]], captures: Sequence[str]) -> Grid:
+    """A line for each relation, in order, under the title of what it is about."""
+    return Grid(
+        "Relations on test views",
+        ("About", "Relation"),
+        ("Asked for", *map(capture_title, captures), AVERAGE, "Paper", "Verdict"),
+        tuple(
+            Line(
+                (title, each.text),
+                (
+                    Cell(f"{each.sense} {_written(each, each.bound, '')}"),
+                    *(
+                        Cell(_written(each, each.measured.on(capture)), "", Spread(each.measured.on(capture)))
+                        for capture in captures
+                    ),
+                    Cell(_written(each, each.value), "", Spread(each.value)),
+                    Cell(_published(each), each.source, Spread(each.published)),
+                    Cell(each.verdict),
+                ),
+            )
+            for title, each in relations
+        ),
+    )
+
+
+def _published(relation: Relation) -> str:
+    """With the paper's digits; nothing where it gives no figure."""
+    if math.isnan(relation.published):
+        return "" if relation.source else MISSING
+    if relation.kind == "ratio":
+        return f"{relation.published:.3f}"
+    return f"{relation.published:{'+' if relation.kind == 'difference' else ''}.3f} dB"
+
+
+def _written(relation: Relation, value: float, plus: str = "+") -> str:
+    if math.isnan(value):
+        return MISSING
+    if relation.kind == "ratio":
+        return f"{value:.2f}"
+    sign = plus if relation.kind == "difference" and round(value, 2) > 0 else ""
+    return f"{sign}{round(value, 2) + 0.0:.2f} dB"

@@ -1,0 +1,208 @@
+"""What was measured: a run for each training that was scored or timed, told apart by what its item says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pipeline.errors import UserError
+from pipeline.stage import Item
+from stages.analysis.page.material import METHOD_TITLES, PLAIN
+from stages.imaging.metric_table import MetricRow, read_rows
+
+SETTINGS = {
+    "lambda_message": "λ = {}",
+    "feature_dim": "M = {}",
+    "layers": "{} layers",
+    "iterations": "{} iterations",
+}
+"""Columns of items that tell runs of one method apart, and how a line of a table is called after them."""
+
+Settings = tuple[tuple[str, float | str], ...]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Which columns of the items name the capture, the method and the seed."""
+
+    capture: str = "capture"
+    method: str = "method"
+    seed: str = "seed"
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training, as scored or as timed.
+
+    `settings` are those that its item states and that are not the usual ones, in the order of `SETTINGS`; `other` is
+    whatever else it states, such as the message: runs that differ in their seed alone have the same. `stage` is the
+    name, in the workflow, of the stage that measured it.
+    """
+
+    capture: str
+    method: str
+    settings: Settings
+    seed: str
+    rows: tuple[MetricRow, ...] = field(repr=False)
+    other: tuple[str, ...] = ()
+    stage: str = ""
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """The messages that were scored, in the order of their first row."""
+        return tuple(dict.fromkeys(row.message for row in self.rows if row.message is not None))
+
+    @property
+    def hides_image(self) -> bool:
+        """Whether the message is an image that one view hides."""
+        return bool(self.hiding_views)
+
+    @property
+    def hiding_views(self) -> frozenset[str | None]:
+        """The views that hide an image."""
+        return frozenset(row.view for row in self.rows if row.quantity == "hides_image" and row.value > 0)
+
+    @property
+    def kind(self) -> tuple[str, Settings, tuple[str, ...] | int]:
+        """What runs have in common that differ in capture and seed alone: an image is known by its name."""
+        return self.method, self.settings, self.messages if self.hides_image else len(self.messages)
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that the tables are made of; `failures` are items that were not made, each with its cause.
+
+    `iterations` are the usual ones: the fewest that any item states, so that longer runs show how near these are to
+    their plateau; None where no item states any.
+    """
+
+    runs: tuple[Run, ...]
+    timings: tuple[Run, ...] = ()
+    failures: tuple[tuple[str, str], ...] = ()
+    iterations: float | None = None
+
+    @property
+    def captures(self) -> tuple[str, ...]:
+        """The captures in the order of their first run."""
+        return tuple(dict.fromkeys(run.capture for run in (*self.runs, *self.timings)))
+
+    def select(self, wanted: Callable[[Run], bool]) -> tuple[Run, ...]:
+        """The scored runs that `wanted` is true of, in order."""
+        return tuple(run for run in self.runs if wanted(run))
+
+
+def read_study(scores: Iterable[Item], timings: Iterable[Item], columns: Columns, setup: Mapping[str, float]) -> Study:
+    """The runs behind labelled items; `setup` holds the usual settings, those of the paper.
+
+    A training that was scored several times, such as the plain 3DGS beside every method, counts once.
+    Raises UserError where some items lack the column of captures that others have.
+    """
+    scores, timings = tuple(scores), tuple(timings)
+    items = (*scores, *timings)
+    _check_captures(items, columns)
+    stated = [_value(item.values["iterations"]) for item in items if item.values.get("iterations") is not None]
+    iterations = min((value for value in stated if isinstance(value, float)), default=None)
+    usual = {**setup, **({"iterations": iterations} if iterations is not None else {})}
+    return Study(
+        _distinct(run for item in scores for run in _runs_of(item, columns, usual)),
+        _distinct(run for item in timings for run in _runs_of(item, columns, usual)),
+        tuple((item.label, item.cause or "not made") for item in items if item.artifact is None),
+        iterations,
+    )
+
+
+def by_kind(runs: Iterable[Run]) -> dict[tuple[object, ...], tuple[Run, ...]]:
+    """Runs that differ in capture and seed alone, together: methods in the paper's order, others after them."""
+    order = list(METHOD_TITLES)
+    groups: dict[tuple[object, ...], list[Run]] = {}
+    for run in sorted(runs, key=lambda run: order.index(run.method) if run.method in order else len(order)):
+        groups.setdefault(run.kind, []).append(run)
+    return {kind: tuple(group) for kind, group in groups.items()}
+
+
+def method_title(run: Run) -> str:
+    """The method's title, with each setting that is not the usual one.
+
+    >>> method_title(Run("fox", "gs_hider", (("feature_dim", 32.0),), "0", ()))
+    'GS-Hider, M = 32'
+    """
+    title = METHOD_TITLES.get(run.method, run.method)
+    return ", ".join([title, *(SETTINGS[name].format(_written(value)) for name, value in run.settings)])
+
+
+def capture_title(capture: str) -> str:
+    """The last part of a capture's name, which may be a path."""
+    return Path(capture).name or "Capture"
+
+
+def _written(value: float | str) -> str:
+    return f"{value:,g}" if isinstance(value, float) else str(value)
+
+
+def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[Run]:
+    if item.artifact is None:
+        return []
+    rows = read_rows(item.artifact)
+    stated = item.values.get(columns.method)
+    first = str(stated) if stated is not None else next((row.method for row in rows if row.method), PLAIN)
+    by_method: dict[str, list[MetricRow]] = {}
+    for row in rows:
+        method = row.method or first
+        if method != PLAIN or row.message is None:  # of plain 3DGS, messages are only a control
+            by_method.setdefault(method, []).append(row)
+    capture, seed = (item.values.get(column) for column in (columns.capture, columns.seed))
+    known = {columns.capture, columns.method, columns.seed, *SETTINGS}
+    other = tuple(f"{name}={value}" for name, value in sorted(item.values.items()) if name not in known)
+    return [
+        Run(
+            "" if capture is None else str(capture),
+            method,
+            _settings(item, method, group, usual),
+            "" if seed is None else str(seed),
+            tuple(group),
+            other if method != PLAIN else (),
+            item.stage,
+        )
+        for method, group in by_method.items()
+    ]
+
+
+def _settings(item: Item, method: str, rows: Sequence[MetricRow], usual: Mapping[str, float]) -> Settings:
+    """What is stated and unusual; plain 3DGS has no setting of hiding."""
+    names = list(SETTINGS) if method != PLAIN else ["iterations"]
+    if any(row.quantity == "hides_image" for row in rows):
+        usual = {**usual, "lambda_message": usual["lambda_image"]}
+    stated = {name: _value(item.values[name]) for name in names if item.values.get(name) is not None}
+    return tuple((name, value) for name, value in stated.items() if value != usual[name])
+
+
+def _value(value: object) -> float | str:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+
+
+def _distinct(runs: Iterable[Run]) -> tuple[Run, ...]:
+    """Each run once: one whose rows another of the same kind and capture has, too, is the same training again."""
+    kept: list[Run] = []
+    for run in runs:
+        alike = [
+            other
+            for other in kept
+            if (other.capture, other.method, other.settings) == (run.capture, run.method, run.settings)
+        ]
+        if any(set(run.rows) <= set(other.rows) for other in alike):
+            continue
+        kept = [other for other in kept if other not in alike or not set(other.rows) <= set(run.rows)]
+        kept.append(run)
+    return tuple(kept)
+
+
+def _check_captures(items: Sequence[Item], columns: Columns) -> None:
+    without = [item.label for item in items if columns.capture not in item.values]
+    if without and len(without) < len(items):
+        raise UserError(
+            "some items do not say what capture they are of",
+            where=", ".join(without),
+            expected=f"a column {columns.capture!r}, which the other items have",
+            remedy="Add it to the foreach of these items, or name another column with capture_column.",
+        )

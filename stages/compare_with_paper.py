@@ -1,0 +1,62 @@
+"""`compare_with_paper`: the paper's tables with our figures laid beside its own."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.paper.grid import write_csv
+from stages.analysis.paper.markdown import write_markdown
+from stages.analysis.paper.page import owner_page, public_page, write_page
+from stages.analysis.paper.published import read_published
+from stages.analysis.paper.runs import Columns, read_study
+
+PAGE_FILE, MARKDOWN_FILE, TABLE_FILE = "report.html", "tables.md", "figures.csv"
+
+Table = Literal["fidelity", "no_message", "frame_time", "single_image", "several_messages", "ablations", "plateau"]
+
+
+class CompareWithPaperParameters(Parameters):
+    """Which tables, and what the items' columns mean."""
+
+    tables: tuple[Table, ...] = Field(("fidelity",), description="The tables, in order.")
+    capture_column: str = Field("capture", description="The column of the items that names the cover's capture.")
+    method_column: str = Field("method", description="The column that names the method; without it, the scores say it.")
+    seed_column: str = Field("seed", description="The column of the seed: items that differ in it alone are one.")
+    command: str = Field("", description="The command that made it, for whoever wants to repeat it.")
+    public_captures: bool = Field(False, description="Whether the public page names the captures.")
+
+
+@stage(
+    inputs={
+        "scores": Input("metrics", many=True, labelled=True),
+        "public_scores": Input("metrics", many=True, optional=True, labelled=True),
+        "timings": Input("metrics", many=True, optional=True, labelled=True),
+    },
+    outputs={"owner": Output("report", privacy="private"), "public": Output("report", privacy="public")},
+    version=1,
+)
+def compare_with_paper(context: Context, parameters: CompareWithPaperParameters) -> None:
+    """The owner's page shows everything; the public one is made of public scores and timings alone.
+
+    Items say what they are about: the capture, the method, the seed, and of `lambda_message`, `feature_dim`, `layers`
+    and `iterations` whatever they vary.
+    """
+    columns = Columns(parameters.capture_column, parameters.method_column, parameters.seed_column)
+    timings = context.items("timings")
+    paper = read_published()
+    study = read_study(context.items("scores"), timings, columns, paper.setup)
+    command = parameters.command or f"python -m pipeline run workflows/{context.workflow_name}.yaml"
+    owner = owner_page(study, parameters.tables, paper, context.workflow_name, command)
+    shown = [
+        [item for item in items if item.artifact is not None and not item.artifact.private]
+        for items in (context.items("public_scores"), timings)
+    ]
+    public_study = read_study(shown[0], shown[1], columns, paper.setup)
+    public = public_page(public_study, study, parameters.public_captures)
+    for name, page in (("owner", owner), ("public", public)):
+        context.output(name).write_file(PAGE_FILE, write_page(page))
+        context.output(name).write_file(MARKDOWN_FILE, write_markdown(page))
+        context.output(name).write_file(TABLE_FILE, write_csv(page.grids))

@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from stages.analysis.paper.measuring import Measured, Spread, cover, measure, message, noise
+from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.runs import Run
+from stages.imaging.metric_table import MetricRow
+
+
+def run(psnr: float, capture: str = "fox", other: tuple[str, ...] = (), method: str = "gs_hider") -> Run:
+    return Run(capture, method, (), "", (MetricRow("psnr", psnr, "dB", "a", "test"),), other)
+
+
+PSNR = cover("psnr")
+
+
+def test_seeds_have_a_mean_and_a_spread() -> None:
+    measured = measure([run(24.0), run(25.0), run(26.0), run(20.0, "bonsai"), run(math.nan, "kitchen")], PSNR)
+    assert measured.by_capture["fox"] == Spread(25.0, 1.0, 3)
+    assert measured.on("bonsai") == 20.0
+    assert math.isnan(measured.by_capture["bonsai"].deviation)
+    assert "kitchen" not in measured.by_capture
+    assert measured.average.mean == 22.5
+    assert math.isnan(measured.average.deviation)
+    assert math.isnan(measure([], PSNR).average.mean)
+
+
+def test_the_average_of_captures_with_several_seeds_has_a_spread() -> None:
+    measured = measure([run(24.0), run(26.0), run(20.0, "bonsai"), run(22.0, "bonsai")], PSNR)
+    assert measured.average.mean == 23.0
+    assert measured.average.deviation == pytest.approx(math.sqrt(2 + 2) / 2)
+
+
+def test_other_messages_are_no_seeds() -> None:
+    measured = measure([run(24.0, other=("message=reef",)), run(26.0, other=("message=fox",))], PSNR)
+    assert measured.on("fox") == 25.0
+    assert math.isnan(measured.by_capture["fox"].deviation)
+    assert noise([run(24.0, other=("message=reef",)), run(26.0, other=("message=fox",))], PSNR).count == 0
+
+
+def test_noise_is_pooled_over_what_differs_in_seed_alone() -> None:
+    runs = [run(24.0), run(26.0), run(20.0, method="sh"), run(21.0, method="sh"), run(19.0, method="sh"), run(9, "b")]
+    found = noise(runs, PSNR)
+    assert found.deviation == pytest.approx(math.sqrt((2 + 2) / (1 + 2)))
+    assert found.count == 5
+    assert math.isnan(noise(runs[-1:], PSNR).deviation)
+
+
+def test_differences_and_ratios_are_of_captures_that_both_have() -> None:
+    one = Measured({"fox": Spread(3.0), "bonsai": Spread(8.0), "kitchen": Spread(math.inf)})
+    two = Measured({"fox": Spread(2.0), "garden": Spread(4.0), "bonsai": Spread(0.0), "kitchen": Spread(math.inf)})
+    assert {name: spread.mean for name, spread in one.minus(two).by_capture.items()} == {"fox": 1.0, "bonsai": 8.0}
+    assert {name: spread.mean for name, spread in one.over(two).by_capture.items()} == {"fox": 1.5}
+
+
+def test_legal_views_of_each_message_apart() -> None:
+    rows = [
+        MetricRow("psnr", value, "dB", view, "test", name)
+        for name, view, value in (("reef", "a", 20.0), ("reef", "b", 10.0), ("fox", "a", 30.0), ("fox", "b", 26.0))
+    ]
+    flags = [
+        MetricRow("legal", float(view == "a" or name == "fox"), "", view, "test", name)
+        for name, view in (("reef", "a"), ("reef", "b"), ("fox", "a"), ("fox", "b"))
+    ]
+    hiding = Run("fox", "gs_hider", (), "", (*rows, *flags))
+    assert message("psnr")(hiding) == (15 + 28) / 2
+    assert message("psnr", only_legal=True)(hiding) == (20 + 28) / 2
+    assert math.isnan(cover("psnr")(hiding))
+
+
+def relation(values: list[float], bound: float = 0.0, noise: float = math.nan, sense: str = "more than") -> Relation:
+    measured = Measured({str(number): Spread(value) for number, value in enumerate(values)})
+    return Relation("", "difference", sense, bound, measured, noise=noise)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("found", "verdict"),
+    [
+        (relation([]), "not measured"),
+        (relation([0.5, 1.0]), "holds"),
+        (relation([0.5, -0.1]), "holds, on 1 of 2 captures"),
+        (relation([-0.5]), "does not hold"),
+        (relation([0.0]), "does not hold"),
+        (relation([0.0], sense="at least"), "holds"),
+        (relation([-1.5], -1.4, 0.04, "at least"), "does not hold"),
+        (relation([-1.5], -1.4, 0.06, "at least"), "does not hold, within noise"),
+        (relation([0.1, 0.3, -0.3], 0.0, 0.2), "holds, within noise, on 2 of 3 captures"),
+        (relation([0.59], 0.6, sense="at most"), "holds"),
+        (relation([0.3], 0.3, sense="less than"), "does not hold"),
+    ],
+)
+def test_verdicts(found: Relation, verdict: str) -> None:
+    assert found.verdict == verdict
