@@ -45,7 +45,8 @@ def gaussians_of(path: Path, values: SplatValues) -> Gaussians:
     """
     if not len(values.means):
         raise UserError("a file without Gaussians", where=path, found="0", expected="at least one")
-    arrays = {name: np.ascontiguousarray(array, np.float32) for name, array in vars(values).items()}
+    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, which is refused
+        arrays = {name: np.ascontiguousarray(array, np.float32) for name, array in vars(values).items()}
     arrays["logit_opacities"] = arrays["logit_opacities"].clip(-LARGEST_LOGIT, LARGEST_LOGIT)  # NaN stays
     _refuse_garbage(path, arrays)
     return Gaussians({name: torch.from_numpy(array) for name, array in arrays.items()})
