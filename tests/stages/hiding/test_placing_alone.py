@@ -39,10 +39,10 @@ def gaussians_of(points: np.ndarray, opacity: float = 4.0) -> Gaussians:
 def statue(up: np.ndarray, foot: np.ndarray) -> Gaussians:
     """A column on a round floor, both of many small Gaussians."""
     random = np.random.default_rng(1)
-    angle, radius = random.uniform(0, 2 * np.pi, 3000), np.sqrt(random.uniform(0, 9, 3000))
-    floor = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(3000)], axis=1)
-    angle = random.uniform(0, 2 * np.pi, 3000)
-    column = np.stack([0.5 * np.cos(angle), 0.5 * np.sin(angle), random.uniform(0, 2, 3000)], axis=1)
+    angle, radius = random.uniform(0, 2 * np.pi, 1000), np.sqrt(random.uniform(0, 9, 1000))
+    floor = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(1000)], axis=1)
+    angle = random.uniform(0, 2 * np.pi, 1000)
+    column = np.stack([0.5 * np.cos(angle), 0.5 * np.sin(angle), random.uniform(0, 2, 1000)], axis=1)
     turn = Rotation.align_vectors(up[None], [[0.0, 0.0, 1.0]])[0].as_matrix()
     return gaussians_of(7 * np.concatenate([floor, column]) @ turn.T + foot)
 
@@ -52,13 +52,13 @@ def scene_of(cameras: Cameras) -> Scene:
     return Scene(cameras, pictures, np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8), cameras.names[:1])
 
 
-@pytest.mark.parametrize(("axis", "given"), [("-y", "auto"), ("-y", "-y"), ("z", "z"), ("x", "x")])
+@pytest.mark.parametrize(("axis", "given"), [("-y", "auto"), ("z", "z")])
 def test_a_statue_stands_upright_where_the_cover_looks(axis: str, given: str) -> None:
     upwards, foot = direction_of(axis), np.array([40.0, -20.0, 5.0])
-    cover = arc(TARGET, views=6, height=1.0)
+    cover = arc(TARGET, views=3, height=1.0)
     cover = Cameras(cover.names, tilted(cover.world_to_camera), cover.intrinsics, cover.width, cover.height)
     done: list[tuple[int, int]] = []
-    placed = place_alone(statue(upwards, foot), scene_of(cover), given, 24, lambda *step: done.append(step))
+    placed = place_alone(statue(upwards, foot), scene_of(cover), given, 16, lambda *step: done.append(step))
     ends = np.stack([foot, foot + 14 * upwards])
     pixels, depth = project(cover, placed.points(ends))
     assert (depth > 0).all()
