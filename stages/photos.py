@@ -2,23 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
 
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
+from stages.imaging.backgrounds import over_background
 from stages.scene.capture import Capture, numbered, write_capture
-from stages.scene.photo_folder import find_photos, find_poses, known_poses, read_facts, read_poses
+from stages.scene.photo_folder import (
+    PhotoFacts,
+    PhotoFolder,
+    find_photos,
+    find_poses,
+    known_poses,
+    read_facts,
+    read_poses,
+)
+from stages.scene.splits import TEST, find_split_photos, find_splits, read_split_poses
+from stages.scene.transforms import held_out_files
+
+WHITE = "white"
+"""What `read_picture` lays transparent pictures over."""
 
 
 class PhotosParameters(Parameters):
     """Where the photos are."""
 
     folder: ExternalPath = Field(
-        description="Folder of photos; a COLMAP model (sparse/0) or a transforms.json in it is used for the poses."
+        description="Folder of photos; a COLMAP model (sparse/0), a transforms.json or a transforms_train.json in it "
+        "is used for the poses."
+    )
+    images: str | None = Field(
+        None,
+        pattern=r"^[^/\\.][^/\\]*$",
+        description="Which folder of `folder` holds the photos, such as images_4: those of Mip-NeRF 360 come in "
+        "several sizes. The paper trains on a quarter of the size outdoors (images_4), on half of it indoors "
+        "(images_2). By default those in `folder` itself, else those in images.",
     )
     poses: ExternalPath | None = Field(
         None, description="COLMAP model's folder or transforms.json, where the poses lie outside the folder of photos."
+    )
+    background: str = Field(
+        WHITE,
+        pattern=r"^(white|black|gray|#[0-9a-fA-F]{6})$",
+        description="What transparent pictures are laid over, as Blender renders NeRF's synthetic scenes: a colour.",
     )
     order: Literal["auto", "ordered", "unordered"] = Field(
         "auto",
@@ -29,20 +58,20 @@ class PhotosParameters(Parameters):
 @stage(inputs={}, outputs={"capture": Output("capture")}, version=1)
 def photos(context: Context, parameters: PhotosParameters) -> None:
     """Read every photo once, so that damage shows here, and keep them as they came."""
-    found = find_photos(parameters.folder)
-    facts = {}
-    for count, (name, path) in enumerate(found.photos.items(), start=1):
-        facts[name] = read_facts(path)
-        context.progress(count, len(found.photos))
-        context.stop_if_requested()
     place = parameters.poses or find_poses(parameters.folder)
+    splits = find_splits(parameters.folder) if place is None else {}
+    found = (
+        find_split_photos(parameters.folder, splits) if splits else find_photos(parameters.folder, parameters.images)
+    )
+    facts = facts_of(context, found)
     poses, names = None, tuple(found.photos)
-    if place is not None:
-        source, posed = read_poses(place, {name: one.size for name, one in facts.items()})
-        poses, names = known_poses(source, posed), tuple(photo.name for photo in posed)
-        context.log(
-            f"poses of {len(names)} photos from {place.name}; {len(facts) - len(names)} photos have none, left out"
-        )
+    if place is not None or splits:
+        sizes = {name: one.size for name, one in facts.items()}
+        resized = parameters.images is not None
+        posed = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
+        poses, names = known_poses(*posed), tuple(photo.name for photo in posed[1])
+        came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))
+        context.log(f"poses of {len(names)} photos from {came}; {len(facts) - len(names)} photos have none, left out")
     if found.ignored:
         context.log(f"{found.ignored} files beside the photos are no photos and were ignored")
     capture = Capture(
@@ -52,5 +81,35 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         ordered=numbered(names) if parameters.order == "auto" else parameters.order == "ordered",
         poses=poses,
     )
-    write_capture(context.output("capture"), capture, {name: found.photos[name] for name in names})
+    pictures = {name: picture_of(found.photos[name], parameters.background) for name in names}
+    write_capture(context.output("capture"), capture, pictures)
+    held_out = held_out_names(names, place, splits)
+    if held_out:
+        context.output("capture").attributes["test_names"] = [*held_out]
+        context.log(f"{len(held_out)} photos are test views by the files of poses; the stage hold_out keeps to that")
     context.record(photos=len(names), ignored_files=found.ignored, without_pose=len(facts) - len(names))
+
+
+def facts_of(context: Context, found: PhotoFolder) -> dict[str, PhotoFacts]:
+    """What is known of every photo, by name."""
+    facts = {}
+    for count, (name, path) in enumerate(found.photos.items(), start=1):
+        facts[name] = read_facts(path)
+        context.progress(count, len(found.photos))
+        context.stop_if_requested()
+    return facts
+
+
+def picture_of(path: Path, background: str) -> Path | bytes:
+    """The photo as it came, or laid over another background than readers lay it over."""
+    return path if background == WHITE else over_background(path, background) or path
+
+
+def held_out_names(names: Iterable[str], place: Path | None, splits: Mapping[str, Path]) -> list[str]:
+    """The photos that the files of poses hold out for tests; empty where they say nothing of it."""
+    if splits:
+        return [name for name in names if name.startswith(f"{TEST}_")]
+    if place is None or place.is_dir():
+        return []
+    listed = set(held_out_files(place))
+    return [name for name in names if name in listed]

@@ -14,6 +14,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.method import Method, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.placing import place
+from stages.hiding.placing_alone import Up, place_alone, visibility
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method
 from stages.imaging.pictures import tensor_to_picture
@@ -33,28 +34,38 @@ class RenderHiddenParameters(Parameters):
 
     name: str = Field(description="The message's name in the secret and in the tables.", min_length=1)
     search_width: int = Field(48, ge=8, description="Picture width at which the candidates for alignment are scored.")
+    up: Up = Field(
+        "auto",
+        description="Which way is up in splats that come without the message's scene; auto: -y, or as in the cover.",
+    )
     seed: int = Field(0, ge=0, description="Of the order in which the message's points are listed.")
     threads: int = Field(1, ge=1, description="Threads of torch.")
 
 
 @stage(
-    inputs={"splats": Input("splats"), "message": Input("scene"), "cover": Input("scene")},
+    inputs={"splats": Input("splats"), "message": Input("scene", optional=True), "cover": Input("scene")},
     outputs={"views": Output("views")},
     version=3,
     modules=lambda parameters: [module_of(METHOD)],
 )
 def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
-    """Place the message so that the cover's cameras see as much of it as possible, then take their pictures."""
+    """Place the message so that the cover's cameras see as much of it as possible, then take their pictures.
+
+    Without the message's scene nothing is known of where its photos were taken: its splats alone have to tell.
+    """
     torch.set_num_threads(parameters.threads)
     splats = context.input("splats")
     gaussians, method = read_gaussians(splats), read_method(splats)
-    message, cover = read_scene(context.input("message")), read_scene(context.input("cover"))
+    message, cover = context.input_optional("message"), read_scene(context.input("cover"))
 
     def progress(done: int, total: int) -> None:
         context.progress(done, total)
         context.stop_if_requested()
 
-    placed = place(gaussians, message, cover, parameters.search_width, progress)
+    if message is not None:
+        placed = place(gaussians, read_scene(message), cover, parameters.search_width, progress)
+    else:
+        placed = place_alone(gaussians, cover, parameters.up, parameters.search_width, progress)
     seen = cameras_in_message_world(cover.cameras, placed)
     pictures, coverage = photograph_message(gaussians, method, seen, context.stop_if_requested)
     points, colors = visible_points(gaussians, parameters.seed)
@@ -75,8 +86,7 @@ def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray,
     Each is drawn in proportion to its opacity times its width, without replacement (Efraimidis and Spirakis, 2006): the
     sparse points of structure from motion lie where there is texture, these lie wherever there is a surface.
     """
-    width = gaussians.scales.sort(dim=1).values[:, 1:].prod(dim=1).sqrt()
-    weight = (gaussians.opacities * width).detach().numpy().clip(np.finfo(np.float32).tiny)
+    weight = visibility(gaussians)
     order = np.argsort(np.random.default_rng(seed).exponential(size=len(weight)) / weight, kind="stable")
     colors = (gaussians["sh_base"].detach() * BASE + 0.5).clamp(0, 1)
     return gaussians.means.detach().numpy()[order], (colors * 255).round().to(torch.uint8).numpy()[order]

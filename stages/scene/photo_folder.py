@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,7 @@ SUBFOLDERS = ("images", "input", "photos", "rgb")
 EXIF_FOLDER, FOCAL_LENGTH_IN_35MM = 0x8769, 0xA405
 DIAGONAL_OF_35MM = math.hypot(36, 24)
 ASPECT_TOLERANCE = 0.01
+LARGEST_SIDE = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -42,25 +44,33 @@ class PhotoFacts:
     focal_pixels: float | None
 
 
-def find_photos(folder: Path) -> PhotoFolder:
+def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
     """The photos of `folder`, or of the first of its `SUBFOLDERS` with any where it has none itself.
 
-    Raises `UserError` where there is no folder or no photo, and for photos that only their extensions tell apart:
-    results are paired by name.
+    With `images`, those of its folder of that name alone. Raises `UserError` where there is no folder or no photo, and
+    for photos that only their extensions tell apart: results are paired by name.
     """
     if not folder.is_dir():
         raise UserError("no such folder of photos", where=folder, found="a file" if folder.exists() else "nothing")
-    for place in (folder, *(folder / name for name in SUBFOLDERS)):
+    if images is not None and not (folder / images).is_dir():
+        raise UserError(
+            f"a capture without a folder {images}",
+            where=folder,
+            found=_what_is_there(folder),
+            expected="a folder of that name (parameter images)",
+        )
+    for place in (folder, *(folder / name for name in SUBFOLDERS)) if images is None else (folder / images,):
         files = sorted(file for file in place.iterdir() if file.is_file()) if place.is_dir() else []
         photos = {file.name: file for file in files if _is_photo(file)}
         if photos:
             _refuse_equal_stems(place, photos)
             return PhotoFolder(photos, len(files) - len(photos))
+    searched = images or f"it or in its folder {', '.join(SUBFOLDERS)}"
     raise UserError(
         "a folder without photos",
         where=folder,
         found=_what_is_there(folder),
-        expected=f"photos ({', '.join(SUFFIXES)}) in it or in its folder {', '.join(SUBFOLDERS)}",
+        expected=f"photos ({', '.join(SUFFIXES)}) in {searched}",
     )
 
 
@@ -109,10 +119,13 @@ def find_poses(folder: Path) -> Path | None:
     return model
 
 
-def read_poses(place: Path, sizes: dict[str, tuple[int, int]]) -> tuple[PoseSource, list[PosedPhoto]]:
+def read_poses(
+    place: Path, sizes: Mapping[str, tuple[int, int]], resized: bool = False
+) -> tuple[PoseSource, list[PosedPhoto]]:
     """The poses of a COLMAP model or a transforms.json, under the names of the photos in `sizes`.
 
-    A posed photo is matched by its file name, else by its stem; its lens is scaled to the photo's size. Raises
+    A posed photo is matched by its file name, else by its stem; its lens is scaled to the photo's size, which is
+    another than that of the photos that were posed where they are `resized`. Raises
     `UserError` for what cannot be read, for poses whose photo is not there, twice posed photos, and other aspects.
     """
     stems = {Path(name).stem: name for name in sizes}
@@ -126,7 +139,7 @@ def read_poses(place: Path, sizes: dict[str, tuple[int, int]]) -> tuple[PoseSour
         return sizes[photo] if photo is not None else (1, 1)
 
     source: PoseSource = "colmap" if place.is_dir() else "transforms"
-    posed = read_colmap_model(place) if place.is_dir() else read_transforms(place, size_of)
+    posed = read_colmap_model(place) if place.is_dir() else read_transforms(place, size_of, resized=resized)
     matched = {each.name: photo_named(each.name) for each in posed}
     missing = [name for name, photo in matched.items() if photo is None]
     if missing or not posed:
@@ -147,7 +160,10 @@ def read_poses(place: Path, sizes: dict[str, tuple[int, int]]) -> tuple[PoseSour
 
 def _fitted(place: Path, photo: PosedPhoto, size: tuple[int, int]) -> Lens:
     lens = photo.lens
-    if abs(lens.width / lens.height / (size[0] / size[1]) - 1) > ASPECT_TOLERANCE:
+    if (
+        max(lens.width, lens.height) > LARGEST_SIDE
+        or abs(lens.width / lens.height / (size[0] / size[1]) - 1) > ASPECT_TOLERANCE
+    ):
         raise UserError(
             f"the poses are for a photo {photo.name} of another shape",
             where=place,

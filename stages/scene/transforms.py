@@ -1,4 +1,4 @@
-"""Reading a `transforms.json` as NeRF and instant-ngp write it: camera to world, in OpenGL's camera convention."""
+"""Reading a `transforms.json` as NeRF, instant-ngp and nerfstudio write it: camera to world, OpenGL's cameras."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float64
@@ -19,31 +19,36 @@ FILE = "transforms.json"
 OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's cameras look down -z with y up
 ROTATION_TOLERANCE = 1e-2  # files hold rounded numbers; what is further from a rotation is a mistake
 
+DISTORTIONS = {
+    "SIMPLE_PINHOLE": (),
+    "PINHOLE": (),
+    "SIMPLE_RADIAL": ("k1",),
+    "RADIAL": ("k1", "k2"),
+    "OPENCV": ("k1", "k2", "p1", "p2"),
+    "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4"),
+}
+"""Distortion parameters of the camera models, in COLMAP's order."""
+TWO_FOCAL_LENGTHS = {"SIMPLE_PINHOLE": "PINHOLE", "SIMPLE_RADIAL": "OPENCV", "RADIAL": "OPENCV"}
+"""Models of COLMAP with one focal length, by the one that says the same with two, as these files have them."""
+IN_PIXELS = frozenset(("fl_x", "fl_y", "cx", "cy"))
 
-def read_transforms(path: Path, size_of: Callable[[str], tuple[int, int]]) -> list[PosedPhoto]:
+
+def read_transforms(
+    path: Path, size_of: Callable[[str], tuple[int, int]], *, resized: bool = False
+) -> list[PosedPhoto]:
     """The frames of the file, sorted by name; `size_of` tells a photo's width and height where the file does not.
 
-    Intrinsics may be global or a frame's own: `fl_x` or `camera_angle_x`, `fl_y`, `cx`, `cy`, `k1` to `k4`, `p1`,
-    `p2`, `camera_model`. A name is the last part of `file_path`, with or without extension. Raises `UserError` naming
-    the frame whose pose is missing, not finite or no rotation, and what is wrong otherwise.
+    Intrinsics may be global or a frame's own: `fl_x`, `camera_angle_x` or `x_fov`, the same of y, `cx`, `cy`, `k1` to
+    `k4`, `p1`, `p2`, and `camera_model` or `is_fisheye`. A name is the last part of `file_path`, with or without
+    extension. Sizes of photos that are `resized` do not tell what intrinsics in pixels are relative to. Raises
+    `UserError` naming the frame whose pose is missing, not finite or no rotation, and what is wrong otherwise.
     """
-    try:
-        content = json.loads(path.read_text())
-        frames = content["frames"]
-        if not isinstance(frames, list):
-            raise ValueError("frames is not a list")
-    except (ValueError, KeyError, TypeError, OSError) as error:
-        raise UserError(
-            "a file of poses cannot be read",
-            where=path,
-            found=f"{type(error).__name__}: {error}",
-            expected="a JSON object with a list `frames`, as NeRF and instant-ngp write it",
-        ) from error
+    content = _content(path)
     photos = []
-    for number, frame in enumerate(frames):
+    for number, frame in enumerate(content["frames"]):
         try:
-            photos.append(_posed_photo(content, frame, size_of))
-        except (KeyError, ValueError, TypeError, AttributeError) as error:
+            photos.append(_posed_photo(content, frame, size_of, resized))
+        except (KeyError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
             name = frame.get("file_path", number) if isinstance(frame, dict) else number
             raise UserError(
                 f"frame {name} has no usable pose or intrinsics",
@@ -55,11 +60,41 @@ def read_transforms(path: Path, size_of: Callable[[str], tuple[int, int]]) -> li
     return sorted(photos, key=lambda photo: photo.name)
 
 
+def frame_files(path: Path) -> list[str]:
+    """Where the file says that its frames lie, relative to itself, with or without extension; "" where it does not."""
+    frames = _content(path)["frames"]
+    named = [frame.get("file_path", "") if isinstance(frame, Mapping) else "" for frame in frames]
+    return [name if isinstance(name, str) else "" for name in named]
+
+
+def held_out_files(path: Path) -> list[str]:
+    """The file names of the frames that nerfstudio's `test_filenames` holds out; empty where there is no such list."""
+    listed = _content(path).get("test_filenames", [])
+    return [Path(name).name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
+
+
+def _content(path: Path) -> Mapping[str, Any]:
+    try:
+        content = json.loads(path.read_text())
+        if not isinstance(content["frames"], list):
+            raise ValueError("frames is not a list")
+    except (ValueError, KeyError, TypeError, OSError, RecursionError) as error:
+        raise UserError(
+            "a file of poses cannot be read",
+            where=path,
+            found=f"{type(error).__name__}: {error}",
+            expected="a JSON object with a list `frames`, as NeRF and instant-ngp write it",
+        ) from error
+    return cast(Mapping[str, Any], content)
+
+
 def _posed_photo(
-    content: Mapping[str, Any], frame: Mapping[str, Any], size_of: Callable[[str], tuple[int, int]]
+    content: Mapping[str, Any], frame: Mapping[str, Any], size_of: Callable[[str], tuple[int, int]], resized: bool
 ) -> PosedPhoto:
-    name = Path(frame["file_path"]).name
-    return PosedPhoto(name, _pose(frame["transform_matrix"]), _lens({**content, **frame}, lambda: size_of(name)))
+    name, given = Path(frame["file_path"]).name, {**content, **frame}
+    if resized and IN_PIXELS & given.keys() and not {"w", "h"} <= given.keys():
+        raise ValueError("w and h are missing: resized photos do not tell what intrinsics in pixels are relative to")
+    return PosedPhoto(name, _pose(frame["transform_matrix"]), _lens(given, lambda: size_of(name)))
 
 
 def _pose(matrix: object) -> Float64[np.ndarray, "4 4"]:
@@ -86,20 +121,28 @@ def _lens(given: Mapping[str, Any], size: Callable[[], tuple[int, int]]) -> Lens
         raise KeyError("fl_x or camera_angle_x")
     down = _focal_length(given, "y", height) or across
     centre = (float(given.get("cx", width / 2)), float(given.get("cy", height / 2)))
-    model = given.get("camera_model", "OPENCV")
-    if model == "SIMPLE_PINHOLE":
-        model = "PINHOLE"
-    if model not in ("OPENCV", "OPENCV_FISHEYE", "PINHOLE"):
-        raise ValueError(f"camera_model {model}; known are OPENCV, OPENCV_FISHEYE, PINHOLE")
-    names = {"OPENCV": ("k1", "k2", "p1", "p2"), "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4"), "PINHOLE": ()}[model]
-    distortion = [float(given.get(name, 0)) for name in names]
-    if model == "OPENCV" and (given.get("k3") or given.get("k4")):
-        model, distortion = "FULL_OPENCV", [*distortion, float(given.get("k3", 0)), 0.0, 0.0, 0.0]
+    model, distortion = _distortion(given)
     return Lens(model, (across, down, *centre, *distortion), width, height)
+
+
+def _distortion(given: Mapping[str, Any]) -> tuple[str, list[float]]:
+    """COLMAP's model with two focal lengths, and its distortion parameters: what is not given is zero."""
+    stated = given.get("camera_model", "OPENCV_FISHEYE" if given.get("is_fisheye") else "OPENCV")
+    if stated not in DISTORTIONS:
+        raise ValueError(f"camera_model {stated}; known are {', '.join(DISTORTIONS)}")
+    values = {name: float(given.get(name, 0)) for name in DISTORTIONS[stated]}
+    model = TWO_FOCAL_LENGTHS.get(stated, stated)
+    if model != "OPENCV":
+        return model, list(values.values())
+    distortion = [values.get(name, 0.0) for name in DISTORTIONS["OPENCV"]]
+    if given.get("k4"):
+        raise ValueError(f"k4 of {given['k4']}, which {stated} does not have")
+    return ("FULL_OPENCV", [*distortion, float(given["k3"]), 0.0, 0.0, 0.0]) if given.get("k3") else (model, distortion)
 
 
 def _focal_length(given: Mapping[str, Any], axis: str, size: int) -> float | None:
     if f"fl_{axis}" in given:
         return float(given[f"fl_{axis}"])
-    angle = given.get(f"camera_angle_{axis}")
+    degrees = given.get(f"{axis}_fov")
+    angle = given.get(f"camera_angle_{axis}", None if degrees is None else math.radians(float(degrees)))
     return None if angle is None else size / 2 / math.tan(float(angle) / 2)

@@ -173,3 +173,88 @@ def test_poses_of_a_cropped_photo_are_refused(tmp_path: Path) -> None:
         take(tmp_path / "photos" / name, size=(320, 320))
     write_binary_model(tmp_path / "photos")
     expect_refusal(tmp_path / "photos", tmp_path / "out", "another shape", "640 x 480")
+
+
+def test_only_what_is_transparent_is_laid_over_another_background(tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    take(folder / "opaque.jpg")
+    rendered = np.zeros((48, 64, 4), np.uint8)
+    rendered[:, :32] = [200, 100, 0, 255]
+    rendered[:, 32:48] = [200, 100, 0, 51]  # a fifth
+    Image.fromarray(rendered).save(folder / "rendered.png")
+    shown = {}
+    for color in ("white", "black", "#0a1e32"):
+        artifact = capture(folder, tmp_path / color, background=color)
+        shown[color] = read_picture(picture_path(artifact, "rendered.png"))[0, [0, 40, 63]].tolist()
+        assert picture_path(artifact, "opaque.jpg").read_bytes() == (folder / "opaque.jpg").read_bytes()
+    assert shown["white"] == [[200, 100, 0], [244, 224, 204], [255, 255, 255]]
+    assert shown["black"] == [[200, 100, 0], [40, 20, 0], [0, 0, 0]]
+    assert shown["#0a1e32"] == [[200, 100, 0], [48, 44, 40], [10, 30, 50]]
+    with pytest.raises(ValueError, match="background"):
+        PhotosParameters(folder=folder, background="url(x)")
+
+
+def nerf_synthetic(folder: Path, **names: list[str]) -> None:
+    """A capture as Blender's renderings come: a folder and a file of poses for each split."""
+    for split, frames in names.items():
+        for name in frames:
+            take(folder / split / f"{Path(name).name}.png", size=(64, 64))
+            take(folder / split / f"{Path(name).name}_depth_0001.png", size=(64, 64))
+        posed = [{"file_path": f"./{split}/{name}", "rotation": 0.01, "transform_matrix": MATRIX} for name in frames]
+        (folder / f"transforms_{split}.json").write_text(json.dumps({"camera_angle_x": 0.69, "frames": posed}))
+
+
+def test_splits_of_nerfs_synthetic_scenes(tmp_path: Path) -> None:
+    folder = tmp_path / "lego"
+    nerf_synthetic(folder, train=["r_0", "r_1"], val=["r_0"], test=["r_0", "r_1", "r_2"])
+    log: list[str] = []
+    artifact = capture(folder, tmp_path / "out", log)
+    found = read_capture(artifact)
+    assert found.names == ("test_r_0.png", "test_r_1.png", "test_r_2.png", "train_r_0.png", "train_r_1.png")
+    assert artifact.attributes["test_names"] == ["test_r_0.png", "test_r_1.png", "test_r_2.png"]
+    assert picture_path(artifact, "test_r_1.png").read_bytes() == (folder / "test" / "r_1.png").read_bytes()
+    assert found.poses is not None
+    assert found.poses.source == "transforms"
+    assert found.poses.lenses[4].matrix()[0, 0] == pytest.approx(32 / np.tan(0.345))
+    assert any("transforms_train.json and transforms_test.json" in line for line in log)
+
+
+@pytest.mark.parametrize("frame", ["../elsewhere/r_0", "/etc/r_0", "train/r_7", "", "train", "a\0b"])
+def test_frames_whose_photo_is_not_in_the_capture_are_refused(tmp_path: Path, frame: str) -> None:
+    nerf_synthetic(tmp_path / "lego", train=["r_0"])
+    take(tmp_path / "elsewhere" / "r_0.png")
+    posed = [{"file_path": frame, "transform_matrix": MATRIX}]
+    (tmp_path / "lego" / "transforms_train.json").write_text(json.dumps({"camera_angle_x": 1, "frames": posed}))
+    expect_refusal(tmp_path / "lego", tmp_path / "out", "transforms_train.json", "do not exist")
+
+
+def test_frames_that_nerfstudio_holds_out(tmp_path: Path) -> None:
+    for name in ("a.jpg", "b.jpg"):
+        take(tmp_path / "scan" / "images" / name)
+    write_transforms(tmp_path / "scan", "a.jpg", "b.jpg")
+    whole = json.loads((tmp_path / "scan" / "transforms.json").read_text())
+    assert "test_names" not in capture(tmp_path / "scan", tmp_path / "first").attributes
+    split = {"train_filenames": ["images/a.jpg"], "test_filenames": ["images/b.jpg"]}
+    (tmp_path / "scan" / "transforms.json").write_text(json.dumps(whole | split))
+    assert capture(tmp_path / "scan", tmp_path / "second").attributes["test_names"] == ["b.jpg"]
+
+
+def test_intrinsics_in_pixels_of_resized_photos(tmp_path: Path) -> None:
+    folder = tmp_path / "scan"
+    take(folder / "images_2" / "a.jpg", size=(64, 48))
+    frames = [{"file_path": "images/a.jpg", "transform_matrix": MATRIX}]
+    (folder / "transforms.json").write_text(json.dumps({"fl_x": 100, "frames": frames}))
+    with pytest.raises(UserError, match="w and h are missing"):
+        capture(folder, tmp_path / "first", images="images_2")
+    (folder / "transforms.json").write_text(json.dumps({"fl_x": 100, "w": 128, "h": 96, "frames": frames}))
+    found = read_capture(capture(folder, tmp_path / "second", images="images_2"))
+    assert found.poses is not None
+    assert found.poses.lenses[0].parameters[:4] == (50, 50, 32, 24)
+
+
+def test_sizes_that_no_photo_has_are_refused(tmp_path: Path) -> None:
+    take(tmp_path / "photos" / "a.jpg")
+    write_transforms(tmp_path / "photos", "a.jpg")
+    content = json.loads((tmp_path / "photos" / "transforms.json").read_text()) | {"w": 10**400, "h": 1, "fl_x": 1.0}
+    (tmp_path / "photos" / "transforms.json").write_text(json.dumps(content))
+    expect_refusal(tmp_path / "photos", tmp_path / "out", "transforms.json")

@@ -15,6 +15,7 @@ from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import write_container
 from stages.render_hidden import RenderHiddenParameters, render_hidden, visible_points
+from stages.scene.alignment import project
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import gaussians_at
 from stages.scene.message_views import read_messages
@@ -72,6 +73,24 @@ def test_views_have_the_covers_names_and_fill_the_picture(tmp_path: Path) -> Non
         read_messages([made, made], cover.names)
     reversed_names = tuple(reversed(cover.names))
     np.testing.assert_array_equal(read_messages([made], reversed_names)["shell"].pictures, views.pictures[::-1])
+
+
+def test_splats_without_the_messages_scene(tmp_path: Path) -> None:
+    """The cover's cameras look at the middle of what is there; the points lie where the pictures show them."""
+    generator = np.random.default_rng(0)
+    points = generator.uniform(-1, 1, (1000, 3)) * [2, 0.5, 2] + [70.0, -30.0, 10.0]
+    cover = ring(3, scale=3.0, prefix="cover")
+    inputs = {
+        "splats": wall_of_splats(tmp_path / "splats", points),
+        "cover": scene_artifact(tmp_path / "cover", cover, generator.uniform(-3, 3, (50, 3))),
+    }
+    parameters = RenderHiddenParameters(name="box", search_width=16)
+    made = run_stage(render_hidden, parameters, inputs, tmp_path / "out")["views"]
+    views = read_messages([made], cover.names)["box"]
+    assert views.mean_coverage.min() > 0.3
+    pixels, depth = project(cover, views.points.astype(np.float64))
+    assert (depth > 0).all()
+    np.testing.assert_allclose(np.median(pixels, axis=1), np.tile([16, 12], (3, 1)), atol=6)
 
 
 def test_any_first_few_points_are_a_fair_sample_of_what_is_seen(tmp_path: Path) -> None:

@@ -49,6 +49,11 @@ def test_a_frames_own_intrinsics_come_first(tmp_path: Path) -> None:
         ({"camera_model": "OPENCV_FISHEYE", "k3": 0.3}, "OPENCV_FISHEYE", (0.0, 0.0, 0.3, 0.0)),
         ({"k3": 0.3}, "FULL_OPENCV", (0.0, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0)),
         ({"camera_model": "PINHOLE"}, "PINHOLE", ()),
+        ({"camera_model": "SIMPLE_PINHOLE", "k1": 0.5}, "PINHOLE", ()),
+        ({"camera_model": "SIMPLE_RADIAL", "k1": 0.5, "k2": 0.4}, "OPENCV", (0.5, 0.0, 0.0, 0.0)),
+        ({"camera_model": "RADIAL", "k1": 0.5, "k2": 0.4}, "OPENCV", (0.5, 0.4, 0.0, 0.0)),
+        ({"is_fisheye": True, "k1": 0.5, "k4": 0.4, "p1": 9}, "OPENCV_FISHEYE", (0.5, 0.0, 0.0, 0.4)),
+        ({"is_fisheye": False, "k1": 0.5, "k4": 0.0, "p1": 9}, "OPENCV", (0.5, 0.0, 9.0, 0.0)),
     ],
 )
 def test_lens_models(tmp_path: Path, given: dict, model: str, distortion: tuple) -> None:
@@ -68,6 +73,9 @@ def test_lens_models(tmp_path: Path, given: dict, model: str, distortion: tuple)
         ({"file_path": "bad.png", "transform_matrix": np.diag([1, 1, -1, 1]).tolist()}, "no rotation"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "fl_x": -3}, "not positive"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "camera_model": "ODD"}, "ODD"),
+        ({"file_path": "bad.png", "transform_matrix": MATRIX, "k4": 0.1}, "k4 of 0.1, which OPENCV does not have"),
+        ({"file_path": "bad.png", "transform_matrix": MATRIX, "w": math.inf, "h": 4}, "infinity"),
+        ({"file_path": "bad.png", "transform_matrix": MATRIX, "w": 10**400, "h": 4}, "too large"),
     ],
 )
 def test_a_bad_frame_is_named(tmp_path: Path, frame: dict, message: str) -> None:
@@ -82,7 +90,13 @@ def test_frames_without_any_focal_length_are_refused(tmp_path: Path) -> None:
         read_transforms(write(tmp_path, [{"file_path": "a", "transform_matrix": MATRIX}]), size_of)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"frames": 3}', "{"])
+def test_instant_ngps_field_of_view_in_degrees(tmp_path: Path) -> None:
+    path = write(tmp_path, [{"file_path": "a", "transform_matrix": MATRIX}], x_fov=90, y_fov=60)
+    matrix = read_transforms(path, size_of)[0].lens.matrix()
+    assert (matrix[0, 0], matrix[1, 1]) == pytest.approx((320, 240 / math.tan(math.radians(30))))
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"frames": 3}', "{", pytest.param("[" * 10**6, id="deep")])
 def test_what_is_no_file_of_poses_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "transforms.json").write_text(text)
     with pytest.raises(UserError, match=r"transforms\.json"):

@@ -1,0 +1,1 @@
+"""Trained Gaussians in the files of other programs: one file a format."""

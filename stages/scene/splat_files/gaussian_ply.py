@@ -1,0 +1,72 @@
+"""3DGS's own PLY: every stored value as a property of `vertex`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.errors import UserError
+from stages.scene.splat_files.ply_elements import Elements
+from stages.scene.splat_files.values import HARMONICS_OF_DEGREE, SplatValues
+
+POSITION = ("x", "y", "z")
+ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
+SCALE = ("scale_0", "scale_1", "scale_2")
+COLOR = ("f_dc_0", "f_dc_1", "f_dc_2")
+NEEDED = (*POSITION, *COLOR, "opacity", *SCALE, *ROTATION)
+
+
+def values_of_gaussian_ply(path: Path, elements: Elements) -> SplatValues:
+    """Read `f_rest_*` as 3DGS writes them, all of red before green before blue; normals and the like are ignored.
+
+    Raises `UserError` where properties are missing, or `f_rest_*` are no whole degree of spherical harmonics.
+    """
+    vertices = elements.get("vertex", np.empty(0, []))
+    names = vertices.dtype.names or ()
+    missing = [name for name in NEEDED if name not in names]
+    if missing:
+        raise UserError(
+            "a PLY that is not of 3D Gaussian Splatting",
+            where=path,
+            found=f"no {', '.join(missing[:4])} among {', '.join(name[:20] for name in names[:8]) or 'no properties'}",
+            expected=f"an element vertex with {', '.join(NEEDED)}",
+            remedy="Give the PLY that a training of 3DGS saved; a mesh or a cloud of points is none.",
+        )
+    rest = [name for name in names if name.startswith("f_rest_")]
+    return SplatValues(
+        means=columns(vertices, POSITION),
+        quats=columns(vertices, ROTATION),
+        log_scales=columns(vertices, SCALE),
+        logit_opacities=columns(vertices, ["opacity"])[:, 0],
+        sh_base=columns(vertices, COLOR),
+        sh_rest=by_harmonic(columns(vertices, names_of_rest(path, rest))),
+    )
+
+
+def columns(rows: np.ndarray, names: Sequence[str]) -> Float[np.ndarray, "N C"]:
+    """The named properties side by side, in float32; C = 0 is allowed."""
+    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, which is refused later
+        return (
+            np.stack([rows[name].astype(np.float32) for name in names], axis=1) if names else np.empty((len(rows), 0))
+        )
+
+
+def names_of_rest(path: Path, found: Sequence[str]) -> list[str]:
+    """`f_rest_0` and so on, as many as there are. Raises `UserError` unless they are a whole degree."""
+    names = [f"f_rest_{number}" for number in range(len(found))]
+    if len(found) not in HARMONICS_OF_DEGREE or set(names) != set(found):
+        raise UserError(
+            "spherical harmonics that are no whole degree",
+            where=path,
+            found=f"{len(found)} properties f_rest_*",
+            expected=f"f_rest_0 and on, {', '.join(map(str, HARMONICS_OF_DEGREE))} of them for the degrees 0 to 3",
+        )
+    return names
+
+
+def by_harmonic(rest: Float[np.ndarray, "N 3(K-1)"]) -> Float[np.ndarray, "N K-1 3"]:
+    """Files list each colour's harmonics together; stored are the three colours of each harmonic together."""
+    return rest.reshape(len(rest), 3, -1).transpose(0, 2, 1) if rest.shape[1] else np.empty((len(rest), 0, 3))

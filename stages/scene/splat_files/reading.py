@@ -1,0 +1,41 @@
+"""Which format a file of trained Gaussians is of: told by what is in it, not by its name."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from pipeline.errors import UserError
+from stages.scene.gaussians import Gaussians
+from stages.scene.splat_files.compressed_ply import is_compressed, values_of_compressed_ply
+from stages.scene.splat_files.gaussian_ply import values_of_gaussian_ply
+from stages.scene.splat_files.ply_elements import read_elements
+from stages.scene.splat_files.records import values_of_records
+from stages.scene.splat_files.values import SplatValues, gaussians_of
+
+
+def read_splats(path: Path) -> tuple[Gaussians, int]:
+    """The Gaussians of a file, as the method `plain` stores them, and the degree of their spherical harmonics.
+
+    Formats: 3DGS's PLY (ASCII, or binary of either byte order), PlayCanvas's compressed PLY, and `.splat`. Positions
+    are those of the file's world. Raises `UserError` for what is none of these, broken, or no Gaussians, in time and
+    memory in proportion to the file.
+    """
+    if not path.is_file():
+        raise UserError("no such file of splats", where=path, found="a folder" if path.is_dir() else "nothing")
+    try:
+        gaussians = gaussians_of(path, _values(path))
+    except OSError as error:
+        raise UserError("cannot be read", where=path, found=error.strerror or error) from error
+    return gaussians, math.isqrt(gaussians["sh_rest"].shape[1] + 1) - 1
+
+
+def _values(path: Path) -> SplatValues:
+    with path.open("rb") as file:
+        begins_as_ply = file.read(3) == b"ply"
+    if not begins_as_ply:
+        return values_of_records(path)
+    elements = read_elements(path)
+    return (
+        values_of_compressed_ply(path, elements) if is_compressed(elements) else values_of_gaussian_ply(path, elements)
+    )
