@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 import torch
@@ -10,6 +11,7 @@ from jaxtyping import Float32, UInt8
 from pydantic import Field
 
 from opencl.device import choose_device
+from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.method import Method, module_of
 from stages.hiding.photographs import photographs
@@ -21,7 +23,8 @@ from stages.scene.alignment import cameras_in_message_world
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.message_views import LEGAL_COVERAGE, MessageViews, write_message_views
-from stages.scene.scene import read_scene
+from stages.scene.scene import Scene, read_scene
+from stages.scene.similarity import Similarity
 from stages.scene.spherical_harmonics import BASE
 
 METHOD = "plain"
@@ -32,13 +35,18 @@ class RenderHiddenParameters(Parameters):
     """What the message is called, and how carefully its place is looked for."""
 
     name: str = Field(description="The message's name in the secret and in the tables.", min_length=1)
+    placement: Literal["aligned", "same_world"] = Field(
+        "aligned",
+        description="aligned: where the cover's cameras see most, which needs its scene. same_world: where it is, "
+        "for splats of the cover's own world, such as the cover edited.",
+    )
     search_width: int = Field(48, ge=8, description="Picture width at which the candidates for alignment are scored.")
     seed: int = Field(0, ge=0, description="Of the order in which the message's points are listed.")
     threads: int = Field(1, ge=1, description="Threads of torch.")
 
 
 @stage(
-    inputs={"splats": Input("splats"), "message": Input("scene"), "cover": Input("scene")},
+    inputs={"splats": Input("splats"), "message": Input("scene", optional=True), "cover": Input("scene")},
     outputs={"views": Output("views")},
     version=3,
     modules=lambda parameters: [module_of(METHOD)],
@@ -48,13 +56,8 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     torch.set_num_threads(parameters.threads)
     splats = context.input("splats")
     gaussians, method = read_gaussians(splats), read_method(splats)
-    message, cover = read_scene(context.input("message")), read_scene(context.input("cover"))
-
-    def progress(done: int, total: int) -> None:
-        context.progress(done, total)
-        context.stop_if_requested()
-
-    placed = place(gaussians, message, cover, parameters.search_width, progress)
+    cover = read_scene(context.input("cover"))
+    placed = _placed(context, parameters, gaussians, cover)
     seen = cameras_in_message_world(cover.cameras, placed)
     pictures, coverage = photograph_message(gaussians, method, seen, context.stop_if_requested)
     points, colors = visible_points(gaussians, parameters.seed)
@@ -67,6 +70,26 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     context.record(
         device=choose_device().describe(), legal_views=int(views.legal.sum()), scale=round(float(placed.scale), 4)
     )
+
+
+def _placed(context: Context, parameters: RenderHiddenParameters, gaussians: Gaussians, cover: Scene) -> Similarity:
+    """From the message's world into the cover's."""
+    if parameters.placement == "same_world":
+        return Similarity.identity()
+    message = context.input_optional("message")
+    if message is None:
+        raise UserError(
+            "a message cannot be aligned with the cover",
+            found="no input message",
+            expected="the scene on which its splats were trained",
+            remedy="give render_hidden the input message, or say placement: same_world",
+        )
+
+    def progress(done: int, total: int) -> None:
+        context.progress(done, total)
+        context.stop_if_requested()
+
+    return place(gaussians, read_scene(message), cover, parameters.search_width, progress)
 
 
 def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray, "N 3"], UInt8[np.ndarray, "N 3"]]:
