@@ -43,8 +43,8 @@ class Material:
     scores: tuple[MetricRow, ...]
     curves: tuple[MetricRow, ...]
     pictures: tuple[Comparison, ...]
-    videos: tuple[Video, ...]
     lineage: tuple[LineageRecord, ...]
+    videos: tuple[Video, ...] = ()
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -123,8 +123,8 @@ def _gathered(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Material:
         tuple(dict.fromkeys((*scores, *timings))),
         tuple(curves),
         tuple(pictures.values()),
-        tuple(videos.values()),
         tuple(lineage),
+        tuple(videos.values()),
     )
 
 
