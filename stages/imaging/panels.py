@@ -6,9 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stages.imaging.pictures import Picture
+from stages.imaging.pictures import Picture, resize_picture
 
 WIDEST_ROW = 4
+"""Pictures in a row."""
+
+WIDEST = 1920
+"""Pixels; what is wider is shrunk, or several large pictures would make a picture that few machines can play."""
 
 
 def columns_of(count: int) -> int:
@@ -22,11 +26,18 @@ def columns_of(count: int) -> int:
 
 
 def side_by_side(pictures: Sequence[Picture]) -> Picture:
-    """The pictures in reading order; places that are left over at the end are black. Raises `ValueError` for none."""
+    """The pictures in reading order; places that are left over at the end are black.
+
+    Shrunk to `WIDEST` pixels, and then of even height. Raises `ValueError` for no pictures.
+    """
     if not pictures:
         raise ValueError("there are no pictures to put side by side")
     columns = columns_of(len(pictures))
     empty = [np.zeros_like(pictures[0])] * (-len(pictures) % columns)
     filled = [*pictures, *empty]
     rows = [np.concatenate(filled[start : start + columns], axis=1) for start in range(0, len(filled), columns)]
-    return np.concatenate(rows, axis=0)
+    together = np.concatenate(rows, axis=0)
+    height, width, _ = together.shape
+    if width <= WIDEST:
+        return together
+    return resize_picture(together, WIDEST, max(2, 2 * round(height * WIDEST / width / 2)))
