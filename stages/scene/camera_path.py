@@ -27,8 +27,10 @@ CLOSING_STEP = 0.2
 SAMPLES_A_BEND = 32
 """Of the tour, before averaging, and of the path, before frames are taken from it."""
 
-STEEP, LEVEL = np.sin(np.radians(10)), np.sin(np.radians(25))
-"""Sines of the angle between a view and the vertical: under the first no horizon is kept, from the second on all."""
+STEEP, LEVEL = np.sin(np.radians(5)), np.sin(np.radians(45))
+"""Sines of the angle between a view and the vertical: under the first no horizon is kept, from the second on all.
+
+Over the top of a scene the picture so turns by half as much from frame to frame as with a horizon kept throughout."""
 
 
 MOST_CAMERAS = 400

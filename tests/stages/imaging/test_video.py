@@ -54,6 +54,7 @@ def test_another_reader_finds_every_picture(tmp_path: Path) -> None:
     pictures = moving(7)
     capture, found = packets(encode_video(pictures, 12.5), tmp_path)
     assert found == coded_pictures(encode_animation(pictures))[1]
+    assert not [picture for picture in found if picture.startswith(b"\x12\x00")], "marks that WebM forbids"
     assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(12.5)
     assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little").lower() == b"av01"
     assert (capture.get(cv2.CAP_PROP_FRAME_WIDTH), capture.get(cv2.CAP_PROP_FRAME_HEIGHT)) == (WIDTH, HEIGHT)

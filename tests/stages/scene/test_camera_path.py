@@ -119,6 +119,28 @@ def test_straight_down_there_is_no_horizon_to_keep() -> None:
     np.testing.assert_allclose(path.world_to_camera[:, :3, :3], np.diag([1.0, -1, -1])[None].repeat(20, 0), atol=1e-6)
 
 
+def test_over_the_top_the_picture_does_not_whirl() -> None:
+    """A ring, and some cameras above it that look down, nearly: there a level horizon would turn at any speed."""
+    ring = arc(TARGET, views=16)
+    above = np.tile(np.diag([1.0, -1, -1, 1]), (5, 1, 1))
+    centres = TARGET + np.stack([np.linspace(-1, 1, 5), np.zeros(5), np.full(5, 4.0)], axis=1)
+    tilts = Rotation.from_rotvec(np.random.default_rng(0).normal(scale=0.1, size=(5, 3))).as_matrix()
+    above[:, :3, :3] = tilts @ above[:, :3, :3]
+    above[:, :3, 3] = -np.einsum("vij,vj->vi", above[:, :3, :3], centres)
+    both = Cameras(
+        tuple(f"{view:03d}" for view in range(21)),
+        np.concatenate([ring.world_to_camera, above]),
+        ring.intrinsics[:1].repeat(21, 0),
+        ring.width,
+        ring.height,
+    )
+    path = camera_path(both, NO_POINTS, 200)
+    rotations = Rotation.from_matrix(path.world_to_camera[:, :3, :3])
+    turns = np.degrees((rotations[1:] * rotations[:-1].inv()).magnitude())
+    assert (path.world_to_camera[:, 2, 2] < -0.98).any(), "it does look down"
+    assert turns.max() < 12
+
+
 @pytest.mark.parametrize("views", [1, 2, 3])
 def test_few_cameras(views: int) -> None:
     cameras = arc(TARGET, views=views, degrees=90)
