@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 import torch
@@ -22,7 +23,8 @@ from stages.scene.alignment import cameras_in_message_world
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.message_views import LEGAL_COVERAGE, MessageViews, write_message_views
-from stages.scene.scene import read_scene
+from stages.scene.scene import Scene, read_scene
+from stages.scene.similarity import Similarity
 from stages.scene.spherical_harmonics import BASE
 
 METHOD = "plain"
@@ -33,6 +35,11 @@ class RenderHiddenParameters(Parameters):
     """What the message is called, and how carefully its place is looked for."""
 
     name: str = Field(description="The message's name in the secret and in the tables.", min_length=1)
+    placement: Literal["aligned", "same_world"] = Field(
+        "aligned",
+        description="aligned: where the cover's cameras see most of it. same_world: where it is, for splats of the "
+        "cover's own world, such as the cover edited.",
+    )
     search_width: int = Field(48, ge=8, description="Picture width at which the candidates for alignment are scored.")
     up: Up = Field(
         "auto",
@@ -56,16 +63,8 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     torch.set_num_threads(parameters.threads)
     splats = context.input("splats")
     gaussians, method = read_gaussians(splats), read_method(splats)
-    message, cover = context.input_optional("message"), read_scene(context.input("cover"))
-
-    def progress(done: int, total: int) -> None:
-        context.progress(done, total)
-        context.stop_if_requested()
-
-    if message is not None:
-        placed = place(gaussians, read_scene(message), cover, parameters.search_width, progress)
-    else:
-        placed = place_alone(gaussians, cover, parameters.up, parameters.search_width, progress)
+    cover = read_scene(context.input("cover"))
+    placed = _placed(context, parameters, gaussians, cover)
     seen = cameras_in_message_world(cover.cameras, placed)
     pictures, coverage = photograph_message(gaussians, method, seen, context.stop_if_requested)
     points, colors = visible_points(gaussians, parameters.seed)
@@ -78,6 +77,21 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     context.record(
         device=choose_device().describe(), legal_views=int(views.legal.sum()), scale=round(float(placed.scale), 4)
     )
+
+
+def _placed(context: Context, parameters: RenderHiddenParameters, gaussians: Gaussians, cover: Scene) -> Similarity:
+    """From the message's world into the cover's."""
+    if parameters.placement == "same_world":
+        return Similarity.identity()
+    message = context.input_optional("message")
+
+    def progress(done: int, total: int) -> None:
+        context.progress(done, total)
+        context.stop_if_requested()
+
+    if message is None:
+        return place_alone(gaussians, cover, parameters.up, parameters.search_width, progress)
+    return place(gaussians, read_scene(message), cover, parameters.search_width, progress)
 
 
 def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray, "N 3"], UInt8[np.ndarray, "N 3"]]:

@@ -16,6 +16,8 @@ INPUTS = {
     "timings": Input("metrics", many=True, optional=True),
     "pictures": Input("comparisons", many=True, optional=True),
     "public_pictures": Input("comparisons", many=True, optional=True),
+    "videos": Input("videos", many=True, optional=True),
+    "public_videos": Input("videos", many=True, optional=True),
 }
 
 

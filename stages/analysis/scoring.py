@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from stages.analysis.comparisons import Comparison
+from stages.analysis.comparisons import FEATURE_MAP, FEATURE_MAP_CHANNELS, Comparison
 from stages.analysis.fidelity import Perceptual, covered_figures, picture_figures
 from stages.analysis.leakage import residual_correlations
 from stages.hiding.method import Method
@@ -21,10 +21,6 @@ from stages.imaging.pictures import picture_to_tensor, tensor_to_picture
 from stages.scene.gaussians import Gaussians
 from stages.scene.message_views import MessageViews
 from stages.scene.scene import Scene
-
-FEATURE_MAP = "feature map"
-FEATURE_MAP_CHANNELS = (0, 1, 2)
-"""Shown as red, green and blue, as in the paper's figure of the feature map."""
 
 
 @dataclass(frozen=True)

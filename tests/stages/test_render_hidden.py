@@ -13,8 +13,8 @@ from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
-from stages.hiding.storage import write_container
-from stages.render_hidden import RenderHiddenParameters, render_hidden, visible_points
+from stages.hiding.storage import read_gaussians, read_method, write_container
+from stages.render_hidden import RenderHiddenParameters, photograph_message, render_hidden, visible_points
 from stages.scene.alignment import project
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import gaussians_at
@@ -91,6 +91,22 @@ def test_splats_without_the_messages_scene(tmp_path: Path) -> None:
     pixels, depth = project(cover, views.points.astype(np.float64))
     assert (depth > 0).all()
     np.testing.assert_allclose(np.median(pixels, axis=1), np.tile([16, 12], (3, 1)), atol=6)
+
+
+def test_in_the_same_world_nothing_is_moved(tmp_path: Path) -> None:
+    """The pictures are those that the splats give the cover's own cameras; the message's scene is not asked for."""
+    points = np.random.default_rng(0).uniform(-1, 1, (400, 3))
+    cover = ring(4, scale=1.0, prefix="cover")
+    splats = wall_of_splats(tmp_path / "splats", points)
+    inputs = {"splats": splats, "cover": scene_artifact(tmp_path / "cover", cover, points)}
+    parameters = RenderHiddenParameters(name="itself", placement="same_world")
+    made = run_stage(render_hidden, parameters, inputs, tmp_path / "out")["views"]
+    views = read_messages([made], cover.names)["itself"]
+    pictures, coverage = photograph_message(read_gaussians(splats), read_method(splats), cover)
+    np.testing.assert_array_equal(views.pictures, pictures)
+    np.testing.assert_array_equal(views.coverage, coverage)
+    assert views.pictures.any()
+    np.testing.assert_array_equal(np.sort(views.points, axis=0), np.sort(points.astype(np.float32), axis=0))
 
 
 def test_any_first_few_points_are_a_fair_sample_of_what_is_seen(tmp_path: Path) -> None:

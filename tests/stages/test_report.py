@@ -17,6 +17,7 @@ from pipeline.artifact import Artifact, create, load
 from pipeline.stage import LineageRecord, Services, run_stage
 from stages.analysis.comparisons import Comparison, write_comparisons
 from stages.analysis.page import gallery
+from stages.analysis.videos import Video, write_videos
 from stages.imaging.metric_table import MetricRow, write_rows
 from stages.report import ReportParameters, report
 
@@ -37,6 +38,21 @@ COVER = Comparison("cover", "cover", "gs_hider", VIEWS, SPLITS, pictures(1), pic
 PLAIN = replace(COVER, method="plain", rendered=pictures(3))
 FEATURES = replace(COVER, title="feature map", role="feature_map", truth=pictures(4), rendered=pictures(4))
 MESSAGE = replace(COVER, title=PLANTED, role="message", truth=pictures(5), rendered=pictures(6))
+
+COVER_VIDEO = Video("cover", "cover", "gs_hider", ("cover",), 1, 64, 48, b"webm of the cover")
+PLAIN_VIDEO = replace(COVER_VIDEO, method="plain", webm=b"webm of 3DGS")
+MESSAGE_VIDEO = replace(COVER_VIDEO, title=PLANTED, role="message", panels=(PLANTED,), webm=b"webm of the message")
+FEATURES_VIDEO = replace(COVER_VIDEO, title="feature map", role="feature_map", webm=b"webm of features")
+TOGETHER = replace(
+    COVER_VIDEO,
+    title="side by side",
+    role="side_by_side",
+    panels=("cover", PLANTED, "feature map"),
+    columns=3,
+    width=192,
+    webm=b"webm of everything",
+)
+VIDEOS = [COVER_VIDEO, MESSAGE_VIDEO, FEATURES_VIDEO, TOGETHER, PLAIN_VIDEO]
 
 PUBLIC_ROWS = [
     MetricRow("psnr", 31.25, "dB", VIEWS[0], "test", method="gs_hider"),
@@ -64,6 +80,12 @@ def metrics(path: Path, rows: list[MetricRow], private: bool) -> Artifact:
 def comparisons(path: Path, listed: list[Comparison], private: bool) -> Artifact:
     with create(path, "comparisons", private) as writer:
         write_comparisons(writer, listed)
+    return load(path)
+
+
+def videos(path: Path, listed: list[Video], private: bool) -> Artifact:
+    with create(path, "videos", private) as writer:
+        write_videos(writer, listed)
     return load(path)
 
 
@@ -101,6 +123,8 @@ def inputs(tmp_path: Path) -> dict[str, tuple[Artifact, ...]]:
         "timings": (metrics(tmp_path / "timings", [MetricRow("seconds_per_frame", 0.0417, "s")], False),),
         "pictures": (comparisons(tmp_path / "pictures", [COVER, MESSAGE, FEATURES, PLAIN], True),),
         "public_pictures": (comparisons(tmp_path / "public_pictures", [COVER, MESSAGE, FEATURES, PLAIN], False),),
+        "videos": (videos(tmp_path / "videos", VIDEOS, True),),
+        "public_videos": (videos(tmp_path / "public_videos", VIDEOS, False),),
     }
 
 
@@ -118,6 +142,10 @@ def embedded_pictures(text: str) -> list[np.ndarray]:
     return [np.asarray(Image.open(io.BytesIO(base64.b64decode(data)))) for data in found]
 
 
+def embedded_videos(text: str) -> set[bytes]:
+    return {base64.b64decode(data) for data in re.findall(r'src="data:video/webm;base64,([^"]+)"', text)}
+
+
 def shows(text: str, picture: np.ndarray) -> bool:
     return any(np.array_equal(each, picture) for each in embedded_pictures(text))
 
@@ -132,6 +160,7 @@ def test_nothing_private_reaches_the_public_page(inputs: dict, tmp_path: Path) -
     text = text_of(public)
     for private in (*MESSAGE.truth, *MESSAGE.rendered, *FEATURES.rendered):
         assert not shows(text, private)
+    assert embedded_videos(text) == {COVER_VIDEO.webm, PLAIN_VIDEO.webm}
     assert not public.private
     assert not public.attributes
 
@@ -162,6 +191,8 @@ def test_an_artifact_that_is_private_is_not_read_for_the_public_page(inputs: dic
     text = text_of(made["public"])
     assert "31.25" not in text
     assert not embedded_pictures(text)
+    assert not embedded_videos(text)
+    assert "Moving camera" not in text
     assert "31.25" in text_of(made["owner"])
 
 
@@ -180,6 +211,19 @@ def test_the_owner_sees_everything(inputs: dict, tmp_path: Path) -> None:
     difference = np.abs(COVER.rendered[0].astype(int) - COVER.truth[0])
     assert shows(text, np.minimum(difference * 8, 255).astype(np.uint8))
     assert owner.private
+
+
+def test_the_owner_sees_what_moves_side_by_side(inputs: dict, tmp_path: Path) -> None:
+    """What is part of a video side by side is not shown by itself."""
+    text = text_of(pages(inputs, tmp_path / "made")["owner"])
+    assert embedded_videos(text) == {TOGETHER.webm, PLAIN_VIDEO.webm}
+    films = text[text.index("<h2>Moving camera") : text.index("<h2>Cover")]
+    assert re.findall(r"<span>([^<]+)</span>", films) == [
+        *("cover · GS-Hider", f"{PLANTED} · GS-Hider", "feature map · GS-Hider", "cover · 3DGS"),
+    ]
+    for tag in re.findall(r"<video[^>]*>", films):
+        for attribute in ("autoplay", "muted", "loop", "controls", "playsinline"):
+            assert re.search(rf"\s{attribute}[\s>]", tag), attribute
 
 
 def test_test_views_come_first_and_the_rest_is_filled_up(inputs: dict, tmp_path: Path) -> None:
@@ -229,7 +273,7 @@ def test_a_page_is_whole_and_fetches_nothing(inputs: dict, tmp_path: Path, name:
     assert reader.open == []
     assert text.startswith("<!DOCTYPE html>")
     assert reader.fetched
-    assert all(address.startswith("data:image/") for address in reader.fetched)
+    assert all(address.startswith(("data:image/", "data:video/")) for address in reader.fetched)
     style = text[text.index("<style>") : text.index("</style>")]
     assert not re.search(r"url\(|@import|https?:", style)
     assert "http" not in re.sub(r"base64,[^\"]+", "", text)

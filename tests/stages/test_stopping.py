@@ -17,6 +17,7 @@ from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.photos import PhotosParameters, photos
 from stages.render_hidden import RenderHiddenParameters, render_hidden
+from stages.render_path import RenderPathParameters, render_path
 from stages.time_frames import TimeFramesParameters, time_frames
 from stages.train_scene import TrainSceneParameters, train_scene
 from tests.stages import small
@@ -103,7 +104,9 @@ def write_photos(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("stop_at", [1, 3])
-@pytest.mark.parametrize("declared", [evaluate, render_hidden, time_frames, photos], ids=lambda declared: declared.name)
+@pytest.mark.parametrize(
+    "declared", [evaluate, render_hidden, render_path, time_frames, photos], ids=lambda declared: declared.name
+)
 def test_others_stop_within_a_picture(declared: Stage, stop_at: int, tmp_path: Path) -> None:
     scene = small.scene(tmp_path / "scene")
     container = small.splats(tmp_path / "container", "container")
@@ -113,6 +116,7 @@ def test_others_stop_within_a_picture(declared: Stage, stop_at: int, tmp_path: P
             RenderHiddenParameters(name="statue", search_width=8),
             {"splats": small.splats(tmp_path / "splats"), "message": scene, "cover": scene},
         ),
+        "render_path": (RenderPathParameters(method="plain", frames=4), {"container": container, "cover": scene}),
         "time_frames": (TimeFramesParameters(method="plain", frames=4), {"container": container, "cover": scene}),
         "photos": (PhotosParameters(folder=write_photos(tmp_path / "photos")), {}),
     }

@@ -20,8 +20,8 @@ from pipeline.project import open_project
 
 ROOT = Path(__file__).parents[2]
 WORKFLOWS = ROOT / "workflows"
-RENDERING = {"train_scene", "render_hidden", "hide_scenes", "evaluate", "time_frames"}
-HIDING = {"hide_scenes", "evaluate", "time_frames"}
+RENDERING = {"train_scene", "render_hidden", "hide_scenes", "evaluate", "time_frames", "render_path"}
+HIDING = {"hide_scenes", "evaluate", "time_frames", "render_path"}
 
 
 class Copied:
@@ -97,6 +97,7 @@ def test_comments_change_nothing(copied: Copied, workflow: str) -> None:
         ("opencl/rasterizer.py", RENDERING),
         ("stages/training/loop.py", {"train_scene", "hide_scenes"}),
         ("stages/draw_key.py", {"draw_key"}),
+        ("stages/imaging/webm.py", {"render_path"}),
         ("opencl/bench/report.py", set()),
     ],
 )

@@ -28,6 +28,7 @@ SMALL = {
     "message_photos.samples": 1,
     "message.poses": "given",
     "timings.frames": 2,
+    "path.frames": 4,
     "scores.lpips": "none",
     "hide.precision": "float32",
 }
@@ -77,7 +78,7 @@ def test_a_second_run_executes_nothing(store: Path) -> None:
 def test_another_lambda_reruns_exactly_what_depends_on_it(store: Path) -> None:
     _, events, _ = run(store, **{"hide.lambda_message": 1.0})
     ran = {event["name"] for event in events if event["event"] == "stage" and event["state"] == "ran"}
-    assert ran == {"hide", "scores", "timings", "report"}
+    assert ran == {"hide", "scores", "timings", "path", "report"}
 
 
 def test_the_owner_sees_the_messages_and_the_public_does_not(store: Path) -> None:
@@ -86,6 +87,7 @@ def test_the_owner_sees_the_messages_and_the_public_does_not(store: Path) -> Non
     for name in ("workshop", "reef"):
         assert name in owner
         assert not re.search(name, public, re.IGNORECASE)
+    assert owner.count("<video") == public.count("<video") == 1
     assert "http://" not in re.sub(r"http://www\.w3\.org\S*", "", owner + public)
     assert "https://" not in owner + public
 

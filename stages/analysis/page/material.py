@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pipeline.artifact import Artifact
 from pipeline.stage import LineageRecord
 from stages.analysis.comparisons import Comparison, read_comparisons
+from stages.analysis.videos import Video, read_videos
 from stages.imaging.metric_table import MetricRow, read_rows
 
 PUBLIC_QUANTITIES = frozenset(
@@ -32,7 +33,7 @@ METHOD_TITLES = {  # the paper's, in its order, and ours
 }
 
 Inputs = Mapping[str, Sequence[Artifact]]
-"""Artifacts by the names `scores`, `public_scores`, `curves`, `timings`, `pictures`, `public_pictures`."""
+"""Artifacts by the names `scores`, `curves`, `timings`, `pictures`, `videos`, and `public_` before some of them."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class Material:
     curves: tuple[MetricRow, ...]
     pictures: tuple[Comparison, ...]
     lineage: tuple[LineageRecord, ...]
+    videos: tuple[Video, ...] = ()
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -70,6 +72,7 @@ def public_material(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Materia
             scores=tuple(row for row in material.scores if is_public(row)),
             curves=tuple(row for row in material.curves if is_public(row)),
             pictures=tuple(each for each in material.pictures if each.role in PUBLIC_ROLES),
+            videos=tuple(each for each in material.videos if each.role in PUBLIC_ROLES),
         ),
         neutral_titles,
     )
@@ -112,19 +115,29 @@ def _gathered(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Material:
     for artifact in (*inputs["pictures"], *inputs["public_pictures"]):
         for each in read_comparisons(artifact):
             pictures.setdefault((each.method, each.role, each.title), each)
-    return Material(tuple(dict.fromkeys((*scores, *timings))), tuple(curves), tuple(pictures.values()), tuple(lineage))
+    videos: dict[tuple[str, str, str], Video] = {}
+    for artifact in (*inputs["videos"], *inputs["public_videos"]):
+        for video in read_videos(artifact):
+            videos.setdefault((video.method, video.role, video.title), video)
+    return Material(
+        tuple(dict.fromkeys((*scores, *timings))),
+        tuple(curves),
+        tuple(pictures.values()),
+        tuple(lineage),
+        tuple(videos.values()),
+    )
 
 
 def _named(material: Material, titles_of: Callable[[Iterable[str]], Mapping[str, str]]) -> Material:
     rows = (*material.scores, *material.curves)
-    titles = titles_of(
-        dict.fromkeys((*(str(row.method) for row in rows), *(each.method for each in material.pictures)))
-    )
+    shown = [*(each.method for each in material.pictures), *(each.method for each in material.videos)]
+    titles = titles_of(dict.fromkeys((*(str(row.method) for row in rows), *shown)))
     return replace(
         material,
         scores=tuple(replace(row, method=titles[str(row.method)]) for row in material.scores),
         curves=tuple(replace(row, method=titles[str(row.method)]) for row in material.curves),
         pictures=tuple(replace(each, method=titles[each.method]) for each in material.pictures),
+        videos=tuple(replace(each, method=titles[each.method]) for each in material.videos),
     )
 
 

@@ -10,6 +10,7 @@ from pipeline.stage import LineageRecord
 from stages.analysis.comparisons import Comparison, Role
 from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.page.figures import write_seconds
+from stages.analysis.page.films import Film, owner_films, public_films
 from stages.analysis.page.gallery import Gallery, cover_gallery, is_lossless, message_gallery, picture_gallery
 from stages.analysis.page.graph import Graph, draw_graph
 from stages.analysis.page.html import fill
@@ -38,6 +39,7 @@ class Page:
     title: str
     summary: str
     tiles: tuple[Tile, ...]
+    films: tuple[Film, ...]
     galleries: tuple[Gallery, ...]
     tables: tuple[Table, ...]
     remark: str
@@ -81,6 +83,7 @@ def owner_page(material: Material, workflow: str, views: int) -> Page:
     return _page(
         material,
         galleries,
+        owner_films(material.videos),
         title=workflow,
         summary=owner_summary(material),
         tiles=(*scene_tiles(material, "Cover"), *message_tiles(material)),
@@ -99,6 +102,7 @@ def public_page(material: Material, views: int) -> Page:
     return _page(
         material,
         [cover_gallery(material.pictures, views, "Pictures", residual=False)],
+        public_films(material.videos),
         title="A Gaussian splatting scene",
         summary="A scene of 3D Gaussians, compared with photos that it was not fitted to.",
         tiles=scene_tiles(material, "Scene"),
@@ -114,6 +118,7 @@ def write_page(page: Page) -> str:
 def _page(
     material: Material,
     galleries: Iterable[Gallery | None],
+    films: tuple[Film, ...],
     title: str,
     summary: str,
     tiles: tuple[Tile, ...],
@@ -128,6 +133,7 @@ def _page(
         title=title,
         summary=summary,
         tiles=tiles,
+        films=films,
         galleries=tuple(gallery for gallery in galleries if gallery is not None),
         tables=tables_of(material),
         remark=_remark(material.scores),

@@ -1,0 +1,69 @@
+"""`edit_splats`: a scene recoloured, an object removed or added: the cover itself as a message, as in the paper."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from pipeline.artifact import Artifact
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.method import build_method, module_of
+from stages.hiding.storage import check_method, read_gaussians, write_container
+from stages.scene.alignment import rig_of
+from stages.scene.editing import Splats, edited
+from stages.scene.edits import Edit
+from stages.scene.frames import rig_frame
+from stages.scene.gaussians import Gaussians
+from stages.scene.moved_splats import degree_of
+from stages.scene.scene import read_scene
+
+METHOD = "plain"
+"""Of the splats: those of other methods have no colours to change."""
+
+
+class EditSplatsParameters(Parameters):
+    """What is changed."""
+
+    edits: list[Annotated[Edit, Field(discriminator="edit")]] = Field(
+        description="Each a recolour, remove or add, made one after the other.", min_length=1, max_length=100
+    )
+
+
+@stage(
+    inputs={
+        "splats": Input("splats"),
+        "scene": Input("scene", optional=True),
+        "added": Input("splats", optional=True),
+        "added_scene": Input("scene", optional=True),
+    },
+    outputs={"splats": Output("splats")},
+    version=1,
+    modules=lambda parameters: [module_of(METHOD)],
+)
+def edit_splats(context: Context, parameters: EditSplatsParameters) -> None:
+    """Make the edits. `scene` and `added_scene`, on which the splats were trained, give the coordinates of rigs."""
+    splats = _read(context.input("splats"), context.input_optional("scene"), "scene")
+    given = context.input_optional("added")
+    added = None if given is None else _read(given, context.input_optional("added_scene"), "added_scene")
+    gaussians = splats.gaussians
+    for number, edit in enumerate(parameters.edits, start=1):
+        gaussians, count = edited(Splats(gaussians, splats.frame, splats.name), edit, added)
+        context.log(f"edit {number}, {edit.edit}: {count} Gaussians")
+        context.progress(number, len(parameters.edits))
+        context.stop_if_requested()
+    _write(context, gaussians)
+    context.record(gaussians=len(gaussians))
+
+
+def _read(splats: Artifact, scene: Artifact | None, name: str) -> Splats:
+    check_method(splats, METHOD)
+    if scene is None:
+        return Splats(read_gaussians(splats), None, name)
+    photographed = read_scene(scene)
+    return Splats(read_gaussians(splats), rig_frame(rig_of(photographed.cameras, photographed.points)), name)
+
+
+def _write(context: Context, gaussians: Gaussians) -> None:
+    degree = degree_of(gaussians["sh_rest"])
+    write_container(context.output("splats"), gaussians, build_method(METHOD, {"sh_degree": degree}))

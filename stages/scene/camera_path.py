@@ -1,0 +1,169 @@
+"""A smooth flight along the cameras of a rig: what a video shows.
+
+The cameras are put in the order of a short tour, whose bends are then averaged away: photographers zigzag and shake. A
+cubic spline through the averaged places and a spline on SO(3) through the averaged orientations make the path; its
+horizon is kept level, and its frames are taken at constant speed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Float64
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline, Slerp
+
+from stages.scene.alignment import Rig, rig_of, sample
+from stages.scene.cameras import Cameras
+from stages.scene.tours import longest_step_last, shortest_tour, step_lengths
+
+Course = Literal["auto", "closed", "open"]
+
+CLOSING_STEP = 0.2
+"""A tour whose longest step is a larger share of its length stays open: a closed path would fly where nobody looked."""
+
+SAMPLES_A_BEND = 32
+"""Of the tour, before averaging, and of the path, before frames are taken from it."""
+
+STEEP, LEVEL = np.sin(np.radians(5)), np.sin(np.radians(45))
+"""Sines of the angle between a view and the vertical: under the first no horizon is kept, from the second on all.
+
+Over the top of a scene the picture so turns by half as much from frame to frame as with a horizon kept throughout."""
+
+
+MOST_CAMERAS = 400
+"""Of more, an even sample makes the path: the time for the tour is cubic in their number."""
+
+
+@dataclass(frozen=True)
+class Poses:
+    """K camera poses: where they stand, and their camera-to-world rotations."""
+
+    centres: Float64[np.ndarray, "K 3"]
+    rotations: Rotation
+
+    def __len__(self) -> int:
+        return len(self.centres)
+
+    def __getitem__(self, rows: np.ndarray | slice) -> Poses:
+        return Poses(self.centres[rows], self.rotations[rows])
+
+
+def camera_path(
+    cameras: Cameras, points: Float[np.ndarray, "P 3"], frames: int, bends: int = 16, course: Course = "auto"
+) -> Cameras:
+    """Cameras of a path along the rig, one a frame, named by their numbers.
+
+    `points` of the scene (P = 0 is allowed) tell how far the cameras look, and so how much a turn counts beside a step.
+    The path has at most `bends` bends, and at most one a camera. A `closed` one ends where it begins, without showing
+    that frame twice; `auto` closes it where no step of the tour is much longer than the others. One camera alone stands
+    still. The lens is the median of the rig's, whose picture size stays, an odd side enlarged by one pixel.
+    Raises `ValueError` without cameras, frames or bends.
+    """
+    if not len(cameras) or frames < 1 or bends < 1:
+        raise ValueError(f"a path of {frames} frames with {bends} bends along {len(cameras)} cameras")
+    cameras = cameras.select([cameras.names[row] for row in sample(len(cameras), MOST_CAMERAS)])
+    rig = rig_of(cameras, points)
+    poses, closed = _toured(_poses_of(cameras), rig, course)
+    path = _levelled(_smooth(poses, rig, min(bends, len(poses)), closed), rig.up)
+    return _cameras_of(_evenly(path, rig, frames, closed), cameras)
+
+
+def path_speed(cameras: Cameras, distance: float) -> Float64[np.ndarray, " n"]:
+    """What lies between consecutive cameras: steps as shares of `distance`, and turns in radians, as one length."""
+    return step_lengths(_features(_poses_of(cameras), distance))
+
+
+def _poses_of(cameras: Cameras) -> Poses:
+    return Poses(cameras.centres(), Rotation.from_matrix(cameras.world_to_camera[:, :3, :3].transpose(0, 2, 1)))
+
+
+def _features(poses: Poses, distance: float) -> Float64[np.ndarray, "K 6"]:
+    """Points whose distances say how different two views are: place by the distance looked at, and direction."""
+    directions = poses.rotations.apply([0.0, 0.0, 1.0]).reshape(-1, 3)
+    return np.concatenate([poses.centres / distance, directions], axis=1)
+
+
+def _toured(poses: Poses, rig: Rig, course: Course) -> tuple[Poses, bool]:
+    """The poses in the order of a tour, and whether it is closed; an open one is cut at its longest step."""
+    features = _features(poses, rig.distance)
+    order = longest_step_last(features, shortest_tour(features))
+    steps = step_lengths(np.append(features[order], features[order[:1]], axis=0))
+    evenly = bool(steps[-1] <= max(CLOSING_STEP, 1.5 / len(poses)) * steps.sum())
+    closed = {"auto": evenly, "closed": True, "open": False}[course]
+    return poses[order], closed and len(poses) > 2
+
+
+def _smooth(poses: Poses, rig: Rig, bends: int, closed: bool) -> Poses:
+    """Many samples of the splines through the averages of a tour's poses."""
+    evenly = _evenly(poses, rig, bends * SAMPLES_A_BEND, closed)
+    keys = _averages(evenly, bends, closed)
+    return _splined(keys, closed) if len(keys) > 1 else keys
+
+
+def _evenly(poses: Poses, rig: Rig, count: int, closed: bool) -> Poses:
+    """`count` poses at even lengths along a tour, on straight lines and the shortest turns between its poses."""
+    if closed:
+        poses = poses[np.append(np.arange(len(poses)), 0)]
+    steps = step_lengths(_features(poses, rig.distance))
+    poses = poses[np.append(True, steps > 0)]
+    if len(poses) < 2:
+        return poses[np.zeros(count, int)]
+    places = np.append(0, np.cumsum(steps[steps > 0]))
+    at = np.linspace(0, places[-1], count, endpoint=not closed)
+    centres = np.stack([np.interp(at, places, axis) for axis in poses.centres.T], axis=1)
+    return Poses(centres, Slerp(places, poses.rotations)(at))
+
+
+def _averages(poses: Poses, bends: int, closed: bool) -> Poses:
+    """`bends` poses along many: means under a bell half as wide as the distance from one to the next."""
+    count = len(poses)
+    middles = np.linspace(0, count - (0 if closed else 1), bends, endpoint=not closed)
+    away = np.abs(np.arange(count) - middles[:, None])
+    if closed:
+        away = np.minimum(away, count - away)
+    weights = np.exp(-0.5 * (away / (0.5 * count / bends)) ** 2)
+    weights /= weights.sum(axis=1, keepdims=True)
+    means = [poses.rotations.mean(row) for row in weights]
+    return Poses(weights @ poses.centres, Rotation.concatenate(means))
+
+
+def _splined(keys: Poses, closed: bool) -> Poses:
+    """The splines through K keys, sampled often; a closed one does not repeat its beginning."""
+    count = len(keys)
+    at = np.linspace(0, count if closed else count - 1, count * SAMPLES_A_BEND, endpoint=not closed)
+    if not closed:
+        places = np.arange(count)
+        return Poses(CubicSpline(places, keys.centres)(at), RotationSpline(places, keys.rotations)(at))
+    # Round once more before and after: a spline on SO(3) knows no periodic ends, and forgets them within some keys.
+    places = np.arange(-count, 2 * count + 1)
+    around = keys[places % count]
+    ring = keys.centres[np.arange(count + 1) % count]
+    centres = CubicSpline(np.arange(count + 1), ring, bc_type="periodic")(at)
+    return Poses(centres, RotationSpline(places, around.rotations)(at))
+
+
+def _levelled(poses: Poses, up: Float[np.ndarray, " 3"]) -> Poses:
+    """The poses without roll, as far as they do not look straight up or down, where there is no horizon."""
+    right, down, view = (poses.rotations.apply(axis).reshape(-1, 3) for axis in np.eye(3))
+    roll = np.arctan2(right @ up, -(down @ up))
+    steepness = (np.linalg.norm(np.cross(view, up), axis=1) - STEEP) / (LEVEL - STEEP)
+    share = np.clip(steepness, 0, 1) ** 2 * (3 - 2 * np.clip(steepness, 0, 1))
+    return Poses(poses.centres, Rotation.from_rotvec((share * roll)[:, None] * view) * poses.rotations)
+
+
+def _cameras_of(poses: Poses, rig: Cameras) -> Cameras:
+    rotation = poses.rotations.as_matrix().transpose(0, 2, 1)
+    world_to_camera = np.tile(np.eye(4), (len(poses), 1, 1))
+    world_to_camera[:, :3, :3] = rotation
+    world_to_camera[:, :3, 3] = -np.einsum("kij,kj->ki", rotation, poses.centres)
+    lens = np.median(rig.intrinsics, axis=0)
+    return Cameras(
+        tuple(f"{frame:04d}" for frame in range(len(poses))),
+        world_to_camera,
+        np.tile(lens, (len(poses), 1, 1)),
+        rig.width + rig.width % 2,
+        rig.height + rig.height % 2,
+    )

@@ -1,0 +1,103 @@
+"""Making edits: which Gaussians they are about, and what becomes of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool
+from scipy.spatial.transform import Rotation
+from torch import Tensor
+
+from pipeline.errors import UserError
+from stages.scene.edits import Add, Edit, EditedRegion, Recolour, Remove
+from stages.scene.frames import splats_frame
+from stages.scene.gaussians import Gaussians
+from stages.scene.moved_splats import chosen, joined, moved
+from stages.scene.recolouring import recoloured, recolouring
+from stages.scene.regions import Region
+from stages.scene.similarity import Similarity
+
+
+@dataclass(frozen=True)
+class Splats:
+    """Gaussians of 3DGS and, where their cameras are known, the rig's frame; `name` is the input of those cameras."""
+
+    gaussians: Gaussians
+    frame: Similarity | None
+    name: str
+
+
+def edited(splats: Splats, edit: Edit, added: Splats | None) -> tuple[Gaussians, int]:
+    """The Gaussians after an edit, and how many it was about.
+
+    Raises `UserError` where it is about none, where none would be left, and where its coordinates need a rig or it adds
+    splats that are not given.
+    """
+    if isinstance(edit, Add):
+        more = _placed(edit, splats, added)
+        return joined(splats.gaussians, more), len(more)
+    inside = _inside(splats, edit.region)
+    if isinstance(edit, Remove):
+        return _without(splats.gaussians, inside), int(inside.sum())
+    return _recoloured(splats.gaussians, inside, edit), int(inside.sum())
+
+
+def _recoloured(gaussians: Gaussians, inside: Bool[Tensor, " N"], edit: Recolour) -> Gaussians:
+    matrix = recolouring(edit.hue, edit.saturation, edit.tint, edit.strength)
+    base, rest = gaussians["sh_base"].clone(), gaussians["sh_rest"].clone()
+    base[inside], rest[inside] = recoloured(base[inside], rest[inside], matrix)
+    return Gaussians(gaussians.parameters | {"sh_base": base, "sh_rest": rest})
+
+
+def _without(gaussians: Gaussians, inside: Bool[Tensor, " N"]) -> Gaussians:
+    if inside.all():
+        raise UserError(
+            "an edit would leave no Gaussian", found="a region with all of them", remedy="make the region smaller"
+        )
+    return chosen(gaussians, ~inside)
+
+
+def _placed(edit: Add, splats: Splats, added: Splats | None) -> Gaussians:
+    """What an edit adds, where it adds it. Splats without cameras have a frame of their own extent."""
+    if added is None:
+        raise UserError(
+            "there is nothing to add", found="no input added", expected="splats", remedy="give edit_splats the input"
+        )
+    own = added.frame or splats_frame(added.gaussians.means.numpy())
+    taken = chosen(added.gaussians, _inside(Splats(added.gaussians, own, added.name), edit.only))
+    turn = Rotation.from_euler("xyz", edit.turn, degrees=True).as_matrix()
+    placement = Similarity(edit.scale, turn, np.array(edit.place))
+    if edit.coordinates == "rig":
+        placement = _frame_of(splats).compose(placement).compose(own.inverse())
+    return moved(taken, placement)
+
+
+def _inside(splats: Splats, where: EditedRegion | None) -> Bool[Tensor, " N"]:
+    """Which Gaussians lie in a region; all without one."""
+    if where is None:
+        return torch.ones(len(splats.gaussians), dtype=torch.bool)
+    frame = _frame_of(splats) if where.coordinates == "rig" else Similarity.identity()
+    means = splats.gaussians.means.numpy().astype(np.float64)
+    inside = Region(where.shape, np.array(where.centre), np.array(where.size), frame).contains(means)
+    if not inside.any():
+        low, high = np.quantile(frame.inverse().points(means), [0.05, 0.95], axis=0).round(3).tolist()
+        raise UserError(
+            "no Gaussian lies in an edit's region",
+            found=f"a {where.shape} of the size {where.size} about {where.centre}",
+            expected=f"a part of where Gaussians are: most are between {low} and {high} in those coordinates",
+            remedy="change its centre, its size or its coordinates",
+        )
+    return torch.from_numpy(inside)
+
+
+def _frame_of(splats: Splats) -> Similarity:
+    if splats.frame is None:
+        raise UserError(
+            "an edit's coordinates are those of a rig that is not known",
+            found=f"no input {splats.name}",
+            expected="the scene on which the splats were trained",
+            remedy=f"give edit_splats the input {splats.name}, or say coordinates: world",
+        )
+    return splats.frame

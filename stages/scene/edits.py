@@ -1,0 +1,65 @@
+"""Edits of a scene as a workflow says them: other colours, an object less, an object more."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pipeline.stage import Parameters
+from stages.scene.regions import Shape
+
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+Length = Annotated[float, Field(gt=0, le=1e6)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Coordinates = Literal["rig", "world"]
+
+COORDINATES = (
+    "rig: the origin is where the cameras look, x right, y forwards, z upwards, and 1 is the cameras' median distance "
+    "from it. world: those of the scene's world."
+)
+
+
+class EditedRegion(Parameters):
+    """A part of space: an edit is about the Gaussians whose centres lie in it."""
+
+    shape: Shape = Field(description="box or ellipsoid, along the axes of the coordinates.")
+    centre: tuple[Coordinate, Coordinate, Coordinate] = Field((0.0, 0.0, 0.0), description="Its middle.")
+    size: tuple[Length, Length, Length] = Field(description="From end to end, along each axis.")
+    coordinates: Coordinates = Field("rig", description=COORDINATES)
+
+
+class Recolour(Parameters):
+    """Other colours, from all directions."""
+
+    edit: Literal["recolour"] = Field(description="recolour")
+    hue: float = Field(0.0, ge=-360, le=360, description="Degrees by which hues turn, as by CSS's hue-rotate.")
+    saturation: float = Field(1.0, ge=0, le=10, description="What saturation is multiplied by, as by CSS's saturate.")
+    tint: tuple[Share, Share, Share] = Field(
+        (1.0, 1.0, 1.0), description="A colour of which each Gaussian takes the shade that is as light as its own."
+    )
+    strength: Share = Field(0.0, description="The share of the tint.")
+    region: EditedRegion | None = Field(None, description="Where; without it, everywhere.")
+
+
+class Remove(Parameters):
+    """An object less."""
+
+    edit: Literal["remove"] = Field(description="remove")
+    region: EditedRegion = Field(description="Where.")
+
+
+class Add(Parameters):
+    """An object more: the added splats, or what of them lies in `only`, turned and enlarged about their own origin."""
+
+    edit: Literal["add"] = Field(description="add")
+    only: EditedRegion | None = Field(None, description="A part of the added splats' own space; without it, all.")
+    scale: Length = Field(1.0, description="By which it is enlarged, in the coordinates.")
+    turn: tuple[Coordinate, Coordinate, Coordinate] = Field(
+        (0.0, 0.0, 0.0), description="Degrees by which it turns about x, then about y, then about z."
+    )
+    place: tuple[Coordinate, Coordinate, Coordinate] = Field((0.0, 0.0, 0.0), description="Where its origin comes.")
+    coordinates: Coordinates = Field("rig", description=COORDINATES)
+
+
+Edit = Recolour | Remove | Add

@@ -1,0 +1,83 @@
+"""Splats carried elsewhere, with colours that depend on the direction, and splats joined into one scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float64
+from torch import Tensor
+
+from stages.scene.gaussians import Gaussians
+from stages.scene.similarity import Similarity
+from stages.scene.spherical_harmonics import MAXIMUM_DEGREE, harmonics, harmonics_count
+
+DIRECTIONS = 64
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+
+
+def moved(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
+    """3DGS's Gaussians of the similarity's source world, in its target world: they look there as they looked here."""
+    geometry = similarity.gaussians(
+        *(gaussians[name].detach().double().numpy() for name in ("means", "quats", "log_scales"))
+    )
+    means, quats, log_scales = (torch.from_numpy(values).float() for values in geometry)
+    changed = {"means": means, "quats": quats, "log_scales": log_scales}
+    return Gaussians(
+        gaussians.parameters | changed | {"sh_rest": turned_harmonics(gaussians["sh_rest"], similarity.rotation)}
+    )
+
+
+def turned_harmonics(rest: Float[Tensor, "N K 3"], rotation: Float64[np.ndarray, "3 3"]) -> Float[Tensor, "N K 3"]:
+    """The harmonics beyond the constant one of colours that turn with `rotation`: f'(R d) = f(d) for all directions d.
+
+    Each degree is turned by itself, K = (degree + 1)² - 1 in all; K = 0 is allowed.
+    """
+    turned = torch.empty_like(rest)
+    for degree in range(1, MAXIMUM_DEGREE + 1):
+        first, last = harmonics_count(degree - 1) - 1, harmonics_count(degree) - 1
+        if first < rest.shape[1]:
+            matrix = _turn_of_degree(degree, rotation)
+            turned[:, first:last] = (matrix @ rest[:, first:last].double()).to(rest.dtype)
+    return turned
+
+
+def joined(gaussians: Gaussians, added: Gaussians) -> Gaussians:
+    """Both as one scene. Where their harmonics' degrees differ, the lower one's further coefficients are zero."""
+    count = max(each["sh_rest"].shape[1] for each in (gaussians, added))
+    both = [each.parameters | {"sh_rest": _padded(each["sh_rest"], count)} for each in (gaussians, added)]
+    return Gaussians({name: torch.cat([each[name] for each in both]) for name in gaussians.parameters})
+
+
+def chosen(gaussians: Gaussians, rows: Tensor) -> Gaussians:
+    """The Gaussians of these rows."""
+    return Gaussians({name: tensor[rows] for name, tensor in gaussians.parameters.items()})
+
+
+def degree_of(rest: Float[Tensor, "N K 3"]) -> int:
+    """The degree of harmonics of which K are beyond the constant one. Raises `ValueError` for any other K."""
+    counts = [harmonics_count(degree) - 1 for degree in range(MAXIMUM_DEGREE + 1)]
+    return counts.index(rest.shape[1])
+
+
+def _turn_of_degree(degree: int, rotation: Float64[np.ndarray, "3 3"]) -> Float[Tensor, "B B"]:
+    """The matrix for the 2·degree + 1 harmonics of one degree, from their values in many directions.
+
+    Harmonics of a degree, turned, are sums of the same harmonics: the least squares leave no rest.
+    """
+    directions = _even_directions()
+    band = slice(harmonics_count(degree - 1), harmonics_count(degree))
+    values = harmonics(directions, degree)[:, band]
+    turned = harmonics(directions @ torch.as_tensor(rotation, dtype=torch.float64), degree)[:, band]
+    return torch.linalg.lstsq(values, turned).solution
+
+
+def _even_directions() -> Float[Tensor, "D 3"]:
+    """Unit vectors on a spiral from pole to pole, at equal distances."""
+    height = 1 - (2 * np.arange(DIRECTIONS) + 1) / DIRECTIONS
+    angle = GOLDEN_ANGLE * np.arange(DIRECTIONS)
+    ring = np.sqrt(1 - height**2)
+    return torch.from_numpy(np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1))
+
+
+def _padded(rest: Float[Tensor, "N K 3"], count: int) -> Float[Tensor, "N count 3"]:
+    return torch.cat([rest, rest.new_zeros(len(rest), count - rest.shape[1], 3)], dim=1)

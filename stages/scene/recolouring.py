@@ -1,0 +1,53 @@
+"""Changes of colour that are linear, so that colours from spherical harmonics can be changed once for all directions.
+
+Hue and saturation are those of the filters of CSS (Filter Effects Module, level 1), known from any browser: they keep
+the luminance of colours that stay within [0, 1].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float64
+from torch import Tensor
+
+from stages.scene.spherical_harmonics import BASE
+
+LUMINANCE = np.array([0.213, 0.715, 0.072])
+
+
+def recolouring(
+    hue: float, saturation: float, tint: tuple[float, float, float], strength: float
+) -> Float64[np.ndarray, "3 3"]:
+    """The matrix that turns sRGB colours by `hue` degrees, multiplies their saturation, and mixes in a tint.
+
+    A share `strength` of each colour becomes the tint at the colour's luminance: with 1, nothing but its shades is
+    left. 0, 1 and 0 change nothing.
+    """
+    tinted = (1 - strength) * np.eye(3) + strength * np.outer(tint, LUMINANCE)
+    return tinted @ _saturated(saturation) @ _turned_hue(hue)
+
+
+def recoloured(
+    base: Float[Tensor, "N 3"], rest: Float[Tensor, "N K 3"], matrix: Float64[np.ndarray, "3 3"]
+) -> tuple[Float[Tensor, "N 3"], Float[Tensor, "N K 3"]]:
+    """3DGS's harmonics after the matrix has been applied to the colours that they give in every direction.
+
+    A colour is 0.5 plus the harmonics: the matrix applies to that half, too. Exact where colours are not cut off at 0.
+    """
+    turned = torch.as_tensor(matrix, dtype=torch.float64)
+    half = torch.full((3,), 0.5, dtype=torch.float64)
+    moved = base.double() @ turned.T + (turned @ half - half) / BASE
+    return moved.to(base.dtype), (rest.double() @ turned.T).to(rest.dtype)
+
+
+def _saturated(saturation: float) -> Float64[np.ndarray, "3 3"]:
+    return saturation * np.eye(3) + (1 - saturation) * np.outer(np.ones(3), LUMINANCE)
+
+
+def _turned_hue(degrees: float) -> Float64[np.ndarray, "3 3"]:
+    """The standard's matrix: grey stays, what is left of a colour turns about it without change of luminance."""
+    grey = np.outer(np.ones(3), LUMINANCE)
+    across = np.array([[-0.213, -0.715, 0.928], [0.143, 0.140, -0.283], [-0.787, 0.715, 0.072]])
+    angle = np.radians(degrees)
+    return grey + np.cos(angle) * (np.eye(3) - grey) + np.sin(angle) * across

@@ -1,0 +1,26 @@
+"""The workflow of edited covers: its settings reach the edits, and what is edited is private."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pipeline.project import open_project
+
+WORKFLOW = Path(__file__).parents[2] / "workflows" / "hide_edits.yaml"
+
+
+def test_settings_reach_the_edits_and_edits_are_private(tmp_path: Path) -> None:
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    (photos / "a.jpg").write_bytes(b"1")
+    settings = [f"cover={photos}", "hue=75", "object_width=0.3"]
+    nodes = open_project(WORKFLOW, tmp_path / "store", settings).graph.nodes
+    (recolour,) = nodes["recoloured"].parameters["edits"]
+    (remove,) = nodes["without_object"].parameters["edits"]
+    assert recolour["hue"] == 75
+    assert remove["region"]["size"] == [0.3, 0.3, 0.26]
+    assert {name for name, node in nodes.items() if node.private} >= {"recoloured", "without_object"}
+    assert not nodes["plain"].private
+    for name in ("recoloured_views", "without_object_views"):
+        assert "message" not in nodes[name].sources or not nodes[name].sources["message"]
+        assert nodes[name].parameters["placement"] == "same_world"
