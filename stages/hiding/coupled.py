@@ -26,7 +26,7 @@ FEATURE_RATE = 2.5e-3
 FEATURES = "raw_features"
 """The attribute that all these methods add: f_i before its activation, a sigmoid."""
 
-COUPLED_SETTINGS = ("feature_dim", "layers", "decoder_width", "precision")
+COUPLED_SETTINGS = ("feature_dim", "layers", "decoder_width", "kernel_size", "precision")
 
 DecoderType = TypeVar("DecoderType", bound=torch.nn.Module)
 
@@ -38,7 +38,15 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
     generator, the scene decoder's first.
     """
 
-    def __init__(self, feature_dim: int, layers: int, decoder_width: int, precision: str, messages: Sequence[str] = ()):
+    def __init__(
+        self,
+        feature_dim: int,
+        layers: int,
+        decoder_width: int,
+        precision: str,
+        messages: Sequence[str] = (),
+        kernel_size: int = 3,
+    ):
         self.feature_dim = feature_dim
         self.messages = tuple(messages)
         self.precision = getattr(torch, precision)
@@ -46,21 +54,22 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
             "feature_dim": feature_dim,
             "layers": layers,
             "decoder_width": decoder_width,
+            "kernel_size": kernel_size,
             "precision": precision,
         }
         self.learning_rates: Mapping[str, float] = {FEATURES: FEATURE_RATE}
-        self.scene_decoder = self.make_decoder(1, layers, decoder_width)
+        self.scene_decoder = self.make_decoder(1, layers, decoder_width, kernel_size)
         self.decoders = [self.scene_decoder]
         self.networks: dict[str, torch.nn.Module] = {"scene_decoder": self.scene_decoder}
         if self.messages:
-            self.message_decoder = self.make_decoder(len(self.messages), layers, decoder_width)
+            self.message_decoder = self.make_decoder(len(self.messages), layers, decoder_width, kernel_size)
             self.decoders.append(self.message_decoder)
             self.networks["message_decoder"] = self.message_decoder
         for network in self.networks.values():
             network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stub omits it
 
     @abstractmethod
-    def make_decoder(self, pictures: int, layers: int, width: int) -> DecoderType:
+    def make_decoder(self, pictures: int, layers: int, width: int, kernel_size: int) -> DecoderType:
         """A decoder for so many pictures."""
 
     @abstractmethod

@@ -8,24 +8,24 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-KERNEL_SIZE = 3
-
 
 class Decoder(torch.nn.Sequential):
-    """3x3 convolutions from `feature_dim` channels over `width` ones to `channels`, zero padding, ReLU between.
+    """Convolutions from `feature_dim` channels over `width` ones to `channels`, zero padding, ReLU between.
+
+    `kernel_size` is 3 in the paper; 1 decodes every pixel by itself.
 
     The paper says "five layers of convolution followed by ReLU"; as in its released code the last layer is linear,
     since a ReLU there has no gradient wherever the picture starts out black. Weights come from torch's generator.
     Raises `ValueError` for fewer than two layers.
     """
 
-    def __init__(self, feature_dim: int, channels: int, layers: int = 5, width: int = 64):
+    def __init__(self, feature_dim: int, channels: int, layers: int = 5, width: int = 64, kernel_size: int = 3):
         if layers < 2:
             raise ValueError(f"a decoder has at least two layers, not {layers}")
         sizes = [feature_dim, *[width] * (layers - 1), channels]
         modules: list[torch.nn.Module] = []
         for inputs, outputs in pairwise(sizes):
-            modules += [torch.nn.Conv2d(inputs, outputs, KERNEL_SIZE, padding=KERNEL_SIZE // 2), torch.nn.ReLU()]
+            modules += [torch.nn.Conv2d(inputs, outputs, kernel_size, padding=kernel_size // 2), torch.nn.ReLU()]
         super().__init__(*modules[:-1])
 
     def pass_through(self, rows: Float[Tensor, "C M"], neutral: float = 0.5) -> None:
@@ -36,7 +36,7 @@ class Decoder(torch.nn.Sequential):
         the decoder is narrower than its output.
         """
         convolutions = [module for module in self if isinstance(module, torch.nn.Conv2d)]
-        channels, centre = len(rows), KERNEL_SIZE // 2
+        channels, centre = len(rows), convolutions[0].kernel_size[0] // 2
         narrowest = min(convolution.out_channels for convolution in convolutions)
         if narrowest < channels:
             raise ValueError(f"a decoder {narrowest} channels wide cannot pass {channels} channels through")

@@ -38,6 +38,9 @@ class HidingParameters(TrainingParameters):
     feature_dim: int = Field(16, ge=1, description="M: channels of the coupled feature of each Gaussian.")
     layers: int = Field(5, ge=2, description="Convolutions in each decoder.")
     decoder_width: int = Field(64, ge=1, description="Channels between the decoders' convolutions.")
+    kernel_size: Literal[1, 3, 5] = Field(
+        3, description="Of the decoders' convolutions. The paper: 3. With 1 every pixel is decoded by itself."
+    )
     sh_degree: int = Field(3, ge=0, le=3, description="Highest degree of spherical harmonics, of methods with them.")
     lambda_message: float = Field(0.5, ge=0, description="λ: the messages' weight in the total loss.")
     ssim_weight_cover: float = Field(0.2, ge=0, le=1, description="γ: SSIM's share of the cover's loss.")

@@ -25,7 +25,7 @@ from stages.scene.gaussians import Gaussians, gaussians_at
 from stages.train_scene import TrainSceneParameters, train_scene
 from tests.stages import small
 
-COUPLED = {"feature_dim": 5, "layers": 3, "decoder_width": 12, "precision": "float32"}
+COUPLED = {"feature_dim": 5, "layers": 3, "decoder_width": 12, "kernel_size": 1, "precision": "float32"}
 SETTINGS = {
     "gs_hider": COUPLED,
     "homogeneous": COUPLED,

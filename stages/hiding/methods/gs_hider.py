@@ -23,9 +23,9 @@ class GSHider(CoupledFeatures[Decoder]):
 
     name = "gs_hider"
 
-    def make_decoder(self, pictures: int, layers: int, width: int) -> Decoder:
+    def make_decoder(self, pictures: int, layers: int, width: int, kernel_size: int) -> Decoder:
         """Five convolutions in the paper."""
-        return Decoder(self.feature_dim, 3 * pictures, layers, width)
+        return Decoder(self.feature_dim, 3 * pictures, layers, width, kernel_size)
 
     def initial_attributes(
         self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator

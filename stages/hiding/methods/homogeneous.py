@@ -45,11 +45,11 @@ class HomogeneousDecoder(torch.nn.Module):
     without which nothing would tell black from grey, and 8 harmonics of the direction of view.
     """
 
-    def __init__(self, feature_dim: int, pictures: int, layers: int, width: int):
+    def __init__(self, feature_dim: int, pictures: int, layers: int, width: int, kernel_size: int = 3):
         super().__init__()
         self.directions = torch.nn.Parameter(torch.zeros(pictures, feature_dim))
         self.channels = pictures * (feature_dim + 1) + harmonics_count(VIEW_DEGREE) - 1
-        self.convolutions = Decoder(self.channels, 3 * pictures, layers, width)
+        self.convolutions = Decoder(self.channels, 3 * pictures, layers, width, kernel_size)
 
     def start(self, directions: Float[Tensor, "P M"], rows: Float[Tensor, "P 3 M"]) -> None:
         """Start by showing each picture as rows[k]·(divided features) + 0.5."""
@@ -83,9 +83,9 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
 
     name = "homogeneous"
 
-    def make_decoder(self, pictures: int, layers: int, width: int) -> HomogeneousDecoder:
+    def make_decoder(self, pictures: int, layers: int, width: int, kernel_size: int) -> HomogeneousDecoder:
         """A decoder that divides by the shares of so many pictures."""
-        return HomogeneousDecoder(self.feature_dim, pictures, layers, width)
+        return HomogeneousDecoder(self.feature_dim, pictures, layers, width, kernel_size)
 
     def initial_attributes(
         self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator

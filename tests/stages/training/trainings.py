@@ -33,7 +33,14 @@ def prepared(
 ) -> Training:
     """A training before its first iteration; the same every time."""
     torch.manual_seed(seed)
-    every = {"sh_degree": 1, "feature_dim": 8, "layers": 2, "decoder_width": 8, "precision": precision}
+    every = {
+        "sh_degree": 1,
+        "feature_dim": 8,
+        "layers": 2,
+        "decoder_width": 8,
+        "kernel_size": 3,
+        "precision": precision,
+    }
     settings: dict[str, object] = {name: every[name] for name in settings_of(method_name)}
     messages = [] if method_name == "plain" else [MESSAGE]
     method = build_method(method_name, settings | ({"messages": messages} if messages else {}))
