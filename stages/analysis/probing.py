@@ -24,6 +24,9 @@ from stages.scene.message_views import MessageViews
 from stages.scene.scene import Scene
 
 OWN = "own features"
+HALF, NONE, MEAN = "half of the channels zeroed", "all channels zeroed", "every Gaussian with the mean feature"
+FOREIGN = "features of another scene"
+PROBES = (OWN, FOREIGN, HALF, NONE, MEAN)
 SILENT = -1e4
 """A raw feature whose sigmoid is zero."""
 
@@ -41,15 +44,15 @@ def probes(own: RawFeatures, foreign: RawFeatures | None, seed: int) -> dict[str
     halved[:, silenced] = SILENT
     found = {
         OWN: own,
-        "half of the channels zeroed": halved,
-        "all channels zeroed": torch.full_like(own, SILENT),
-        "every Gaussian with the mean feature": own.mean(dim=0).expand_as(own).contiguous(),
+        HALF: halved,
+        NONE: torch.full_like(own, SILENT),
+        MEAN: own.mean(dim=0).expand_as(own).contiguous(),
     }
     if foreign is not None:
         if foreign.shape[1] != own.shape[1]:
             raise ValueError(f"features of {own.shape[1]} and of {foreign.shape[1]} channels")
         rows = torch.randint(len(foreign), (len(own),), generator=generator)
-        found["features of another scene"] = foreign[rows]
+        found[FOREIGN] = foreign[rows]
     return found
 
 

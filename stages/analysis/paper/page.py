@@ -17,6 +17,7 @@ from stages.analysis.paper.frame_time import frame_time
 from stages.analysis.paper.grid import Grid
 from stages.analysis.paper.no_message import no_message
 from stages.analysis.paper.plateau import plateau
+from stages.analysis.paper.probes import probes
 from stages.analysis.paper.public import public_chapter, public_study
 from stages.analysis.paper.published import Published, wrong_averages
 from stages.analysis.paper.relations import NOISES, Relation, relations_grid
@@ -33,6 +34,7 @@ WRITERS: Mapping[str, Writer] = {
     "frame_time": frame_time,
     "single_image": single_image,
     "several_messages": several_messages,
+    "probes": probes,
     "ablations": ablations,
     "plateau": plateau,
 }
