@@ -7,7 +7,8 @@ from pydantic import Field
 
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.analysis.probing import probe_rows, probes
+from stages.analysis.probes import probes
+from stages.analysis.probing import probe_rows
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method

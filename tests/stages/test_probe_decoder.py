@@ -11,7 +11,7 @@ import torch
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
-from stages.analysis.probing import OWN, SILENT, probes
+from stages.analysis.probes import OWN, SILENT, probes
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER

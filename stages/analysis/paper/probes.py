@@ -10,7 +10,7 @@ from stages.analysis.paper.measuring import Measured, measure, message
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Study
-from stages.analysis.probing import OWN, PROBES
+from stages.analysis.probes import OWN, PROBES
 
 MOST_OVER_ONE_COLOUR = 1.0
 """In dB: features without a message may show no more of it than this above the best picture of one colour."""
