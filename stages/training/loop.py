@@ -42,7 +42,7 @@ class TrainingViews:
 class TrainingSettings:
     """Constants of 3DGS; `extent` of the rig scales positions' learning rate. `density` None keeps all Gaussians.
 
-    Schedules are 3DGS's, scaled to `schedule_iterations`; None: to all iterations. Later ones keep the last rates.
+    Schedules are 3DGS's, scaled to the first `schedule_share` of the iterations; later ones keep the last rates.
     `attribute_rates` replace the method's own learning rates; they and `network_rate` fall exponentially to
     `final_rate_share` of themselves.
     """
@@ -57,9 +57,14 @@ class TrainingSettings:
     opacity_rate: float = 5e-2
     network_rate: float = 1e-3
     final_rate_share: float = 1.0
-    schedule_iterations: int | None = None
+    schedule_share: float = 1.0
     attribute_rates: Mapping[str, float] = field(default_factory=dict)
     density: DensitySettings | None = field(default_factory=DensitySettings)
+
+    @property
+    def scheduled(self) -> int:
+        """The iterations to which schedules are scaled."""
+        return max(1, round(self.schedule_share * self.iterations))
 
 
 Observer = Callable[[], None]
@@ -87,7 +92,7 @@ class Training:
         self.network_optimizer = self._network_optimizer()
         self.sampler = ViewSampler(len(views.cameras), settings.seed)
         self.generator = torch.Generator().manual_seed(settings.seed)
-        self.schedule = density_schedule(settings.schedule_iterations or settings.iterations)
+        self.schedule = density_schedule(settings.scheduled)
         self.iteration = 0
         self.curves = Curves(settings.iterations, [*terms, *(view.term for view in fixed)], method.name)
         self.density = (
@@ -112,7 +117,7 @@ class Training:
     def step(self, iteration: int) -> dict[str, float]:
         """One view, one step; `iteration` counts from 1. Returns the loss and each picture's squared error."""
         settings = self.settings
-        progress = min(1.0, iteration / (settings.schedule_iterations or settings.iterations))
+        progress = min(1.0, iteration / settings.scheduled)
         self._set_learning_rates(progress)
         with part("data"):
             view = self.sampler.draw()

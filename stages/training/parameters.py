@@ -14,8 +14,11 @@ class TrainingParameters(Parameters):
     """Constants of the optimisation; the defaults are those of 3DGS."""
 
     iterations: int = Field(30_000, ge=1, description="Optimisation steps, one view each; schedules scale with it.")
-    schedule_iterations: int | None = Field(
-        None, ge=1, description="3DGS's schedules scale to so many iterations; null: to all. Released code: 30,000."
+    schedule_share: float = Field(
+        1.0,
+        gt=0,
+        le=1,
+        description="The share of the iterations that 3DGS's schedules take. Released code: 0.6, 30,000 of 50,000.",
     )
     seed: int = Field(0, ge=0, description="Of the order of views, of splitting, and of the networks' first weights.")
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
@@ -38,7 +41,7 @@ class TrainingParameters(Parameters):
             iterations=self.iterations,
             extent=extent,
             seed=self.seed,
-            schedule_iterations=self.schedule_iterations,
+            schedule_share=self.schedule_share,
             position_rate=self.position_rate,
             final_position_rate=self.final_position_rate,
             density=DensitySettings(gradient_threshold=self.densify_gradient, maximum_gaussians=self.maximum_gaussians),

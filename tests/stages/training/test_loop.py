@@ -91,7 +91,7 @@ def test_schedules_may_end_before_the_training_as_in_the_released_code() -> None
     """50,000 iterations with 3DGS's schedule of 30,000: density control until 15,000, then the last rates."""
     training = prepared("gs_hider", 50_000)
     training.settings = replace(
-        training.settings, schedule_iterations=30_000, final_rate_share=0.1, attribute_rates={"raw_features": 1.0}
+        training.settings, schedule_share=0.6, final_rate_share=0.1, attribute_rates={"raw_features": 1.0}
     )
     scheduled = Training(
         training.gaussians, training.method, training.views, training.terms, training.settings, training.fixed
