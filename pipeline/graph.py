@@ -196,9 +196,9 @@ class _Builder:
             declaration=declaration,
             sources=sources,
             labels={
-                name: tuple(self.labels(entry, references, index))
-                for name, references in instance.inputs.items()
-                if name in declaration.inputs and declaration.inputs[name].labelled
+                name: tuple(self.labels(entry, instance.inputs.get(name, ()), index))
+                for name, port in declaration.inputs.items()
+                if port.labelled
             },
             without_failed=instance.without_failed,
             arguments=arguments,

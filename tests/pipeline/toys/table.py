@@ -10,13 +10,16 @@ class TableParameters(Parameters):
 
 
 @stage(
-    inputs={"numbers": Input("numbers", many=True, labelled=True)},
+    inputs={
+        "numbers": Input("numbers", many=True, labelled=True),
+        "others": Input("numbers", many=True, labelled=True, optional=True),
+    },
     outputs={"page": Output("report")},
     version=1,
 )
 def table(context: Context, parameters: TableParameters) -> None:
     rows = []
-    for item in context.items("numbers"):
+    for item in (*context.items("numbers"), *context.items("others")):
         told = item.cause if item.artifact is None else f"sum {item.artifact.read('values').sum():g}"
         rows.append(f"{item.label} {dict(item.values)} {told}\n")
     context.output("page").write_file("rows.txt", "".join(rows))

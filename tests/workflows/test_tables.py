@@ -1,0 +1,77 @@
+"""The workflows of the paper's tables, small: from folders of photos to the page, and what they share is done once."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from stages.imaging.pictures import encode_png, read_picture
+from tests.workflows.test_batch_pairs import photograph
+
+REPOSITORY = Path(__file__).parents[2]
+USUAL = {"hidden": 1, "feature_dim": 16, "decoder_width": 12, "kernel_size": 3, "message_points": 0}
+ROW = {"cover": "fox", "message": "kitchen", "lambda_message": 0.5, "gaussians": 500, "seed": 0}
+FIDELITY = [
+    {**USUAL, **ROW, "method": "sh"},
+    {**USUAL, **ROW, "method": "decoder"},
+    {**USUAL, **ROW, "method": "gs_hider"},
+    {**USUAL, **ROW, "method": "gs_hider", "hidden": 0},
+    {**USUAL, **ROW, "method": "homogeneous", "kernel_size": 1, "message_points": 50},
+]
+IMAGES = [{"cover": "fox", "method": "gs_hider", "name": "boat", "image": "boat.png", "gaussians": 500, "seed": 0}]
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("photos")
+    for seed, name in enumerate(("fox", "kitchen")):
+        photograph(seed, folder / name)
+    (folder / "boat.png").write_bytes(encode_png(read_picture(folder / "kitchen" / "000.png")[:, :100]))
+    return folder
+
+
+def run(photos: Path, workflow: str, rows: list[dict], *settings: str) -> dict[str, dict]:
+    """The ends of stages by name."""
+    command = [sys.executable, "-m", "pipeline", "run", f"workflows/{workflow}.yaml", "--json"]
+    small = [f"photos={photos}", "width=64", "iterations=4", "scores.lpips=none", f"rows={json.dumps(rows)}"]
+    finished = subprocess.run(
+        [*command, "--store", str(photos / "store"), *(f"--set={setting}" for setting in (*small, *settings))],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+    )
+    assert finished.returncode == 0, finished.stderr
+    events = [json.loads(line) for line in finished.stdout.splitlines() if line.startswith("{")]
+    return {event["name"]: event for event in events if event["event"] == "stage"}
+
+
+def figures(ended: dict[str, dict]) -> list[dict[str, str]]:
+    with (Path(ended["tables"]["outputs"]["owner"]) / "figures.csv").open() as file:
+        return [row for row in csv.DictReader(file) if row["figures"] == "here"]
+
+
+def test_fidelity_and_ablations(photos: Path) -> None:
+    ended = run(photos, "fidelity", FIDELITY, "plain_scores.lpips=none")
+    trained = [name for name in ended if name.startswith(("plain[", "hide["))]
+    assert len(trained) == 1 + len(FIDELITY)
+    page = (Path(ended["tables"]["outputs"]["owner"]) / "report.html").read_text()
+    for method in ("3DGS+SH", "3DGS+Decoder", "GS-Hider"):
+        assert method in page
+    written = {row["line"] for row in figures(ended)}
+    assert any("3DGS+Decoder" in line and "Message" in line for line in written), written
+    secrets = Path(ended["tables"]["outputs"]["public"], "report.html").read_text().casefold()
+    assert not any(word in secrets for word in ("kitchen", "message", "secret", "hider"))
+
+
+def test_an_image_in_one_view(photos: Path) -> None:
+    rows = [{**row, "image": str(photos / row["image"])} for row in IMAGES]
+    ended = run(photos, "hide_image", rows, "plain_scores.lpips=none")
+    assert any("boat" in row["line"] for row in figures(ended)), figures(ended)
