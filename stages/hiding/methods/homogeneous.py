@@ -34,38 +34,45 @@ BELONGING = 0.48
 SMALLEST_SHARE = 0.05
 """Added to what is divided by: pixels in which a picture has hardly any share come out grey instead of noisy."""
 
+READINGS = 3
+"""Channels that a decoder reads of a picture. It sees features along its own directions alone: what belongs to others,
+divided by a small share of its own, would be large and new to it in views that it was not trained on."""
+
 VIEW_DEGREE = 2
 """Of the spherical harmonics by which the decoders are told a pixel's direction of view."""
 
 
 class HomogeneousDecoder(torch.nn.Module):
-    """Features divided by the share of each of the P pictures that this decoder shows, then convolutions.
+    """Features read along a few directions, divided by the share of the picture they belong to, then convolutions.
 
-    `directions [P, M]` are u_k. What the convolutions see: for each picture the divided features and the share itself,
-    without which nothing would tell black from grey, and 8 harmonics of the direction of view.
+    `directions [P, M]` are u_k of the P pictures that this decoder shows, `readings [P, R, M]` what it reads of each.
+    The convolutions see for each picture its divided readings and the share itself, without which nothing would tell
+    black from grey, and 8 harmonics of the direction of view.
     """
 
     def __init__(self, feature_dim: int, pictures: int, layers: int, width: int, kernel_size: int = 3):
         super().__init__()
         self.directions = torch.nn.Parameter(torch.zeros(pictures, feature_dim))
-        self.channels = pictures * (feature_dim + 1) + harmonics_count(VIEW_DEGREE) - 1
+        self.readings = torch.nn.Parameter(torch.zeros(pictures, READINGS, feature_dim))
+        self.channels = pictures * (READINGS + 1) + harmonics_count(VIEW_DEGREE) - 1
         self.convolutions = Decoder(self.channels, 3 * pictures, layers, width, kernel_size)
 
-    def start(self, directions: Float[Tensor, "P M"], rows: Float[Tensor, "P 3 M"]) -> None:
-        """Start by showing each picture as rows[k]·(divided features) + 0.5."""
-        pictures, feature_dim = directions.shape
+    def start(self, directions: Float[Tensor, "P M"], readings: Float[Tensor, "P R M"]) -> None:
+        """Start by showing each picture as its first three readings + 0.5."""
+        pictures = len(directions)
         taps = torch.zeros(pictures, 3, self.channels)
         for picture in range(pictures):
-            first = picture * (feature_dim + 1)
-            taps[picture, :, first : first + feature_dim] = rows[picture]
+            first = picture * (READINGS + 1)
+            taps[picture, :, first : first + 3] = torch.eye(3)
         self.convolutions.pass_through(taps.flatten(0, 1), neutral=0.0)
         with torch.no_grad():
             self.directions.copy_(directions)
+            self.readings.copy_(readings)
 
     def divided(
         self, centred: Float[Tensor, "H W M"], half_alphas: Float[Tensor, "H W 1"]
     ) -> list[Float[Tensor, "H W C"]]:
-        """For each picture (F - A/2) / (E_k + ε) and E_k, its blended share: u_k·(F - A/2) + A/2, at least 0.
+        """For each picture its readings of (F - A/2) / (E_k + ε), and E_k, its blended share: u_k·(F - A/2) + A/2 ≥ 0.
 
         `centred` is F - A/2, `half_alphas` A/2. Multiplied by reciprocals: of a division, autograd needs twice the
         passes over all features.
@@ -73,8 +80,10 @@ class HomogeneousDecoder(torch.nn.Module):
         shares = (centred @ self.directions.T + half_alphas).clamp_min(0)
         reciprocals = (shares + SMALLEST_SHARE).reciprocal()
         channels = []
-        for share, reciprocal in zip(shares.split(1, dim=-1), reciprocals.split(1, dim=-1), strict=True):
-            channels += [centred * reciprocal, share]
+        for readings, share, reciprocal in zip(
+            self.readings, shares.split(1, dim=-1), reciprocals.split(1, dim=-1), strict=True
+        ):
+            channels += [(centred @ readings.T) * reciprocal, share]
         return channels
 
 
@@ -92,20 +101,21 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
     ) -> dict[str, Float[Tensor, "N ..."]]:
         """Features that the decoders show as the points' colours; a point belongs to the pictures where it is not grey.
 
-        One that is grey everywhere belongs to all by half. Four random directions a picture, its share's and three
-        colours', all at right angles while 4 (1 + L) ≤ M. Those of the messages follow from `generator`, that is, from
-        the key.
+        One that is grey everywhere belongs to all by half. Random directions for each picture, its share's and its
+        readings', all at right angles while there is room for them. Those of the messages follow from `generator`, that
+        is, from the key.
         """
         pictures = (COVER, *self.messages)
-        mixture = orthonormal_rows(4 * len(pictures), self.feature_dim, generator).reshape(len(pictures), 4, -1)
-        directions, rows = mixture[:, 0], mixture[:, 1:]
-        self.scene_decoder.start(directions[:1], rows[:1])
+        mixture = orthonormal_rows((1 + READINGS) * len(pictures), self.feature_dim, generator)
+        directions, readings = mixture.reshape(len(pictures), 1 + READINGS, -1).split([1, READINGS], dim=1)
+        directions = directions.squeeze(1)
+        self.scene_decoder.start(directions[:1], readings[:1])
         if self.messages:
-            self.message_decoder.start(directions[1:], rows[1:])
+            self.message_decoder.start(directions[1:], readings[1:])
         centred = torch.stack([torch.as_tensor(colors[name]).float() - 0.5 for name in pictures], dim=1)
         known = (centred != 0).any(dim=-1)
         belongs = torch.where(known, BELONGING, -BELONGING) * known.any(dim=-1, keepdim=True)
-        features = 0.5 + belongs @ directions + torch.einsum("npc,pcm->nm", centred, rows)
+        features = 0.5 + belongs @ directions + torch.einsum("npc,pcm->nm", centred, readings[:, :3])
         return {FEATURES: features.clamp(*FEATURE_RANGE).logit()}
 
     def decoded(
