@@ -15,6 +15,7 @@ from stages.imaging.metric_table import MetricRow
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 from stages.timing.stopwatch import part
+from stages.training.averaging import Averages
 from stages.training.curves import Curves
 from stages.training.density_control import DensityControl, DensitySettings
 from stages.training.objectives import Compared, FixedView, PictureTerm, total_loss
@@ -44,7 +45,7 @@ class TrainingSettings:
 
     Schedules are 3DGS's, scaled to the first `schedule_share` of the iterations; later ones keep the last rates.
     `attribute_rates` replace the method's own learning rates; they and `network_rate` fall exponentially to
-    `final_rate_share` of themselves.
+    `final_rate_share` of themselves. `averaging` is the decay of the averages that the training ends with; 0: none.
     """
 
     iterations: int
@@ -58,6 +59,7 @@ class TrainingSettings:
     network_rate: float = 1e-3
     final_rate_share: float = 1.0
     schedule_share: float = 1.0
+    averaging: float = 0.0
     attribute_rates: Mapping[str, float] = field(default_factory=dict)
     density: DensitySettings | None = field(default_factory=DensitySettings)
 
@@ -93,6 +95,7 @@ class Training:
         self.sampler = ViewSampler(len(views.cameras), settings.seed)
         self.generator = torch.Generator().manual_seed(settings.seed)
         self.schedule = density_schedule(settings.scheduled)
+        self.averages = Averages(settings.averaging, settings.iterations)
         self.iteration = 0
         self.curves = Curves(settings.iterations, [*terms, *(view.term for view in fixed)], method.name)
         self.density = (
@@ -177,6 +180,8 @@ class Training:
         while self.iteration < self.settings.iterations:
             figures = self.step(self.iteration + 1)
             self.iteration += 1
+            self.averages.add(self.iteration, self.gaussians, self.method)
             self.curves.add(self.iteration, figures, len(self.gaussians))
             observe()
+        self.averages.apply(self.gaussians, self.method)
         return self.curves.rows()

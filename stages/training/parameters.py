@@ -20,6 +20,13 @@ class TrainingParameters(Parameters):
         le=1,
         description="The share of the iterations that 3DGS's schedules take. Released code: 0.6, 30,000 of 50,000.",
     )
+    averaging: float = Field(
+        0.0,
+        ge=0,
+        lt=1,
+        description="Decay of the exponential average of Gaussians and networks over the last fifth of the iterations, "
+        "which the training ends with; 0, as in 3DGS and the paper: none.",
+    )
     seed: int = Field(0, ge=0, description="Of the order of views, of splitting, and of the networks' first weights.")
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
     position_rate: float = Field(1.6e-4, gt=0, description="First learning rate of positions, times the rig's extent.")
@@ -42,6 +49,7 @@ class TrainingParameters(Parameters):
             extent=extent,
             seed=self.seed,
             schedule_share=self.schedule_share,
+            averaging=self.averaging,
             position_rate=self.position_rate,
             final_position_rate=self.final_position_rate,
             density=DensitySettings(gradient_threshold=self.densify_gradient, maximum_gaussians=self.maximum_gaussians),

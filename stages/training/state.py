@@ -31,6 +31,7 @@ def state_of(training: Training) -> State:
         **{f"networks/{name}": tensor for name, tensor in _network_values(training)},
         **_moments(training.network_optimizer, _network_parameters(training)),
         **{f"density/{name}": getattr(training.density, name) for name in STATISTICS if training.density is not None},
+        **{f"averages/{name}": tensor for name, tensor in training.averages.values.items()},
         "generators/views": training.sampler.generator.get_state(),
         "generators/splitting": training.generator.get_state(),
     }
@@ -55,6 +56,11 @@ def set_state(training: Training, state: State) -> None:
         for name, tensor in _network_values(training):
             tensor.copy_(tensors[f"networks/{name}"])  # into place: their layout in memory stays what it was
     _set_moments(training.network_optimizer, _network_parameters(training), tensors)
+    training.averages.values = {
+        name.removeprefix("averages/"): tensor.clone()
+        for name, tensor in tensors.items()
+        if name.startswith("averages/")
+    }
     _set_statistics(training.density, tensors)
     _set_curves(training.curves, state.arrays)
 

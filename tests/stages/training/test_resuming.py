@@ -19,6 +19,7 @@ from pipeline.checkpoint import Checkpoints, State
 from pipeline.errors import Interrupted
 from pipeline.stage import Context, Services
 from stages.imaging.metric_table import MetricRow
+from stages.training.averaging import Averages
 from stages.training.density_control import DensitySettings
 from stages.training.loop import Training
 from stages.training.schedules import DensitySchedule
@@ -39,6 +40,7 @@ def fresh(method: str) -> Training:
     )
     training = prepared(method, ITERATIONS, density=density, precision="bfloat16")
     training.schedule = SCHEDULE
+    training.averages = Averages(0.7, ITERATIONS)
     training.curves.every = 7
     return training
 
