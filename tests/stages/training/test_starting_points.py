@@ -10,7 +10,14 @@ from stages.hiding.rendering import COVER
 from stages.scene.cameras import Cameras
 from stages.scene.message_views import MessageViews
 from stages.scene.scene import Scene
-from stages.training.starting_points import FARTHER, NEARER, Start, points_before_cameras, starting_points
+from stages.training.starting_points import (
+    FARTHER,
+    NEARER,
+    Start,
+    behind_the_nearest,
+    points_before_cameras,
+    starting_points,
+)
 
 
 def scene_with(points: np.ndarray) -> Scene:
@@ -71,3 +78,11 @@ def test_the_same_seed_gives_the_same_points() -> None:
 def test_a_scene_without_points_is_refused() -> None:
     with pytest.raises(UserError, match="no sparse points"):
         starting_points(scene_with(np.empty((0, 3))), {}, Start(True, 0, 0, seed=0))
+
+
+def test_no_point_of_a_message_stands_right_before_a_training_camera() -> None:
+    """The cover's nearest things are 3 units away; a test camera does not count."""
+    scene = scene_with(cloud())
+    near, far = np.array([[0.0, 0, 1], [0.5, 0, -0.5]]), np.array([[0.0, 0, 6], [0, 0, 7], [0, 9, 0]])
+    assert behind_the_nearest(scene, np.concatenate([near, far])).tolist() == [2, 3, 4]
+    assert behind_the_nearest(scene, np.zeros((0, 3))).tolist() == []
