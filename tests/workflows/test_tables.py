@@ -16,7 +16,7 @@ from tests.workflows.test_batch_pairs import photograph
 
 REPOSITORY = Path(__file__).parents[2]
 USUAL = {"hidden": 1, "feature_dim": 16, "decoder_width": 12, "kernel_size": 3, "message_points": 0}
-ROW = {"cover": "fox", "message": "kitchen", "lambda_message": 0.5, "gaussians": 500, "seed": 0}
+ROW = {"cover": "fox", "message": "kitchen", "lambda_message": 0.5, "averaging": 0, "gaussians": 500, "seed": 0}
 FIDELITY = [
     {**USUAL, **ROW, "method": "sh"},
     {**USUAL, **ROW, "method": "decoder"},
