@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 
 from stages.analysis.paper.published import FILE, Published, average, read_published, row_of, wrong_averages
 
-PAPER = Path("/work/shared/paper/gs-hider.tex")
+PAPER = Path(__file__).parents[5] / "shared" / "paper" / "gs-hider.tex"
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?")
 
 
