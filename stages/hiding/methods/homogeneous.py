@@ -35,8 +35,8 @@ SMALLEST_SHARE = 0.05
 """Added to what is divided by: pixels in which a picture has hardly any share come out grey instead of noisy."""
 
 READINGS = 3
-"""Channels that a decoder reads of a picture: as many as it has colours. It sees features along its own directions alone,
-and not what belongs to others divided by its own small share. On fox hiding kitchen: cover -0.4, message +0.4 dB."""
+"""Channels that a decoder reads of a picture: as many as it has colours. It sees features along its own directions, and
+not what belongs to others divided by its own small share. On fox hiding kitchen: cover -0.4, message +0.4 dB."""
 
 VIEW_DEGREE = 2
 """Of the spherical harmonics by which the decoders are told a pixel's direction of view."""
