@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import torch
 from pydantic import Field
 
@@ -14,6 +16,7 @@ from stages.scene.message_views import read_messages
 from stages.scene.scene import read_scene
 from stages.training.hiding import HidingParameters, hiding_training
 from stages.training.objectives import hiding_terms
+from stages.training.presets import HIDING, HIDING_SCENES, Presets
 from stages.training.session import train
 from stages.training.views import training_views
 
@@ -21,11 +24,13 @@ from stages.training.views import training_views
 class HideScenesParameters(HidingParameters):
     """What hiding scenes needs beside."""
 
+    presets: ClassVar[tuple[Presets, ...]] = (HIDING, HIDING_SCENES)
+
     hidden: int | None = Field(
         None, ge=0, description="How many of the given messages are hidden, from the first on; null: all of them."
     )
     message_points: int = Field(
-        0, ge=0, description="Start with this many points of each message, too. The paper: none."
+        0, ge=0, description="Start with this many points of each message, too. The paper: none; homogeneous: 4000."
     )
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
-from pydantic import Field
+from pydantic import Field, model_validator
 from torch import Tensor
 
 from pipeline.artifact import Artifact
@@ -24,11 +24,17 @@ from stages.scene.scene import Scene
 from stages.training.loop import Training, TrainingViews
 from stages.training.objectives import FixedView, PictureTerm
 from stages.training.parameters import TrainingParameters
+from stages.training.presets import HIDING, Presets, with_preset
 from stages.training.starting_points import GREY, Points, starting_points
 
 
 class HidingParameters(TrainingParameters):
-    """The paper's symbols: M is `feature_dim`, λ `lambda_message`, γ and β the two SSIM weights."""
+    """The paper's symbols: M is `feature_dim`, λ `lambda_message`, γ and β the two SSIM weights.
+
+    What is null or left out is the method's own: of `presets`, and else the default, which is the paper's.
+    """
+
+    presets: ClassVar[tuple[Presets, ...]] = (HIDING,)
 
     method: Literal["gs_hider", "homogeneous", "sh", "decoder"] = Field(
         "gs_hider",
@@ -37,12 +43,18 @@ class HidingParameters(TrainingParameters):
     )
     feature_dim: int = Field(16, ge=1, description="M: channels of the coupled feature of each Gaussian.")
     layers: int = Field(5, ge=2, description="Convolutions in each decoder.")
-    decoder_width: int = Field(64, ge=1, description="Channels between the decoders' convolutions.")
+    decoder_width: int = Field(
+        64, ge=1, description="Channels between the decoders' convolutions. Of homogeneous: 32."
+    )
     kernel_size: Literal[1, 3, 5] = Field(
-        3, description="Of the decoders' convolutions. The paper: 3. With 1 every pixel is decoded by itself."
+        3,
+        description="Of the decoders' convolutions. The paper: 3. With 1, that of homogeneous, every pixel is "
+        "decoded by itself.",
     )
     sh_degree: int = Field(3, ge=0, le=3, description="Highest degree of spherical harmonics, of methods with them.")
-    lambda_message: float = Field(0.5, ge=0, description="λ: the messages' weight in the total loss.")
+    lambda_message: float = Field(
+        0.5, ge=0, description="λ: the messages' weight in the total loss. Of homogeneous: 0.25."
+    )
     ssim_weight_cover: float = Field(0.2, ge=0, le=1, description="γ: SSIM's share of the cover's loss.")
     ssim_weight_message: float = Field(0.2, ge=0, le=1, description="β: SSIM's share of a message's loss.")
     initial_features: Literal["colors", "zeros"] = Field(
@@ -63,6 +75,15 @@ class HidingParameters(TrainingParameters):
         "of an iteration's time, and costs the message 0.1 to 0.2 dB. "
         "Either gives the same bits every time for one number of threads.",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_in(cls, stated: Any) -> Any:
+        if not isinstance(stated, dict):
+            return stated  # for the validator to refuse
+        for presets in cls.presets:
+            stated = with_preset(stated, presets, stated.get("method"))
+        return stated
 
     def build_method(self, messages: Sequence[str]) -> Method:
         """The method for these messages, its networks' first weights drawn from `seed`."""

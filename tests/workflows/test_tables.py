@@ -15,14 +15,21 @@ from stages.imaging.pictures import encode_png, read_picture
 from tests.workflows.test_batch_pairs import photograph
 
 REPOSITORY = Path(__file__).parents[2]
-USUAL = {"hidden": 1, "feature_dim": 16, "decoder_width": 12, "kernel_size": 3, "message_points": 0}
-ROW = {"cover": "fox", "message": "kitchen", "lambda_message": 0.5, "averaging": 0, "gaussians": 500, "seed": 0}
+ROW = {
+    "cover": "fox",
+    "message": "kitchen",
+    "hidden": 1,
+    "feature_dim": 16,
+    "decoder_width": 12,
+    "gaussians": 500,
+    "seed": 0,
+}
 FIDELITY = [
-    {**USUAL, **ROW, "method": "sh"},
-    {**USUAL, **ROW, "method": "decoder"},
-    {**USUAL, **ROW, "method": "gs_hider"},
-    {**USUAL, **ROW, "method": "gs_hider", "hidden": 0},
-    {**USUAL, **ROW, "method": "homogeneous", "kernel_size": 1, "message_points": 50},
+    {**ROW, "method": "sh"},
+    {**ROW, "method": "decoder"},
+    {**ROW, "method": "gs_hider"},
+    {**ROW, "method": "gs_hider", "hidden": 0},
+    {**ROW, "method": "homogeneous", "decoder_width": None},
 ]
 IMAGES = [{"cover": "fox", "method": "gs_hider", "name": "boat", "image": "boat.png", "gaussians": 500, "seed": 0}]
 
