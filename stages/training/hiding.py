@@ -43,9 +43,7 @@ class HidingParameters(TrainingParameters):
     )
     feature_dim: int = Field(16, ge=1, description="M: channels of the coupled feature of each Gaussian.")
     layers: int = Field(5, ge=2, description="Convolutions in each decoder.")
-    decoder_width: int = Field(
-        64, ge=1, description="Channels between the decoders' convolutions. Of homogeneous: 32."
-    )
+    decoder_width: int = Field(64, ge=1, description="Channels between the decoders' convolutions. Of homogeneous: 32.")
     kernel_size: Literal[1, 3, 5] = Field(
         3,
         description="Of the decoders' convolutions. The paper: 3. With 1, that of homogeneous, every pixel is "
