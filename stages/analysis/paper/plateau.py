@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from stages.analysis.page.material import GS_HIDER, OURS, PLAIN
 from stages.analysis.paper.ablations import varied
 from stages.analysis.paper.chapter import PICTURES, Chapter, noise_note, noises, title_of
 from stages.analysis.paper.fidelity import hides_one_scene
+from stages.analysis.paper.fidelity_relations import own_relations
 from stages.analysis.paper.grid import HERE, Grid, Line, headings, measured_cells, without_empty_columns
 from stages.analysis.paper.measuring import Figure, cover, measure, message
 from stages.analysis.paper.published import Published, Subject
@@ -16,7 +18,7 @@ from stages.analysis.paper.runs import Run, Study
 
 FIGURES: dict[Subject, Figure] = {"cover": cover("psnr"), "message": message("psnr")}
 MOST_GAINED = {PLAIN: 0.3, GS_HIDER: 0.1, OURS: 0.1}
-"""By doubling the iterations, in dB."""
+"""By each doubling of the iterations, in dB."""
 
 
 def plateau(study: Study, tables: Published) -> Chapter:
@@ -26,11 +28,11 @@ def plateau(study: Study, tables: Published) -> Chapter:
     runs = tuple(run for run in chosen if run.method in longer)
     lines: list[Line] = []
     for method in dict.fromkeys(run.method for run in runs):
-        own = [run for run in runs if run.method == method]
+        by_count = _by_count((run for run in runs if run.method == method), study)
         for subject, figure in FIGURES.items():
-            once = measure((run for run in own if not run.settings), figure)
-            for count in sorted({_iterations(run, study) for run in own}):
-                again = measure((run for run in own if _iterations(run, study) == count), figure)
+            once = measure(by_count.get(study.iterations or 0, ()), figure)
+            for count, group in by_count.items():
+                again = measure(group, figure)
                 cells = measured_cells("psnr", again, once if count != study.iterations else None, study.captures)
                 lines.append(Line((title_of(method), PICTURES[subject], f"{count:,.0f}", HERE), tuple(cells)))
     grid = Grid(
@@ -40,22 +42,40 @@ def plateau(study: Study, tables: Published) -> Chapter:
         tuple(lines),
         (noise_note(noises(runs, study)),),
     )
-    return Chapter("At the plateau", (without_empty_columns(grid),), _relations(runs, study), runs)
+    relations = (*_gains(runs, study), *_beyond(runs, study, tables))
+    return Chapter("At the plateau", (without_empty_columns(grid),), relations, runs)
 
 
-def _relations(runs: Sequence[Run], study: Study) -> tuple[Relation, ...]:
-    spreads, found = noises(runs, study), []
+def _gains(runs: Sequence[Run], study: Study) -> Iterator[Relation]:
+    """What each doubling of the iterations gains."""
+    spreads = noises(runs, study)
     for method, most in MOST_GAINED.items():
-        own = [run for run in runs if run.method == method]
+        by_count = _by_count((run for run in runs if run.method == method), study)
         for subject, figure in FIGURES.items():
             if method == PLAIN and subject == "message":
                 continue
-            once = measure((run for run in own if not run.settings), figure)
-            twice = measure((run for run in own if _iterations(run, study) == 2 * (study.iterations or 0)), figure)
-            text = f"{title_of(method)}: what twice the iterations gain on the {subject}"
-            noise = spreads[subject].deviation
-            found.append(Relation(text, "difference", "less than", most, twice.minus(once), noise=noise))
-    return tuple(found)
+            for count, once in by_count.items():
+                if 2 * count in by_count:
+                    gained = measure(by_count[2 * count], figure).minus(measure(once, figure))
+                    more = f"{2 * count:,.0f} iterations gain over {count:,.0f}"
+                    text = f"{title_of(method)}: what {more} on the {subject}"
+                    yield Relation(text, "difference", "less than", most, gained, noise=spreads[subject].deviation)
+
+
+def _beyond(runs: Sequence[Run], study: Study, tables: Published) -> Iterator[Relation]:
+    """Our own method beside GS-Hider wherever both were trained for more than the usual iterations."""
+    for count, group in _by_count(runs, study).items():
+        if count > (study.iterations or 0) and {OURS, GS_HIDER} <= {run.method for run in group}:
+            for relation in own_relations(group, study, tables):
+                yield replace(relation, text=f"{relation.text}, after {count:,.0f} iterations")
+
+
+def _by_count(runs: Iterable[Run], study: Study) -> dict[float, list[Run]]:
+    """Runs by how many iterations they have, ascending."""
+    groups: dict[float, list[Run]] = {}
+    for run in sorted(runs, key=lambda run: _iterations(run, study)):
+        groups.setdefault(_iterations(run, study), []).append(run)
+    return groups
 
 
 def _iterations(run: Run, study: Study) -> float:

@@ -155,9 +155,9 @@ def ablation_items(folder: Path) -> Iterator[Item]:
 
 
 def plateau_items(folder: Path) -> Iterator[Item]:
-    """Plain 3DGS and GS-Hider with twice the iterations."""
+    """Plain 3DGS, GS-Hider and our own with twice the iterations."""
     for iterations, gain in ((3000, 0.0), (6000, 0.2)):
-        for method in ("plain", "gs_hider"):
+        for method in ("plain", "gs_hider", "homogeneous"):
             hidden = () if method == "plain" else ("kitchen",)
             values = {"capture": "fox", "method": method, "iterations": iterations, "message": "kitchen"}
             rows = [row for row in scene_rows("fox", method, 0, gain, gain, hidden) if row.method == method]
