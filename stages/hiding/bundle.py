@@ -29,7 +29,7 @@ from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.weights import SUFFIX, Weights, weights_file
 from stages.scene.attributes import mapping, string, strings
 from stages.scene.gaussians import GEOMETRY
-from stages.scene.ply import write_ply
+from stages.scene.ply.writing import write_ply
 
 CONTAINER_FORMAT, SECRET_FORMAT = "gs-hider container", "gs-hider secret"
 VERSION = 1

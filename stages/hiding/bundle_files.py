@@ -25,7 +25,7 @@ from stages.hiding.columns import VERTEX, attribute_of
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.rendering import COVER
 from stages.hiding.weights import SUFFIX, Weights, read_weights
-from stages.scene.ply import Ply, read_ply
+from stages.scene.ply.reading import Ply, read_ply
 
 PARTS = ("method", "settings", "attributes")
 LARGEST_JSON = 2**20  # bytes

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from pipeline.errors import UserError
-from stages.scene.ply import Ply
+from stages.scene.ply.reading import Ply
 
 VERTEX = "vertex"
 NORMALS = ("nx", "ny", "nz")

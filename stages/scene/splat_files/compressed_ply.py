@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float, UInt8, UInt32
 
 from pipeline.errors import UserError
+from stages.scene.ply.rows import Elements
 from stages.scene.splat_files.gaussian_ply import by_harmonic, columns, names_of_rest
-from stages.scene.splat_files.ply_elements import Elements
 from stages.scene.splat_files.values import SplatValues, base_of_colors, logits_of_bytes
 
 CHUNK = 256

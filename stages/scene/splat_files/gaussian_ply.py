@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.errors import UserError
-from stages.scene.splat_files.ply_elements import Elements
+from stages.scene.ply.rows import Elements
 from stages.scene.splat_files.values import HARMONICS_OF_DEGREE, SplatValues
 
 POSITION = ("x", "y", "z")

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from pipeline.errors import UserError
 from stages.scene.gaussians import Gaussians
+from stages.scene.ply.reading import read_ply
 from stages.scene.splat_files.compressed_ply import is_compressed, values_of_compressed_ply
 from stages.scene.splat_files.gaussian_ply import values_of_gaussian_ply
-from stages.scene.splat_files.ply_elements import read_elements
 from stages.scene.splat_files.records import values_of_records
 from stages.scene.splat_files.values import SplatValues, gaussians_of
 
@@ -35,7 +35,7 @@ def _values(path: Path) -> SplatValues:
         begins_as_ply = file.read(3) == b"ply"
     if not begins_as_ply:
         return values_of_records(path)
-    elements = read_elements(path)
+    elements = read_ply(path).elements
     return (
         values_of_compressed_ply(path, elements) if is_compressed(elements) else values_of_gaussian_ply(path, elements)
     )

@@ -28,7 +28,8 @@ from stages.hiding.storage import write_container, write_secret
 from stages.hiding.weights import read_weights, weights_file
 from stages.import_container import ImportContainerParameters, import_container
 from stages.scene.gaussians import gaussians_at
-from stages.scene.ply import read_ply, write_ply
+from stages.scene.ply.reading import read_ply
+from stages.scene.ply.writing import write_ply
 
 SETTINGS = {"feature_dim": 5, "layers": 3, "decoder_width": 12, "precision": "float32"}
 MESSAGE = "a-name-that-no-error-tells"
