@@ -15,22 +15,24 @@ from stages.imaging.pictures import encode_png, read_picture
 from tests.workflows.test_batch_pairs import photograph
 
 REPOSITORY = Path(__file__).parents[2]
-ROW = {
-    "cover": "fox",
-    "message": "kitchen",
-    "hidden": 1,
-    "feature_dim": 16,
-    "decoder_width": 12,
-    "gaussians": 500,
-    "seed": 0,
-}
+PAIR = {"cover": "fox", "message": "kitchen", "method": "gs_hider", "gaussians": 500, "seed": 0}
+ROW = {**PAIR, "hidden": 1, "feature_dim": 16, "decoder_width": 12}
 FIDELITY = [
     {**ROW, "method": "sh"},
     {**ROW, "method": "decoder"},
-    {**ROW, "method": "gs_hider"},
-    {**ROW, "method": "gs_hider", "hidden": 0},
+    ROW,
+    {**ROW, "hidden": 0},
     {**ROW, "method": "homogeneous", "decoder_width": None},
 ]
+SEVERAL = {
+    "ablations": [
+        {**PAIR, "lambda_message": 0.5, "feature_dim": 16, "layers": 5},
+        {**PAIR, "lambda_message": 1.0, "feature_dim": 8, "layers": 3},
+    ],
+    "plateau": [{**PAIR, "iterations": 4}, {**PAIR, "iterations": 8}],
+    "probes": [{**PAIR, "hidden": 1}],
+}
+WITHOUT_LPIPS = ("scores.lpips=none", "plain_scores.lpips=none")
 IMAGES = [{"cover": "fox", "method": "gs_hider", "name": "boat", "image": "boat.png", "gaussians": 500, "seed": 0}]
 
 
@@ -46,7 +48,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(photos: Path, workflow: str, rows: list[dict], *settings: str) -> dict[str, dict]:
     """The ends of stages by name."""
     command = [sys.executable, "-m", "pipeline", "run", f"workflows/{workflow}.yaml", "--json"]
-    small = [f"photos={photos}", "width=64", "iterations=4", "scores.lpips=none", f"rows={json.dumps(rows)}"]
+    small = [f"photos={photos}", "width=64", "iterations=4", f"rows={json.dumps(rows)}"]
     finished = subprocess.run(
         [*command, "--store", str(photos / "store"), *(f"--set={setting}" for setting in (*small, *settings))],
         cwd=REPOSITORY,
@@ -65,8 +67,8 @@ def figures(ended: dict[str, dict]) -> list[dict[str, str]]:
         return [row for row in csv.DictReader(file) if row["figures"] == "here"]
 
 
-def test_fidelity_and_ablations(photos: Path) -> None:
-    ended = run(photos, "fidelity", FIDELITY, "plain_scores.lpips=none")
+def test_fidelity(photos: Path) -> None:
+    ended = run(photos, "fidelity", FIDELITY, *WITHOUT_LPIPS)
     trained = [name for name in ended if name.startswith(("plain[", "hide["))]
     assert len(trained) == 1 + len(FIDELITY)
     page = (Path(ended["tables"]["outputs"]["owner"]) / "report.html").read_text()
@@ -78,7 +80,15 @@ def test_fidelity_and_ablations(photos: Path) -> None:
     assert not any(word in secrets for word in ("kitchen", "message", "secret", "hider"))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("workflow", SEVERAL)
+def test_what_varies_settings(photos: Path, workflow: str) -> None:
+    ended = run(photos, workflow, SEVERAL[workflow], "gaussians=500", *(WITHOUT_LPIPS if workflow != "probes" else ()))
+    assert len([name for name in ended if name.startswith("hide[")]) == len(SEVERAL[workflow])
+    assert figures(ended)
+
+
 def test_an_image_in_one_view(photos: Path) -> None:
     rows = [{**row, "image": str(photos / row["image"])} for row in IMAGES]
-    ended = run(photos, "hide_image", rows, "plain_scores.lpips=none")
+    ended = run(photos, "hide_image", rows, *WITHOUT_LPIPS)
     assert any("boat" in row["line"] for row in figures(ended)), figures(ended)
