@@ -13,14 +13,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from filelock import Timeout
 
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.canonical import Json
 from pipeline.checkpoint import discard_scratch, scratch_directory
-from pipeline.declaration import import_stage, validate
+from pipeline.declaration import check_completed, import_stage, validate
 from pipeline.disk import FULL, bytes_below, words_of
 from pipeline.errors import CorruptArtifact, Interrupted, PipelineError, TransientError, UserError
 from pipeline.events import Noted, StageProgressed, StageStarted
@@ -216,6 +216,7 @@ class _Action:
         declared = import_stage(job.package, job.uses)
         self.loaded.check()
         parameters = validate(declared, job.arguments)
+        check_completed(declared, parameters, cast(Mapping[str, Json], job.parts["parameters"]))
         inputs = self.inputs(declared)
         writers = {
             name: ArtifactWriter(work / name, output.kind, output_is_private(output, self.private))

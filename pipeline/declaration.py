@@ -1,8 +1,9 @@
 """What the stages of a package declare, known without importing them where possible.
 
 A stage module imports torch, which takes seconds, and a run with nothing to do should take none. What a stage declares
-and how it completes given parameters depends on its code alone, so both are kept in the store's cache, in a file for
-the fingerprint of that code, and the module is imported only when they are not there.
+and how it completes given parameters depends on its code alone and on what the user's data folder holds, so both are
+kept in the store's cache, in a file for the fingerprint of these, and the module is imported only when they are not
+there.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import Any
 import pydantic
 
 from pipeline.canonical import Json, digest_of, plain
+from pipeline.data_folder import data_files
 from pipeline.errors import UserError, nearest
 from pipeline.fingerprint import Code, SourceTree
 from pipeline.sealed import read_sealed, sealed, write_text_whole
@@ -26,7 +28,7 @@ from pipeline.source_cache import SourceCache
 from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
 from pipeline.store import Store
 
-FORMAT = 4
+FORMAT = 5
 DECLARATION = "declaration"
 MOST_ANSWERS = 20_000
 """Kept of one stage; beyond, those that the present workflow does not ask for are forgotten."""
@@ -159,7 +161,7 @@ class Catalogue:
         return answer
 
     def _cache_file(self, uses: str) -> Path:
-        engine = [FORMAT, pydantic.VERSION]
+        engine = [FORMAT, pydantic.VERSION, *data_files()]
         name = digest_of([engine, self.package, uses, self.code(uses).digest], f"stage {uses}")
         return self._store.root / "cache" / "declarations" / f"{name}.json"
 
@@ -184,6 +186,19 @@ def import_stage(package: str, uses: str) -> Stage:
 def validate(declared: Stage, arguments: Mapping[str, Json]) -> Parameters:
     """The parameters of a stage. In JSON's terms, where a list may stand for a tuple and a text for a path."""
     return declared.parameters.model_validate_json(json.dumps(arguments))
+
+
+def check_completed(declared: Stage, parameters: Parameters, planned: Mapping[str, Json]) -> None:
+    """Raises UserError where parameters are completed otherwise here than where the run was planned."""
+    here = _values(declared, parameters)
+    for name, value in planned.items():
+        if here.get(name) != value:
+            raise UserError(
+                f"this machine would take the parameter {name!r} for something else than the one that planned the run",
+                found=json.dumps(here.get(name)),
+                expected=json.dumps(value),
+                remedy="Install here what is installed there, and run again.",
+            )
 
 
 def external_fields(model: type[Parameters]) -> tuple[str, ...]:
@@ -220,13 +235,18 @@ def _complete(declared: Stage, arguments: Mapping[str, Json]) -> Completed | lis
         value = getattr(parameters, name)
         paths = value if isinstance(value, list | tuple) else () if value is None else (value,)
         external[name] = tuple(str(path) for path in paths)
-    values = parameters.model_dump(exclude=set(external))
     try:
-        kept = {name: plain(value, f"parameter {name!r}") for name, value in values.items()}
+        kept = _values(declared, parameters)
         selected = tuple(declared.modules(parameters)) if declared.modules else ()
     except Exception as error:
         return [Refusal((), f"{type(error).__name__}: {error}")]
     return Completed(kept, external, selected)
+
+
+def _values(declared: Stage, parameters: Parameters) -> dict[str, Json]:
+    """All but external paths."""
+    values = parameters.model_dump(exclude=set(external_fields(declared.parameters)))
+    return {name: plain(value, f"parameter {name!r}") for name, value in values.items()}
 
 
 def _refusal(model: type[Parameters], detail: Any) -> Refusal:

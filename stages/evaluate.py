@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Literal
 
 import torch
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from opencl.device import choose_device
 from pipeline.artifact import Artifact
@@ -19,23 +19,35 @@ from stages.hiding.method import module_of
 from stages.hiding.storage import bytes_of, check_method, read_gaussians, read_method
 from stages.imaging.image import filling, read_image
 from stages.imaging.lpips import Lpips, load_lpips
-from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network
+from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network, weights_installed
 from stages.imaging.metric_table import MetricRow, write_rows
 from stages.scene.attributes import string, strings
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
 
 REFERENCE_METHOD = "plain"
-NETWORKS: Mapping[str, tuple[Network, ...]] = {"vgg": ("vgg",), "alex": ("alex",), "both": ("vgg", "alex"), "none": ()}
+Networks = Literal["vgg", "alex", "both", "none"]
+NETWORKS: Mapping[Networks, tuple[Network, ...]] = {
+    "vgg": ("vgg",),
+    "alex": ("alex",),
+    "both": ("vgg", "alex"),
+    "none": (),
+}
 
 
 class EvaluateParameters(Parameters):
-    """What is measured."""
+    """What is measured. LPIPS as far as its weights are installed: once they are, scores without it are made again."""
 
     method: str = Field("gs_hider", description="The container's method.")
-    lpips: Literal["vgg", "alex", "both", "none"] = Field("vgg", description="LPIPS's network, used on test views.")
+    lpips: Networks = Field("vgg", description="LPIPS's network, used on test views.")
     shown_train_views: int = Field(2, ge=0, description="How many training views are kept as pictures.")
     threads: int = Field(2, ge=1, description="Threads of torch.")
+
+    @field_validator("lpips")
+    @classmethod
+    def _as_installed(cls, wanted: Networks) -> Networks:
+        installed = tuple(network for network in NETWORKS[wanted] if weights_installed(network))
+        return next(name for name, networks in NETWORKS.items() if networks == installed)
 
 
 @stage(
@@ -125,12 +137,7 @@ def _perceptual(parameters: EvaluateParameters) -> Perceptual:
 def _lpips(network: Network) -> Lpips:
     metric = load_lpips(network)
     if metric is None:
-        # Not left out silently: the result would be kept, and would still lack LPIPS once the weights are there.
-        raise UserError(
-            f"LPIPS ({network}) cannot be measured",
-            found="no weights",
-            remedy=f"{HOW_TO_INSTALL} Or leave it out: --set scores.lpips=none",
-        )
+        raise UserError(f"the weights of LPIPS ({network}) have just been removed", remedy=HOW_TO_INSTALL)
     return metric
 
 

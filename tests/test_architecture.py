@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 ENGINE = [
-    "errors canonical cause collection completion disk look orphans temporary",
+    "errors canonical cause collection completion data_folder disk look orphans temporary",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
     "engine_code sealed",
     "arrays substitution table record",
@@ -31,7 +31,9 @@ ENGINE = [
     "cli",
     "__main__",
 ]
-STAGE_FACING = {f"pipeline.{name}" for name in ("stage", "artifact", "errors", "drawing", "companion", "checkpoint")}
+STAGE_FACING = {
+    f"pipeline.{name}" for name in ("stage", "artifact", "errors", "drawing", "companion", "checkpoint", "data_folder")
+}
 LIBRARY_FLOORS = ["timing", "imaging", "scene", "tracing", "hiding", "training", "analysis"]
 RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device", "opencl.harmonics", "opencl.ssim"}
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import io
-import os
 import pickle
 import sys
 import zipfile
@@ -24,10 +23,10 @@ from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
 import numpy as np
-import platformdirs
 from numpy._core.multiarray import _reconstruct  # what NumPy's own pickles call to make an empty array
 from numpy.typing import NDArray
 
+from pipeline.data_folder import data_folder
 from pipeline.errors import UserError
 
 Network = Literal["alex", "vgg"]
@@ -60,12 +59,6 @@ SOURCES: Mapping[Network, Source] = {
         "cea3554392900a4ab8cf42894660bc5a9bdaaad9f8d1650181dd87d3b95a3b84",
     ),
 }
-
-
-def data_folder() -> Path:
-    """Where data that the programs need beside their code is kept, for this user."""
-    chosen = os.environ.get("GS_HIDER_DATA")
-    return Path(chosen) if chosen else platformdirs.user_data_path("gs-hider")
 
 
 def weights_file(network: Network) -> Path:
