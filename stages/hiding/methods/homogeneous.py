@@ -34,9 +34,11 @@ BELONGING = 0.48
 SMALLEST_SHARE = 0.05
 """Added to what is divided by: pixels in which a picture has hardly any share come out grey instead of noisy."""
 
-READINGS = 3
-"""Channels that a decoder reads of a picture: as many as it has colours. It sees features along its own directions, and
-not what belongs to others divided by its own small share. On fox hiding kitchen: cover -0.4, message +0.4 dB."""
+COLORS = 3
+
+READINGS = 7
+"""Channels that a decoder reads of a picture, its colours first: it sees features along directions of its own, and not
+what belongs to others divided by its own small share. With one message there is room for seven at right angles."""
 
 VIEW_DEGREE = 2
 """Of the spherical harmonics by which the decoders are told a pixel's direction of view."""
@@ -60,10 +62,10 @@ class HomogeneousDecoder(torch.nn.Module):
     def start(self, directions: Float[Tensor, "P M"], readings: Float[Tensor, "P R M"]) -> None:
         """Start by showing each picture as its first three readings + 0.5."""
         pictures = len(directions)
-        taps = torch.zeros(pictures, 3, self.channels)
+        taps = torch.zeros(pictures, COLORS, self.channels)
         for picture in range(pictures):
             first = picture * (READINGS + 1)
-            taps[picture, :, first : first + 3] = torch.eye(3)
+            taps[picture, :, first : first + COLORS] = torch.eye(COLORS)
         self.convolutions.pass_through(taps.flatten(0, 1), neutral=0.0)
         with torch.no_grad():
             self.directions.copy_(directions)
@@ -102,20 +104,22 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         """Features that the decoders show as the points' colours; a point belongs to the pictures where it is not grey.
 
         One that is grey everywhere belongs to all by half. Random directions for each picture, its share's and its
-        readings', all at right angles while there is room for them. Those of the messages follow from `generator`, that
-        is, from the key.
+        readings', all at right angles while there is room for them: shares and colours have it first. Those of the
+        messages follow from `generator`, that is, from the key.
         """
         pictures = (COVER, *self.messages)
-        mixture = orthonormal_rows((1 + READINGS) * len(pictures), self.feature_dim, generator)
-        directions, readings = mixture.reshape(len(pictures), 1 + READINGS, -1).split([1, READINGS], dim=1)
-        directions = directions.squeeze(1)
+        count = len(pictures)
+        mixture = orthonormal_rows((1 + READINGS) * count, self.feature_dim, generator)
+        directions, colours, others = mixture.split([count, COLORS * count, (READINGS - COLORS) * count])
+        colours, others = (rows.reshape(count, -1, self.feature_dim) for rows in (colours, others))
+        readings = torch.cat([colours, others], dim=1)
         self.scene_decoder.start(directions[:1], readings[:1])
         if self.messages:
             self.message_decoder.start(directions[1:], readings[1:])
         centred = torch.stack([torch.as_tensor(colors[name]).float() - 0.5 for name in pictures], dim=1)
         known = (centred != 0).any(dim=-1)
         belongs = torch.where(known, BELONGING, -BELONGING) * known.any(dim=-1, keepdim=True)
-        features = 0.5 + belongs @ directions + torch.einsum("npc,pcm->nm", centred, readings[:, :3])
+        features = 0.5 + belongs @ directions + torch.einsum("npc,pcm->nm", centred, colours)
         return {FEATURES: features.clamp(*FEATURE_RANGE).logit()}
 
     def decoded(

@@ -14,7 +14,7 @@ from stages.training.starting_points import (
     FARTHER,
     NEARER,
     Start,
-    behind_the_nearest,
+    clear_of_cameras,
     points_before_cameras,
     starting_points,
 )
@@ -84,5 +84,5 @@ def test_no_point_of_a_message_stands_right_before_a_training_camera() -> None:
     """The cover's nearest things are 3 units away; a test camera does not count."""
     scene = scene_with(cloud())
     near, far = np.array([[0.0, 0, 1], [0.5, 0, -0.5]]), np.array([[0.0, 0, 6], [0, 0, 7], [0, 9, 0]])
-    assert behind_the_nearest(scene, np.concatenate([near, far])).tolist() == [2, 3, 4]
-    assert behind_the_nearest(scene, np.zeros((0, 3))).tolist() == []
+    assert clear_of_cameras(scene, np.concatenate([near, far])).tolist() == [2, 3, 4]
+    assert clear_of_cameras(scene, np.zeros((0, 3))).tolist() == []
