@@ -93,6 +93,10 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
             rendering.pictures.update(zip(names, channels.split(3, dim=-1), strict=True))
         return rendering
 
+    def penalty(self, gaussians: Gaussians) -> Float[Tensor, ""] | None:
+        """None, as in the paper."""
+        return None
+
     def _shown(self, wanted: Collection[str] | None) -> list[tuple[DecoderType, tuple[str, ...]]]:
         """Each decoder that shows something wanted, and the names of all that it shows."""
         pairs = zip(self.decoders, ((COVER,), self.messages), strict=False)

@@ -44,6 +44,9 @@ class Method(Protocol):
         What is not wanted may be there all the same, where leaving it out would save nothing.
         """
 
+    def penalty(self, gaussians: Gaussians) -> Float[Tensor, ""] | None:
+        """What a training adds to the loss beside the pictures' part; None: nothing, as in the paper."""
+
 
 def module_of(name: str) -> str:
     """The module that holds method `name`: what a stage declares to the code fingerprint."""

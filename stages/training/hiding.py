@@ -51,7 +51,7 @@ class HidingParameters(TrainingParameters):
     )
     sh_degree: int = Field(3, ge=0, le=3, description="Highest degree of spherical harmonics, of methods with them.")
     lambda_message: float = Field(
-        0.5, ge=0, description="λ: the messages' weight in the total loss. Of homogeneous: 0.15."
+        0.5, ge=0, description="λ: the messages' weight in the total loss. Of homogeneous: 0.1."
     )
     ssim_weight_cover: float = Field(0.2, ge=0, le=1, description="γ: SSIM's share of the cover's loss.")
     ssim_weight_message: float = Field(0.2, ge=0, le=1, description="β: SSIM's share of a message's loss.")

@@ -10,7 +10,7 @@ Presets = Mapping[str, Mapping[str, float]]
 HIDING: Presets = {"homogeneous": {"decoder_width": 32, "kernel_size": 1, "averaging": 0.995}}
 """Of every hiding. How our values were found: workflows/figures/tried.md."""
 
-HIDING_SCENES: Presets = {"homogeneous": {"lambda_message": 0.15, "message_points": 4000}}
+HIDING_SCENES: Presets = {"homogeneous": {"lambda_message": 0.1, "message_points": 4000}}
 """Of hiding scenes, beside."""
 
 

@@ -56,6 +56,9 @@ class PlainWithDecoder(Plain):
             rendering.pictures.update(zip(self.messages, decoded.split(3, dim=-1), strict=True))
         return rendering
 
+    def penalty(self, gaussians: Gaussians) -> None:
+        """None, as in the paper."""
+
 
 def build(settings: Mapping[str, object]) -> PlainWithDecoder:
     """The method from its settings; `messages` may be absent where the secret is not at hand."""

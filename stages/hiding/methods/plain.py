@@ -46,6 +46,9 @@ class Plain:
         rendering.pictures[COVER] = rendering.feature_map
         return rendering
 
+    def penalty(self, gaussians: Gaussians) -> None:
+        """None, as in the paper."""
+
 
 def build(settings: Mapping[str, object]) -> Plain:
     """3DGS with harmonics up to `sh_degree`."""

@@ -64,6 +64,9 @@ class HarmonicsForEach:
         rendering.pictures.update(zip((COVER, *self.messages), pictures, strict=True))
         return rendering
 
+    def penalty(self, gaussians: Gaussians) -> None:
+        """None, as in the paper."""
+
 
 def build(settings: Mapping[str, object]) -> HarmonicsForEach:
     """The method from its settings; `messages` may be absent: then only the cover is shown."""

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from stages.hiding.methods.homogeneous import READINGS, SMALLEST_SHARE, Homogeneous, HomogeneousDecoder
+from stages.hiding.methods.homogeneous import (
+    BEYOND_WEIGHT,
+    READINGS,
+    SHARED_WEIGHT,
+    SMALLEST_SHARE,
+    Homogeneous,
+    HomogeneousDecoder,
+)
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
@@ -103,3 +110,36 @@ def test_bfloat16_rounds_pictures_a_little_and_no_more() -> None:
             pictures.append(hider.render(scene(hider, 0.5), view).pictures[MESSAGE])
     assert not torch.equal(*pictures)
     torch.testing.assert_close(*pictures, rtol=0, atol=0.02)
+
+
+def penalised(hider: Homogeneous, features: torch.Tensor) -> torch.Tensor:
+    gaussians = gaussians_at(np.zeros((len(features), 3)), {"raw_features": features.clamp(0.01, 0.99).logit()})
+    gaussians.parameters["raw_features"].requires_grad_()
+    penalty = hider.penalty(gaussians)
+    assert penalty is not None
+    penalty.backward()
+    gradient = gaussians["raw_features"].grad
+    assert gradient is not None
+    assert torch.isfinite(gradient).all()
+    changed = [name for name, weight in hider.scene_decoder.named_parameters() if weight.grad is not None]
+    assert changed == ["readings"]
+    return penalty.detach()
+
+
+def test_the_penalty_is_on_what_serves_two_pictures_and_on_what_is_held_beyond_a_share() -> None:
+    hider = method()
+    scene(hider, 0.5)  # gives the decoders their directions
+    own, other = hider.scene_decoder.directions[0].detach(), hider.message_decoder.directions[0].detach()
+    reading = hider.scene_decoder.readings[0, 0].detach()
+    one, both, held = 0.25 * (own - other), 0.25 * (own + other), 0.3 * reading
+    fair, shared, held_by_the_owner, held_by_another = (
+        float(penalised(hider, 0.5 + features[None])) for features in (one, both, one + held, held - one)
+    )
+    assert shared - fair == pytest.approx(SHARED_WEIGHT * (0.75**2 - 0.75 * 0.25), rel=1e-3)
+    assert held_by_the_owner == pytest.approx(fair, rel=1e-3)
+    assert held_by_another - fair == pytest.approx(BEYOND_WEIGHT * (0.3 - 0.125) / READINGS, rel=1e-3)
+
+
+def test_without_a_message_there_is_no_penalty() -> None:
+    hider = Homogeneous(8, layers=2, decoder_width=8, precision="float32")
+    assert hider.penalty(gaussians_at(np.zeros((1, 3)), {"raw_features": torch.zeros(1, 8)})) is None
