@@ -15,7 +15,10 @@ from tests.pipeline.helpers import Workspace
             "2:7: unknown key 'usess' in stage 'a'; allowed are uses, in, with, foreach, matrix, private",
         ),
         ("a: {usess: numbers}", "2:3: stage 'a' does not say what it uses"),
-        ("a: {uses: numbrs}", "2:13: no stage 'numbrs'; there are environment, fail, flaky, gate, measure, numbers,"),
+        (
+            "a: {uses: numbrs}",
+            "2:13: no stage 'numbrs'; there are environment, equipped, fail, flaky, gate, measure, numbers,",
+        ),
         ("a: {uses: 3}", "2:13: uses is the number 3; expected the name of a stage"),
         (
             "a: {uses: numbers, with: {cuont: 3}}",
