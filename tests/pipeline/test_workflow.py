@@ -17,7 +17,7 @@ from tests.pipeline.helpers import Workspace
         ("a: {usess: numbers}", "2:3: stage 'a' does not say what it uses"),
         (
             "a: {uses: numbrs}",
-            "2:13: no stage 'numbrs'; there are environment, equipped, fail, flaky, gate, measure, numbers,",
+            "2:13: no stage 'numbrs'; there are environment, equipped, fail, flaky, gate, measure,",
         ),
         ("a: {uses: 3}", "2:13: uses is the number 3; expected the name of a stage"),
         (

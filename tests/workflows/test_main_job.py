@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from stages.hide_scenes import HideScenesParameters
+
 REPOSITORY = Path(__file__).parents[2]
 SMALL = {
     "width": 64,
