@@ -172,7 +172,7 @@ def explain(
     python -m pipeline explain workflows/hide_multi.yaml scores --set hide.lambda_message=1.0
       scores: to run if what it takes comes out differently
         input container waits for hide
-        because hide: parameter lambda_message: 0.1 → 1.0
+        because hide: parameter lambda_message: 0.3 → 1.0
     """
     with reported(store):
         from pipeline.explanation import as_json as fields_of
