@@ -45,7 +45,9 @@ class Method(Protocol):
         """
 
     def penalty(self, gaussians: Gaussians) -> Float[Tensor, ""] | None:
-        """What a training adds to the loss beside the pictures' part; None: nothing, as in the paper."""
+        """What a training adds to the loss of all its views together, as a prior is: a step, which sees one view, adds
+        its share. The fewer photos there are, the more it counts. None: nothing, as in the paper.
+        """
 
 
 def module_of(name: str) -> str:

@@ -130,8 +130,10 @@ class Training:
         compared = [Compared(term, rendering.pictures[term.picture], truths[term.picture]) for term in self.terms]
         compared += [self._seen(view, progress) for view in self.fixed]
         with part(LOSS):
+            loss = total_loss(compared)
             penalty = self.method.penalty(self.gaussians)
-            loss = total_loss(compared) if penalty is None else total_loss(compared) + penalty
+            if penalty is not None:
+                loss = loss + penalty / len(self.views.cameras)
         with part(LOSS, "backward"):
             loss.backward()
         with part("figures"), torch.no_grad():
