@@ -36,9 +36,11 @@ class Measured:
     def average(self) -> Spread:
         """The mean over the captures; its deviation is known where that of every capture is.
 
-        `count` is the number of captures.
+        `count` is the number of captures; of a single one, whose average is its own, that of its values.
         """
         spreads = list(self.by_capture.values())
+        if len(spreads) == 1:
+            return spreads[0]
         deviation = math.hypot(*(each.deviation for each in spreads)) / len(spreads) if spreads else math.nan
         return Spread(mean(each.mean for each in spreads), deviation, len(spreads))
 

@@ -34,6 +34,10 @@ def test_the_average_of_captures_with_several_seeds_has_a_spread() -> None:
     assert measured.average.deviation == pytest.approx(math.sqrt(2 + 2) / 2)
 
 
+def test_the_average_of_one_capture_counts_its_seeds() -> None:
+    assert measure([run(24.0), run(25.0), run(26.0)], PSNR).average == Spread(25.0, 1.0, 3)
+
+
 def test_other_messages_are_no_seeds() -> None:
     measured = measure([run(24.0, other=("message=reef",)), run(26.0, other=("message=fox",))], PSNR)
     assert measured.on("fox") == 25.0
