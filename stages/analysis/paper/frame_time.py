@@ -28,7 +28,7 @@ NOTE = "The paper's on a GPU, at the sizes of 3DGS; these on the device and at t
 
 def frame_time(study: Study, tables: Published) -> Chapter:
     """What one picture of the cover takes."""
-    runs = usual(study.timings)
+    runs = study.timings
     captures = study.captures
     lines: list[Line] = []
     for method, title, group in blocks(runs, tables.seconds_per_frame):
@@ -44,13 +44,13 @@ def frame_time(study: Study, tables: Published) -> Chapter:
                     Line((title, part, PAPER), tuple(published_cells(quantity, row, None, captures, tables)), True)
                 )
     grid = Grid("Time a frame (ms)", ("Method", "Part", "Figures"), headings(captures), tuple(lines), (NOTE,))
-    frame = cover("seconds_per_frame", None)
+    frame, as_usual = cover("seconds_per_frame", None), usual(runs)
     relation = Relation(
         f"{title_of(OURS)}'s time a frame over that of {title_of(GS_HIDER)}",
         "ratio",
         "at most",
         SLOWEST,
-        of_method(runs, OURS, frame).over(of_method(runs, GS_HIDER, frame)),
+        of_method(as_usual, OURS, frame).over(of_method(as_usual, GS_HIDER, frame)),
         math.nan,
     )
     return Chapter("Rendering time", (without_empty_columns(grid),), (relation,), runs)

@@ -128,8 +128,8 @@ def _remarks(study: Study, chapters: Sequence[Chapter], wanted: Sequence[str], t
             if name.startswith(tuple(title for each in wanted for title in PAPER_TITLES.get(each, ())))
         ),
     ]
-    rows = [row for run in study.runs for row in run.rows if row.quantity == "lpips_vgg"]
-    if study.runs and all(math.isnan(row.value) for row in rows):
+    measured = {row.quantity for run in study.runs for row in run.rows if not math.isnan(row.value)}
+    if "ssim" in measured and "lpips_vgg" not in measured:
         remarks.append(f"LPIPS (VGG16) was not measured. Where its weights are missing: {HOW_TO_INSTALL}")
     shown = {run for chapter in chapters for run in chapter.runs}
     left = [run for run in (*study.runs, *study.timings) if run not in shown]
