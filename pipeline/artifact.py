@@ -160,7 +160,11 @@ class Artifact:
                 raise CorruptArtifact(f"{self.path / folder}: a link; expected a folder")
 
     def _check_nothing_foreign(self) -> None:
-        for path in sorted(self.path.rglob("*")):
+        try:
+            found = sorted(self.path.rglob("*"))
+        except OSError as error:  # another run has just set it aside
+            raise CorruptArtifact(f"{self.path}: cannot be looked through ({error.strerror})") from error
+        for path in found:
             name = path.relative_to(self.path).as_posix()
             known = name == MANIFEST or name in self.manifest.files
             if path.is_symlink() or not (path.is_dir() or known):

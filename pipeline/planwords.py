@@ -22,8 +22,15 @@ def print_plan(steps: Mapping[str, Step], as_json: bool) -> None:
         else:
             print(f"{name:{width}}  {_state_words(step)}")
     if not as_json:
-        counts = Counter(step.state for step in steps.values())
-        print(", ".join(f"{number} {STATES[state]}" for state, number in sorted(counts.items())))
+        print(_summary(steps))
+
+
+def _summary(steps: Mapping[str, Step]) -> str:
+    """How many are in which state, and how long it took to make what is there: each result once, whoever shares it."""
+    counts = Counter(step.state for step in steps.values())
+    words = ", ".join(f"{number} {STATES[state]}" for state, number in sorted(counts.items()))
+    seconds = {step.key: step.result.seconds for step in steps.values() if step.result}
+    return f"{words}; what is cached took {duration(sum(seconds.values()))}" if seconds else words
 
 
 def _state_words(step: Step) -> str:

@@ -61,15 +61,21 @@ class Cameras:
         )
 
 
+ROUNDING = 1e-12
+"""Cameras that are this close, relative to their coordinates, stand at one place."""
+
+
 def rig_extent(cameras: Cameras) -> float:
     """3DGS's `spatial_lr_scale`: 1.1 times the largest distance of a camera from the mean of the cameras.
 
-    Positions' learning rates and density control are relative to it. 1.0 for fewer than two cameras.
+    Positions' learning rates and density control are relative to it. 1.0 for fewer than two cameras, and
+    for cameras that all stand at one place.
     """
     if len(cameras) < 2:
         return 1.0
     centres = cameras.centres()
-    return float(1.1 * np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
+    farthest = float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
+    return 1.1 * farthest if farthest > ROUNDING * np.abs(centres).max() else 1.0
 
 
 @dataclass(frozen=True)

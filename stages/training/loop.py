@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import torch
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from stages.hiding.method import Method
@@ -20,6 +20,7 @@ from stages.training.curves import Curves
 from stages.training.density_control import DensityControl, DensitySettings
 from stages.training.objectives import Compared, FixedView, PictureTerm, total_loss
 from stages.training.optimizer import GaussianOptimizer
+from stages.training.prior import prior
 from stages.training.sampling import ViewSampler
 from stages.training.schedules import decayed, density_schedule
 
@@ -46,6 +47,7 @@ class TrainingSettings:
     Schedules are 3DGS's, scaled to the first `schedule_share` of the iterations; later ones keep the last rates.
     `attribute_rates` replace the method's own learning rates; they and `network_rate` fall exponentially to
     `final_rate_share` of themselves. `averaging` is the decay of the averages that the training ends with; 0: none.
+    `opacity_weight` and `scale_weight` are those of the prior.
     """
 
     iterations: int
@@ -60,6 +62,8 @@ class TrainingSettings:
     final_rate_share: float = 1.0
     schedule_share: float = 1.0
     averaging: float = 0.0
+    opacity_weight: float = 0.0
+    scale_weight: float = 0.0
     attribute_rates: Mapping[str, float] = field(default_factory=dict)
     density: DensitySettings | None = field(default_factory=DensitySettings)
 
@@ -131,8 +135,7 @@ class Training:
         compared += [self._seen(view, progress) for view in self.fixed]
         with part(LOSS):
             loss = total_loss(compared)
-            penalty = self.method.penalty(self.gaussians)
-            if penalty is not None:
+            for penalty in self._penalties():
                 loss = loss + penalty / len(self.views.cameras)
         with part(LOSS, "backward"):
             loss.backward()
@@ -140,6 +143,12 @@ class Training:
             figures = {"loss": float(loss)} | {each.term.picture: each.squared_error() for each in compared}
         self._update(iteration, rendering, camera)
         return figures
+
+    def _penalties(self) -> list[Float[Tensor, ""]]:
+        """What the loss holds beside pictures, for all training views together: the method's, and the prior."""
+        settings = self.settings
+        weighed = prior(self.gaussians, settings.opacity_weight, settings.scale_weight, settings.extent)
+        return [penalty for penalty in (self.method.penalty(self.gaussians), weighed) if penalty is not None]
 
     def _seen(self, view: FixedView, progress: float) -> Compared:
         """What a fixed camera sees now. Where Gaussians are added is left to the views that are drawn."""

@@ -27,6 +27,13 @@ class TrainingParameters(Parameters):
         description="Decay of the exponential average of Gaussians and networks over the last fifth of the iterations, "
         "which the training ends with; 0, as in 3DGS and the paper: none.",
     )
+    opacity_weight: float = Field(
+        0.0,
+        ge=0,
+        description="Of the Gaussians' mean opacity in the loss, over all training views together. 3DGS and the paper: "
+        "0; homogeneous: 0.2.",
+    )
+    scale_weight: float = Field(0.0, ge=0, description="Of their mean scale, as a share of the rig's extent, likewise.")
     seed: int = Field(0, ge=0, description="Of the order of views, of splitting, and of the networks' first weights.")
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
     position_rate: float = Field(1.6e-4, gt=0, description="First learning rate of positions, times the rig's extent.")
@@ -50,6 +57,8 @@ class TrainingParameters(Parameters):
             seed=self.seed,
             schedule_share=self.schedule_share,
             averaging=self.averaging,
+            opacity_weight=self.opacity_weight,
+            scale_weight=self.scale_weight,
             position_rate=self.position_rate,
             final_position_rate=self.final_position_rate,
             density=DensitySettings(gradient_threshold=self.densify_gradient, maximum_gaussians=self.maximum_gaussians),

@@ -7,7 +7,15 @@ from collections.abc import Mapping
 Presets = Mapping[str, Mapping[str, float]]
 """By the method's name, values of parameters by theirs. A method that is not in it takes the parameters' defaults."""
 
-HIDING: Presets = {"homogeneous": {"decoder_width": 32, "kernel_size": 1, "averaging": 0.995}}
+HIDING: Presets = {
+    "homogeneous": {
+        "decoder_width": 32,
+        "kernel_size": 1,
+        "averaging": 0.995,
+        "opacity_weight": 0.2,
+        "scale_weight": 0.2,
+    }
+}
 """Of every hiding. How our values were found: workflows/figures/tried.md."""
 
 HIDING_SCENES: Presets = {"homogeneous": {"lambda_message": 0.1, "message_points": 4000}}

@@ -31,8 +31,8 @@ BROKEN = {
 
 
 def draw(schedule: Schedule, feature_dim: int, dtype: str) -> None:
-    """Forward and backward of 20 Gaussians on 32 x 32 pixels; prints how far they are from the reference."""
-    scene = make_scene(20, feature_dim, 32, 32, dtype=dtype_of(dtype))
+    """Forward and backward of 20 Gaussians on a tile and a half; prints how far they are from the reference."""
+    scene = make_scene(20, feature_dim, 24, 16, dtype=dtype_of(dtype))
     output, found = draw_with_gradients(backend_of(schedule), scene)
     leaves = tuple(tensor.requires_grad_() for tensor in (*scene.gaussians, scene.background))
     expected = scene.draw_reference()

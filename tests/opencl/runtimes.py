@@ -81,8 +81,11 @@ def oclgrind_environment(vendors: Path) -> dict[str, str] | None:
     return os.environ | {"OCL_ICD_VENDORS": str(vendors), DEVICE_VARIABLE: "Oclgrind"}
 
 
-def run_module(environment: dict[str, str], *arguments: str, timeout: float = 600) -> subprocess.CompletedProcess[str]:
-    """`python -m arguments…` from the repository's root; its exit status is the caller's to judge."""
+def run_module(environment: dict[str, str], *arguments: str, timeout: float = 3600) -> subprocess.CompletedProcess[str]:
+    """`python -m arguments…` from the repository's root; its exit status is the caller's to judge.
+
+    `timeout` is for what hangs, in seconds.
+    """
     command = [sys.executable, "-m", *arguments]
     return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=timeout)
 

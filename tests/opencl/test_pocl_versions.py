@@ -1,7 +1,7 @@
 """Pictures, gradients and determinism on the PoCL that is not this machine's default: PyPI's wheel or Debian's package.
 
 Each compiles kernels with an LLVM of its own, for another instruction set. A process of its own loads the other one and
-runs these tests' files on it.
+runs a file of these tests on it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import pytest
 from opencl.device import DEVICE_VARIABLE, choose_device
 from tests.opencl.runtimes import DEBIAN_POCL, debian_pocl_environment, run_module
 
-FILES = ("test_rasterizer", "test_gradients", "test_determinism", "test_shapes")
 LISTED = re.compile(r"^[* ] (\d+:\d+)  Portable Computing Language \((.*?)\): ", re.MULTILINE)
 
 
@@ -33,7 +32,16 @@ def other_pocl(tmp_path):
     return environment | {DEVICE_VARIABLE: others[0]}
 
 
-def test_the_same_tests_on_the_other_pocl(other_pocl):
-    files = [f"tests/opencl/{file}.py" for file in FILES]
-    done = run_module(other_pocl, "pytest", "-q", "-p", "no:cacheprovider", "-o", "addopts=-m 'not slow'", *files)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "test_rasterizer",
+        "test_gradients",
+        pytest.param("test_determinism", marks=pytest.mark.slow),
+        pytest.param("test_shapes", marks=pytest.mark.slow),
+    ],
+)
+def test_the_same_tests_on_the_other_pocl(other_pocl, name):
+    file = f"tests/opencl/{name}.py"
+    done = run_module(other_pocl, "pytest", "-q", "-p", "no:cacheprovider", "-o", "addopts=-m 'not slow'", file)
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]

@@ -22,6 +22,7 @@ from tests.opencl.comparison import (
 from tests.opencl.scenes import Scene, make_scene
 
 FEATURE_DIMS = (1, 3, 8, 16, 17, 32, 64, 128)
+BASIC_DIMS = (3, 17)  # a picture's, and one that no vector of lanes divides
 PEERS = {"gsplat": (rasterize_gsplat, GSPLAT, None), "metal_gauss": (rasterize_metal_gauss, METAL_GAUSS, 3.0)}
 TOLERANCES = {torch.float32: FLOAT32, torch.float64: FLOAT64}
 
@@ -48,8 +49,15 @@ def compare(peer: str, scene: Scene) -> None:
         compare_gradients(gradients_from(rasterize, scene, pixels), gradients_from(draw, scene, pixels), relative)
 
 
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64], ids=["float32", "float64"])
-@pytest.mark.parametrize("feature_dim", FEATURE_DIMS)
+@pytest.mark.parametrize(
+    ("feature_dim", "dtype"),
+    [
+        *((dim, torch.float32) for dim in FEATURE_DIMS),
+        *((dim, torch.float64) for dim in BASIC_DIMS),
+        *(pytest.param(dim, torch.float64, marks=pytest.mark.slow) for dim in FEATURE_DIMS if dim not in BASIC_DIMS),
+    ],
+    ids=str,
+)
 @pytest.mark.parametrize("peer", PEERS)
 def test_pictures_and_gradients_agree(peer, feature_dim, dtype):
     compare(peer, scene_for(PEERS[peer][1], feature_dim, dtype))

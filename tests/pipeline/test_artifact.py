@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import os
 import stat
 from pathlib import Path
 
@@ -98,6 +100,25 @@ def test_a_flipped_bit_is_noticed(tmp_path: Path) -> None:
         load(tmp_path / "a").read("group/array")
     with pytest.raises(CorruptArtifact, match="altered"):
         load(tmp_path / "a").verify()
+
+
+@pytest.mark.parametrize("moment", range(4))
+def test_an_artifact_that_is_set_aside_while_it_is_verified_is_not_sound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: int
+) -> None:
+    """Another run may do so at any time: here just before one of its folders is looked through."""
+    write(tmp_path / "artifact", np.arange(4))
+    artifact = load(tmp_path / "artifact")
+    looks, scandir = itertools.count(), os.scandir
+
+    def aside_then_scandir(folder: Path) -> object:
+        if next(looks) == moment:
+            artifact.path.rename(tmp_path / "aside")
+        return scandir(folder)
+
+    monkeypatch.setattr(os, "scandir", aside_then_scandir)
+    with pytest.raises(CorruptArtifact):
+        artifact.verify()
 
 
 def test_a_manifest_that_leaves_the_directory_is_refused(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(photos: Path) -> tuple[int, dict[str, dict], str]:
     """The exit status, the ends of stages by name, and what was said."""
     settings = [f"--set={name}={value}" for name, value in {**SMALL, "pairs": photos / "pairs.csv"}.items()]
-    command = [sys.executable, "-m", "pipeline", "run", "workflows/batch_pairs.yaml", "--json"]
+    command = [sys.executable, "-m", "pipeline", "run", "workflows/batch_pairs.yaml", "--json", "--serial"]
     finished = subprocess.run(
         [*command, "--store", str(photos / "store"), *settings],
         cwd=REPOSITORY,

@@ -76,7 +76,7 @@ def test_a_second_run_executes_nothing(store: Path) -> None:
 
 
 def test_another_lambda_reruns_exactly_what_depends_on_it(store: Path) -> None:
-    _, events, _ = run(store, **{"hide.lambda_message": 1.0})
+    _, events, _ = run(store, "--serial", **{"hide.lambda_message": 1.0})
     ran = {event["name"] for event in events if event["event"] == "stage" and event["state"] == "ran"}
     assert ran == {"hide", "scores", "timings", "path", "report"}
 
@@ -108,6 +108,7 @@ def test_the_container_names_no_message(store: Path) -> None:
         assert word not in content
 
 
+@pytest.mark.slow
 def test_a_training_that_was_interrupted_and_killed_makes_the_same_bits(store: Path, tmp_path: Path) -> None:
     """With two messages and a key, in a worker; the module's store holds what it makes undisturbed."""
     rough = tmp_path / "store"

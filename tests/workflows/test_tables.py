@@ -46,7 +46,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(photos: Path, workflow: str, rows: list[dict], *settings: str) -> dict[str, dict]:
     """The ends of stages by name. The weights of LPIPS are not installed."""
-    command = [sys.executable, "-m", "pipeline", "run", f"workflows/{workflow}.yaml", "--json"]
+    command = [sys.executable, "-m", "pipeline", "run", f"workflows/{workflow}.yaml", "--json", "--serial"]
     small = [f"photos={photos}", "width=64", "iterations=4", f"rows={json.dumps(rows)}"]
     finished = subprocess.run(
         [*command, "--store", str(photos / "store"), *(f"--set={setting}" for setting in (*small, *settings))],
@@ -89,6 +89,7 @@ def test_what_varies_settings(photos: Path, workflow: str) -> None:
     assert figures(ended)
 
 
+@pytest.mark.slow
 def test_an_image_in_one_view(photos: Path) -> None:
     rows = [{**row, "image": str(photos / row["image"])} for row in IMAGES]
     ended = run(photos, "hide_image", rows)

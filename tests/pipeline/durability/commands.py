@@ -16,7 +16,7 @@ from tests.pipeline.helpers import Workspace
 
 ROOT = Path(__file__).parents[3]
 TOYS = "tests.pipeline.durability.toys"
-LONGEST = 120  # seconds; no test needs as many, and none may hang
+LONGEST = 600  # seconds; no test needs as many, and none may hang
 
 Running = subprocess.Popen[str]
 

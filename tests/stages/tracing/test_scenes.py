@@ -14,15 +14,25 @@ from stages.synthesize import SynthesizeParameters
 from stages.tracing.photograph import Studio
 from stages.tracing.photograph_process import SCENES
 from stages.tracing.rig import orbit
+from stages.tracing.world import World
 
 NAMES = get_args(SynthesizeParameters.model_fields["scene"].annotation)
 VIEWS = (3, 21, 38)
 WIDTH, HEIGHT = 256, 192
 
 
+def build(name: str, seed: int) -> World:
+    return importlib.import_module(f"{SCENES}.{name}").build(seed)
+
+
+@cache
+def world(name: str) -> World:
+    return build(name, 0)
+
+
 @cache
 def place(name: str) -> Studio:
-    return Studio(importlib.import_module(f"{SCENES}.{name}").build(0))
+    return Studio(world(name))
 
 
 @cache
@@ -85,7 +95,6 @@ def test_no_two_scenes_share_a_palette() -> None:
 
 
 def test_the_seed_changes_a_scene_s_paint() -> None:
-    build = importlib.import_module(f"{SCENES}.courtyard").build
-    first, again, other = build(0), build(0), build(1)
+    first, again, other = world("courtyard"), build("courtyard", 0), build("courtyard", 1)
     assert all(np.array_equal(one, two) for one, two in zip(first.pages, again.pages, strict=True))
     assert not any(np.array_equal(one, two) for one, two in zip(first.pages, other.pages, strict=True))

@@ -16,12 +16,14 @@ def test_the_paper_s_method_takes_the_paper_s_values() -> None:
     parameters = HideScenesParameters(method="gs_hider")
     assert (parameters.lambda_message, parameters.decoder_width, parameters.kernel_size) == (0.5, 64, 3)
     assert (parameters.message_points, parameters.averaging) == (0, 0.0)
+    assert (parameters.opacity_weight, parameters.scale_weight) == (0.0, 0.0)
 
 
 def test_our_method_brings_its_own() -> None:
     parameters = HideScenesParameters(method="homogeneous")
     assert (parameters.lambda_message, parameters.decoder_width, parameters.kernel_size) == (0.1, 32, 1)
     assert (parameters.message_points, parameters.averaging) == (4000, 0.995)
+    assert (parameters.opacity_weight, parameters.scale_weight) == (0.2, 0.2)
     assert HideImageParameters(method="homogeneous").lambda_message == HideImageParameters().lambda_message == 0.1
 
 
