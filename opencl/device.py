@@ -11,7 +11,7 @@ import pyopencl
 from filelock import FileLock
 
 from opencl.kernel_cache import reserve_kernel_cache
-from opencl.pocl_processor import lacks_processor, name_processor
+from opencl.pocl_processor import misnamed_processor, name_processor
 
 DEVICE_VARIABLE = "GS_HIDER_DEVICE"
 """Environment variable that names the device where the caller does not."""
@@ -54,10 +54,12 @@ class Device:
 
     def prepare(self) -> None:
         """Make sure that kernels can be built; `ValueError` with a way out where they cannot."""
-        if lacks_processor(self.handle) and name_processor(self.handle) is None:
+        misnamed = misnamed_processor(self.handle)
+        if misnamed is not None and name_processor(self.handle, misnamed) is None:
             raise ValueError(
-                f"device {self.name}: this PoCL does not know the processor and can build nothing for it; install a "
-                f"newer one (Debian and Ubuntu: apt install pocl-opencl-icd) or choose another with {DEVICE_VARIABLE}"
+                f"device {self.name}: this PoCL does not know the processor (it says {misnamed!r}) and cannot build "
+                "for it; install a newer one (Debian and Ubuntu: apt install pocl-opencl-icd) or choose another with "
+                f"{DEVICE_VARIABLE}"
             )
 
 

@@ -5,15 +5,18 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
+from types import SimpleNamespace
 
+import pyopencl
 import pytest
 import torch
 
 from opencl import pocl_processor
 from opencl.__main__ import main
+from opencl.backend import default_backend
 from opencl.device import DEVICE_VARIABLE, choose_device, list_devices
 from opencl.kernel_cache import reserve_kernel_cache
-from opencl.pocl_processor import closest_known_processor
+from opencl.pocl_processor import closest_known_processor, misnamed_processor
 from tests.opencl.scenes import make_scene
 
 
@@ -88,15 +91,50 @@ def test_the_closest_processor_has_only_instructions_that_exist():
 
 def test_a_processor_that_cannot_be_named_is_explained(monkeypatch):
     device = choose_device()
-    monkeypatch.setattr("opencl.device.lacks_processor", lambda handle: True)
-    monkeypatch.setattr("opencl.device.name_processor", lambda handle: None)
+    monkeypatch.setattr("opencl.device.misnamed_processor", lambda handle: "generic")
+    monkeypatch.setattr("opencl.device.name_processor", lambda handle, misnamed: None)
     with pytest.raises(ValueError, match="does not know the processor"):
         device.prepare()
 
 
 def test_other_systems_memory_is_left_alone(monkeypatch):
     monkeypatch.setattr(pocl_processor.platform, "system", lambda: "Darwin")
-    assert pocl_processor.name_processor.__wrapped__(choose_device().handle) is None
+    assert pocl_processor.name_processor.__wrapped__(choose_device().handle, "generic") is None
+
+
+@pytest.mark.parametrize(
+    ("says", "has_avx_512", "misnamed"),
+    [
+        ("generic", False, "generic"),
+        ("generic", True, "generic"),
+        ("znver3", True, "znver3"),
+        ("znver3", False, None),
+        ("skylake-avx512", True, None),
+    ],
+)
+def test_a_processor_is_named_where_pocl_does_not_know_it_or_its_avx_512(monkeypatch, says, has_avx_512, misnamed):
+    flags = pocl_processor._AVX_512 if has_avx_512 else set()
+    monkeypatch.setattr(pocl_processor, "_processor_flags", lambda: flags)
+    platform = SimpleNamespace(name="Portable Computing Language")
+    version = f"OpenCL 3.0 PoCL HSTR: pthread-x86_64-unknown-linux-gnu-{says} "
+    assert misnamed_processor(SimpleNamespace(platform=platform, version=version)) == misnamed
+
+
+def test_built_in_functions_on_whole_registers_can_be_built():
+    """PoCL 3.0 ended the process at a double8's square root on Zen 4."""
+    backend = default_backend()
+    text = "kernel void root(global double8 *x) { x[0] = sqrt(x[0]); }"
+    program = pyopencl.Program(backend.context, text).build(cache_dir=False)
+    numbers = torch.arange(8.0, dtype=torch.float64)
+    buffer = pyopencl.Buffer(
+        backend.context,
+        pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR,
+        hostbuf=numbers.numpy(),
+    )
+    pyopencl.Kernel(program, "root")(backend.queue, (1,), None, buffer)
+    found = torch.empty_like(numbers)
+    pyopencl.enqueue_copy(backend.queue, found.numpy(), buffer)
+    torch.testing.assert_close(found, numbers.sqrt())
 
 
 def test_threads_take_turns():
