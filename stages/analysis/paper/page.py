@@ -111,7 +111,7 @@ def write_page(page: TablesPage) -> str:
 
 def _relations_tile(relations: Iterable[Relation]) -> list[Tile]:
     measured = [relation for relation in relations if relation.measured.by_capture]
-    holding = [relation for relation in measured if relation.holds(relation.value)]
+    holding = [relation for relation in measured if relation.is_found]
     unsure = sum(relation.within_noise for relation in measured)
     note = f"{unsure} within noise" if unsure else ""
     return [Tile("Relations that hold", f"{len(holding)} of {len(measured)}", note)] if measured else []

@@ -48,6 +48,16 @@ class Relation:
         return self.measured.average.mean
 
     @property
+    def captures_that_agree(self) -> int:
+        """On how many captures it holds by itself."""
+        return sum(self.holds(spread.mean) for spread in self.measured.by_capture.values())
+
+    @property
+    def is_found(self) -> bool:
+        """Whether it holds on average, and on half of the captures at least: one of many can carry an average."""
+        return self.holds(self.value) and 2 * self.captures_that_agree >= len(self.measured.by_capture)
+
+    @property
     def within_noise(self) -> bool:
         """Whether other seeds could well change the verdict."""
         return abs(self.value - self.bound) < NOISES * self.noise
@@ -55,14 +65,13 @@ class Relation:
     @property
     def verdict(self) -> str:
         """Whether it holds on average over the captures, and on how many of them."""
-        values = [spread.mean for spread in self.measured.by_capture.values()]
-        if not values:
+        captures, count = len(self.measured.by_capture), self.captures_that_agree
+        if not captures:
             return "not measured"
-        word = "holds" if self.holds(self.value) else "does not hold"
-        count = sum(map(self.holds, values))
-        parts = [word, *(["within noise"] if self.within_noise else [])]
-        if 0 < count < len(values):
-            parts.append(f"on {count} of {len(values)} captures")
+        on_average = "holds on average alone" if self.holds(self.value) else "does not hold"
+        parts = ["holds" if self.is_found else on_average, *(["within noise"] if self.within_noise else [])]
+        if 0 < count < captures:
+            parts.append(f"on {count} of {captures} captures")
         return ", ".join(parts)
 
 

@@ -86,6 +86,8 @@ def relation(values: list[float], bound: float = 0.0, noise: float = math.nan, s
         (relation([]), "not measured"),
         (relation([0.5, 1.0]), "holds"),
         (relation([0.5, -0.1]), "holds, on 1 of 2 captures"),
+        (relation([0.5, -0.1, -0.1]), "holds on average alone, on 1 of 3 captures"),
+        (relation([0.1, 0.1, -0.5]), "does not hold, on 2 of 3 captures"),
         (relation([-0.5]), "does not hold"),
         (relation([0.0]), "does not hold"),
         (relation([0.0], sense="at least"), "holds"),
