@@ -47,7 +47,8 @@ class TrainingSettings:
     Schedules are 3DGS's, scaled to the first `schedule_share` of the iterations; later ones keep the last rates.
     `attribute_rates` replace the method's own learning rates; they and `network_rate` fall exponentially to
     `final_rate_share` of themselves. `averaging` is the decay of the averages that the training ends with; 0: none.
-    `opacity_weight` and `scale_weight` are those of the prior.
+    `opacity_weight` and `scale_weight` are those of the prior. One on opacities holds them down all the time, in place
+    of 3DGS's resets, as in 3DGS-MCMC: what a reset has made transparent could not climb back against it.
     """
 
     iterations: int
@@ -98,7 +99,7 @@ class Training:
         self.network_optimizer = self._network_optimizer()
         self.sampler = ViewSampler(len(views.cameras), settings.seed)
         self.generator = torch.Generator().manual_seed(settings.seed)
-        self.schedule = density_schedule(settings.scheduled)
+        self.schedule = density_schedule(settings.scheduled, opacity_resets=settings.opacity_weight == 0)
         self.averages = Averages(settings.averaging, settings.iterations)
         self.iteration = 0
         self.curves = Curves(settings.iterations, [*terms, *(view.term for view in fixed)], method.name)

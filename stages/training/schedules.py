@@ -27,11 +27,13 @@ class DensitySchedule:
         return iteration < self.stop and iteration % self.opacity_reset_interval == 0
 
 
-def density_schedule(iterations: int) -> DensitySchedule:
+def density_schedule(iterations: int, opacity_resets: bool = True) -> DensitySchedule:
     """3DGS's schedule (500 to 15,000 every 100, reset every 3,000), scaled from 30,000 to `iterations`.
 
     Deviation: the interval is never under 50, since a mean gradient over a handful of views decides nothing, and a run
     too short to recover from it (opacity climbs back in about 500 iterations) has no opacity reset at all.
+
+    Without `opacity_resets` there is none either, and overgrown Gaussians stay, as they do before the first of them.
     """
     scale = iterations / REFERENCE_ITERATIONS
     reset = round(3_000 * scale)
@@ -39,7 +41,7 @@ def density_schedule(iterations: int) -> DensitySchedule:
         start=round(500 * scale),
         stop=round(15_000 * scale),
         interval=max(SHORTEST_INTERVAL, round(100 * scale)),
-        opacity_reset_interval=reset if reset >= 500 else iterations + 1,
+        opacity_reset_interval=reset if opacity_resets and reset >= 500 else iterations + 1,
     )
 
 
