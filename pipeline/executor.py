@@ -6,9 +6,10 @@ and says what came out. Whoever gives it the work decides what may start; the ex
 
 from __future__ import annotations
 
-from collections import deque
+import bisect
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any, Protocol
 
 from pipeline.events import Event
@@ -46,16 +47,16 @@ class SerialExecutor:
     """
 
     def __init__(self) -> None:
-        self._waiting: deque[tuple[str, Work, object]] = deque()
+        self._waiting: list[tuple[int, str, Work, object]] = []
         self._kernel_cache = KernelCache()
 
     def start(self, name: str, work: Work, subject: object, urgency: int, needs: Resources) -> None:
-        self._waiting.append((name, work, subject))
+        bisect.insort(self._waiting, (-urgency, name, work, subject), key=itemgetter(0))
 
     def wait(self, tell: Tell, seconds: float) -> tuple[str, Any] | None:
         if not self._waiting:
             return None
-        name, work, subject = self._waiting.popleft()
+        _, name, work, subject = self._waiting.pop(0)
         return name, work(subject, tell)
 
     def close(self) -> None:

@@ -28,6 +28,7 @@ from pipeline.history import Journal, StageResult
 from pipeline.provenance import git_commit
 from pipeline.record import Record
 from pipeline.store import Store
+from pipeline.urgency import urgencies
 
 GRACE = 60.0  # seconds that a running stage has to save its checkpoint and stop
 MOMENT = 0.2  # seconds between two looks at the stop flag
@@ -75,6 +76,7 @@ class Run:
     def __post_init__(self) -> None:
         self._stop_flag = self.store.temporary()
         self._order = {name: index for index, name in enumerate(self.graph.nodes)}
+        self._urgencies = urgencies(self.graph)
         self._final = frozenset(self.graph.final)
         self._dependents = self.graph.dependents
 
@@ -252,7 +254,7 @@ class Run:
         del self._waiting[node.name]
         self._again_at.pop(node.name, None)
         job = self._job(node, key, parts)
-        self._executor.start(node.name, perform, job, -self._order[node.name], node.resources)
+        self._executor.start(node.name, perform, job, self._urgencies[node.name], node.resources)
 
     def _take(self, name: str, outcome: Outcome | Lost) -> Iterable[str]:
         """Ends what an executor is done with; returns the nodes that this may concern."""

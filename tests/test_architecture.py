@@ -23,7 +23,7 @@ ENGINE = [
     "source_cache checkpoint remote external_cache privacy garbage verification workers progress",
     "declaration",
     "graph action naming storewords cluster",
-    "explain changes description exporting",
+    "explain changes description exporting urgency",
     "plan runner showing pictures",
     "explanation accept",
     "project planwords",

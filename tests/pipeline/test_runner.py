@@ -193,12 +193,27 @@ def test_foreach(workspace: Workspace) -> None:
           sum:    {uses: total, in: {numbers: scaled}}
         """)
     ran = workspace.run()
-    assert list(ran.states) == ["each[30]", "each[10]", "scaled[30]", "scaled[10]", "sum"]
+    assert list(ran.states) == ["each[30]", "scaled[30]", "each[10]", "scaled[10]", "sum"]
     np.testing.assert_array_equal(ran.values("scaled[10]"), [20.0])
     np.testing.assert_array_equal(ran.values("sum", "total"), [60.0, 20.0])
     more = workspace.run("firsts=[30, 20, 10]")
     assert {name for name, state in more.states.items() if state == "ran"} == {"each[20]", "scaled[20]", "sum"}
     assert set(workspace.run(stages=["each"]).states) == {"each[30]", "each[10]"}
+
+
+def test_what_closes_a_row_is_done_before_the_next_row_begins(workspace: Workspace) -> None:
+    """A run that is stopped then has the scores of every training that it finished."""
+    workspace.write("""
+        vars: {firsts: [30, 10]}
+        stages:
+          base:   {uses: numbers, foreach: {first: "${firsts}"}, with: {first: "${item.first}", count: 1}}
+          train:  {uses: scale, foreach: {first: "${firsts}"}, in: {numbers: base}}
+          scores: {uses: scale, foreach: {first: "${firsts}"}, in: {numbers: train}}
+          table:  {uses: total, in: {numbers: scores}}
+        """)
+    rows = ["train[30]", "scores[30]", "train[10]", "scores[10]"]
+    assert list(workspace.run().states) == ["base[30]", "base[10]", *rows, "table"]
+    assert list(workspace.run("train.factor=7", stages=["scores"]).states) == ["base[30]", "base[10]", *rows]
 
 
 def test_lineage_is_the_way_to_the_inputs(workspace: Workspace) -> None:
