@@ -8,6 +8,10 @@ from dataclasses import dataclass
 REFERENCE_ITERATIONS = 30_000
 SHORTEST_INTERVAL = 50
 
+SHORTEST_RESET_INTERVAL = 1_500
+"""Opacities climb back from a reset in 500 iterations, and the picture more slowly: one every 600 cost plain 3DGS up to
+0.9 dB, one every 1,200 0.5 dB (workflows/figures/relations.md)."""
+
 
 @dataclass(frozen=True)
 class DensitySchedule:
@@ -31,7 +35,7 @@ def density_schedule(iterations: int, opacity_resets: bool = True) -> DensitySch
     """3DGS's schedule (500 to 15,000 every 100, reset every 3,000), scaled from 30,000 to `iterations`.
 
     Deviation: the interval is never under 50, since a mean gradient over a handful of views decides nothing, and a run
-    too short to recover from it (opacity climbs back in about 500 iterations) has no opacity reset at all.
+    in which opacity resets would follow each other too soon, one of under 15,000 iterations, has none at all.
 
     Without `opacity_resets` there is none either, and overgrown Gaussians stay, as they do before the first of them.
     """
@@ -41,7 +45,7 @@ def density_schedule(iterations: int, opacity_resets: bool = True) -> DensitySch
         start=round(500 * scale),
         stop=round(15_000 * scale),
         interval=max(SHORTEST_INTERVAL, round(100 * scale)),
-        opacity_reset_interval=reset if opacity_resets and reset >= 500 else iterations + 1,
+        opacity_reset_interval=reset if opacity_resets and reset >= SHORTEST_RESET_INTERVAL else iterations + 1,
     )
 
 

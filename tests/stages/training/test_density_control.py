@@ -88,6 +88,12 @@ def test_the_schedule_at_30000_is_that_of_3dgs() -> None:
     assert schedule.resets_opacity_at(3_000)
 
 
+def test_short_trainings_have_no_opacity_resets() -> None:
+    """With one every 600 iterations, plain 3DGS lost up to 0.9 dB on test views."""
+    schedule = density_schedule(12_000)
+    assert not any(schedule.resets_opacity_at(iteration) for iteration in range(1, 12_001))
+
+
 def test_the_position_rate_decays_exponentially() -> None:
     assert math.isclose(decayed(1e-2, 1e-4, 0), 1e-2)
     assert math.isclose(decayed(1e-2, 1e-4, 0.5), 1e-3)

@@ -63,10 +63,10 @@ def test_it_counts_once_for_all_views() -> None:
     assert losses[0] - losses[1] == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.parametrize(("weight", "resets"), [(0.0, [600, 1200, 1800, 2400]), (0.2, [])])
+@pytest.mark.parametrize(("weight", "resets"), [(0.0, [1_500, 3_000, 4_500, 6_000]), (0.2, [])])
 def test_that_of_opacities_stands_in_for_their_resets(weight: float, resets: list[int]) -> None:
     """With both, kitchen hiding bonsai lost a fifth of its Gaussians at every reset, and in the end its message."""
-    training = prepared("plain", 6_000)
+    training = prepared("plain", 15_000)
     settings = replace(training.settings, opacity_weight=weight)
     training = Training(training.gaussians, training.method, training.views, training.terms, settings)
-    assert [iteration for iteration in range(1, 6_001) if training.schedule.resets_opacity_at(iteration)] == resets
+    assert [iteration for iteration in range(1, 15_001) if training.schedule.resets_opacity_at(iteration)] == resets
