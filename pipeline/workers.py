@@ -19,6 +19,7 @@ from distributed import LocalCluster, WorkerPlugin, get_worker
 from pipeline.engine_code import check_engine, engine_digest
 from pipeline.events import Event, Noted, StageProgressed, StageStarted
 from pipeline.executor import Work
+from pipeline.freed_memory import keep_freed_memory, return_freed_memory
 from pipeline.orphans import end_with_parent
 from pipeline.process import THREADS, KernelCache
 
@@ -97,6 +98,7 @@ class PrepareWorker(WorkerPlugin):
         if self.parent is not None:
             end_with_parent(self.parent)
         faulthandler.enable(STANDARD_ERROR)
+        keep_freed_memory()
         engine_digest()  # of the sources that were imported just now, not of later ones
         self.kernel_cache = KernelCache()
 
@@ -107,7 +109,10 @@ class PrepareWorker(WorkerPlugin):
 def work_at_worker(work: Work, subject: object, topic: str, engine: str) -> Any:
     """What a worker does: the work, telling events over dask's own channel. Raises UserError if its engine differs."""
     check_engine(engine)
-    return work(subject, _teller(topic))
+    try:
+        return work(subject, _teller(topic))
+    finally:
+        return_freed_memory()
 
 
 def _teller(topic: str) -> Callable[[Event], None]:

@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 ENGINE = [
-    "errors canonical cause collection completion data_folder disk look orphans temporary",
+    "errors canonical cause collection completion data_folder disk freed_memory look orphans temporary",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
     "engine_code sealed",
     "arrays substitution table record",

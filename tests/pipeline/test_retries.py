@@ -46,7 +46,7 @@ class Deadly(SerialExecutor):
         if not self.deaths or not self._waiting:
             return super().wait(tell, seconds)
         self.deaths -= 1
-        name, work, job = self._waiting.popleft()
+        _, name, work, job = self._waiting.pop(0)
         assert isinstance(job, Job)
         if self.when == "begun":
             job.begun_flag.touch()
