@@ -15,7 +15,7 @@ TRIM_THRESHOLD, TOP_PAD, MMAP_THRESHOLD = -1, -2, -3
 for it grows, and from which size on a piece is mapped by itself, to be unmapped when it is freed."""
 
 LARGEST = 2**30
-"""Bytes. Larger pieces are few, and no iteration is so short that their pages count."""
+"""Bytes. Larger pieces go back as before."""
 LARGEST_OF_OLDER_VERSIONS = 2**25
 """What glibc before 2.35 takes as MMAP_THRESHOLD at most."""
 GROWTH = 2**26
