@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import platform
+import resource
 import subprocess
 import sys
 
 import pytest
+
+from pipeline.cluster import DaskExecutor
+from pipeline.executor import Tell
 
 PIECES = """
 import resource, sys, threading
@@ -49,6 +53,17 @@ def _page_faults(kept: str, where: str) -> tuple[int, int]:
     return faults, returned
 
 
+def page_faults_at_work(subject: object, tell: Tell) -> int:
+    """The same, as work of an executor."""
+    faults = 0
+    for _ in range(2):  # the second time there is memory to be had again
+        before = resource.getrusage(resource.RUSAGE_THREAD).ru_minflt
+        for _ in range(50):
+            _ = [bytearray(8 << 20) for _ in range(4)]
+        faults = resource.getrusage(resource.RUSAGE_THREAD).ru_minflt - before
+    return faults
+
+
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators are left as they are")
 @pytest.mark.parametrize("where", ["thread", "main"])
 def test_pieces_are_kept_while_working_and_given_back_afterwards(where: str) -> None:
@@ -57,3 +72,19 @@ def test_pieces_are_kept_while_working_and_given_back_afterwards(where: str) -> 
     faults, returned = _page_faults("kept", where)
     assert faults < without / 20
     assert returned > 24 << 20
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators are left as they are")
+def test_workers_keep_it() -> None:
+    without, _ = _page_faults("as it is", "thread")
+    executor = DaskExecutor(1)
+    try:
+        executor.start("work", page_faults_at_work, None, 0, {})
+        ended = None
+        while ended is None:
+            ended = executor.wait(lambda event: None, 1.0)
+    finally:
+        executor.close()
+    name, faults = ended
+    assert name == "work"
+    assert faults < without / 20
