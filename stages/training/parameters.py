@@ -31,7 +31,7 @@ class TrainingParameters(Parameters):
         0.0,
         ge=0,
         description="Of the Gaussians' mean opacity in the loss, over all training views together. 3DGS and the paper: "
-        "0; homogeneous: 0.2.",
+        "0; homogeneous: 2.",
     )
     scale_weight: float = Field(0.0, ge=0, description="Of their mean scale, as a share of the rig's extent, likewise.")
     seed: int = Field(0, ge=0, description="Of the order of views, of splitting, and of the networks' first weights.")

@@ -12,8 +12,8 @@ HIDING: Presets = {
         "decoder_width": 32,
         "kernel_size": 1,
         "averaging": 0.995,
-        "opacity_weight": 0.2,
-        "scale_weight": 0.2,
+        "opacity_weight": 2.0,
+        "scale_weight": 2.0,
     }
 }
 """Of every hiding. How our values were found: workflows/figures/tried.md."""

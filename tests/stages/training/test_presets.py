@@ -23,7 +23,7 @@ def test_our_method_brings_its_own() -> None:
     parameters = HideScenesParameters(method="homogeneous")
     assert (parameters.lambda_message, parameters.decoder_width, parameters.kernel_size) == (0.1, 32, 1)
     assert (parameters.message_points, parameters.averaging) == (4000, 0.995)
-    assert (parameters.opacity_weight, parameters.scale_weight) == (0.2, 0.2)
+    assert (parameters.opacity_weight, parameters.scale_weight) == (2.0, 2.0)
     assert HideImageParameters(method="homogeneous").lambda_message == HideImageParameters().lambda_message == 0.1
 
 
