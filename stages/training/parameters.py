@@ -30,8 +30,8 @@ class TrainingParameters(Parameters):
     opacity_weight: float = Field(
         0.0,
         ge=0,
-        description="Of the Gaussians' mean opacity in the loss, over all training views together. 3DGS and the paper: "
-        "0; homogeneous: 2.",
+        description="Of the Gaussians' mean opacity in the loss, over all training views together; 0, as in 3DGS and "
+        "the paper: none.",
     )
     scale_weight: float = Field(0.0, ge=0, description="Of their mean scale, as a share of the rig's extent, likewise.")
     seed: int = Field(0, ge=0, description="Of the order of views, of splitting, and of the networks' first weights.")
