@@ -38,10 +38,22 @@ class Acceptance:
         return list(self.record.accepted[-1]["changes"])
 
 
-def acceptances(graph: Graph, store: Store, stage: str, commit: str | None) -> list[Acceptance]:
-    """What accepting `stage`, a name in the file or one item of a foreach, would keep; empty where all is cached.
+@dataclass(frozen=True)
+class Refusal:
+    """A result that cannot be kept, and each thing that stands in the way."""
 
-    Raises CommandError, which says of every item what stands in the way, unless all can be accepted.
+    name: str
+    reasons: list[str]
+
+    def __str__(self) -> str:
+        return f"{self.name} cannot be accepted: {'; '.join(self.reasons)}"
+
+
+def acceptances(graph: Graph, store: Store, stage: str, commit: str | None) -> tuple[list[Acceptance], list[Refusal]]:
+    """What accepting `stage`, a name in the file or one item of a foreach, would keep, and what it could not.
+
+    Both are empty where all is cached. An item that cannot be kept holds up no other, as in a run. Raises
+    CommandError, which says of every item what stands in the way, where none can be kept.
     """
     part = graph.needed_for([stage])
     steps = make_plan(part, store)
@@ -58,14 +70,14 @@ def acceptances(graph: Graph, store: Store, stage: str, commit: str | None) -> l
         record = store.find(str(old.key)) if old else None
         reasons = _reasons_against(step, record, part)
         if reasons or record is None or step.key is None:
-            refused.append(f"{name} cannot be accepted: {'; '.join(reasons)}")
+            refused.append(Refusal(name, reasons))
             continue
         found.append(_acceptance(step, step.key, record, key_parts(part.nodes[name], digests), commit))
-    if refused:
+    if refused and not found:
         raise CommandError(
-            "\n".join(refused), remedy="Only a change of code can be accepted; anything else has to run."
+            "\n".join(map(str, refused)), remedy="Only a change of code can be accepted; anything else has to run."
         )
-    return found
+    return found, refused
 
 
 def keep(found: Sequence[Acceptance], graph: Graph, store: Store) -> None:

@@ -212,8 +212,8 @@ def accept(
       hide: would be kept although code changed: stages.hiding.key (draw changed)
     python -m pipeline accept workflows/hide_multi.yaml message_splats[reef]
 
-    Refused, with exit status 2, where parameters, inputs, files or privacy changed. Explanations and reports say that
-    a result was accepted.
+    Refused where parameters, inputs, files or privacy changed: of a foreach, those items only; with exit status 2 where
+    nothing can be kept. Explanations and reports say that a result was accepted.
     """
     with reported(store):
         from pipeline.accept import acceptances, keep, still_to_accept
@@ -221,7 +221,7 @@ def accept(
         from pipeline.provenance import git_commit
 
         project = open_project(workflow, store, settings or [], package, vars_files or [])
-        found = acceptances(project.graph, project.store, stage, git_commit(project.package_folder))
+        found, refused = acceptances(project.graph, project.store, stage, git_commit(project.package_folder))
         if not dry_run and found:
             keep(found, project.graph, project.store)
         for each in found:
@@ -231,6 +231,11 @@ def accept(
             else:
                 kept = "would be kept" if dry_run else "kept"
                 print(f"{each.name}: {kept} although {'; '.join(each.changes)}")
+        for refusal in refused:
+            if as_json:
+                print(json.dumps({"event": "accept", "name": refusal.name, "kept": False, "refused": refusal.reasons}))
+            else:
+                print(refusal)
         if not found:
             say(f"{stage}: cached, there is nothing to accept")
         if not dry_run:

@@ -158,6 +158,30 @@ def test_what_never_ran_is_refused(session: Session) -> None:
     assert (status, "no result" in said) == (2, True)
 
 
+def test_an_item_that_cannot_be_kept_holds_up_no_other(session: Session, tmp_path: Path) -> None:
+    workspace: Workspace = session.workspace
+    text = "stages:\n  s: {foreach: {base: [1, %d]}, uses: source, with: {base: '${item.base}'}}\n"
+    prepare(session)
+    workspace.write(text % 2).run()
+    session.world.code["source"].unused = 1
+    session.world.write()
+    workspace.write(text % 3)
+
+    def accept(*options: str) -> tuple[int, str]:
+        forget(session.world.package)
+        where = ["--store", str(tmp_path / "store"), "--stages", workspace.package]
+        done = CliRunner().invoke(app, ["accept", str(workspace.file), "s", *where, *options])
+        return done.exit_code, done.stdout
+
+    refused = "s[3] cannot be accepted: it has no result that is whole in the store"
+    for options, kept in ((["--dry-run"], "s[1]: would be kept"), ([], "s[1]: kept")):
+        status, said = accept(*options)
+        assert (status, kept in said, refused in said) == (0, True, True)
+    forget(session.world.package)
+    assert {name: step.state for name, step in workspace.plan().items()} == {"s[1]": "cached", "s[3]": "run"}
+    assert accept()[0] == 2  # nothing that could be kept is left
+
+
 def test_one_item_of_a_foreach_or_all(session: Session, tmp_path: Path) -> None:
     workspace: Workspace = session.workspace
     text = "stages:\n  s: {foreach: {base: [1, 2]}, uses: source, with: {base: '${item.base}'}}\n"
