@@ -14,7 +14,7 @@ from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
 from stages.analysis.fidelity import Perceptual
-from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score
+from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score, views_for_the_public
 from stages.hiding.method import module_of
 from stages.hiding.storage import bytes_of, check_method, read_gaussians, read_method
 from stages.imaging.image import filling, read_image
@@ -98,7 +98,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     every = [scored(container, parameters.method, messages, 0)]
     if reference is not None:
         every.append(scored(reference, REFERENCE_METHOD, {}, 1))
-    _write(context, every, scene)
+    _write(context, every, scene, views_for_the_public(scene, parameters.shown_train_views))
     context.record(device=choose_device().describe())
 
 
@@ -150,18 +150,19 @@ def _sizes(splats: Artifact, name: str, secret: Artifact | None) -> list[MetricR
     ]
 
 
-def _write(context: Context, every: list[Scores], scene: Scene) -> None:
+def _write(context: Context, every: list[Scores], scene: Scene, public_views: set[str]) -> None:
     """Everything for the owner; for the public, only what any holder of the container can render."""
     rows = [row for scores in every for row in scores.rows]
     pictures = [comparison for scores in every for comparison in scores.comparisons(scene)]
     write_rows(context.output("scores"), rows)
     write_comparisons(context.output("pictures"), pictures)
     write_rows(context.output("public_scores"), [row for row in rows if _is_public(row)])
-    write_comparisons(
-        context.output("public_pictures"), [comparison for comparison in pictures if comparison.role != "message"]
-    )
+    public = [comparison.of_views(public_views) for comparison in pictures if comparison.role != "message"]
+    write_comparisons(context.output("public_pictures"), [comparison for comparison in public if comparison.names])
 
 
 def _is_public(row: MetricRow) -> bool:
-    """The size in all would tell that there is a secret, and how large it is."""
-    return row.message is None and row.quantity != "total_bytes"
+    """The size in all would tell that there is a secret, and how large it is; LPIPS of a training view, that this is
+    the one that hides an image: no other is measured."""
+    tells_the_view = row.quantity.startswith("lpips") and row.split == "train"
+    return row.message is None and row.quantity != "total_bytes" and not tells_the_view

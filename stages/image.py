@@ -6,6 +6,7 @@ from pydantic import Field
 
 from pipeline.errors import UserError, nearest
 from pipeline.stage import Context, ExternalPath, Input, Output, Parameters, stage
+from stages.hiding.message_names import MessageName
 from stages.imaging.image import write_image
 from stages.imaging.pictures import read_picture
 from stages.scene.capture import picture_path, read_capture
@@ -14,7 +15,7 @@ from stages.scene.capture import picture_path, read_capture
 class ImageParameters(Parameters):
     """Which picture."""
 
-    name: str = Field("image", description="The image's name in the secret and in the tables.", min_length=1)
+    name: MessageName = Field("image", description="The image's name in the secret and in the tables.")
     file: ExternalPath | None = Field(None, description="A picture file; or give a capture and leave this out.")
     photo: str | None = Field(None, description="The photo of the capture; without it, its first.")
 

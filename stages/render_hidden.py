@@ -12,6 +12,7 @@ from pydantic import Field
 
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.message_names import MessageName
 from stages.hiding.method import Method, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.placing import place
@@ -34,7 +35,7 @@ METHOD = "plain"
 class RenderHiddenParameters(Parameters):
     """What the message is called, and how carefully its place is looked for."""
 
-    name: str = Field(description="The message's name in the secret and in the tables.", min_length=1)
+    name: MessageName = Field(description="The message's name in the secret and in the tables.")
     placement: Literal["aligned", "same_world"] = Field(
         "aligned",
         description="aligned: where the cover's cameras see most of it. same_world: where it is, for splats of the "

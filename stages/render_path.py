@@ -9,8 +9,9 @@ from pydantic import Field
 
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.analysis.comparisons import FEATURE_MAP, FEATURE_MAP_CHANNELS
+from stages.analysis.comparisons import FEATURE_MAP_CHANNELS
 from stages.analysis.videos import Video, VideoRole, write_videos
+from stages.hiding.message_names import FEATURE_MAP, SIDE_BY_SIDE
 from stages.hiding.method import module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER, Rendering
@@ -21,8 +22,6 @@ from stages.imaging.video import encode_video, enlarged
 from stages.scene.camera_path import Course, camera_path
 from stages.scene.cameras import Cameras
 from stages.scene.scene import Scene, read_scene
-
-SIDE_BY_SIDE = "side by side"
 
 
 class RenderPathParameters(Parameters):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -14,7 +14,6 @@ from stages.scene.attributes import mappings
 
 Role = Literal["cover", "message", "feature_map"]
 
-FEATURE_MAP = "feature map"
 FEATURE_MAP_CHANNELS = (0, 1, 2)
 """Shown as red, green and blue, as in the paper's figure of the feature map."""
 
@@ -30,6 +29,17 @@ class Comparison:
     splits: tuple[str, ...]
     truth: UInt8[np.ndarray, "K H W 3"]
     rendered: UInt8[np.ndarray, "K H W 3"]
+
+    def of_views(self, names: Collection[str]) -> Comparison:
+        """The same of those views alone that are among `names`."""
+        rows = [row for row, name in enumerate(self.names) if name in names]
+        return replace(
+            self,
+            names=tuple(self.names[row] for row in rows),
+            splits=tuple(self.splits[row] for row in rows),
+            truth=self.truth[rows],
+            rendered=self.rendered[rows],
+        )
 
 
 def write_comparisons(writer: ArtifactWriter, comparisons: Iterable[Comparison]) -> None:

@@ -10,9 +10,10 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from stages.analysis.comparisons import FEATURE_MAP, FEATURE_MAP_CHANNELS, Comparison
+from stages.analysis.comparisons import FEATURE_MAP_CHANNELS, Comparison
 from stages.analysis.fidelity import Perceptual, covered_figures, picture_figures
 from stages.analysis.leakage import residual_correlations
+from stages.hiding.message_names import FEATURE_MAP
 from stages.hiding.method import Method
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER, Rendering
@@ -106,7 +107,7 @@ def score(
     scores = Scores(name)
     tests = set(scene.test_names)
     hiding = {image.view} if image is not None else set()
-    shown = tests | hiding | set(scene.train_names[:shown_train_views])
+    shown = views_for_the_public(scene, shown_train_views) | hiding
     for row, rendering in enumerate(photographs(gaussians, method, scene.cameras)):
         view = scene.cameras.names[row]
         split = "test" if view in tests else "train"
@@ -121,6 +122,11 @@ def score(
             _score_image(scores, rendering, image, measured)
         progress(row + 1, len(scene.cameras))
     return scores
+
+
+def views_for_the_public(scene: Scene, shown_train_views: int) -> set[str]:
+    """Of which views the public sees pictures: not of the one that hides an image, which would tell it."""
+    return set(scene.test_names) | set(scene.train_names[:shown_train_views])
 
 
 def _score_cover(

@@ -22,8 +22,8 @@ from stages.hiding.bundle import (
     SecretBundle,
 )
 from stages.hiding.columns import VERTEX, attribute_of
+from stages.hiding.message_names import TAKEN, is_taken
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
-from stages.hiding.rendering import COVER
 from stages.hiding.weights import SUFFIX, Weights, read_weights
 from stages.scene.ply.reading import Ply, read_ply
 
@@ -83,7 +83,7 @@ def _is_fact(fact: tuple[str, Any]) -> bool:
 
 
 def _is_name(value: Any) -> bool:
-    return isinstance(value, str) and 0 < len(value) <= LONGEST_TEXT and value.isprintable() and value != COVER
+    return isinstance(value, str) and 0 < len(value) <= LONGEST_TEXT and value.isprintable() and not is_taken(value)
 
 
 def _no_names(path: Path) -> UserError:
@@ -91,7 +91,7 @@ def _no_names(path: Path) -> UserError:
     return UserError(
         "a secret without the messages' names",
         where=path,
-        expected=f"a list `messages` of at most {MOST_MESSAGES} different names, none of them {COVER!r}",
+        expected=f"a list `messages` of at most {MOST_MESSAGES} different names, none of them {TAKEN}",
         remedy="Fetch the file again from where the secret is kept.",
     )
 

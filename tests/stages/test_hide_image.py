@@ -10,6 +10,7 @@ import pytest
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
+from stages.analysis.comparisons import read_comparisons
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_image import hide_image
 from stages.imaging.image import filling, write_image
@@ -39,9 +40,9 @@ def hidden(folder: Path, cover: Artifact, emblem: Artifact, **settings: object) 
     return run_stage(hide_image, parameters, {"cover": cover, "image": emblem}, folder)
 
 
-def scores(folder: Path, made: dict[str, Artifact], cover: Artifact, emblem: Artifact, method: str):
+def scores(folder: Path, made: dict[str, Artifact], cover: Artifact, emblem: Artifact, method: str, lpips="none"):
     inputs = {"container": made["container"], "secret": made["secret"], "cover": cover, "image": emblem}
-    return run_stage(evaluate, EvaluateParameters(method=method, lpips="none"), inputs, folder)
+    return run_stage(evaluate, EvaluateParameters(method=method, lpips=lpips), inputs, folder)
 
 
 @pytest.mark.parametrize("method", ["gs_hider", "homogeneous", "sh", "decoder"])
@@ -64,6 +65,18 @@ def test_the_public_never_hears_of_the_image(tmp_path: Path, cover: Artifact, em
     public = read_rows(found["public_scores"])
     assert public
     assert not any(row.message or row.quantity in ("hides_image", "total_bytes") for row in public)
+
+
+def test_the_public_cannot_tell_which_view_hides_the_image(tmp_path: Path, cover: Artifact, emblem: Artifact) -> None:
+    made = hidden(tmp_path / "made", cover, emblem, iterations=2, view=NAMES[5])
+    known = scores(tmp_path / "scores", made, cover, emblem, "gs_hider", lpips="vgg")
+    parameters = EvaluateParameters(lpips="vgg")
+    unknown = run_stage(evaluate, parameters, {"container": made["container"], "cover": cover}, tmp_path / "unknown")
+    assert read_rows(known["public_scores"]) == read_rows(unknown["public_scores"])
+    assert unknown["public_pictures"].digest == known["public_pictures"].digest
+    owner, public = read_comparisons(known["pictures"]), read_comparisons(known["public_pictures"])
+    assert NAMES[5] in owner[0].names
+    assert NAMES[5] not in public[0].names
 
 
 def test_a_view_that_is_not_trained_on_is_refused(tmp_path: Path, cover: Artifact, emblem: Artifact) -> None:
