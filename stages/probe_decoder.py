@@ -54,5 +54,5 @@ def probe_decoder(context: Context, parameters: ProbeDecoderParameters) -> None:
         )
     foreign = None if other is None else read_gaussians(other)[FEATURES]
     features = probes(gaussians[FEATURES], foreign, parameters.seed)
-    rows = probe_rows(gaussians, method, scene, messages, features, context.stop_if_requested)
+    rows = probe_rows(gaussians, method, parameters.method, scene, messages, features, context.stop_if_requested)
     write_rows(context.output("scores"), rows)

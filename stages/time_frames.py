@@ -1,5 +1,8 @@
-"""`time_frames`: how long one picture takes on one device, with and without its decoders. Timings are not results of a
-training: the device is in the key, and the stage runs alone."""
+"""`time_frames`: how long one picture takes on one device, with and without its decoders.
+
+The stage runs alone. Which device it ran on stands in the provenance; in the key is only what the parameter calls it,
+since the machine that plans a run need not be the one that does it.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,9 @@ Draw = Callable[[Camera], Rendering]
 class TimeFramesParameters(Parameters):
     """How often is measured; the median is reported."""
 
-    device: str = Field("default", description="A name for the device, so that another device is measured anew.")
+    device: str = Field(
+        "default", description="A name for the device: in a store that machines share, give each kind its own."
+    )
     method: str = Field("gs_hider", description="The container's method.")
     frames: int = Field(30, ge=1, description="Pictures timed, one test view after the other.")
     warmup: int = Field(3, ge=0, description="Pictures rendered before, untimed.")

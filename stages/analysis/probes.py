@@ -16,6 +16,11 @@ SILENT = -1e4
 RawFeatures = Float[Tensor, "N M"]
 
 
+def run_name(method: str, probe: str) -> str:
+    """What the rows of one probe of one method's container are told apart by, where other rows name a method."""
+    return f"{method}: {probe}"
+
+
 def probes(own: RawFeatures, foreign: RawFeatures | None, seed: int) -> dict[str, RawFeatures]:
     """Raw features by what was done to them; `foreign` are another container's, any number, of as many channels.
 

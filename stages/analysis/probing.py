@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 import torch
 
 from stages.analysis.fidelity import covered_figures
-from stages.analysis.probes import RawFeatures
+from stages.analysis.probes import RawFeatures, run_name
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import Method
 from stages.imaging.metric_table import QUANTITIES, MetricRow
@@ -27,21 +27,23 @@ from stages.scene.scene import Scene
 def probe_rows(
     gaussians: Gaussians,
     method: Method,
+    name: str,
     scene: Scene,
     messages: Mapping[str, MessageViews],
     features: Mapping[str, RawFeatures],
     after_each: Callable[[], None],
 ) -> Iterator[MetricRow]:
-    """PSNR over a message's covered pixels and that of the best constant, on test views; `method` names the probe."""
+    """PSNR over a message's covered pixels and that of the best constant, on test views, for each probe of the method
+    of this name."""
     cameras = single_cameras(scene.cameras.select(scene.test_names))
     for probe, raw in features.items():
-        probed = Gaussians(gaussians.parameters | {FEATURES: raw})
+        probed, run = Gaussians(gaussians.parameters | {FEATURES: raw}), run_name(name, probe)
         for view, row, camera in zip(scene.test_names, scene.rows(scene.test_names), cameras, strict=True):
             pictures = method.render(probed, camera, wanted=tuple(messages)).pictures
-            for name, message in messages.items():
+            for title, message in messages.items():
                 coverage = torch.from_numpy(message.coverage[row])
-                figures = covered_figures(pictures[name], picture_to_tensor(message.pictures[row]), coverage)
+                figures = covered_figures(pictures[title], picture_to_tensor(message.pictures[row]), coverage)
                 for quantity in ("psnr_covered", "psnr_constant"):
                     unit = QUANTITIES[quantity].unit
-                    yield MetricRow(quantity, figures[quantity], unit, view, "test", name, method=probe)
+                    yield MetricRow(quantity, figures[quantity], unit, view, "test", title, method=run)
             after_each()

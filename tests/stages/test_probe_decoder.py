@@ -11,7 +11,7 @@ import torch
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
-from stages.analysis.probes import OWN, SILENT, probes
+from stages.analysis.probes import OWN, PROBES, SILENT, probes, run_name
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
@@ -61,10 +61,12 @@ def probed(tmp_path: Path, method: str = "gs_hider", **settings: object) -> dict
     return {str(name): mean_value([row for row in rows if row.method == name]) for name in {row.method for row in rows}}
 
 
-def test_only_the_containers_own_features_show_the_message(tmp_path: Path) -> None:
-    found = probed(tmp_path)
-    assert len(found) == 5
-    assert all(value < found[OWN] - 1 for name, value in found.items() if name != OWN)
+@pytest.mark.parametrize("method", ["gs_hider", "homogeneous"])
+def test_only_the_containers_own_features_show_the_message(tmp_path: Path, method: str) -> None:
+    found = probed(tmp_path, method)
+    own = found.pop(run_name(method, OWN))
+    assert len(found) == len(PROBES) - 1
+    assert all(value < own - 1 for value in found.values()), (own, found)
 
 
 def test_a_method_without_features_is_refused(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ SEVERAL = {
         {**PAIR, "lambda_message": 1.0, "feature_dim": 8, "layers": 3},
     ],
     "plateau": [{**PAIR, "iterations": 4}, {**PAIR, "iterations": 8}],
-    "probes": [{**PAIR, "hidden": 1}],
+    "probes": [{**PAIR, "hidden": 1, "stranger": "kitchen", "method": name} for name in ("gs_hider", "homogeneous")],
 }
 IMAGES = [{"cover": "fox", "method": "gs_hider", "name": "boat", "image": "boat.png", "gaussians": 500, "seed": 0}]
 
