@@ -69,7 +69,8 @@ def rig_extent(cameras: Cameras) -> float:
     """3DGS's `spatial_lr_scale`: 1.1 times the largest distance of a camera from the mean of the cameras.
 
     Positions' learning rates and density control are relative to it. 1.0 for fewer than two cameras, and
-    for cameras that all stand at one place.
+    for cameras that all stand at one place. (3DGS takes training cameras alone, trainings here all cameras of the
+    scene, whose places, not pictures, are known: of fox, bonsai and kitchen that is 0.4, 0.1 and 3 percent apart.)
     """
     if len(cameras) < 2:
         return 1.0

@@ -10,10 +10,10 @@ from stages.analysis.page.figures import write_figure
 from stages.analysis.page.material import METHOD_TITLES
 from stages.analysis.page.summary import Tile
 from stages.analysis.paper.grid import Grid
-from stages.analysis.paper.measuring import Figure, Measured, Spread, cover, measure, message, noise
+from stages.analysis.paper.measuring import Figure, Measured, Noise, cover, measure, message, noise
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation
-from stages.analysis.paper.runs import Run, Study, method_title
+from stages.analysis.paper.runs import Run, Study, capture_title, method_title
 
 PICTURES = {"cover": "Cover", "message": "Message"}
 
@@ -64,7 +64,7 @@ def title_of(method: str) -> str:
     return METHOD_TITLES.get(method, method)
 
 
-def noises(runs: Sequence[Run], study: Study, quantity: str = "psnr") -> dict[str, Spread]:
+def noises(runs: Sequence[Run], study: Study, quantity: str = "psnr") -> dict[str, Noise]:
     """From one seed to the next, of the cover and of the message: in these runs, or else in any of the study."""
     found = {}
     for picture, figure in (("cover", cover(quantity)), ("message", message(quantity))):
@@ -73,10 +73,15 @@ def noises(runs: Sequence[Run], study: Study, quantity: str = "psnr") -> dict[st
     return found
 
 
-def noise_note(spreads: Mapping[str, Spread], quantity: str = "psnr", unit: str = " dB") -> str:
+def _written_runs(noise: Noise) -> str:
+    captures = [capture_title(capture) for capture in noise.captures]
+    return f"{noise.count} runs" + (f" on {', '.join(captures)}" if any(noise.captures) else "")
+
+
+def noise_note(spreads: Mapping[str, Noise], quantity: str = "psnr", unit: str = " dB") -> str:
     """The line under a table that says how large its noise is."""
     told = [
-        f"{write_figure(quantity, spread.deviation)}{unit} on the {picture} ({spread.count} runs)"
+        f"{write_figure(quantity, spread.deviation)}{unit} on the {picture} ({_written_runs(spread)})"
         for picture, spread in spreads.items()
         if not math.isnan(spread.deviation)
     ]

@@ -75,20 +75,29 @@ def measure(runs: Iterable[Run], figure: Figure) -> Measured:
     return Measured({capture: _spread(list(groups.values())) for capture, groups in values.items()})
 
 
-def noise(runs: Iterable[Run], figure: Figure) -> Spread:
-    """The standard deviation from one seed to the next, pooled over all runs that others differ from in seed alone.
+@dataclass(frozen=True)
+class Noise:
+    """The standard deviation from one seed to the next, how many runs told it, and on which captures; NaN if none."""
 
-    `mean` is meaningless here; `count` is the number of runs. NaN and 0 where no runs differ in their seed alone.
-    """
-    groups: dict[object, list[float]] = {}
+    deviation: float = math.nan
+    count: int = 0
+    captures: tuple[str, ...] = ()
+
+
+def noise(runs: Iterable[Run], figure: Figure) -> Noise:
+    """From one seed to the next, pooled over all runs that others differ from in their seed alone."""
+    groups: dict[tuple[str, object, object], list[float]] = {}
     for run in runs:
         value = figure(run)
         if math.isfinite(value):
             groups.setdefault((run.capture, run.kind, run.other), []).append(value)
-    repeated = [group for group in groups.values() if len(group) > 1]
-    freedom = sum(len(group) - 1 for group in repeated)
-    squares = math.fsum((value - mean(group)) ** 2 for group in repeated for value in group)
-    return Spread(math.nan, math.sqrt(squares / freedom) if freedom else math.nan, sum(map(len, repeated)))
+    repeated = {key: group for key, group in groups.items() if len(group) > 1}
+    if not repeated:
+        return Noise()
+    freedom = sum(len(group) - 1 for group in repeated.values())
+    squares = math.fsum((value - mean(group)) ** 2 for group in repeated.values() for value in group)
+    captures = tuple(dict.fromkeys(capture for capture, _, _ in repeated))
+    return Noise(math.sqrt(squares / freedom), sum(map(len, repeated.values())), captures)
 
 
 def mean(values: Iterable[float]) -> float:
