@@ -23,6 +23,7 @@ from pipeline.errors import UserError
 from pipeline.orphans import end_with_parent
 
 POLLING = 0.2  # seconds
+TRACEBACK = "Traceback (most recent call last)"
 ROOT = Path(__file__).resolve().parents[1]
 
 Said = Mapping[str, Any]
@@ -41,7 +42,7 @@ def work_together(
     `heard` takes each object that a companion says; `watch` is called several times a second besides. Where either
     raises, or a companion breaks off, all are killed. What a companion writes to its standard error goes to a file
     beside its job, with the suffix `.log`. Raises `UserError`, which calls the work `what`, where an exit status is
-    not 0.
+    not 0; with `remedy`, which is one for want of memory, unless the companion raised something else.
     """
     lines: queue.Queue[tuple[int, bytes | None]] = queue.Queue()
     with ExitStack() as ends:
@@ -94,6 +95,8 @@ def _listen(number: int, stream: IO[bytes], lines: queue.Queue[tuple[int, bytes 
 def _broken_off(what: str, status: int, log: Path, remedy: str | None) -> UserError:
     lines = log.read_text(errors="replace").strip().splitlines()
     lines = [line for line in lines if not line.lstrip().startswith("@")]  # without the stack of a crash
+    if any(line.startswith(TRACEBACK) for line in lines) and not lines[-1].startswith("MemoryError"):
+        return UserError(f"{what} broke off", found=lines[-1])
     return UserError(
         f"{what} broke off",
         found=f"exit status {status}: {' | '.join(lines[-3:]) or 'no message'}",

@@ -18,6 +18,8 @@ import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+LONGEST_FOUND = 500  # characters of what was found
+
 
 class PipelineError(Exception):
     """Anything that the engine or a stage reports on purpose; the message is written for a person."""
@@ -42,17 +44,32 @@ class UserError(PipelineError):
     ) -> None:
         message = f"{where}: {what}" if where is not None else what
         if found is not None:
-            message += f"; found {found}"
+            message += f"; found {in_a_line(str(found))}"
         if expected is not None:
             message += f"; expected {expected}"
         if remedy is not None:
             message = f"{message.rstrip('.')}. {remedy}"
-        super().__init__(message)
+        super().__init__("".join(_plain(character) for character in message))
         self.what = what
         self.where = where
         self.found = found
         self.expected = expected
         self.remedy = remedy
+
+
+def in_a_line(text: str) -> str:
+    """Text of a stranger's, such as a name in a file, without line breaks and cut where it is long.
+
+    >>> in_a_line("a.jpg" + chr(10) + "b" * 1000)[:8]
+    'a.jpg?bb'
+    """
+    line = "".join(_plain(character, "") for character in text)
+    return line if len(line) <= LONGEST_FOUND else f"{line[: LONGEST_FOUND - 1]}…"
+
+
+def _plain(character: str, allowed: str = "\n") -> str:
+    """Not what a terminal would obey: messages tell names out of files that come from strangers."""
+    return character if character.isprintable() or character in allowed else "?"
 
 
 class CommandError(UserError):

@@ -10,6 +10,8 @@ from pydantic import Field
 
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
 from stages.imaging.backgrounds import over_background
+from stages.imaging.orientation import UPRIGHT, as_stored
+from stages.imaging.pictures import encode_png, read_picture
 from stages.scene.capture import Capture, numbered, write_capture
 from stages.scene.photo_folder import (
     PhotoFacts,
@@ -17,6 +19,7 @@ from stages.scene.photo_folder import (
     find_photos,
     find_poses,
     known_poses,
+    poses_at,
     read_facts,
     read_poses,
 )
@@ -58,31 +61,39 @@ class PhotosParameters(Parameters):
 @stage(inputs={}, outputs={"capture": Output("capture")}, version=1)
 def photos(context: Context, parameters: PhotosParameters) -> None:
     """Read every photo once, so that damage shows here, and keep them as they came."""
-    place = parameters.poses or find_poses(parameters.folder)
+    place = find_poses(parameters.folder) if parameters.poses is None else poses_at(parameters.poses)
     splits = find_splits(parameters.folder) if place is None else {}
     found = (
         find_split_photos(parameters.folder, splits) if splits else find_photos(parameters.folder, parameters.images)
     )
     facts = facts_of(context, found)
-    poses, names = None, tuple(found.photos)
-    if place is not None or splits:
-        sizes = {name: one.size for name, one in facts.items()}
+    poses, names, posed = None, tuple(found.photos), place is not None or bool(splits)
+    sizes = {name: one.stored_size if posed else one.size for name, one in facts.items()}
+    if posed:
         resized = parameters.images is not None
-        posed = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
-        poses, names = known_poses(*posed), tuple(photo.name for photo in posed[1])
+        read = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
+        poses, names = known_poses(*read), tuple(photo.name for photo in read[1])
         came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))
         context.log(f"poses of {len(names)} photos from {came}; {len(facts) - len(names)} photos have none, left out")
     if found.ignored:
         context.log(f"{found.ignored} files beside the photos are no photos and were ignored")
     capture = Capture(
         names=names,
-        sizes=tuple(facts[name].size for name in names),
+        sizes=tuple(sizes[name] for name in names),
         focal_pixels=tuple(facts[name].focal_pixels for name in names),
         ordered=numbered(names) if parameters.order == "auto" else parameters.order == "ordered",
         poses=poses,
     )
-    pictures = {name: picture_of(found.photos[name], parameters.background) for name in names}
-    write_capture(context.output("capture"), capture, pictures)
+    turned = {name: facts[name].orientation for name in names if posed and facts[name].orientation != UPRIGHT}
+    if turned:
+        context.log(
+            f"{len(turned)} photos lie as their pixels are stored, of which the poses are; EXIF would turn them"
+        )
+    write_capture(
+        context.output("capture"),
+        capture,
+        {name: picture_of(found.photos[name], parameters.background, turned.get(name, UPRIGHT)) for name in names},
+    )
     held_out = held_out_names(names, place, splits)
     if held_out:
         context.output("capture").attributes["test_names"] = [*held_out]
@@ -100,9 +111,16 @@ def facts_of(context: Context, found: PhotoFolder) -> dict[str, PhotoFacts]:
     return facts
 
 
-def picture_of(path: Path, background: str) -> Path | bytes:
-    """The photo as it came, or laid over another background than readers lay it over."""
-    return path if background == WHITE else over_background(path, background) or path
+def picture_of(path: Path, background: str, orientation: int) -> Path | bytes:
+    """The photo as it came; as a PNG where it is laid over another background than readers lay it over, or turned.
+
+    A photo with an `orientation` other than upright is turned back to how its pixels are stored: COLMAP, and what
+    writes transforms.json, know nothing of EXIF's orientation, so that their poses and lenses are of those.
+    """
+    picture = None if background == WHITE else over_background(path, background)
+    if orientation != UPRIGHT:
+        picture = as_stored(read_picture(path) if picture is None else picture, orientation)
+    return path if picture is None else encode_png(picture)
 
 
 def held_out_names(names: Iterable[str], place: Path | None, splits: Mapping[str, Path]) -> list[str]:
@@ -112,4 +130,4 @@ def held_out_names(names: Iterable[str], place: Path | None, splits: Mapping[str
     if place is None or place.is_dir():
         return []
     listed = set(held_out_files(place))
-    return [name for name in names if name in listed]
+    return [name for name in names if name in listed or Path(name).stem in listed]

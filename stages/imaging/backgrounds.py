@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageColor, ImageOps
 
-from stages.imaging.pictures import encode_png
+from stages.imaging.pictures import Picture
 
 
-def over_background(path: Path, color: str) -> bytes | None:
-    """The picture in a file, upright, over a colour, as an opaque PNG; None where nothing of it is transparent.
+def over_background(path: Path, color: str) -> Picture | None:
+    """The picture in a file, upright, over a colour; None where nothing of it is transparent.
 
     The file is one that `read_picture` can read; `color` is a name or #rrggbb. Transparency is straight, not
     premultiplied, and mixed in sRGB, as the renderings of NeRF's synthetic scenes are by others.
@@ -21,4 +21,4 @@ def over_background(path: Path, color: str) -> bytes | None:
             return None
         upright = ImageOps.exif_transpose(image).convert("RGBA")
     background = Image.new("RGBA", upright.size, (*ImageColor.getrgb(color)[:3], 255))
-    return encode_png(np.array(Image.alpha_composite(background, upright).convert("RGB")))
+    return np.array(Image.alpha_composite(background, upright).convert("RGB"))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +17,8 @@ from stages.scene.lens import MODELS, Lens
 
 FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", ".")
 """Where a COLMAP model lies, relative to the folder of a capture."""
+PARTS = ("cameras", "images")
+NUMBERS_OF_AN_IMAGE = 10  # in a line of text: id, quaternion, translation, camera, and the name, which may have blanks
 
 
 @dataclass(frozen=True)
@@ -28,22 +32,35 @@ class PosedPhoto:
 
 def find_colmap_model(folder: Path) -> Path | None:
     """The first place in `FOLDERS` that holds a whole model (cameras and images, both .bin or both .txt)."""
-    for place in (folder / name for name in FOLDERS):
-        if any(all((place / f"{part}{suffix}").is_file() for part in ("cameras", "images")) for suffix in _READERS):
-            return place
-    return None
+    places = (folder / name for name in FOLDERS)
+    return next((place for place in places if _suffix_of_model(place) is not None), None)
+
+
+def _suffix_of_model(place: Path) -> str | None:
+    whole = (suffix for suffix in _READERS if all((place / f"{part}{suffix}").is_file() for part in PARTS))
+    return next(whole, None)
 
 
 def read_colmap_model(folder: Path) -> list[PosedPhoto]:
-    """The posed photos of a model, sorted by name. Raises `UserError` for files that are damaged or not understood."""
-    suffix = next(suffix for suffix in _READERS if (folder / f"cameras{suffix}").is_file())
+    """The posed photos of the model in this very folder, sorted by name.
+
+    Raises `UserError` where there is none, and for files that are damaged or not understood.
+    """
+    suffix = _suffix_of_model(folder)
+    if suffix is None:
+        raise UserError(
+            "a folder without a COLMAP model", where=folder, expected="cameras.bin and images.bin, or both as .txt"
+        )
     read_lenses, read_images = _READERS[suffix]
     path = folder / f"cameras{suffix}"
     try:
         lenses = read_lenses(path)
         path = folder / f"images{suffix}"
-        photos = [PosedPhoto(name, _pose(name, numbers), lenses[camera]) for name, numbers, camera in read_images(path)]
-    except (struct.error, ValueError, IndexError, KeyError, OSError) as error:
+        photos = [
+            PosedPhoto(name, _pose(name, numbers), _lens_of(lenses, camera, name))
+            for name, numbers, camera in read_images(path)
+        ]
+    except (struct.error, ValueError, OSError) as error:
         raise UserError(
             "a COLMAP model cannot be read",
             where=path,
@@ -52,6 +69,12 @@ def read_colmap_model(folder: Path) -> list[PosedPhoto]:
             remedy="Export the model again, or take it out of the folder to have the poses estimated.",
         ) from error
     return sorted(photos, key=lambda photo: photo.name)
+
+
+def _lens_of(lenses: dict[int, Lens], camera: int, name: str) -> Lens:
+    if camera not in lenses:
+        raise ValueError(f"{name} was taken by camera {camera}, of which the model says nothing")
+    return lenses[camera]
 
 
 def _pose(name: str, numbers: tuple[float, ...]) -> Float64[np.ndarray, "4 4"]:
@@ -113,26 +136,52 @@ def _binary_images(path: Path) -> list[tuple[str, tuple[float, ...], int]]:
 
 def _text_lenses(path: Path) -> dict[int, Lens]:
     lenses = {}
-    for line in _lines(path):
-        if line.strip():
-            camera, model, width, height, *parameters = line.split()
-            lenses[int(camera)] = Lens(model, tuple(map(float, parameters)), int(width), int(height))
+    for number, line in _lines(path):
+        if _says_something(line):
+            with _naming_line(number):
+                camera, model, width, height, *parameters = line.split()
+                lenses[int(camera)] = Lens(model, tuple(map(float, parameters)), int(width), int(height))
     return lenses
 
 
 def _text_images(path: Path) -> list[tuple[str, tuple[float, ...], int]]:
-    images = []
-    lines = _lines(path)
-    while lines and not lines[-1].strip():
-        lines.pop()
-    for line in lines[::2]:  # every other line, which may be empty, lists observations
-        _, *numbers, camera, name = line.split(maxsplit=9)
-        images.append((name, tuple(map(float, numbers)), int(camera)))
+    """As COLMAP reads them: the line after that of an image lists its observations and may be empty."""
+    images, lines = [], _lines(path)
+    for number, line in lines:
+        if not _says_something(line):
+            continue
+        with _naming_line(number):
+            parts = line.split(maxsplit=NUMBERS_OF_AN_IMAGE - 1)
+            if len(parts) < NUMBERS_OF_AN_IMAGE:
+                raise ValueError(f"{len(parts)} of the {NUMBERS_OF_AN_IMAGE} parts of an image")
+            images.append((parts[-1], tuple(map(float, parts[1:8])), int(parts[8])))
+        number, observations = next(lines, (number, ""))
+        with _naming_line(number):
+            _check_observations(observations)
     return images
 
 
-def _lines(path: Path) -> list[str]:
-    return [line for line in path.read_text().splitlines() if not line.startswith("#")]
+def _check_observations(line: str) -> None:
+    """Whether a line is one of observations, x, y and the number of a point each, and not that of an image."""
+    parts = line.split()
+    if len(parts) % 3 or (parts and not parts[-1].removeprefix("-").isdecimal()):
+        raise ValueError("no line of observations, which every image is followed by; it may be empty")
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    return ((number, line.strip()) for number, line in enumerate(path.read_text("utf-8-sig").split("\n"), start=1))
+
+
+def _says_something(line: str) -> bool:
+    return bool(line) and not line.startswith("#")
+
+
+@contextmanager
+def _naming_line(number: int) -> Iterator[None]:
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"line {number}: {error}") from error
 
 
 _READERS = {".bin": (_binary_lenses, _binary_images), ".txt": (_text_lenses, _text_images)}

@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image
 
 from pipeline.errors import UserError
+from stages.imaging.orientation import BACK_AS_STORED, ORIENTATION, SIDEWAYS, UPRIGHT
 from stages.imaging.pictures import read_picture
 from stages.scene.capture import KnownPoses, PoseSource
 from stages.scene.colmap import PosedPhoto, find_colmap_model, read_colmap_model
@@ -38,10 +39,16 @@ class PhotoFolder:
 
 @dataclass(frozen=True)
 class PhotoFacts:
-    """Width and height when upright, and the focal length in pixels where EXIF tells it."""
+    """Width and height when upright, the focal length in pixels where EXIF tells it, and EXIF's orientation, 1 to 8."""
 
     size: tuple[int, int]
     focal_pixels: float | None
+    orientation: int = UPRIGHT
+
+    @property
+    def stored_size(self) -> tuple[int, int]:
+        """Width and height as the file has its pixels, whatever EXIF says."""
+        return self.size[::-1] if self.orientation in SIDEWAYS else self.size
 
 
 def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
@@ -71,6 +78,7 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
         where=folder,
         found=_what_is_there(folder),
         expected=f"photos ({', '.join(SUFFIXES)}) in {searched}",
+        remedy="Put those of several folders, such as the cameras of a rig, into one, under names that differ.",
     )
 
 
@@ -105,10 +113,26 @@ def read_facts(photo: Path) -> PhotoFacts:
     """Reads a photo to its last byte, so that damage shows here; raises `UserError` as `read_picture` does."""
     height, width = read_picture(photo).shape[:2]
     with Image.open(photo) as image:
-        equivalent = image.getexif().get_ifd(EXIF_FOLDER).get(FOCAL_LENGTH_IN_35MM)
+        exif = image.getexif()
+        equivalent, stated = exif.get_ifd(EXIF_FOLDER).get(FOCAL_LENGTH_IN_35MM), exif.get(ORIENTATION, UPRIGHT)
+    orientation = stated if stated in BACK_AS_STORED else UPRIGHT
     if not equivalent or not math.isfinite(float(equivalent)) or float(equivalent) <= 0:
-        return PhotoFacts((width, height), None)
-    return PhotoFacts((width, height), float(equivalent) / DIAGONAL_OF_35MM * math.hypot(width, height))
+        return PhotoFacts((width, height), None, orientation)
+    focal_pixels = float(equivalent) / DIAGONAL_OF_35MM * math.hypot(width, height)
+    return PhotoFacts((width, height), focal_pixels, orientation)
+
+
+def poses_at(place: Path) -> Path:
+    """A file of poses as it is, of a folder what `find_poses` finds; raises `UserError` where that is nothing."""
+    found = find_poses(place) if place.is_dir() else place
+    if found is None:
+        raise UserError(
+            "a folder without poses",
+            where=place,
+            found=_what_is_there(place),
+            expected=f"a COLMAP model (cameras and images, .bin or .txt) or a {FILE}",
+        )
+    return found
 
 
 def find_poses(folder: Path) -> Path | None:
@@ -132,7 +156,7 @@ def read_poses(
 
     def photo_named(name: str) -> str | None:
         name = Path(name).name
-        return name if name in sizes else stems.get(Path(name).stem) or stems.get(name)
+        return name if name in sizes else stems.get(name) or stems.get(Path(name).stem)
 
     def size_of(name: str) -> tuple[int, int]:
         photo = photo_named(name)
@@ -147,7 +171,7 @@ def read_poses(
             "poses came for photos that do not exist" if posed else "a file of poses without poses",
             where=place,
             found=f"{len(missing)} of {len(posed)}: {', '.join(missing[:3])}" if posed else "0 photos",
-            expected=f"the names of the {len(sizes)} photos, such as {min(sizes)}",
+            expected=f"the names of the {len(sizes)} photos, such as {min(sizes)}" if sizes else "frames",
             remedy="Put the photos there, or take the poses out of the folder to have them estimated.",
         )
     renamed = [PosedPhoto(str(matched[each.name]), each.world_to_camera, each.lens) for each in posed]

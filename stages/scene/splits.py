@@ -20,9 +20,14 @@ TRAIN, TEST = "train", "test"
 
 
 def find_splits(folder: Path) -> dict[str, Path]:
-    """The file of poses of each split of a capture; empty where it has none for training."""
+    """The file of poses of each split of a capture; empty where it has none for training.
+
+    A split for tests without frames is left out. Raises `UserError` for one that cannot be read.
+    """
     files = {split: folder / f"transforms_{split}.json" for split in (TRAIN, TEST)}
-    return {split: file for split, file in files.items() if file.is_file()} if files[TRAIN].is_file() else {}
+    if not files[TRAIN].is_file():
+        return {}
+    return {TRAIN: files[TRAIN]} | ({TEST: files[TEST]} if files[TEST].is_file() and frame_files(files[TEST]) else {})
 
 
 def find_split_photos(folder: Path, splits: Mapping[str, Path]) -> PhotoFolder:
@@ -42,7 +47,7 @@ def _photo_of(folder: Path, file: Path, frame: str) -> Path:
     inside = not Path(frame).is_absolute() and ".." not in Path(frame).parts
     candidates = [folder / f"{frame}{suffix}" for suffix in ("", *SUFFIXES)] if inside and "\0" not in frame else []
     for candidate in candidates:
-        if candidate.suffix.lower() in SUFFIXES and candidate.is_file():
+        if candidate.suffix.lower() in SUFFIXES and _is_file(candidate):
             return candidate
     raise UserError(
         "poses came for photos that do not exist",
@@ -51,6 +56,13 @@ def _photo_of(folder: Path, file: Path, frame: str) -> Path:
         expected=f"a file_path of a photo in the capture's folder, with or without {', '.join(SUFFIXES)}",
         remedy="Put the photo there, or take the frame out.",
     )
+
+
+def _is_file(candidate: Path) -> bool:
+    try:
+        return candidate.is_file()
+    except OSError:  # a name that no file system has room for
+        return False
 
 
 def read_split_poses(

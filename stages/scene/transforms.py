@@ -30,6 +30,7 @@ DISTORTIONS = {
 """Distortion parameters of the camera models, in COLMAP's order."""
 TWO_FOCAL_LENGTHS = {"SIMPLE_PINHOLE": "PINHOLE", "SIMPLE_RADIAL": "OPENCV", "RADIAL": "OPENCV"}
 """Models of COLMAP with one focal length, by the one that says the same with two, as these files have them."""
+LONGEST_NAME = 80  # characters, in a message
 IN_PIXELS = frozenset(("fl_x", "fl_y", "cx", "cy"))
 
 
@@ -49,13 +50,13 @@ def read_transforms(
         try:
             photos.append(_posed_photo(content, frame, size_of, resized))
         except (KeyError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
-            name = frame.get("file_path", number) if isinstance(frame, dict) else number
+            name = str(frame.get("file_path", number) if isinstance(frame, dict) else number)[:LONGEST_NAME]
             raise UserError(
                 f"frame {name} has no usable pose or intrinsics",
                 where=path,
                 found=f"{error.args[0]} is missing" if isinstance(error, KeyError) else str(error),
                 expected="file_path, a finite 4x4 transform_matrix, and fl_x or camera_angle_x",
-                remedy=f"Repair the frame, or take {FILE} out of the folder to have the poses estimated.",
+                remedy=f"Repair the frame, or take {path.name} out of the folder to have the poses estimated.",
             ) from error
     return sorted(photos, key=lambda photo: photo.name)
 
@@ -75,7 +76,7 @@ def held_out_files(path: Path) -> list[str]:
 
 def _content(path: Path) -> Mapping[str, Any]:
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(path.read_text("utf-8-sig"))
         if not isinstance(content["frames"], list):
             raise ValueError("frames is not a list")
     except (ValueError, KeyError, TypeError, OSError, RecursionError) as error:
@@ -110,7 +111,10 @@ def _pose(matrix: object) -> Float64[np.ndarray, "4 4"]:
     rotation = left @ right
     pose = np.eye(4)
     pose[:3, :3] = rotation.T
-    pose[:3, 3] = -rotation.T @ camera_to_world[:3, 3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        pose[:3, 3] = -rotation.T @ camera_to_world[:3, 3]
+    if not np.isfinite(pose).all():
+        raise ValueError("a transform_matrix whose translation is too large")
     return pose
 
 
@@ -130,14 +134,18 @@ def _distortion(given: Mapping[str, Any]) -> tuple[str, list[float]]:
     stated = given.get("camera_model", "OPENCV_FISHEYE" if given.get("is_fisheye") else "OPENCV")
     if stated not in DISTORTIONS:
         raise ValueError(f"camera_model {stated}; known are {', '.join(DISTORTIONS)}")
-    values = {name: float(given.get(name, 0)) for name in DISTORTIONS[stated]}
+    values = {name: float(given.get(name, 0)) for name in ("k1", "k2", "k3", "k4", "p1", "p2")}
+    own = (*DISTORTIONS[stated], "k3") if stated == "OPENCV" else DISTORTIONS[stated]
+    for name, value in values.items():
+        if value and name not in own:
+            raise ValueError(f"{name} of {value:g}, which {stated} does not have")
     model = TWO_FOCAL_LENGTHS.get(stated, stated)
-    if model != "OPENCV":
-        return model, list(values.values())
-    distortion = [values.get(name, 0.0) for name in DISTORTIONS["OPENCV"]]
-    if given.get("k4"):
-        raise ValueError(f"k4 of {given['k4']}, which {stated} does not have")
-    return ("FULL_OPENCV", [*distortion, float(given["k3"]), 0.0, 0.0, 0.0]) if given.get("k3") else (model, distortion)
+    distortion = [values[name] for name in DISTORTIONS[model]]
+    return (
+        ("FULL_OPENCV", [*distortion, values["k3"], 0.0, 0.0, 0.0])
+        if model == "OPENCV" and values["k3"]
+        else (model, distortion)
+    )
 
 
 def _focal_length(given: Mapping[str, Any], axis: str, size: int) -> float | None:

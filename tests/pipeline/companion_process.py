@@ -17,6 +17,8 @@ def main() -> None:
     print("about to begin", file=sys.stderr)
     say(process=os.getpid(), name=job["name"])
     time.sleep(job.get("seconds", 0))
+    if "raises" in job:
+        raise ValueError(job["raises"]) if job["raises"] else MemoryError
     if "status" in job:
         print("no more paper", file=sys.stderr)
         sys.exit(job["status"])

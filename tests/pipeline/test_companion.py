@@ -105,3 +105,13 @@ def test_they_end_with_a_stage_that_is_killed(tmp_path: Path) -> None:
         assert alive(companion)
         stage.send_signal(signal.SIGKILL)
     assert has_ended(companion)
+
+
+@pytest.mark.parametrize(("raised", "remedied"), [("a lens that folds over", False), ("", True)])
+def test_the_remedy_for_want_of_memory_is_told_for_nothing_else(tmp_path: Path, raised: str, remedied: bool) -> None:
+    listed = jobs(tmp_path, {"seconds": 0, "raises": raised})
+    with pytest.raises(UserError) as error:
+        work_together("mapping", MODULE, listed, lambda said: None, nothing, remedy="Buy more.")
+    assert ("Buy more." in str(error.value)) == remedied
+    if raised:
+        assert str(error.value) == f"mapping broke off; found ValueError: {raised}"

@@ -66,6 +66,31 @@ def test_a_turned_photo_counts_as_it_is_seen(tmp_path: Path) -> None:
     assert found.focal_pixels[0] == pytest.approx(36 * np.hypot(48, 64) / diagonal_of_film)
 
 
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("background", ["white", "black"])
+def test_photos_whose_poses_came_with_them_lie_as_their_pixels_are_stored(
+    tmp_path: Path, orientation: int, background: str
+) -> None:
+    rng, exif = np.random.default_rng(0), Image.Exif()
+    exif[0x0112] = orientation
+    for name, channels in (("a.png", 3), ("b two.png", 4)):
+        stored = rng.integers(0, 256, (24, 32, channels), dtype=np.uint8)
+        (tmp_path / "scan").mkdir(exist_ok=True)
+        Image.fromarray(stored).save(tmp_path / "scan" / name, exif=exif)
+    plain = {name: Image.open(tmp_path / "scan" / name) for name in ("a.png", "b two.png")}
+    write_binary_model(tmp_path / "scan")  # of pictures that are wider than high
+    log: list[str] = []
+    artifact = capture(tmp_path / "scan", tmp_path / "out", log, background=background)
+    found = read_capture(artifact)
+    assert found.sizes == ((32, 24), (32, 24))
+    for name, image in plain.items():
+        image.load()
+        under = Image.new("RGBA", image.size, background)
+        expected = np.array(Image.alpha_composite(under, image.convert("RGBA")).convert("RGB"))
+        np.testing.assert_array_equal(read_picture(picture_path(artifact, name)), expected)
+    assert any("2 photos lie as their pixels are stored" in line for line in log) == (orientation != 1)
+
+
 @pytest.mark.parametrize(
     ("names", "order", "expected"),
     [
@@ -119,9 +144,26 @@ def test_poses_may_lie_elsewhere(tmp_path: Path) -> None:
     assert read_capture(given).poses is not None
 
 
-def expect_refusal(folder: Path, directory: Path, *words: str) -> None:
+def test_poses_elsewhere_in_the_folder_of_a_capture(tmp_path: Path) -> None:
+    for name in ("a.jpg", "b two.jpg"):
+        take(tmp_path / "photos" / name, size=(320, 240))
+    write_binary_model(tmp_path / "posed" / "sparse" / "0")
+    found = read_capture(capture(tmp_path / "photos", tmp_path / "out", poses=tmp_path / "posed"))
+    assert found.poses is not None
+    assert found.poses.source == "colmap"
+    expect_refusal(tmp_path / "photos", tmp_path / "none", "without poses", "(.jpg)", poses=tmp_path / "photos")
+
+
+def test_a_photo_is_matched_by_its_whole_name_before_its_stem(tmp_path: Path) -> None:
+    for name in ("a.jpg", "a.1.jpg"):
+        take(tmp_path / "photos" / name)
+    write_transforms(tmp_path / "photos", "a.1")
+    assert read_capture(capture(tmp_path / "photos", tmp_path / "out")).names == ("a.1.jpg",)
+
+
+def expect_refusal(folder: Path, directory: Path, *words: str, **parameters: object) -> None:
     with pytest.raises(UserError) as raised:
-        capture(folder, directory)
+        capture(folder, directory, **parameters)
     assert all(word in str(raised.value) for word in words), str(raised.value)
 
 
@@ -219,7 +261,17 @@ def test_splits_of_nerfs_synthetic_scenes(tmp_path: Path) -> None:
     assert any("transforms_train.json and transforms_test.json" in line for line in log)
 
 
-@pytest.mark.parametrize("frame", ["../elsewhere/r_0", "/etc/r_0", "train/r_7", "", "train", "a\0b"])
+def test_splits_without_frames(tmp_path: Path) -> None:
+    folder = tmp_path / "lego"
+    nerf_synthetic(folder, train=["r_0", "r_1"], test=[])
+    artifact = capture(folder, tmp_path / "out")
+    assert read_capture(artifact).names == ("train_r_0.png", "train_r_1.png")
+    assert "test_names" not in artifact.attributes
+    nerf_synthetic(folder, train=[], test=["r_0"])
+    expect_refusal(folder, tmp_path / "none", "transforms_train.json", "without poses")
+
+
+@pytest.mark.parametrize("frame", ["../elsewhere/r_0", "/etc/r_0", "train/r_7", "", "train", "a\0b", "a" * 5000])
 def test_frames_whose_photo_is_not_in_the_capture_are_refused(tmp_path: Path, frame: str) -> None:
     nerf_synthetic(tmp_path / "lego", train=["r_0"])
     take(tmp_path / "elsewhere" / "r_0.png")
@@ -234,9 +286,11 @@ def test_frames_that_nerfstudio_holds_out(tmp_path: Path) -> None:
     write_transforms(tmp_path / "scan", "a.jpg", "b.jpg")
     whole = json.loads((tmp_path / "scan" / "transforms.json").read_text())
     assert "test_names" not in capture(tmp_path / "scan", tmp_path / "first").attributes
-    split = {"train_filenames": ["images/a.jpg"], "test_filenames": ["images/b.jpg"]}
-    (tmp_path / "scan" / "transforms.json").write_text(json.dumps(whole | split))
-    assert capture(tmp_path / "scan", tmp_path / "second").attributes["test_names"] == ["b.jpg"]
+    for listed in ("images/b.jpg", "images/b"):
+        split = {"train_filenames": ["images/a.jpg"], "test_filenames": [listed]}
+        (tmp_path / "scan" / "transforms.json").write_text(json.dumps(whole | split))
+        artifact = capture(tmp_path / "scan", tmp_path / f"of {Path(listed).name}")
+        assert artifact.attributes["test_names"] == ["b.jpg"]
 
 
 def test_intrinsics_in_pixels_of_resized_photos(tmp_path: Path) -> None:

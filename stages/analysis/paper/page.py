@@ -119,8 +119,9 @@ def _relations_tile(relations: Iterable[Relation]) -> list[Tile]:
 
 def _remarks(study: Study, chapters: Sequence[Chapter], wanted: Sequence[str], tables: Published) -> list[str]:
     remarks = [
-        "Small figures under a capture are differences to 3DGS. Average: over the captures that are shown; the paper's "
-        "over all nine of its own. ±: standard deviation of n runs that differ in their seed alone.",
+        "Small figures under a capture are differences to what the last column names. Average: over the captures that "
+        "are shown; the paper's over all nine of its own. ±: standard deviation of n runs that differ in their seed "
+        "alone.",
         f"Within noise: nearer to what is asked for than {NOISES} standard deviations from one seed to the next.",
         *(
             f"The paper's average of {name!r} is {average:g}; the mean of its row is {mean:.5g}."

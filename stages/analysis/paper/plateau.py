@@ -38,7 +38,7 @@ def plateau(study: Study, tables: Published) -> Chapter:
     grid = Grid(
         "More iterations, test views: PSNR (dB)",
         ("Method", "Picture", "Iterations", "Figures"),
-        (*headings(study.captures)[:-1], "Gained"),
+        (*headings(study.captures)[:-1], "To the fewest iterations"),
         tuple(lines),
         (noise_note(noises(runs, study)),),
     )

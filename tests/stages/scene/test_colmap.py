@@ -80,3 +80,47 @@ def test_an_unknown_lens_is_named(tmp_path: Path) -> None:
     (tmp_path / "cameras.txt").write_text("7 EQUIRECTANGULAR 640 480 640 480\n")
     with pytest.raises(UserError, match="EQUIRECTANGULAR"):
         read_colmap_model(tmp_path)
+
+
+def test_text_is_read_as_colmap_reads_it(tmp_path: Path) -> None:
+    write_text_model(tmp_path)
+    for part in ("cameras.txt", "images.txt"):
+        whole = (tmp_path / part).read_text()
+        (tmp_path / part).write_text("\ufeff\n  # indented\n" + whole.replace("b two.jpg\n1.0", "b two.jpg \r\n 1.0"))
+    assert [photo.name for photo in read_colmap_model(tmp_path)] == ["a.jpg", "b two.jpg"]
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a b.jpg", "a b c.jpg"])
+def test_images_without_lines_of_observations_are_refused_not_halved(tmp_path: Path, name: str) -> None:
+    write_text_model(tmp_path)
+    lines = [line for line in (tmp_path / "images.txt").read_text().splitlines() if "jpg" in line]
+    (tmp_path / "images.txt").write_text("\n".join(lines).replace("a.jpg", name))
+    with pytest.raises(UserError, match=r"images\.txt.*line 2: no line of observations"):
+        read_colmap_model(tmp_path)
+
+
+@pytest.mark.parametrize("missing", range(1, 9))
+def test_an_image_that_lacks_a_number_is_refused_with_its_line(tmp_path: Path, missing: int) -> None:
+    write_text_model(tmp_path)
+    (tmp_path / "images.txt").write_text(" ".join(["1"] * (9 - missing) + ["a.jpg"]) + "\n\n")
+    with pytest.raises(UserError, match=r"line 1: .* of the 10 parts"):
+        read_colmap_model(tmp_path)
+
+
+def test_a_photo_of_a_camera_that_is_missing_is_named(tmp_path: Path) -> None:
+    write_text_model(tmp_path)
+    (tmp_path / "cameras.txt").write_text((tmp_path / "cameras.txt").read_text().replace("\n7 ", "\n8 "))
+    with pytest.raises(UserError, match=r"b two\.jpg was taken by camera 7"):
+        read_colmap_model(tmp_path)
+
+
+def test_half_a_binary_model_beside_a_whole_one_of_text_is_not_read(tmp_path: Path) -> None:
+    write_text_model(tmp_path)
+    (tmp_path / "cameras.bin").write_bytes(b"")
+    assert find_colmap_model(tmp_path) == tmp_path
+    assert len(read_colmap_model(tmp_path)) == 2
+
+
+def test_a_folder_without_a_model_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="without a COLMAP model"):
+        read_colmap_model(tmp_path)

@@ -49,10 +49,10 @@ def test_a_frames_own_intrinsics_come_first(tmp_path: Path) -> None:
         ({"camera_model": "OPENCV_FISHEYE", "k3": 0.3}, "OPENCV_FISHEYE", (0.0, 0.0, 0.3, 0.0)),
         ({"k3": 0.3}, "FULL_OPENCV", (0.0, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0)),
         ({"camera_model": "PINHOLE"}, "PINHOLE", ()),
-        ({"camera_model": "SIMPLE_PINHOLE", "k1": 0.5}, "PINHOLE", ()),
-        ({"camera_model": "SIMPLE_RADIAL", "k1": 0.5, "k2": 0.4}, "OPENCV", (0.5, 0.0, 0.0, 0.0)),
+        ({"camera_model": "SIMPLE_PINHOLE", "k1": 0.0}, "PINHOLE", ()),
+        ({"camera_model": "SIMPLE_RADIAL", "k1": 0.5, "k2": 0}, "OPENCV", (0.5, 0.0, 0.0, 0.0)),
         ({"camera_model": "RADIAL", "k1": 0.5, "k2": 0.4}, "OPENCV", (0.5, 0.4, 0.0, 0.0)),
-        ({"is_fisheye": True, "k1": 0.5, "k4": 0.4, "p1": 9}, "OPENCV_FISHEYE", (0.5, 0.0, 0.0, 0.4)),
+        ({"is_fisheye": True, "k1": 0.5, "k4": 0.4, "p1": 0}, "OPENCV_FISHEYE", (0.5, 0.0, 0.0, 0.4)),
         ({"is_fisheye": False, "k1": 0.5, "k4": 0.0, "p1": 9}, "OPENCV", (0.5, 0.0, 9.0, 0.0)),
     ],
 )
@@ -74,6 +74,24 @@ def test_lens_models(tmp_path: Path, given: dict, model: str, distortion: tuple)
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "fl_x": -3}, "not positive"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "camera_model": "ODD"}, "ODD"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "k4": 0.1}, "k4 of 0.1, which OPENCV does not have"),
+        (
+            {"file_path": "bad.png", "transform_matrix": MATRIX, "camera_model": "PINHOLE", "k1": 0.1},
+            "k1 of 0.1, which",
+        ),
+        ({"file_path": "bad.png", "transform_matrix": MATRIX, "camera_model": "RADIAL", "k3": 0.1}, "k3 of 0.1, which"),
+        (
+            {"file_path": "bad.png", "transform_matrix": MATRIX, "is_fisheye": True, "p1": 9},
+            "p1 of 9, which OPENCV_FISH",
+        ),
+        (
+            {
+                "file_path": "bad.png",
+                "transform_matrix": [[0, 0.8, -0.6, 1.5e308], [0, 0.6, 0.8, -1.5e308], [1, 0, 0, 0]],
+            },
+            "translation is too large",
+        ),
+        ({"file_path": "bad.png" + "\x1b" * 3}, r"bad\.png\?\?\? has no usable pose"),
+        ({"file_path": "bad.png" * 1000}, r"frame (bad\.png){11}bad has no usable pose"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "w": math.inf, "h": 4}, "infinity"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "w": 10**400, "h": 4}, "too large"),
     ],
@@ -101,3 +119,9 @@ def test_what_is_no_file_of_poses_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "transforms.json").write_text(text)
     with pytest.raises(UserError, match=r"transforms\.json"):
         read_transforms(tmp_path / "transforms.json", size_of)
+
+
+def test_a_byte_order_mark_is_passed_over(tmp_path: Path) -> None:
+    path = write(tmp_path, [{"file_path": "a", "transform_matrix": MATRIX}], fl_x=100.0)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert len(read_transforms(path, size_of)) == 1
