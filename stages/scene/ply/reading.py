@@ -20,7 +20,7 @@ ROWS_AT_ONCE = 65536
 class Ply:
     """What a PLY file holds: its comments, and each element's rows as a structured array, in the order of the file.
 
-    Elements from the first on that holds lists are left out.
+    Elements from the first on that holds lists are left out, and named in `left_out`.
 
     `elements["vertex"]["x"]` is the column [N] of one property, in the type that it has in the file.
     """
@@ -28,9 +28,18 @@ class Ply:
     path: Path
     comments: tuple[str, ...]
     elements: Elements
+    left_out: tuple[str, ...] = ()
 
     def rows(self, element: str) -> Shaped[np.ndarray, " N"]:
         """The rows of an element. Raises `UserError` where the file has none of that name."""
+        if element in self.left_out:
+            raise UserError(
+                f"the element {element!r} of a PLY cannot be read",
+                where=self.path,
+                found=f"lists in {self.left_out[0]!r}",
+                expected="no lists in it, nor in what stands before it",
+                remedy="Export the file again without them.",
+            )
         if element not in self.elements:
             raise UserError(
                 f"a PLY without the element {element!r}",
@@ -101,7 +110,8 @@ def read_ply(path: Path) -> Ply:
         with path.open("rb") as file:
             header = read_header(path, file)
             read = read_text if header.format == ASCII else read_binary
-            return Ply(path, header.comments, read(path, file, header))
+            left_out = tuple(element.name for element in header.elements[len(header.tables) :])
+            return Ply(path, header.comments, read(path, file, header), left_out)
     except OSError as error:
         raise UserError("cannot be read", where=path, found=error.strerror or error) from error
 

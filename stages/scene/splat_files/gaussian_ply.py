@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from pipeline.errors import UserError
-from stages.scene.ply.rows import Elements
 from stages.scene.splat_files.values import HARMONICS_OF_DEGREE, SplatValues
 
 POSITION = ("x", "y", "z")
@@ -19,12 +18,11 @@ COLOR = ("f_dc_0", "f_dc_1", "f_dc_2")
 NEEDED = (*POSITION, *COLOR, "opacity", *SCALE, *ROTATION)
 
 
-def values_of_gaussian_ply(path: Path, elements: Elements) -> SplatValues:
+def values_of_gaussian_ply(path: Path, vertices: Shaped[np.ndarray, " N"]) -> SplatValues:
     """Read `f_rest_*` as 3DGS writes them, all of red before green before blue; normals and the like are ignored.
 
     Raises `UserError` where properties are missing, or `f_rest_*` are no whole degree of spherical harmonics.
     """
-    vertices = elements.get("vertex", np.empty(0, []))
     names = vertices.dtype.names or ()
     missing = [name for name in NEEDED if name not in names]
     if missing:

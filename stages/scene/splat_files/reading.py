@@ -35,7 +35,7 @@ def _values(path: Path) -> SplatValues:
         begins_as_ply = file.read(3) == b"ply"
     if not begins_as_ply:
         return values_of_records(path)
-    elements = read_ply(path).elements
-    return (
-        values_of_compressed_ply(path, elements) if is_compressed(elements) else values_of_gaussian_ply(path, elements)
-    )
+    ply = read_ply(path)
+    if is_compressed(ply.elements):
+        return values_of_compressed_ply(path, ply.elements)
+    return values_of_gaussian_ply(path, ply.rows("vertex"))

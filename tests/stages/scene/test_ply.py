@@ -118,7 +118,14 @@ def test_several_elements_and_old_line_ends(tmp_path: Path) -> None:
         (VALID.replace(b"vertex 2", b"vertex -2"), "line 3 of a PLY's header"),
         (VALID.replace(b"vertex 2", b"vertex 2.0"), "line 3 of a PLY's header"),
         (VALID.replace(b"vertex 2", "vertex ٢".encode()), "line 3 of a PLY's header"),
-        (VALID.replace(b"float y", b"list uchar int y") + ROWS, "without the element 'vertex'"),
+        (
+            VALID.replace(b"float y", b"list uchar int y") + ROWS,
+            "'vertex' of a PLY cannot be read; found lists in 'vertex'",
+        ),
+        (
+            VALID.replace(b"element", b"element face 0\nproperty list uchar int i\nelement", 1) + ROWS,
+            "'vertex' of a PLY cannot be read; found lists in 'face'",
+        ),
         (VALID.replace(b"float y", b"float128 y") + ROWS, "line 5 of a PLY's header"),
         (VALID.replace(b"float y", b"float x") + ROWS, "line 5 of a PLY's header"),
         (VALID.replace(b"float y", b"float " + b"y" * 500_000) + ROWS, "line 5 of a PLY's header"),

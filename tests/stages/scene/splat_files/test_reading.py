@@ -153,7 +153,7 @@ WHOLE = compressed_ply([LEAST, LARGEST], [LOW + HIGH])
         (b"property float f_dc_1\n", b"", ["longer than its header says"]),
         (b"float f_dc_1\n", b"float red\n", ["no f_dc_1", "3D Gaussian Splatting"]),
         (b"float f_rest_8\n", b"float f_rest_9\n", ["no whole degree"]),
-        (b"float nx\n", b"list uchar int nx\n", ["not of 3D Gaussian Splatting", "no properties"]),
+        (b"float nx\n", b"list uchar int nx\n", ["cannot be read", "lists in 'vertex'"]),
         (b"float nx\n", b"quad nx\n", ["not understood", "quad"]),
         (b"end_header", b"end_hearder", ["header does not end"]),
         (b"binary_little_endian", b"binary_middle_endian", ["unknown format"]),
