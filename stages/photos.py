@@ -66,10 +66,10 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     found = (
         find_split_photos(parameters.folder, splits) if splits else find_photos(parameters.folder, parameters.images)
     )
-    facts = facts_of(context, found)
-    poses, names, posed = None, tuple(found.photos), place is not None or bool(splits)
-    sizes = {name: one.stored_size if posed else one.size for name, one in facts.items()}
-    if posed:
+    facts = facts_of(context, found, posed=place is not None or bool(splits))
+    poses, names = None, tuple(found.photos)
+    if place is not None or splits:
+        sizes = {name: one.size for name, one in facts.items()}
         resized = parameters.images is not None
         read = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
         poses, names = known_poses(*read), tuple(photo.name for photo in read[1])
@@ -79,21 +79,16 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         context.log(f"{found.ignored} files beside the photos are no photos and were ignored")
     capture = Capture(
         names=names,
-        sizes=tuple(sizes[name] for name in names),
+        sizes=tuple(facts[name].size for name in names),
         focal_pixels=tuple(facts[name].focal_pixels for name in names),
         ordered=numbered(names) if parameters.order == "auto" else parameters.order == "ordered",
         poses=poses,
     )
-    turned = {name: facts[name].orientation for name in names if posed and facts[name].orientation != UPRIGHT}
+    turned = sum(facts[name].turned != UPRIGHT for name in names)
     if turned:
-        context.log(
-            f"{len(turned)} photos lie as their pixels are stored, of which the poses are; EXIF would turn them"
-        )
-    write_capture(
-        context.output("capture"),
-        capture,
-        {name: picture_of(found.photos[name], parameters.background, turned.get(name, UPRIGHT)) for name in names},
-    )
+        context.log(f"{turned} photos lie as their pixels are stored, of which the poses are; EXIF would turn them")
+    pictures = {name: picture_of(found.photos[name], parameters.background, facts[name].turned) for name in names}
+    write_capture(context.output("capture"), capture, pictures)
     held_out = held_out_names(names, place, splits)
     if held_out:
         context.output("capture").attributes["test_names"] = [*held_out]
@@ -101,25 +96,21 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     context.record(photos=len(names), ignored_files=found.ignored, without_pose=len(facts) - len(names))
 
 
-def facts_of(context: Context, found: PhotoFolder) -> dict[str, PhotoFacts]:
+def facts_of(context: Context, found: PhotoFolder, posed: bool) -> dict[str, PhotoFacts]:
     """What is known of every photo, by name."""
     facts = {}
     for count, (name, path) in enumerate(found.photos.items(), start=1):
-        facts[name] = read_facts(path)
+        facts[name] = read_facts(path, posed)
         context.progress(count, len(found.photos))
         context.stop_if_requested()
     return facts
 
 
-def picture_of(path: Path, background: str, orientation: int) -> Path | bytes:
-    """The photo as it came; as a PNG where it is laid over another background than readers lay it over, or turned.
-
-    A photo with an `orientation` other than upright is turned back to how its pixels are stored: COLMAP, and what
-    writes transforms.json, know nothing of EXIF's orientation, so that their poses and lenses are of those.
-    """
+def picture_of(path: Path, background: str, turned: int) -> Path | bytes:
+    """The photo as it came; as a PNG where readers would lay it over another background, or turn it as EXIF says."""
     picture = None if background == WHITE else over_background(path, background)
-    if orientation != UPRIGHT:
-        picture = as_stored(read_picture(path) if picture is None else picture, orientation)
+    if turned != UPRIGHT:
+        picture = as_stored(read_picture(path) if picture is None else picture, turned)
     return path if picture is None else encode_png(picture)
 
 

@@ -39,16 +39,14 @@ class PhotoFolder:
 
 @dataclass(frozen=True)
 class PhotoFacts:
-    """Width and height when upright, the focal length in pixels where EXIF tells it, and EXIF's orientation, 1 to 8."""
+    """Width and height, and the focal length in pixels where EXIF tells it.
+
+    `turned` is EXIF's orientation where they are of the pixels as stored, from which a viewer would turn them.
+    """
 
     size: tuple[int, int]
     focal_pixels: float | None
-    orientation: int = UPRIGHT
-
-    @property
-    def stored_size(self) -> tuple[int, int]:
-        """Width and height as the file has its pixels, whatever EXIF says."""
-        return self.size[::-1] if self.orientation in SIDEWAYS else self.size
+    turned: int = UPRIGHT
 
 
 def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
@@ -109,17 +107,21 @@ def _what_is_there(folder: Path) -> str:
     return "; ".join(parts) or "an empty folder"
 
 
-def read_facts(photo: Path) -> PhotoFacts:
-    """Reads a photo to its last byte, so that damage shows here; raises `UserError` as `read_picture` does."""
+def read_facts(photo: Path, posed: bool = False) -> PhotoFacts:
+    """Reads a photo to its last byte, so that damage shows here; raises `UserError` as `read_picture` does.
+
+    Of a photo that is `posed` they are those of its pixels as stored: COLMAP, and what writes transforms.json, know
+    nothing of EXIF's orientation, so that their poses and lenses are of those. Other photos are upright.
+    """
     height, width = read_picture(photo).shape[:2]
     with Image.open(photo) as image:
         exif = image.getexif()
         equivalent, stated = exif.get_ifd(EXIF_FOLDER).get(FOCAL_LENGTH_IN_35MM), exif.get(ORIENTATION, UPRIGHT)
-    orientation = stated if stated in BACK_AS_STORED else UPRIGHT
+    turned = stated if posed and stated in BACK_AS_STORED else UPRIGHT
+    size = (height, width) if turned in SIDEWAYS else (width, height)
     if not equivalent or not math.isfinite(float(equivalent)) or float(equivalent) <= 0:
-        return PhotoFacts((width, height), None, orientation)
-    focal_pixels = float(equivalent) / DIAGONAL_OF_35MM * math.hypot(width, height)
-    return PhotoFacts((width, height), focal_pixels, orientation)
+        return PhotoFacts(size, None, turned)
+    return PhotoFacts(size, float(equivalent) / DIAGONAL_OF_35MM * math.hypot(width, height), turned)
 
 
 def poses_at(place: Path) -> Path:
