@@ -96,7 +96,7 @@ def _broken_off(what: str, status: int, log: Path, remedy: str | None) -> UserEr
     lines = log.read_text(errors="replace").strip().splitlines()
     lines = [line for line in lines if not line.lstrip().startswith("@")]  # without the stack of a crash
     if any(line.startswith(TRACEBACK) for line in lines) and not lines[-1].startswith("MemoryError"):
-        return UserError(f"{what} broke off", found=lines[-1])
+        return UserError(f"{what} broke off", found=lines[-1].removeprefix("ValueError: "))
     return UserError(
         f"{what} broke off",
         found=f"exit status {status}: {' | '.join(lines[-3:]) or 'no message'}",

@@ -114,4 +114,4 @@ def test_the_remedy_for_want_of_memory_is_told_for_nothing_else(tmp_path: Path, 
         work_together("mapping", MODULE, listed, lambda said: None, nothing, remedy="Buy more.")
     assert ("Buy more." in str(error.value)) == remedied
     if raised:
-        assert str(error.value) == f"mapping broke off; found ValueError: {raised}"
+        assert str(error.value) == f"mapping broke off; found {raised}"

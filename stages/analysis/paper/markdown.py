@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from stages.analysis.paper.grid import Cell, Grid
 from stages.analysis.paper.page import TablesPage
 
+NOTHING = "Nothing of this was measured."
 SPECIAL = re.compile(r"([\\`*_\[\]<>|#&])")
 
 
@@ -17,7 +18,8 @@ def write_markdown(page: TablesPage) -> str:
     if page.command:
         parts.append(f"    {' '.join(page.command.split())}")
     for chapter in page.chapters:
-        parts += [f"## {_text(chapter.title)}", *(block for grid in chapter.grids for block in _grid(grid))]
+        blocks = [block for grid in chapter.grids for block in _grid(grid)]
+        parts += [f"## {_text(chapter.title)}", *(blocks or [NOTHING])]
     if page.relations:
         parts += ["## What should be seen", *_grid(page.relations)]
     parts += ["## To read this", *map(_text, page.remarks)]

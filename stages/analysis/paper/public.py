@@ -47,6 +47,8 @@ def public_chapter(study: Study, private: Study) -> Chapter:
         for name in sorted(groups, key=lambda name: name != PLAIN)
         for quantity, measured in _figures(groups[name], study).items()
     ]
+    if not lines:
+        return Chapter("Scenes", ())
     grid = Grid("Test views", ("Scene", "Metric"), headings(study.captures), tuple(lines))
     return Chapter("Scenes", (without_empty_columns(grid),))
 
