@@ -48,7 +48,7 @@ class UserError(PipelineError):
         if expected is not None:
             message += f"; expected {expected}"
         if remedy is not None:
-            message = f"{message.rstrip('.')}. {remedy}"
+            message = f"{message.rstrip('.')}. {remedy[:1].upper()}{remedy[1:]}"
         super().__init__("".join(_plain(character) for character in message))
         self.what = what
         self.where = where

@@ -43,7 +43,7 @@ def encode_video(pictures: Sequence[Picture], pictures_a_second: float) -> bytes
             "videos cannot be encoded",
             found="Pillow without AVIF",
             expected="Pillow 11.3 or newer, as it comes from PyPI",
-            remedy="pip install 'pillow>=11.3'",
+            remedy="Run pip install 'pillow>=11.3'",
         )
     configuration, coded = coded_pictures(encode_animation(pictures))
     height, width, _ = pictures[0].shape
