@@ -10,6 +10,7 @@ from typing import Any, Literal, Protocol
 from pipeline.canonical import Json
 from pipeline.external import Contents
 from pipeline.graph import Node
+from pipeline.plain_text import in_a_line, without_controls
 
 Part = Literal["stage", "version", "parameter", "code", "external", "input", "item", "private", "format"]
 
@@ -133,7 +134,7 @@ def _files(name: str, old: str, new: str, known: Known) -> Change:
     if len(renamed) > LISTED:
         words.append(f"and {len(renamed) - LISTED} more renamed")
     text = f"the files of {name} changed: {', '.join(words)}"
-    return Change("external", name, _printable(text), old, new, {"files": files, "renamed": renamed})
+    return Change("external", name, without_controls(text), old, new, {"files": files, "renamed": renamed})
 
 
 def _inputs(node: Node, old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[Change]:
@@ -208,9 +209,4 @@ def _names(new: Iterable[str], old: Iterable[str]) -> list[str]:
 
 def _shown(value: Json) -> str:
     text = json.dumps(value, ensure_ascii=False)
-    return _printable(text if len(text) <= SHOWN else f"{text[: SHOWN - 1]}…")
-
-
-def _printable(text: str) -> str:
-    """Without what no terminal can print: names of files may hold bytes that are no text."""
-    return text.encode(errors="backslashreplace").decode()
+    return in_a_line(text, SHOWN)

@@ -18,6 +18,8 @@ import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from pipeline.plain_text import in_a_line, without_controls
+
 LONGEST_FOUND = 500  # characters of what was found
 
 
@@ -44,32 +46,17 @@ class UserError(PipelineError):
     ) -> None:
         message = f"{where}: {what}" if where is not None else what
         if found is not None:
-            message += f"; found {in_a_line(str(found))}"
+            message += f"; found {in_a_line(str(found), LONGEST_FOUND)}"
         if expected is not None:
             message += f"; expected {expected}"
         if remedy is not None:
             message = f"{message.rstrip('.')}. {remedy[:1].upper()}{remedy[1:]}"
-        super().__init__("".join(_plain(character) for character in message))
+        super().__init__(without_controls(message, allowed="\n"))
         self.what = what
         self.where = where
         self.found = found
         self.expected = expected
         self.remedy = remedy
-
-
-def in_a_line(text: str) -> str:
-    """Text of a stranger's, such as a name in a file, without line breaks and cut where it is long.
-
-    >>> in_a_line("a.jpg" + chr(10) + "b" * 1000)[:8]
-    'a.jpg?bb'
-    """
-    line = "".join(_plain(character, "") for character in text)
-    return line if len(line) <= LONGEST_FOUND else f"{line[: LONGEST_FOUND - 1]}…"
-
-
-def _plain(character: str, allowed: str = "\n") -> str:
-    """Not what a terminal would obey: messages tell names out of files that come from strangers."""
-    return character if character.isprintable() or character in allowed else "?"
 
 
 class CommandError(UserError):

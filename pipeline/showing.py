@@ -8,7 +8,8 @@ from itertools import groupby
 
 from pipeline.canonical import Json
 from pipeline.description import Description, FileDescription, Origin
-from pipeline.tables import in_short, number_words, printable, rows_table, size_words, table
+from pipeline.plain_text import in_a_line, without_controls
+from pipeline.tables import in_short, number_words, rows_table, size_words, table
 from pipeline.wording import duration
 
 ROWS = 40  # of a table or a text; more are told in short
@@ -33,8 +34,8 @@ def lines_of(description: Description, everything: bool) -> Iterator[str]:
 
 
 def _head(description: Description) -> list[str]:
-    names = ", ".join(printable(name) for name in description.names)
-    title = f"{printable(description.kind)}{' (private)' if description.private else ''}"
+    names = ", ".join(in_a_line(name) for name in description.names)
+    title = f"{in_a_line(description.kind)}{' (private)' if description.private else ''}"
     return [
         f"{title}  {names}".rstrip(),
         f"  digest  {description.digest}",
@@ -58,7 +59,7 @@ def _arrays(description: Description) -> list[str]:
         shape, chunk = _shape(array.shape), _shape(array.chunks)
         chunk = "whole" if chunk == shape else chunk
         kind = type_words(array.dtype)
-        rows.append([printable(array.name), shape, kind, chunk, size_words(array.stored), *figures, ", ".join(remarks)])
+        rows.append([in_a_line(array.name), shape, kind, chunk, size_words(array.stored), *figures, ", ".join(remarks)])
     if not any(row[5] for row in rows[1:]):
         rows = [row[:5] for row in rows]
     return table(rows, right=(4, 5, 6, 7))
@@ -82,12 +83,12 @@ def _shape(shape: Iterable[int]) -> str:
 def _files(files: tuple[FileDescription, ...], everything: bool) -> list[str]:
     """Each file, or of each folder with many of them how many there are."""
     if everything or len(files) <= FILES:
-        return table([[printable(file.name), size_words(file.size)] for file in files], right=(1,))
+        return table([[in_a_line(file.name), size_words(file.size)] for file in files], right=(1,))
     rows = []
     for _, group in groupby(files, key=lambda file: file.name.rpartition("/")[0]):
         members = list(group)
         names = f"{members[0].name} … {members[-1].name.rpartition('/')[2]}" if len(members) > 1 else members[0].name
-        rows.append([printable(names), f"{len(members)}", size_words(sum(file.size for file in members))])
+        rows.append([in_a_line(names), f"{len(members)}", size_words(sum(file.size for file in members))])
     return table(rows, right=(1, 2))
 
 
@@ -95,13 +96,13 @@ def _content(file: FileDescription, everything: bool) -> Iterator[str]:
     """A table or a text."""
     if file.rows is not None:
         rows, how = (list(file.rows), None) if everything else in_short(file.rows, ROWS)
-        yield from ("", f"{printable(file.name)}{f' ({how}; --all shows them)' if how else ''}")
+        yield from ("", f"{in_a_line(file.name)}{f' ({how}; --all shows them)' if how else ''}")
         yield from _indented(rows_table(rows))
     elif file.text is not None:
         shown = file.text if everything else file.text[:ROWS]
         left = len(file.text) - len(shown)
-        yield from ("", printable(file.name))
-        yield from _indented(printable(line) for line in shown)
+        yield from ("", in_a_line(file.name))
+        yield from _indented(in_a_line(line) for line in shown)
         if left:
             yield f"  … {left} more lines; --all shows them"
 
@@ -113,8 +114,8 @@ def _origin(origin: Origin, everything: bool) -> Iterator[str]:
     yield from _indented(
         table(
             [
-                ["by", f"{printable(origin.made_by)} ({origin.uses}), {origin.started}, in {duration(origin.seconds)}"],
-                ["on", printable(f"{where}{cores}")],
+                ["by", f"{in_a_line(origin.made_by)} ({origin.uses}), {origin.started}, in {duration(origin.seconds)}"],
+                ["on", in_a_line(f"{where}{cores}")],
                 ["commit", origin.commit or "unknown"],
                 ["key", origin.key],
                 ["with", ", ".join(f"{name} {version}" for name, version in origin.versions.items())],
@@ -128,17 +129,17 @@ def _origin(origin: Origin, everything: bool) -> Iterator[str]:
     if origin.inputs:
         yield "  inputs"
         taken = [
-            [name, ", ".join(printable(f"{one.made_by} {one.digest[:12]}".strip()) for one in group) or "none"]
+            [name, ", ".join(in_a_line(f"{one.made_by} {one.digest[:12]}".strip()) for one in group) or "none"]
             for name, group in origin.inputs.items()
         ]
         yield from _indented(_indented(table(taken)))
     yield "  lineage"
-    steps = [[printable(step.name), step.uses, duration(step.seconds)] for step in origin.lineage]
+    steps = [[in_a_line(step.name), step.uses, duration(step.seconds)] for step in origin.lineage]
     yield from _indented(_indented(table(steps, right=(2,))))
 
 
 def _pairs(values: Mapping[str, Json], everything: bool) -> list[str]:
-    rows = [[printable(name), _value(value, everything)] for name, value in sorted(values.items())]
+    rows = [[in_a_line(name), _value(value, everything)] for name, value in sorted(values.items())]
     return _indented(table(rows))
 
 
@@ -148,10 +149,10 @@ def _value(value: Json, everything: bool) -> str:
         return number_words(value)
     text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
     if everything:
-        return "".join(character if character.isprintable() else "?" for character in text)
+        return without_controls(text)
     if isinstance(value, list) and len(text) > 80:
-        return f"{len(value)}: {printable(text[1:70].rstrip(', '))} …"
-    return printable(text)
+        return f"{len(value)}: {in_a_line(text[1:70].rstrip(', '))} …"
+    return in_a_line(text)
 
 
 def _indented(lines: Iterable[str]) -> list[str]:

@@ -10,7 +10,8 @@ from contextlib import contextmanager
 
 from pipeline.garbage import Collection as Garbage
 from pipeline.pins import Pin
-from pipeline.tables import printable, size_words, table
+from pipeline.plain_text import in_a_line, without_controls
+from pipeline.tables import size_words, table
 from pipeline.verification import Checked
 from pipeline.wording import duration
 
@@ -63,7 +64,7 @@ def verified_words(checked: Checked) -> str:
     """One damaged thing in a line."""
     name = checked.name[:12] if checked.what in ("artifact", "record") else checked.name
     stages = f" ({', '.join(checked.stages)})" if checked.stages else ""
-    return printable_line(f"{checked.what} {name}{stages}: {checked.damage}")
+    return without_controls(f"{checked.what} {name}{stages}: {checked.damage}")
 
 
 def verified_as_json(checked: Checked) -> dict[str, object]:
@@ -84,7 +85,7 @@ def collection_words(garbage: Garbage, dry_run: bool) -> list[str]:
     ]
     verb = "Would delete" if dry_run else "Deleted"
     lines = [f"{verb}:", *(f"  {line}" for line in table(rows, right=(2, 3)))] if rows else []
-    lines += ["Kept:", *(f"  {printable(remark)}" for remark in garbage.remarks)] if garbage.remarks else []
+    lines += ["Kept:", *(f"  {in_a_line(remark)}" for remark in garbage.remarks)] if garbage.remarks else []
     total = (
         f"{size_words(garbage.size)} {'would be' if dry_run else 'were'} freed"
         if rows
@@ -130,8 +131,3 @@ def pin_as_json(name: str, pin: Pin, actions: Collection[str]) -> dict[str, obje
         "results": len(pin.keys),
         "present": present,
     }
-
-
-def printable_line(text: str) -> str:
-    """The text in one line, without what a terminal would obey."""
-    return "".join(character if character.isprintable() else " " for character in text)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from pipeline.canonical import Json
+from pipeline.plain_text import in_a_line
 
-LONGEST = 120  # characters of a value
 QUANTITY, VALUE = "quantity", "value"  # columns of tables with one figure a row
 Row = Mapping[str, Json]
 
@@ -36,7 +36,7 @@ def rows_table(rows: Sequence[Row]) -> list[str]:
     if not columns:
         return []
     cells = ([_cell(row, name) for name in columns] for row in rows)
-    return table([[printable(name) for name in columns], *cells], numbers)
+    return table([[in_a_line(name) for name in columns], *cells], numbers)
 
 
 def in_short(rows: Sequence[Row], most: int) -> tuple[list[Row], str | None]:
@@ -96,7 +96,7 @@ def _is_number(value: Json) -> bool:
 
 def _cell(row: Row, name: str) -> str:
     value = row.get(name)
-    return "" if value is None else number_words(value) if isinstance(value, float) else printable(str(value))
+    return "" if value is None else number_words(value) if isinstance(value, float) else in_a_line(str(value))
 
 
 def number_words(value: float) -> str:
@@ -118,13 +118,3 @@ def size_words(size: int) -> str:
             break
         amount /= 1000
     return f"{amount:.0f} {unit}" if unit == "B" else f"{amount:.1f} {unit}"
-
-
-def printable(text: str) -> str:
-    """The text without what a terminal would obey, and not longer than a line: artifacts come from strangers.
-
-    >>> printable("red " + chr(27) + "[31m")
-    'red ?[31m'
-    """
-    plain = "".join(character if character.isprintable() else "?" for character in text)
-    return plain if len(plain) <= LONGEST else f"{plain[: LONGEST - 1]}…"

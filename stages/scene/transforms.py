@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from pipeline.errors import UserError
+from pipeline.plain_text import in_a_line
 from stages.scene.colmap import PosedPhoto
 from stages.scene.lens import Lens
 
@@ -30,7 +31,6 @@ DISTORTIONS = {
 """Distortion parameters of the camera models, in COLMAP's order."""
 TWO_FOCAL_LENGTHS = {"SIMPLE_PINHOLE": "PINHOLE", "SIMPLE_RADIAL": "OPENCV", "RADIAL": "OPENCV"}
 """Models of COLMAP with one focal length, by the one that says the same with two, as these files have them."""
-LONGEST_NAME = 80  # characters, in a message
 IN_PIXELS = frozenset(("fl_x", "fl_y", "cx", "cy"))
 
 
@@ -50,7 +50,7 @@ def read_transforms(
         try:
             photos.append(_posed_photo(content, frame, size_of, resized))
         except (KeyError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
-            name = str(frame.get("file_path", number) if isinstance(frame, dict) else number)[:LONGEST_NAME]
+            name = in_a_line(str(frame.get("file_path", number) if isinstance(frame, dict) else number))
             raise UserError(
                 f"frame {name} has no usable pose or intrinsics",
                 where=path,
@@ -141,11 +141,9 @@ def _distortion(given: Mapping[str, Any]) -> tuple[str, list[float]]:
             raise ValueError(f"{name} of {value:g}, which {stated} does not have")
     model = TWO_FOCAL_LENGTHS.get(stated, stated)
     distortion = [values[name] for name in DISTORTIONS[model]]
-    return (
-        ("FULL_OPENCV", [*distortion, values["k3"], 0.0, 0.0, 0.0])
-        if model == "OPENCV" and values["k3"]
-        else (model, distortion)
-    )
+    if model == "OPENCV" and values["k3"]:
+        return "FULL_OPENCV", [*distortion, values["k3"], 0.0, 0.0, 0.0]
+    return model, distortion
 
 
 def _focal_length(given: Mapping[str, Any], axis: str, size: int) -> float | None:

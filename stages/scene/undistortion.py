@@ -63,7 +63,10 @@ def shared_pinhole(lenses: Sequence[LensView], width: int, height: int) -> Pinho
     left, top = rectangles[:, :2].max(axis=0).clip(-WIDEST_TANGENT)
     right, bottom = rectangles[:, 2:].min(axis=0).clip(max=WIDEST_TANGENT)
     if not (right > left and bottom > top):
-        raise ValueError("the lenses of these photos have no field of view in common")
+        raise ValueError(
+            "the lenses of these photos have no field of view in common; make a capture of each lens's photos, or "
+            "correct the lenses in the file of poses"
+        )
     focal = max(width / (right - left), height / (bottom - top))
     middle = np.array([left + right, top + bottom]) / 2
     for _ in range(SHRINKINGS):
@@ -72,7 +75,10 @@ def shared_pinhole(lenses: Sequence[LensView], width: int, height: int) -> Pinho
         if all(sees_whole_pinhole(lens, pinhole) for lens in lenses):
             return pinhole
         focal *= SHRINKING
-    raise ValueError("the lenses of these photos fold over: their distortion is not that of a real lens")
+    raise ValueError(
+        "the lenses of these photos fold over: their distortion is not that of a real lens; correct it in the file of "
+        "poses, or take that file out of the folder to have the lenses estimated"
+    )
 
 
 def inner_rectangle(lens: LensView) -> tuple[float, float, float, float]:

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Sequence
 from stages.analysis.paper.grid import Cell, Grid
 from stages.analysis.paper.page import TablesPage
 
-NOTHING = "Nothing of this was measured."
 SPECIAL = re.compile(r"([\\`*_\[\]<>|#&])")
 
 
@@ -19,7 +18,7 @@ def write_markdown(page: TablesPage) -> str:
         parts.append(f"    {' '.join(page.command.split())}")
     for chapter in page.chapters:
         blocks = [block for grid in chapter.grids for block in _grid(grid)]
-        parts += [f"## {_text(chapter.title)}", *(blocks or [NOTHING])]
+        parts += [f"## {_text(chapter.title)}", *(blocks or [page.nothing])]
     if page.relations:
         parts += ["## What should be seen", *_grid(page.relations)]
     parts += ["## To read this", *map(_text, page.remarks)]

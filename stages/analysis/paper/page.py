@@ -50,7 +50,10 @@ DEFINED = ("psnr", "ssim", "lpips_vgg", "lpips_alex", "legal", "psnr_covered", "
 
 @dataclass(frozen=True)
 class TablesPage:
-    """What is empty is left out. `relations` is None where none is asked for; `remarks` stand under all tables."""
+    """What is empty is left out, but for a chapter, which says `nothing`.
+
+    `relations` is None where none is asked for; `remarks` stand under all tables.
+    """
 
     title: str
     summary: str
@@ -60,6 +63,7 @@ class TablesPage:
     remarks: tuple[str, ...]
     definitions: tuple[tuple[str, str], ...]
     command: str
+    nothing: str = "Nothing of this was measured."
 
     @property
     def grids(self) -> tuple[Grid, ...]:

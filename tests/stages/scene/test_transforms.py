@@ -91,7 +91,7 @@ def test_lens_models(tmp_path: Path, given: dict, model: str, distortion: tuple)
             "translation is too large",
         ),
         ({"file_path": "bad.png" + "\x1b" * 3}, r"bad\.png\?\?\? has no usable pose"),
-        ({"file_path": "bad.png" * 1000}, r"frame (bad\.png){11}bad has no usable pose"),
+        ({"file_path": "bad.png" * 1000}, r"frame (bad\.png){17}… has no usable pose"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "w": math.inf, "h": 4}, "infinity"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "w": 10**400, "h": 4}, "too large"),
     ],

@@ -1,0 +1,24 @@
+"""Text of strangers, such as a name in a file, made fit for a terminal, a log or a message."""
+
+from __future__ import annotations
+
+LONGEST_LINE = 120  # characters
+
+
+def without_controls(text: str, allowed: str = "") -> str:
+    """The text with `?` for each character that a terminal would obey, but for those `allowed`.
+
+    >>> without_controls("red " + chr(27) + "[31m")
+    'red ?[31m'
+    """
+    return "".join(character if character.isprintable() or character in allowed else "?" for character in text)
+
+
+def in_a_line(text: str, longest: int = LONGEST_LINE) -> str:
+    """The text without controls or line breaks, cut to at most `longest` characters.
+
+    >>> in_a_line("a.jpg" + chr(10) + "b" * 1000, 8)
+    'a.jpg?b…'
+    """
+    line = without_controls(text)
+    return line if len(line) <= longest else f"{line[: longest - 1]}…"
