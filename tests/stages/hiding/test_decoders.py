@@ -1,0 +1,38 @@
+"""The decoders' precision: a processor without bfloat16 rounds as one that has it."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from stages.hiding import decoders
+from stages.hiding.decoders import Decoder, decode
+
+
+def decoded(monkeypatch: pytest.MonkeyPatch, precision: torch.dtype, *, instructions: bool) -> dict[str, Tensor]:
+    """The picture, and the gradients of the feature map and of all weights, of one seed's decoder."""
+    monkeypatch.setattr(decoders, "has_bfloat16_convolutions", lambda: instructions)
+    torch.manual_seed(0)
+    decoder, features = Decoder(16, 3, width=32), torch.rand(18, 22, 16, requires_grad=True)
+    picture = decode(decoder, features, precision)
+    (picture * torch.randn(picture.shape)).sum().backward()
+    gradients = {name: weight.grad for name, weight in [("features", features), *decoder.named_parameters()]}
+    return {"picture": picture.detach(), **{name: value for name, value in gradients.items() if value is not None}}
+
+
+def test_without_the_instructions_bfloat16_is_rounded_to_and_not_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    native = decoded(monkeypatch, torch.bfloat16, instructions=True)
+    rounded = decoded(monkeypatch, torch.bfloat16, instructions=False)
+    exact = decoded(monkeypatch, torch.float32, instructions=False)
+    assert len(native) == len(rounded) == 2 + 2 * 5
+    for name, value in native.items():
+        from_native = float((rounded[name] - value).norm() / value.norm())
+        from_exact = float((rounded[name] - exact[name]).norm() / exact[name].norm())
+        assert from_native <= from_exact / 4, (name, from_native, from_exact)
+
+
+def test_without_the_instructions_float32_stays_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    with_them = decoded(monkeypatch, torch.float32, instructions=True)
+    without = decoded(monkeypatch, torch.float32, instructions=False)
+    assert all(torch.equal(value, without[name]) for name, value in with_them.items())
