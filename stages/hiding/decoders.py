@@ -56,7 +56,7 @@ def decode(
     """D(F_coup) of Eq. 5, unclamped float32, channels last.
 
     `precision` bfloat16 runs the convolutions between the first and the last in it, with float32 weights, gradients and
-    sums: 0.6 of the time on CPUs that have the instructions, 1.2 times it on others (`_through_rounded`). The last stays
+    sums: 0.6 of the time on CPUs that have the instructions, 1.2 times on others (`_through_rounded`). The last stays
     in float32, since pictures rounded to eight bits are wrong about the sign of small residuals: on a trained container
     that put a bias of up to 30 % on gradients of the weights. So does the first, which would read rounded features; it
     costs no time. What is left: fox hiding kitchen, 600 iterations, shows the message 0.15 (homogeneous) and 0.08 dB
