@@ -14,6 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 ENGINE = [
+    "plain_text",
     "errors canonical cause collection completion data_folder disk freed_memory look orphans temporary",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
     "engine_code sealed",
@@ -32,7 +33,8 @@ ENGINE = [
     "__main__",
 ]
 STAGE_FACING = {
-    f"pipeline.{name}" for name in ("stage", "artifact", "errors", "drawing", "companion", "checkpoint", "data_folder")
+    f"pipeline.{name}"
+    for name in ("stage", "artifact", "errors", "plain_text", "drawing", "companion", "checkpoint", "data_folder")
 }
 LIBRARY_FLOORS = ["timing", "imaging", "scene", "tracing", "hiding", "training", "analysis"]
 RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device", "opencl.harmonics", "opencl.ssim"}
