@@ -33,15 +33,17 @@ class CompareWithPaperParameters(Parameters):
 
 @stage(
     inputs={
-        "scores": Input("metrics", many=True, labelled=True),
+        "scores": Input("metrics", many=True, optional=True, labelled=True),
         "public_scores": Input("metrics", many=True, optional=True, labelled=True),
         "timings": Input("metrics", many=True, optional=True, labelled=True),
+        "experiments": Input("measurements", many=True, optional=True, labelled=True),
     },
     outputs={"owner": Output("report", privacy="private"), "public": Output("report", privacy="public")},
     version=1,
 )
 def compare_with_paper(context: Context, parameters: CompareWithPaperParameters) -> None:
-    """The owner's page shows everything; the public one is made of public scores and timings alone.
+    """The owner's page shows everything; the public one is made of public scores and timings alone. `experiments` are
+    what was measured under conditions, such as attacks: none of it is public.
 
     Items say what they are about: the capture, the method, the seed, and of `lambda_message`, `feature_dim`, `layers`
     and `iterations` whatever they vary.
@@ -49,7 +51,7 @@ def compare_with_paper(context: Context, parameters: CompareWithPaperParameters)
     columns = Columns(parameters.capture_column, parameters.method_column, parameters.seed_column)
     timings = context.items("timings")
     paper = read_published()
-    study = read_study(context.items("scores"), timings, columns, paper.setup)
+    study = read_study(context.items("scores"), timings, columns, paper.setup, context.items("experiments"))
     command = parameters.command or f"python -m pipeline run workflows/{context.workflow_name}.yaml"
     owner = owner_page(study, parameters.tables, paper, context.workflow_name, command)
     shown = [

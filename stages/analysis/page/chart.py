@@ -28,12 +28,13 @@ class Tick:
 
 @dataclass(frozen=True)
 class Chart:
-    """``lines`` are names with the points of a polyline, as SVG writes them."""
+    """``lines`` are names with the points of a polyline, as SVG writes them; ``axes`` what is across and upward."""
 
     title: str
     across: tuple[Tick, ...]
     upward: tuple[Tick, ...]
     lines: tuple[tuple[str, str], ...]
+    axes: tuple[str, str] = ("", "")
     width: int = WIDTH
     height: int = HEIGHT
     left: int = LEFT
@@ -42,8 +43,18 @@ class Chart:
     bottom: int = HEIGHT - BOTTOM
 
 
-def line_chart(title: str, series: Sequence[Series], logarithmic: bool = False) -> Chart | None:
-    """The chart of all series over common axes; ``logarithmic`` upwards, for positive values only. None if empty."""
+def line_chart(
+    title: str,
+    series: Sequence[Series],
+    logarithmic: bool = False,
+    from_zero: bool = True,
+    axes: tuple[str, str] = ("", ""),
+) -> Chart | None:
+    """The chart of all series over common axes; ``logarithmic`` upwards, for positive values only. None if empty.
+
+    ``from_zero``: the axis across begins there, as iterations do; otherwise at the smallest value. ``axes`` say what is
+    across and upward.
+    """
     usable = [
         Series(each.name, tuple(point for point in each.points if _drawable(point, logarithmic))) for each in series
     ]
@@ -52,20 +63,22 @@ def line_chart(title: str, series: Sequence[Series], logarithmic: bool = False) 
         return None
     points = [point for each in usable for point in each.points]
     right = max(x for x, _ in points)
+    left, right = (0.0, right or 1.0) if from_zero else _padded(min(x for x, _ in points), right)
     values = [math.log10(y) if logarithmic else y for _, y in points]
     low, high = _padded(min(values), max(values))
 
     def place(x: float, y: float) -> tuple[float, float]:
         upward = math.log10(y) if logarithmic else y
-        across = LEFT + (WIDTH - LEFT - RIGHT) * x / (right or 1)
+        across = LEFT + (WIDTH - LEFT - RIGHT) * (x - left) / (right - left)
         return across, TOP + (HEIGHT - TOP - BOTTOM) * (high - upward) / (high - low)
 
     levels = _decade_ticks(low, high) if logarithmic else _round_ticks(low, high)
     return Chart(
         title,
-        tuple(Tick(place(x, 1)[0], f"{x:,.0f}") for x in _round_ticks(0, right)),
+        tuple(Tick(place(x, 1)[0], f"{x:,g}") for x in _round_ticks(left, right)),
         tuple(Tick(place(0, y)[1], f"{y:,g}") for y in levels),
         tuple((each.name, _polyline([place(*point) for point in each.points])) for each in usable),
+        axes,
     )
 
 

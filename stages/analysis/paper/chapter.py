@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from stages.analysis.page.chart import Chart
 from stages.analysis.page.figures import write_figure
 from stages.analysis.page.material import METHOD_TITLES
 from stages.analysis.page.summary import Tile
@@ -20,13 +21,14 @@ PICTURES = {"cover": "Cover", "message": "Message"}
 
 @dataclass(frozen=True)
 class Chapter:
-    """`runs` are those that it shows."""
+    """`runs` are those that it shows; `charts` stand under its tables."""
 
     title: str
     grids: tuple[Grid, ...]
     relations: tuple[Relation, ...] = ()
     runs: tuple[Run, ...] = ()
     tiles: tuple[Tile, ...] = ()
+    charts: tuple[Chart, ...] = ()
 
 
 Writer = Callable[[Study, Published], Chapter]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pipeline.errors import UserError
 from pipeline.stage import Item
+from stages.analysis.measurements import Measurement, read_measurements
 from stages.analysis.page.material import METHOD_TITLES, PLAIN
 from stages.imaging.metric_table import MetricRow, read_rows
 
@@ -70,6 +71,20 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Experiment:
+    """What one item measured under conditions, such as attacks: `capture`, `method`, `seed` and `stage` as in `Run`,
+    `values` whatever its item states.
+    """
+
+    capture: str
+    method: str
+    seed: str
+    rows: tuple[Measurement, ...] = field(repr=False)
+    values: Mapping[str, object] = field(repr=False)
+    stage: str = ""
+
+
+@dataclass(frozen=True)
 class Study:
     """Everything that the tables are made of; `failures` are items that were not made, each with its cause.
 
@@ -81,25 +96,33 @@ class Study:
     timings: tuple[Run, ...] = ()
     failures: tuple[tuple[str, str], ...] = ()
     iterations: float | None = None
+    experiments: tuple[Experiment, ...] = ()
 
     @property
     def captures(self) -> tuple[str, ...]:
         """The captures in the order of their first run."""
-        return tuple(dict.fromkeys(run.capture for run in (*self.runs, *self.timings)))
+        measured: list[Run | Experiment] = [*self.runs, *self.timings, *self.experiments]
+        return tuple(dict.fromkeys(each.capture for each in measured))
 
     def select(self, wanted: Callable[[Run], bool]) -> tuple[Run, ...]:
         """The scored runs that `wanted` is true of, in order."""
         return tuple(run for run in self.runs if wanted(run))
 
 
-def read_study(scores: Iterable[Item], timings: Iterable[Item], columns: Columns, setup: Mapping[str, float]) -> Study:
-    """The runs behind labelled items; `setup` holds the usual settings, those of the paper.
+def read_study(
+    scores: Iterable[Item],
+    timings: Iterable[Item],
+    columns: Columns,
+    setup: Mapping[str, float],
+    experiments: Iterable[Item] = (),
+) -> Study:
+    """The runs and experiments behind labelled items; `setup` holds the usual settings, those of the paper.
 
     A training that was scored several times, such as the plain 3DGS beside every method, counts once.
     Raises UserError where some items lack the column of captures that others have.
     """
-    scores, timings = tuple(scores), tuple(timings)
-    items = (*scores, *timings)
+    scores, timings, experiments = tuple(scores), tuple(timings), tuple(experiments)
+    items = (*scores, *timings, *experiments)
     _check_captures(items, columns)
     stated = [_value(item.values["iterations"]) for item in items if item.values.get("iterations") is not None]
     iterations = min((value for value in stated if isinstance(value, float)), default=None)
@@ -109,6 +132,7 @@ def read_study(scores: Iterable[Item], timings: Iterable[Item], columns: Columns
         _distinct(run for item in timings for run in _runs_of(item, columns, usual)),
         tuple((item.label, item.cause or "not made") for item in items if item.artifact is None),
         iterations,
+        tuple(experiment for item in experiments for experiment in _experiments_of(item, columns)),
     )
 
 
@@ -165,6 +189,27 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
             item.stage,
         )
         for method, group in by_method.items()
+    ]
+
+
+def _experiments_of(item: Item, columns: Columns) -> list[Experiment]:
+    """One for each method that the rows name."""
+    if item.artifact is None:
+        return []
+    by_method: dict[str, list[Measurement]] = {}
+    for row in read_measurements(item.artifact):
+        by_method.setdefault(row.method or str(item.values.get(columns.method, "")), []).append(row)
+    capture, seed = (item.values.get(column) for column in (columns.capture, columns.seed))
+    return [
+        Experiment(
+            "" if capture is None else str(capture),
+            method,
+            "" if seed is None else str(seed),
+            tuple(rows),
+            item.values,
+            item.stage,
+        )
+        for method, rows in by_method.items()
     ]
 
 

@@ -46,3 +46,14 @@ def test_what_cannot_be_drawn_is_left_out() -> None:
     assert line_chart("nothing", [Series("nan", ((0, math.nan),))]) is None
     assert line_chart("nothing", []) is None
     assert line_chart("nothing", [Series("zero", ((0, 0),))], logarithmic=True) is None
+
+
+def test_an_axis_that_does_not_begin_at_zero_begins_at_its_values() -> None:
+    series = [Series("cover over message", ((26.0, 20.0), (28.0, 24.0), (30.0, 25.0)))]
+    chart = line_chart("curve", series, from_zero=False, axes=("Cover (dB)", "Message (dB)"))
+    assert chart is not None
+    assert chart.axes == ("Cover (dB)", "Message (dB)")
+    [line] = drawn(chart)
+    assert line[0][0] < chart.left + 0.1 * (chart.right - chart.left)
+    assert line[-1][0] > chart.right - 0.1 * (chart.right - chart.left)
+    assert all(25 < float(tick.text) < 31 for tick in chart.across)
