@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -97,7 +98,7 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
         _fidelity(context, scene, positives),
         trial_rows(detector, positives, negatives, parameters.seed, after_each),
     )
-    write_measurements(context.output("scores"), rows)
+    write_measurements(context.output("scores"), [replace(row, method=parameters.method) for row in rows])
     context.record(device=choose_device().describe())
 
 

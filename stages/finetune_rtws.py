@@ -46,7 +46,8 @@ class FinetuneRtwsParameters(Parameters):
         description="Of what the watermark decoder shows of renders, photos and clean renders, in the same loss; "
         "other_photos then are further pictures without a watermark. The paper: 0.",
     )
-    decoder_rate: float = Field(1e-3, gt=0, description="Learning rate of the watermark decoder, where it is read.")
+    final_reading_share: float = Field(0.03, gt=0, le=1, description="Share of that weight that is left at the end.")
+    decoder_rate: float = Field(3e-4, gt=0, description="Learning rate of the watermark decoder, where it is read.")
     ssim_weight: float = Field(0.2, ge=0, le=1, description="γ and β: SSIM's share of each picture's loss.")
     seed: int = Field(0, ge=0, description="Of which half of the views is watermarked, and of their order.")
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
@@ -104,6 +105,7 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
             [scene.pictures[scene.rows(scene.train_names)], clean],
             [photo for capture in context.input_many("other_photos") for photo in read_photos(capture)],
             parameters.reading_weight,
+            parameters.final_reading_share,
             parameters.seed,
         )
     terms = hiding_terms([*messages], parameters.lambda_message, parameters.ssim_weight, parameters.ssim_weight)

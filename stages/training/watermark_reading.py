@@ -23,6 +23,7 @@ from stages.imaging.windows import random_window
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 from stages.training.codec import batch_of, rounded
+from stages.training.schedules import decayed
 
 Pictures = UInt8[np.ndarray, "V H W 3"]
 
@@ -40,9 +41,11 @@ class WatermarkReading:
     """`method`, and a penalty on what `codec` shows: of the last render, of the same view's pictures among `negatives`
     (one of each kind a camera), and of windows of `others`, photos of any size.
 
-    The penalty is `weight` times ℓ_cop (Eq. loss_water), in which what should be black counts half in all. Renders are
-    rounded to bytes first; gradients pass through that as if nothing had been done. Windows follow from `seed` and from
-    how far the training is, so that there is no state to keep.
+    The penalty is `weight` times ℓ_cop (Eq. loss_water), in which what should be black counts half in all. The weight
+    falls exponentially to `final_share` of itself: a strong mark comes first, by which the decoder learns what to look
+    for, and then it fades, as far as the decoder can follow. Renders are rounded to bytes first; gradients pass through
+    that as if nothing had been done. Windows follow from `seed` and from how far the training is, so that there is no
+    state to keep.
     """
 
     def __init__(
@@ -54,11 +57,13 @@ class WatermarkReading:
         negatives: Sequence[Pictures],
         others: Sequence[Picture],
         weight: float,
+        final_share: float,
         seed: int,
     ):
         self.method, self.codec, self.negatives, self.others = method, codec, negatives, others
         self.watermark = picture_to_tensor(watermark).permute(2, 0, 1)
-        self.weight, self.seed = weight * len(cameras), seed  # a step sees one view, and takes its share of a penalty
+        self.weight = weight * len(cameras)  # a step sees one view, and takes its share of a penalty
+        self.final_share, self.seed = final_share, seed
         self.rows = {id(camera): row for row, camera in enumerate(cameras)}
         self.name, self.settings, self.learning_rates = method.name, method.settings, method.learning_rates
         self.networks: Mapping[str, torch.nn.Module] = {**method.networks, DECODER: codec}
@@ -78,7 +83,8 @@ class WatermarkReading:
         row = self.rows.get(id(camera))
         if row is not None and torch.is_grad_enabled():
             picture = rounded(rendering.pictures[COVER]).permute(2, 0, 1)
-            self.read = self._error(picture, row, np.random.default_rng((self.seed, int(progress * 2**40))))
+            error = self._error(picture, row, np.random.default_rng((self.seed, int(progress * 2**40))))
+            self.read = self.weight * decayed(1.0, self.final_share, progress) * error
         return rendering
 
     def penalty(self, gaussians: Gaussians) -> Float[Tensor, ""] | None:
@@ -86,7 +92,7 @@ class WatermarkReading:
         own, read = self.method.penalty(gaussians), self.read
         if read is None:
             return own
-        return self.weight * read if own is None else own + self.weight * read
+        return read if own is None else own + read
 
     def _error(self, picture: Float[Tensor, "3 H W"], row: int, generator: np.random.Generator) -> Float[Tensor, ""]:
         height, width = (min(WINDOW, side) for side in picture.shape[1:])

@@ -48,6 +48,9 @@ VARIANTS = {
 }
 """How a container and its decoder came about, by the items' column `variant`."""
 
+SAME_CONTAINER = {"clean": PAPERS}
+"""Variants that differ from another in the decoder alone: what became of the image is scored once."""
+
 Key = tuple[str, str]
 """Method and variant."""
 
@@ -95,6 +98,16 @@ def _images(runs: Iterable[Run], word: str) -> dict[Key, list[Run]]:
     return groups
 
 
+def _earlier(before: Mapping[Key, Sequence[Run]], key: Key) -> list[Run]:
+    """Of the method, whatever was made of its container afterwards."""
+    return [run for (method, _), runs in before.items() if method == key[0] for run in runs]
+
+
+def _later(after: Mapping[Key, Sequence[Run]], key: Key) -> Sequence[Run]:
+    method, variant = key
+    return after.get(key) or after.get((method, SAME_CONTAINER.get(variant, variant)), ())
+
+
 def _title(key: Key) -> str:
     method, variant = key
     return f"{title_of(method)}, {VARIANTS.get(variant, variant)}"
@@ -124,13 +137,13 @@ def _fidelity(
         if key[0] not in told:
             told.add(key[0])
             title = f"{title_of(key[0])}, before"
-            figures = _by_capture(group, "psnr", COVER_BEFORE), measure(before.get(key, ()), image_psnr), Measured({})
+            figures = _by_capture(group, "psnr", COVER_BEFORE), measure(_earlier(before, key), image_psnr), Measured({})
             lines.append(Line((title, HERE), _decibels(figures)))
             if is_paper:
                 lines.append(Line((title, PAPER), _published(tables, "without"), published=True))
         figures = (
             _by_capture(group, "psnr", COVER_AFTER),
-            measure(after.get(key, ()), image_psnr),
+            measure(_later(after, key), image_psnr),
             _by_capture(group, PSNR_WATERMARK, RENDERS),
         )
         lines.append(Line((_title(key), HERE), _decibels(figures)))
@@ -256,7 +269,7 @@ def _relations(
         title, is_paper = _title(key), key == (GS_HIDER, PAPERS)
         losses = {
             "cover": _by_capture(group, "psnr", COVER_AFTER).minus(_by_capture(group, "psnr", COVER_BEFORE)),
-            "message": measure(after.get(key, ()), image_psnr).minus(measure(before.get(key, ()), image_psnr)),
+            "message": measure(_later(after, key), image_psnr).minus(measure(_earlier(before, key), image_psnr)),
         }
         for picture, most in (("cover", MOST_LOST_ON_THE_COVER), ("message", MOST_LOST_ON_THE_MESSAGE)):
             if losses[picture].by_capture:
