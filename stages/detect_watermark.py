@@ -9,7 +9,7 @@ from itertools import chain
 import numpy as np
 import torch
 from jaxtyping import UInt8
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from opencl.device import choose_device
 from pipeline.artifact import Artifact
@@ -24,7 +24,7 @@ from stages.hiding.watermark.storage import read_codec
 from stages.imaging.image import filling, read_image
 from stages.imaging.pictures import Picture, picture_to_tensor
 from stages.imaging.psnr import psnr
-from stages.imaging.shipped_photos import installed_photos, read_photo
+from stages.imaging.shipped_photos import DIGESTS, installed_photos, read_photo
 from stages.imaging.windows import random_window
 from stages.scene.camera_path import camera_path
 from stages.scene.cameras import Cameras
@@ -51,9 +51,16 @@ class DetectWatermarkParameters(Parameters):
     negatives: int = Field(
         4000, ge=1, description="Pictures without the watermark, at least: as many of each source as of the others."
     )
-    shipped_photos: bool = Field(True, description="Whether photos that packages ship are among them, if installed.")
+    shipped_photos: tuple[str, ...] = Field(
+        tuple(DIGESTS), description="Photos that packages ship, by their files' names, as far as they are installed."
+    )
     seed: int = Field(0, ge=0, description="Of windows of photos, and of distortions.")
     threads: int = Field(1, ge=1, description="Threads of torch.")
+
+    @field_validator("shipped_photos")
+    @classmethod
+    def _as_installed(cls, wanted: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(name for name in wanted if name in installed_photos())
 
 
 @stage(
@@ -124,7 +131,7 @@ def _fidelity(context: Context, scene: Scene, positives: Positives) -> Iterator[
 def _negatives(context: Context, parameters: DetectWatermarkParameters, scene: Scene) -> Iterator[Negative]:
     others = context.input_many("other_photos")
     scenes, splats = context.input_many("other_scenes"), context.input_many("other_splats")
-    shipped = installed_photos() if parameters.shipped_photos else ()
+    shipped = parameters.shipped_photos
     if len(scenes) != len(splats):
         raise UserError(
             "scenes and splats of clean models belong together",

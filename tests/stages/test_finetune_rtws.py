@@ -115,7 +115,7 @@ def test_a_decoder_that_always_shows_it_is_wrong_everywhere(tmp_path: Path, inpu
         "photos": watermarks.capture(tmp_path / "photos"),
         "other_photos": (watermarks.capture(tmp_path / "others", seed=5),),
     }
-    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=9, shipped_photos=False)
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=9, shipped_photos=())
     made = run_stage(detect_watermark, parameters, given, tmp_path / "made")
     assert made["scores"].private
     rows = {(row.quantity, row.condition): row.value for row in read_measurements(made["scores"])}
