@@ -18,7 +18,7 @@ WIDTH, HEIGHT = 200, 112
 WINDOWS = 16
 """Of each group of photos, of the size that pictures have on the CPU profile."""
 
-MARKED, FOUND = "psnr_watermarked", "psnr_watermark"
+MARKED, FOUND = "psnr_watermarked", "psnr_found"
 """PSNR of the watermarked picture beside the picture, and of the watermark that is found in its 8-bit copy."""
 
 GIVEN = "the given watermark in "

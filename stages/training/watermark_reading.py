@@ -34,8 +34,8 @@ WINDOWS = 2
 """Of each picture in one step."""
 
 HELD = 0.3
-"""Share of the iterations before the mark begins to fade. Faded from the first on, the decoder took twice as long to
-tell renders from the rest (fox, plain 3DGS: error 0.25 after 125 steps, not 65)."""
+"""Share of the iterations before the mark begins to fade. Where it faded from the first on, the decoder took longer to
+tell renders from the rest (fox, plain 3DGS: an error under 0.25, that of half the watermark, after 125 and not 75)."""
 
 DECODER = "watermark_decoder"
 """The decoder's name among the networks: neither published nor part of a message's secret."""
@@ -47,9 +47,9 @@ class WatermarkReading:
 
     The penalty is `weight` times ℓ_cop (Eq. loss_water), in which what should be black counts half in all. The weight
     stays for the first `HELD` of the training and then falls exponentially to `final_share` of itself: a strong mark
-    comes first, by which the decoder learns what to look for, and then it fades, as far as the decoder can follow. Renders are rounded to bytes first; gradients pass through
-    that as if nothing had been done. Windows follow from `seed` and from how far the training is, so that there is no
-    state to keep.
+    comes first, by which the decoder learns what to look for, and then it fades, as far as the decoder can follow.
+    Renders are rounded to bytes first; gradients pass through that as if nothing had been done. Windows follow from
+    `seed` and from how far the training is, so that there is no state to keep.
     """
 
     def __init__(
