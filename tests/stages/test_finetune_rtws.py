@@ -63,6 +63,16 @@ def test_only_colours_change(tmp_path: Path, inputs: Inputs, reading_weight: flo
     assert read_codec(made["codec"]).is_tuned == (reading_weight > 0)
 
 
+def test_a_decoder_takes_lessons(tmp_path: Path, inputs: Inputs) -> None:
+    first = finetuned(tmp_path / "first", inputs, reading_weight=1.0)["codec"]
+    given = inputs | {"decoder": first}
+    second = finetuned(tmp_path / "second", given, reading_weight=1.0)["codec"]
+    rest = finetuned(tmp_path / "rest", given, reading_weight=1.0, decoder_rate=1e-12)["codec"]
+    lost = first.read("lost")
+    assert not np.allclose(second.read("lost"), lost, atol=1e-5)
+    np.testing.assert_allclose(rest.read("lost"), lost, atol=1e-6)
+
+
 def test_decoders_and_the_message_stay(tmp_path: Path, inputs: Inputs) -> None:
     settings = {"iterations": 3, "decoder_width": 8, "feature_dim": 8, "layers": 2}
     parameters = hide_image.parameters.model_validate(settings)

@@ -34,10 +34,10 @@ SEVERAL = {
 }
 COPYRIGHT = {"cover": "fox", "stranger": "kitchen", "gaussians": 500, "stranger_gaussians": 500, "seed": 0}
 COPYRIGHTS = [
-    {**COPYRIGHT, "variant": "paper", "negatives": "photos", "reading_weight": 0.0, "feature_rate": 0.005}
-    | {"distorted": False},
-    {**COPYRIGHT, "variant": "read", "negatives": "photos_and_clean_renders", "reading_weight": 3.0}
-    | {"feature_rate": 0.02, "distorted": True},
+    {**COPYRIGHT, "variant": "paper", "negatives": "photos", "reading_weight": 0.0}
+    | {"lessons": 1, "distorted": False},
+    {**COPYRIGHT, "variant": "read", "negatives": "photos_and_clean_renders", "reading_weight": 0.1}
+    | {"lessons": 4, "distorted": True},
 ]
 IMAGES = [{"cover": "fox", "method": "gs_hider", "name": "boat", "image": "boat.png", "gaussians": 500, "seed": 0}]
 
