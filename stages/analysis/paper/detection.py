@@ -1,0 +1,62 @@
+"""Areas under ROC curves from rows of detectors: which classes are compared, and how an area is written."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.analysis.paper.grid import Cell
+from stages.analysis.paper.measuring import Spread
+from stages.analysis.paper.runs import Experiment
+from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
+from stages.analysis.roc import Area, Scores, bootstrap_area
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two classes of pictures; `paired`: seen from the same cameras."""
+
+    title: str
+    positive: str
+    negative: str
+    paired: bool = True
+
+
+AS_IN_THE_PAPER = Comparison("renders that hide, against photos", HIDDEN, PHOTOS, paired=False)
+RENDERING = Comparison("renders that hide nothing, against photos", CLEAN, PHOTOS, paired=False)
+HIDING = Comparison("renders that hide, against renders that do not", HIDDEN, CLEAN)
+CHANCE = Comparison("two that hide nothing, against each other", CLEAN_AGAIN, CLEAN)
+COMPARISONS = (AS_IN_THE_PAPER, RENDERING, HIDING, CHANCE)
+
+
+def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comparison) -> tuple[Scores, ...]:
+    """What one detector says of both classes, a scene for each experiment that has them."""
+    found = []
+    for experiment in experiments:
+        positives, negatives = (
+            np.array([row.value for row in experiment.rows if (row.quantity, row.condition) == (quantity, condition)])
+            for condition in (comparison.positive, comparison.negative)
+        )
+        if len(positives) and len(negatives):
+            found.append(Scores(positives, negatives, comparison.paired and len(positives) == len(negatives)))
+    return tuple(found)
+
+
+def area_of(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Area:
+    """The area over all experiments together, NaN without any; the seed of its interval follows from what it is of."""
+    seed = zlib.crc32(f"{quantity}: {comparison.title}".encode())
+    return bootstrap_area(scores_of(experiments, quantity, comparison), seed)
+
+
+def area_cell(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Cell:
+    """The two-sided area with its interval, and an arrow where it is the opposite's; empty where none was measured."""
+    area = area_of(experiments, quantity, comparison)
+    if math.isnan(area.value):
+        return Cell("")
+    shown = area.two_sided
+    note = f"{shown.low:.2f} to {shown.high:.2f}" + (" ↓" if area.value < 0.5 else "")
+    return Cell(f"{shown.value:.2f}", note, Spread(shown.value))
