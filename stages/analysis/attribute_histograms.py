@@ -74,7 +74,7 @@ def compare_attributes(
     yield Measurement(ONLY_THERE, len(only), condition, method=method)
     yield Measurement(GAUSSIANS, len(own["means"]) / len(other["means"]), condition, method=method)
     for name in own:
-        if name in other and name not in NOT_COMPARED:
+        if _comparable(name, own, other):
             mine, theirs = _channels(own[name]), _channels(other[name])
             pooled = divergence(mine.ravel(), theirs.ravel())
             yield Measurement(of_attribute(DIVERGENCE, name), pooled, condition, method=method)
@@ -93,7 +93,7 @@ def histogram_rows(
     """
     first, *others = containers.values()
     for name in first:
-        if name in NOT_COMPARED or not all(name in other for other in others):
+        if not _comparable(name, first, *others):
             continue
         values = {condition: np.ravel(attributes[name]) for condition, attributes in containers.items()}
         edges = edges_of(first[name].ravel(), np.concatenate([np.ravel(other[name]) for other in others]))
@@ -103,6 +103,11 @@ def histogram_rows(
             shares = counted(own, edges) / len(own)
             for middle, share in zip(middles.tolist(), shares.tolist(), strict=True):
                 yield Measurement(of_attribute(HISTOGRAM, name), share, condition, middle, method=method)
+
+
+def _comparable(name: str, *containers: Mapping[str, Float[np.ndarray, "N ..."]]) -> bool:
+    """Whether all have values of an attribute, as `sh_rest` has not where harmonics are of degree 0."""
+    return name not in NOT_COMPARED and all(name in each and each[name].size for each in containers)
 
 
 def _channels(values: Float[np.ndarray, "N ..."]) -> Float[np.ndarray, "N C"]:

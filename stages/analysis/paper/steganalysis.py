@@ -184,10 +184,10 @@ def _learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
             if scores_of(experiments, quantity, comparison)
         ),
         (
-            f"Each detector knows the method, and learnt from {' or '.join(map(str, counts))} other scene(s), of each of "
-            "which it saw one container and one clean training: it may have learnt what sets these few apart, and one "
-            "that saw hundreds would do better. An area near 0.5 is no proof of security; one that is far from it, and "
-            "farther than that of two clean trainings, is proof of the opposite."
+            f"Each detector knows the method, and learnt from {' or '.join(map(str, counts))} other scene(s), of each "
+            "of which it saw one container and one clean training: it may have learnt what sets these few apart, and "
+            "one that saw hundreds would do better. An area near 0.5 is no proof of security; one that is far from it, "
+            "and farther than that of two clean trainings, is proof of the opposite."
             if counts
             else "Not measured: it takes renders of two captures at least, one to learn from and one to be tested on.",
         ),
