@@ -196,18 +196,32 @@ def rows_of(values: Mapping[str, np.ndarray], method: str) -> list[Measurement]:
 
 
 def test_the_page_tells_rendering_from_hiding(tmp_path: Path) -> None:
-    """Two methods' renders are as far from photos as can be: of one so are clean renders, of the other they are not."""
+    """Two methods' renders are as far from photos as can be; of one so are clean renders, of the other not."""
     low, high = np.linspace(0, 0.3, 40), np.linspace(0.5, 0.8, 40)
     rendering = {PHOTOS: high, HIDDEN: low, CLEAN: low, CLEAN_AGAIN: low}
     hiding = {PHOTOS: low, HIDDEN: high, CLEAN: low, CLEAN_AGAIN: low}
+    learnt = [Measurement(TRAINING_SCENES, 1, HIDDEN)] + [
+        Measurement("learned_on_renders", value, condition, view=str(view))
+        for condition, each in {HIDDEN: high, CLEAN: low, CLEAN_AGAIN: low}.items()
+        for view, value in enumerate(each)
+    ]
+    attributes = [
+        Measurement(ONLY_THERE, 2, HIDDEN),
+        Measurement("gaussians", 1.5, HIDDEN),
+        Measurement("gaussians", 0.9, CLEAN_AGAIN),
+    ]
     given = [
         measured(tmp_path / capture / method, rows_of(values, method), capture, method)
         for capture in ("fox", "kitchen")
         for method, values in (("decoder", hiding), ("gs_hider", rendering))
     ]
+    given += [measured(tmp_path / "more" / str(n), each, "fox", "sh") for n, each in enumerate((learnt, attributes))]
     text = written(tmp_path / "out", given)
-    assert "it sees mostly that they are renders. It does not tell what hides from what does not (0.50)." in text
-    assert "it sees more than rendering. It tells what hides from what does not (1.00)." in text
+    assert "what is seen is mostly that they are renders. Renders with and without a message: not told apart" in text
+    assert "what is seen is more than rendering. Renders with and without a message: told apart" in text
+    assert "| 3DGS+SH | not measured | told apart | not measured | 2 attributes that no clean one has |" in text
+    assert "|  | renders | two that hide nothing, against each other | 0.50 (0.50 to 0.50)" in text
+    assert "1.500 (0.900)" in text
     lines = [line for line in text.splitlines() if "renders that hide, against photos" in line]
     assert "1.00 (1.00 to 1.00) | 1.00 (1.00 to 1.00) | 1.00 (1.00 to 1.00)" in lines[0]
     assert "1.00 (1.00 to 1.00 ↓)" in lines[1]

@@ -15,6 +15,9 @@ from stages.analysis.paper.runs import Experiment
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
 from stages.analysis.roc import Area, Scores, bootstrap_area
 
+UNNOTICED = 0.6
+"""A detector whose area is larger is right about more than six of ten pairs, and is not called blind."""
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -60,3 +63,16 @@ def area_cell(experiments: Sequence[Experiment], quantity: str, comparison: Comp
     shown = area.two_sided
     note = f"{shown.low:.2f} to {shown.high:.2f}" + (" ↓" if area.value < 0.5 else "")
     return Cell(f"{shown.value:.2f}", note, Spread(shown.value))
+
+
+def verdict(hiding: Area, chance: Area) -> str:
+    """In words, whether a detector tells what hides from what does not, given both two-sided areas: `chance` is that of
+    two trainings that hide nothing.
+    """
+    if math.isnan(hiding.value):
+        return "not measured"
+    if hiding.low <= 0.5:
+        return "not told apart"
+    if hiding.low <= chance.value:
+        return "told apart, but so are two that hide nothing"
+    return "told apart" if hiding.value > UNNOTICED else "hardly told apart"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from stages.analysis.attribute_histograms import GAUSSIANS
+from stages.analysis.attribute_histograms import GAUSSIANS, ONLY_THERE
 from stages.analysis.learned_detection import LEARNED, TRAINING_SCENES
 from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.page.material import METHOD_TITLES
@@ -17,10 +17,12 @@ from stages.analysis.paper.detection import (
     COMPARISONS,
     HIDING,
     RENDERING,
+    UNNOTICED,
     Comparison,
     area_cell,
     area_of,
     scores_of,
+    verdict,
 )
 from stages.analysis.paper.grid import Cell, Grid, Line
 from stages.analysis.paper.measuring import Measured, Spread
@@ -30,9 +32,6 @@ from stages.analysis.paper.runs import Experiment, Study, capture_title
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
 from stages.analysis.roc import roc_curve
 from stages.analysis.stegexpose.fusion import DETECTORS, FUSION
-
-UNNOTICED = 0.6
-"""A detector whose area is larger is right about more than six of ten pairs, and is not called blind."""
 
 DEVIATIONS = 2 * 1.96
 """How many standard deviations wide a 95 % interval is."""
@@ -63,6 +62,7 @@ def steganalysis(study: Study, tables: Published) -> Chapter:
     by_attributes = _by_method(study, GAUSSIANS)
     captures = study.captures
     grids = [
+        *([_summary_grid(by_stegexpose, by_learning, by_attributes)] if study.experiments else []),
         *([_areas_grid(by_stegexpose, captures), _detectors_grid(by_stegexpose)] if by_stegexpose else []),
         *([_learned_grid(by_learning, captures)] if by_learning else []),
         *([_counts_grid(by_stegexpose, captures)] if by_stegexpose else []),
@@ -93,6 +93,44 @@ def _by_method(study: Study, quantity: str) -> ByMethod:
     return {method: found[method] for method in order if method in found}
 
 
+def _summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: ByMethod) -> Grid:
+    """What is not secure, in words."""
+
+    def told(by_method: ByMethod, method: str, quantity: str) -> Cell:
+        areas = (area_of(by_method.get(method, []), quantity, each).two_sided for each in (HIDING, CHANCE))
+        return Cell(verdict(*areas))
+
+    def file(method: str) -> Cell:
+        rows = [row for each in by_attributes.get(method, []) for row in each.rows if row.quantity == ONLY_THERE]
+        own = {row.value for row in rows if row.condition == HIDDEN}
+        if not own:
+            return Cell("not measured")
+        return Cell(f"{max(own):.0f} attributes that no clean one has" if max(own) else "no attribute of its own")
+
+    methods = dict.fromkeys((*by_stegexpose, *by_learning, *by_attributes))
+    return Grid(
+        "Is what hides told from what does not?",
+        ("Method",),
+        ("StegExpose", *(f"A learned detector, on {seen}" for seen in LEARNED.values()), "The published file"),
+        tuple(
+            Line(
+                (title_of(method),),
+                (
+                    told(by_stegexpose, method, FUSION),
+                    *(told(by_learning, method, quantity) for quantity in LEARNED),
+                    file(method),
+                ),
+            )
+            for method in methods
+        ),
+        (
+            "All captures together. Not told apart: the 95 % interval reaches down to chance. Told apart, but so are "
+            "two that hide nothing: no farther than two clean trainings are from each other. What no detector here "
+            "finds may be found by others.",
+        ),
+    )
+
+
 def _areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
     return Grid(
         "StegExpose's fusion: area under the ROC curve, two-sided",
@@ -119,22 +157,10 @@ def _finding(method: str, experiments: Sequence[Experiment]) -> str:
     photos, rendering, hiding, chance = (
         area_of(experiments, FUSION, comparison).two_sided for comparison in COMPARISONS
     )
-    if math.isnan(hiding.value):
-        return (
-            f"{title_of(method)}: no renders without a message were measured, so nothing is known of what hiding adds."
-        )
-    what = "sees mostly that they are renders" if rendering.value > photos.value - 0.05 else "sees more than rendering"
-    if math.isnan(chance.value):
-        verdict = "was not asked whether two trainings that both hide nothing look alike to it"
-    elif hiding.low <= 0.5:
-        verdict = "does not tell what hides from what does not"
-    elif hiding.low <= chance.value:
-        verdict = "tells what hides from what does not, but no better than two trainings that both hide nothing"
-    else:
-        verdict = "tells what hides from what does not"
+    seen = "mostly that they are renders" if rendering.value > photos.value - 0.05 else "more than rendering"
     return (
-        f"{title_of(method)}: from photos StegExpose tells renders by {photos.value:.2f}, and by {rendering.value:.2f} "
-        f"where nothing is hidden: it {what}. It {verdict} ({hiding.value:.2f})."
+        f"{title_of(method)}: renders are told from photos by {photos.value:.2f}, and by {rendering.value:.2f} where "
+        f"nothing is hidden: what is seen is {seen}. Renders with and without a message: {verdict(hiding, chance)}."
     )
 
 
@@ -204,6 +230,7 @@ def _counts_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
         ]
         return max(counts, default=0)
 
+    stages = dict.fromkeys(each.stage for experiments in by_method.values() for each in experiments)
     return Grid(
         "Pictures of each class",
         ("Class",),
@@ -216,6 +243,7 @@ def _counts_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
             "Renders are from new cameras along the rig, photos all that were registered, undistorted and at the size "
             "of the renders. Whatever their numbers, both classes and all scenes weigh alike: the paper mixes in equal "
             "proportions.",
+            f"What every detector says of every picture: the measurements of {', '.join(stages)}.",
         ),
     )
 
@@ -243,8 +271,9 @@ def _curves(by_method: ByMethod, captures: Sequence[str]) -> Iterator[Chart]:
     groups: Mapping[str, Sequence[str]] = {capture_title(capture): [capture] for capture in captures}
     if len(captures) > 1:
         groups = {"All together": captures, **groups}
-    for comparison in (AS_IN_THE_PAPER, RENDERING, HIDING, CHANCE):
-        for title, among in groups.items():
+    for comparison in COMPARISONS:
+        controls_once = list(groups.items())[:1] if comparison in (RENDERING, CHANCE) else groups.items()
+        for title, among in controls_once:
             series = [
                 Series(
                     title_of(method),
