@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from stages.analysis.attribute_histograms import CHANNELS, DIVERGENCE, GAUSSIANS, HISTOGRAM, ONLY_THERE, of_attribute
 from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.paper.chapter import title_of
+from stages.analysis.paper.detection import ByMethod
 from stages.analysis.paper.grid import Cell, Grid, Line
 from stages.analysis.paper.measuring import Spread
 from stages.analysis.paper.runs import Experiment, capture_title
@@ -16,7 +17,7 @@ CHARTED = ("logit_opacities", "log_scales", "raw_features", "sh_base")
 CLASS_TITLES = {HIDDEN: "hides a message", CLEAN: "hides nothing", CLEAN_AGAIN: "hides nothing, other seed"}
 
 
-def attributes_grid(by_method: dict[str, list[Experiment]], captures: Sequence[str]) -> Grid:
+def attributes_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
     """A line for each method and attribute, a column for each capture; in small letters the same of two clean ones."""
     lines = [
         Line((title_of(method), title), tuple(_cell(experiments, quantity, capture, form) for capture in captures))
@@ -37,7 +38,7 @@ def attributes_grid(by_method: dict[str, list[Experiment]], captures: Sequence[s
     )
 
 
-def attribute_charts(by_method: dict[str, list[Experiment]]) -> Iterator[Chart]:
+def attribute_charts(by_method: ByMethod) -> Iterator[Chart]:
     """Histograms of the first capture of each method."""
     for method, (first, *_) in by_method.items():
         for attribute in CHARTED:

@@ -19,6 +19,10 @@ UNNOTICED = 0.6
 """A detector whose area is larger is right about more than six of ten pairs, and is not called blind."""
 
 
+ByMethod = dict[str, list[Experiment]]
+"""Experiments by the method that hides, in the paper's order."""
+
+
 @dataclass(frozen=True)
 class Comparison:
     """Two classes of pictures; `paired`: seen from the same cameras."""
