@@ -89,8 +89,9 @@ def area_under(curve: Sequence[tuple[float, float]]) -> float:
     return float(((true[1:] + true[:-1]) / 2 * np.diff(false)).sum())
 
 
-def bootstrap_area(scenes: Sequence[Scores], seed: int, repeats: int = 1000) -> Area:
-    """The area under the common curve of all scenes, with its 95 % interval.
+def bootstrap_area(scenes: Sequence[Scores], seed: int, common: bool = True, repeats: int = 1000) -> Area:
+    """The area under the common curve of all scenes, with its 95 % interval; or, where their scores have no `common`
+    scale, as those of several detectors, the mean of each scene's own.
 
     Scenes are drawn anew with replacement, then runs of views within each. With one scene the interval is about its
     views alone; with two or three it cannot say much about others. The same seed gives the same interval.
@@ -98,8 +99,10 @@ def bootstrap_area(scenes: Sequence[Scores], seed: int, repeats: int = 1000) -> 
     usable = [scene for scene in scenes if scene.usable]
     if not usable:
         return UNKNOWN
-    areas = _areas(usable, _drawn(usable, np.random.default_rng(seed), repeats))
-    [value] = _areas(usable, [Counts(*(np.ones((1, len(each)), int) for each in _classes(scene))) for scene in usable])
+    every = [Counts(*(np.ones((1, len(each)), int) for each in _classes(scene))) for scene in usable]
+    areas_of = _areas if common else _mean_areas
+    [value] = areas_of(usable, every)
+    areas = areas_of(usable, _drawn(usable, np.random.default_rng(seed), repeats))
     tail = (1 - CONFIDENCE) / 2
     known = areas[~np.isnan(areas)]
     low, high = np.quantile(known, [tail, 1 - tail]) if len(known) else (math.nan, math.nan)
@@ -139,6 +142,17 @@ def _areas(scenes: Sequence[Scores], counts: Sequence[Counts]) -> Float64[np.nda
     pairs = of_positives.sum(axis=1) * of_negatives.sum(axis=1)
     with np.errstate(invalid="ignore"):  # a draw of views without a single score has no area
         return np.asarray(((of_positives @ above) * of_negatives).sum(axis=1) / pairs)
+
+
+def _mean_areas(scenes: Sequence[Scores], counts: Sequence[Counts]) -> Float64[np.ndarray, " R"]:
+    """For each repeat: the mean of the scenes' own areas, of a scene that was drawn twice twice."""
+    areas = np.stack([_areas([scene], [drawn]) for scene, drawn in zip(scenes, counts, strict=True)])
+    times = np.stack(
+        [drawn.positives.sum(axis=1) / len(scene.positives) for scene, drawn in zip(scenes, counts, strict=True)]
+    )
+    times = times * ~np.isnan(areas)
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.nan_to_num(areas) * times).sum(axis=0) / times.sum(axis=0))
 
 
 def _share(values: Float64[np.ndarray, " K"]) -> Float64[np.ndarray, " K"]:

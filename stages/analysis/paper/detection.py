@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stages.analysis.learned_detection import LEARNED
 from stages.analysis.paper.grid import Cell
 from stages.analysis.paper.measuring import Spread
 from stages.analysis.paper.runs import Experiment
@@ -54,29 +55,39 @@ def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comp
 
 
 def area_of(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Area:
-    """The area over all experiments together, NaN without any; the seed of its interval follows from what it is of."""
+    """The area over all experiments together, NaN without any.
+
+    Two-sided: whoever knows that StegExpose gives renders less than photos inverts it. Not so of a learned detector,
+    which has learnt which side is which: if it takes the wrong one it has learnt nothing of this scene. Each scene has
+    a detector of its own then, so that the mean of the scenes is taken.
+    """
+    area = _directed_area(experiments, quantity, comparison)
+    return area if quantity in LEARNED else area.two_sided
+
+
+def _directed_area(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Area:
+    """The seed of its interval follows from what it is of."""
     seed = zlib.crc32(f"{quantity}: {comparison.title}".encode())
-    return bootstrap_area(scores_of(experiments, quantity, comparison), seed)
+    return bootstrap_area(scores_of(experiments, quantity, comparison), seed, common=quantity not in LEARNED)
 
 
 def area_cell(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Cell:
-    """The two-sided area with its interval, and an arrow where it is the opposite's; empty where none was measured."""
-    area = area_of(experiments, quantity, comparison)
-    if math.isnan(area.value):
+    """The area with its interval, and an arrow where it is that of the opposite; empty where none was measured."""
+    shown = area_of(experiments, quantity, comparison)
+    if math.isnan(shown.value):
         return Cell("")
-    shown = area.two_sided
-    note = f"{shown.low:.2f} to {shown.high:.2f}" + (" ↓" if area.value < 0.5 else "")
+    inverted = shown != _directed_area(experiments, quantity, comparison)
+    note = f"{shown.low:.2f} to {shown.high:.2f}" + (" ↓" if inverted else "")
     return Cell(f"{shown.value:.2f}", note, Spread(shown.value))
 
 
-def verdict(hiding: Area, chance: Area) -> str:
-    """In words, whether a detector tells what hides from what does not, given both two-sided areas: `chance` is that of
-    two trainings that hide nothing.
-    """
+def verdict(experiments: Sequence[Experiment], quantity: str) -> str:
+    """In words, whether a detector tells what hides from what does not, beside two trainings that hide nothing."""
+    hiding, chance = (area_of(experiments, quantity, comparison) for comparison in (HIDING, CHANCE))
     if math.isnan(hiding.value):
         return "not measured"
     if hiding.low <= 0.5:
         return "not told apart"
-    if hiding.low <= chance.value:
+    if hiding.low <= chance.two_sided.value:
         return "told apart, but so are two that hide nothing"
     return "told apart" if hiding.value > UNNOTICED else "hardly told apart"

@@ -71,7 +71,7 @@ def _relations(by_method: ByMethod, quantity: str, detector: str) -> Iterator[Re
     for method, experiments in by_method.items():
         areas = {}
         for capture in dict.fromkeys(each.capture for each in experiments):
-            area = area_of([each for each in experiments if each.capture == capture], quantity, HIDING).two_sided
+            area = area_of([each for each in experiments if each.capture == capture], quantity, HIDING)
             if not math.isnan(area.value):
                 areas[capture] = area
         if areas:

@@ -13,6 +13,7 @@ from stages.analysis.paper.detection import (
     CHANCE,
     COMPARISONS,
     HIDING,
+    RENDERING,
     ByMethod,
     Comparison,
     area_cell,
@@ -44,10 +45,6 @@ CLASS_TITLES = {
 def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: ByMethod) -> Grid:
     """What is not secure, in words."""
 
-    def told(by_method: ByMethod, method: str, quantity: str) -> Cell:
-        areas = (area_of(by_method.get(method, []), quantity, each).two_sided for each in (HIDING, CHANCE))
-        return Cell(verdict(*areas))
-
     def file(method: str) -> Cell:
         rows = [row for each in by_attributes.get(method, []) for row in each.rows if row.quantity == ONLY_THERE]
         own = {row.value for row in rows if row.condition == HIDDEN}
@@ -64,8 +61,8 @@ def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: 
             Line(
                 (title_of(method),),
                 (
-                    told(by_stegexpose, method, FUSION),
-                    *(told(by_learning, method, quantity) for quantity in LEARNED),
+                    Cell(verdict(by_stegexpose.get(method, []), FUSION)),
+                    *(Cell(verdict(by_learning.get(method, []), quantity)) for quantity in LEARNED),
                     file(method),
                 ),
             )
@@ -102,13 +99,12 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
 
 def _finding(method: str, experiments: Sequence[Experiment]) -> str:
     """What a method's areas say in words."""
-    photos, rendering, hiding, chance = (
-        area_of(experiments, FUSION, comparison).two_sided for comparison in COMPARISONS
-    )
+    photos, rendering = (area_of(experiments, FUSION, comparison) for comparison in (AS_IN_THE_PAPER, RENDERING))
     seen = "mostly that they are renders" if rendering.value > photos.value - 0.05 else "more than rendering"
     return (
         f"{title_of(method)}: renders are told from photos by {photos.value:.2f}, and by {rendering.value:.2f} where "
-        f"nothing is hidden: what is seen is {seen}. Renders with and without a message: {verdict(hiding, chance)}."
+        f"nothing is hidden: what is seen is {seen}. Renders with and without a message: "
+        f"{verdict(experiments, FUSION)}."
     )
 
 
@@ -147,7 +143,7 @@ def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
     rows = [row for experiments in by_method.values() for each in experiments for row in each.rows]
     counts = sorted({int(row.value) for row in rows if row.quantity == TRAINING_SCENES and row.value > 0})
     return Grid(
-        "A network on noise residuals, trained on the other scenes: area under the ROC curve, two-sided",
+        "A network on noise residuals, trained on the other scenes: area under the ROC curve",
         ("Method", "Looks at", "Told apart"),
         (*map(capture_title, captures), "All together"),
         tuple(
@@ -161,7 +157,8 @@ def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
             f"Each detector knows the method, and learnt from {' or '.join(map(str, counts))} other scene(s), of each "
             "of which it saw one container and one clean training: it may have learnt what sets these few apart, and "
             "one that saw hundreds would do better. An area near 0.5 is no proof of security; one that is far from it, "
-            "and farther than that of two clean trainings, is proof of the opposite."
+            "and farther than that of two clean trainings, is proof of the opposite. Below 0.5: what it learnt "
+            "elsewhere is the other way round here."
             if counts
             else "Not measured: it takes renders of two captures at least, one to learn from and one to be tested on.",
         ),
@@ -178,7 +175,7 @@ def counts_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
         ]
         return max(counts, default=0)
 
-    stages = dict.fromkeys(each.stage for experiments in by_method.values() for each in experiments)
+    stages = dict.fromkeys(each.stage.partition("[")[0] for experiments in by_method.values() for each in experiments)
     return Grid(
         "Pictures of each class",
         ("Class",),

@@ -103,3 +103,10 @@ def test_the_seed_decides() -> None:
     scene = scores([0.1, 0.5, 0.9, 0.3], [0.2, 0.4, 0.3, 0.8])
     assert bootstrap_area([scene], seed=1) == bootstrap_area([scene], seed=1)
     assert bootstrap_area([scene], seed=1) != bootstrap_area([scene], seed=2)
+
+
+def test_scores_without_a_common_scale_are_compared_within_scenes() -> None:
+    scenes = [scores([1.1, 1.3], [1.0, 1.2]), scores([9.0, 9.0], [7.0, 8.0]), scores([math.nan], [1.0])]
+    assert bootstrap_area(scenes, 0, common=False).value == pytest.approx((0.75 + 1) / 2)
+    area = bootstrap_area([scores([1.0] * 4, [0.0] * 4), scores([0.0] * 4, [1.0] * 4)], 0, common=False)
+    assert (area.low, area.value, area.high) == pytest.approx((0, 0.5, 1))
