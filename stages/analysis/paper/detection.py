@@ -90,4 +90,5 @@ def verdict(experiments: Sequence[Experiment], quantity: str) -> str:
         return "not told apart"
     if hiding.low <= chance.two_sided.value:
         return "told apart, but so are two that hide nothing"
-    return "told apart" if hiding.value > UNNOTICED else "hardly told apart"
+    told = "told apart" if hiding.value > UNNOTICED else "hardly told apart"
+    return told + (", how far chance does it was not measured" if math.isnan(chance.value) else "")
