@@ -90,6 +90,25 @@ def test_what_varies_settings(photos: Path, workflow: str) -> None:
 
 
 @pytest.mark.slow
+def test_what_detectors_find(photos: Path) -> None:
+    """Each of two covers is tested by what is learnt from the other; twins of one method are trained once."""
+    row = {**ROW, "twin": "gs_hider", "other_seed": 1}
+    rows = [
+        row,
+        {**row, "cover": "kitchen", "message": "fox"},
+        {**row, "method": "decoder", "twin": "sh"},
+        {**row, "method": "sh", "twin": "sh"},
+    ]
+    tested = "tested={cover: [fox, kitchen], method: [gs_hider, sh]}"
+    ended = run(photos, "security", rows, "views=5", tested, "learned.iterations=2", "gaussians=500")
+    assert len([name for name in ended if name.startswith("clean[")]) == 3
+    assert len([name for name in ended if name.startswith("learned[")]) == 4
+    written = figures(ended)
+    assert any("feature maps" in row["line"] and row["column"] == "kitchen" for row in written), written
+    assert any("attributes that only it has" in row["line"] and float(row["value"]) == 2 for row in written), written
+
+
+@pytest.mark.slow
 def test_an_image_in_one_view(photos: Path) -> None:
     rows = [{**row, "image": str(photos / row["image"])} for row in IMAGES]
     ended = run(photos, "hide_image", rows)

@@ -24,6 +24,7 @@ from stages.analysis.paper.relations import NOISES, Relation, relations_grid
 from stages.analysis.paper.runs import Study, capture_title, method_title
 from stages.analysis.paper.several_messages import several_messages
 from stages.analysis.paper.single_image import single_image
+from stages.analysis.paper.steganalysis import steganalysis
 from stages.imaging.lpips_weights import HOW_TO_INSTALL
 
 RESOURCES = ("templates/*",)
@@ -37,6 +38,7 @@ WRITERS: Mapping[str, Writer] = {
     "probes": probes,
     "ablations": ablations,
     "plateau": plateau,
+    "steganalysis": steganalysis,
 }
 PAPER_TITLES = {
     "fidelity": ("Fidelity", "All metrics"),
