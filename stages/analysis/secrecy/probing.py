@@ -1,0 +1,208 @@
+"""All readings of one container without its secret: their measurements, and pictures of the test views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.analysis.comparisons import Comparison, Role
+from stages.analysis.measurements import Measurement
+from stages.analysis.secrecy.blind import blind_readings, stretched, with_true_colours
+from stages.analysis.secrecy.conditions import BLIND, COVER_ITSELF, LINEAR, OPEN, OWNER, SURROGATE, VIEWS_SEEN
+from stages.analysis.secrecy.feature_map import feature_map_correlations
+from stages.analysis.secrecy.linear_surrogate import linear_surrogate
+from stages.analysis.secrecy.measuring import picture_readings
+from stages.analysis.secrecy.observing import Observed, observe
+from stages.analysis.secrecy.open_message import open_reader
+from stages.analysis.secrecy.readers import MESSAGE_DECODER, read, seeded_reader
+from stages.analysis.secrecy.surrogate import SurrogateSettings, seen_views, train_surrogate
+from stages.analysis.secrecy.wrong_decoder import wrong_readings
+from stages.hiding.method import Method
+from stages.imaging.pictures import tensor_to_picture
+from stages.scene.cameras import single_cameras
+from stages.scene.gaussians import Gaussians
+from stages.scene.message_views import MessageViews
+from stages.scene.scene import Scene
+
+Readings = Sequence[Float[Tensor, "L H W 3"]]
+
+
+@dataclass(frozen=True)
+class SecrecySettings:
+    """As the parameters of `probe_secrecy`."""
+
+    wrong_decoders: int
+    start_seed: int | None
+    shares: tuple[float, ...]
+    seeds: tuple[int, ...]
+    surrogates: SurrogateSettings
+
+
+@dataclass
+class Probe:
+    """Everything that is known of one container. `public` is its method without the secret, `owner` with it.
+
+    `clean` are the test views of a container that hides nothing, or none.
+    """
+
+    gaussians: Gaussians
+    public: Method
+    owner: Method
+    scene: Scene
+    messages: Mapping[str, MessageViews]
+    clean: Sequence[Observed]
+    settings: SecrecySettings
+    rows: list[Measurement] = field(default_factory=list)
+    pictures: list[Comparison] = field(default_factory=list)
+
+    def run(self, progress: Callable[[int, int], None]) -> tuple[list[Measurement], list[Comparison]]:
+        """All readings; `progress` is told how much is done, of how much."""
+        opened = open_reader(self.public, self.gaussians)
+        decoded = MESSAGE_DECODER in self.owner.networks
+        tick = _counting(progress, self._amount(decoded))
+        views = self._observed(opened or self.public, self.scene.test_names)
+        self._add_pictures(OWNER, self._rendered(self.owner, tuple(self.messages)), views)
+        if opened is not None:
+            self._add_pictures(OPEN, self._rendered(opened, opened.messages), views)  # type: ignore[attr-defined]
+        self._feature_maps(views)
+        self._blind(opened or self.public, views)
+        if decoded:
+            self._wrong(views, tick)
+            self._surrogates(views, tick)
+        return self.rows, self.pictures
+
+    def _amount(self, decoded: bool) -> int:
+        settings = self.settings
+        trainings = len(settings.seeds) * sum(share > 0 for share in settings.shares)
+        return 2 * settings.wrong_decoders + 1 + trainings * settings.surrogates.steps if decoded else 1
+
+    def _observed(self, method: Method, names: Sequence[str]) -> list[Observed]:
+        return observe(self.gaussians, method, self.scene, self.messages, names)
+
+    @torch.no_grad()
+    def _rendered(self, method: Method, names: Sequence[str]) -> Readings:
+        cameras = single_cameras(self.scene.cameras.select(self.scene.test_names))
+        shown = [method.render(self.gaussians, camera, wanted=names).pictures for camera in cameras]
+        return [torch.stack([pictures[name] for name in names]) for pictures in shown]
+
+    def _feature_maps(self, views: Sequence[Observed]) -> None:
+        for found in feature_map_correlations(views):
+            figures = {
+                "correlation_cover": found.cover,
+                "correlation": found.own,
+                "correlation_others": found.others,
+                "edges_cover": found.edges_cover,
+                "edges": found.edges_own,
+                "edges_others": found.edges_others,
+            }
+            self._add(figures, found.line, views[found.view].view, found.message)
+        for found in feature_map_correlations(self.clean):
+            figures = {"correlation_clean": found.own, "edges_clean": found.edges_own}
+            self._add(figures, found.line, self.clean[found.view].view, found.message)
+
+    def _blind(self, public: Method, views: Sequence[Observed]) -> None:
+        readings = blind_readings(public, views, seed=0)
+        for name, maps in readings.items():
+            self._show(name, "feature_map", [seen.cover for seen in views], stretched(maps))
+        readings[COVER_ITSELF] = [seen.cover for seen in views]
+        for name, maps in readings.items():
+            self._add_pictures(BLIND.format(name), _coloured(maps, views), views, 0.0)
+        if self.clean:
+            for name, maps in blind_readings(public, self.clean, seed=0).items():
+                coloured = _coloured(maps, self.clean)
+                self._add_pictures(f"{BLIND.format(name)}, nothing hidden", coloured, self.clean, 0.0, shown=False)
+
+    def _wrong(self, views: Sequence[Observed], tick: Callable[[], None]) -> None:
+        settings, shown = self.settings, set[str]()
+        for wrong in wrong_readings(self.public, views, settings.wrong_decoders, settings.start_seed, tick):
+            first = wrong.condition not in shown
+            self._add_pictures(wrong.condition, wrong.readings, views, None, wrong.seed, first)
+            shown.add(wrong.condition)
+
+    def _surrogates(self, views: Sequence[Observed], tick: Callable[[], None]) -> None:
+        for seed in self.settings.seeds:
+            done: dict[int, dict[str, Readings]] = {}
+            for share in (each for each in self.settings.shares if each > 0):
+                names = seen_views(self.scene.train_names, share, seed)
+                if len(names) not in done:  # of few views, several shares are one and the same number
+                    done[len(names)] = self._trained(names, views, seed, tick)
+                for condition, readings in done[len(names)].items():
+                    self._add_pictures(condition, readings, views, share, seed, seed == self.settings.seeds[0])
+                row = Measurement(VIEWS_SEEN, len(names), SURROGATE, share, seed, method=self.public.name)
+                self.rows.append(row)
+
+    def _trained(
+        self, names: Sequence[str], views: Sequence[Observed], seed: int, tick: Callable[[], None]
+    ) -> dict[str, Readings]:
+        seen = self._observed(self.public, names)
+        reader = seeded_reader(self.public, len(self.messages), seed)
+        train_surrogate(reader, seen, self.settings.surrogates, seed, tick)
+        with torch.no_grad():
+            network = [read(reader, each) for each in views]
+        return {SURROGATE: network, LINEAR: linear_surrogate(seen, views)}
+
+    def _add(
+        self,
+        figures: Mapping[str, float],
+        condition: str,
+        view: str,
+        message: int,
+        severity: float | None = None,
+        seed: int | None = None,
+    ) -> None:
+        title = list(self.messages)[message]
+        self.rows += [
+            Measurement(name, value, condition, severity, seed, view, "test", title, self.public.name)
+            for name, value in figures.items()
+        ]
+
+    def _add_pictures(
+        self,
+        condition: str,
+        readings: Readings,
+        views: Sequence[Observed],
+        severity: float | None = None,
+        seed: int | None = None,
+        shown: bool = True,
+    ) -> None:
+        for view, message, figures in picture_readings(readings, views):
+            self._add(figures, condition, views[view].view, message, severity, seed)
+        for message, title in enumerate(self.messages if shown else ()):
+            name = f"{title}: {condition}" + (f", {severity:.0%}" if severity else "")
+            truths = [seen.truths[message] for seen in views]
+            self._show(name, "message", truths, [reading[message] for reading in readings])
+
+    def _show(self, title: str, role: Role, truths: Sequence[Tensor], readings: Sequence[Tensor]) -> None:
+        names = self.scene.test_names
+        truth, rendered = (np.stack([tensor_to_picture(each) for each in group]) for group in (truths, readings))
+        splits = ("test",) * len(names)
+        self.pictures.append(Comparison(title, role, self.public.name, names, splits, truth, rendered))
+
+
+def _coloured(maps: Sequence[Float[Tensor, "H W C"]], views: Sequence[Observed]) -> Readings:
+    return [
+        torch.stack(
+            [
+                with_true_colours(each, truth, coverage)
+                for truth, coverage in zip(seen.truths, seen.coverage, strict=True)
+            ]
+        )
+        for each, seen in zip(maps, views, strict=True)
+    ]
+
+
+def _counting(progress: Callable[[int, int], None], total: int) -> Callable[[], None]:
+    def counts() -> Iterator[None]:
+        for done in range(1, total + 1):
+            progress(done, total)
+            yield
+        while True:
+            yield
+
+    ticks = counts()
+    return lambda: next(ticks)
