@@ -31,9 +31,9 @@ class ProbeSecrecyParameters(Parameters):
         (0.0, 0.01, 0.05, 0.2), description="Shares of the training views whose message leaked, each from 0 to 1."
     )
     seeds: tuple[int, ...] = Field((0, 1, 2), description="Of surrogates: which views leaked, and first weights.")
-    steps: int = Field(600, ge=1, description="Of Adam, for each surrogate.")
-    crop: int = Field(40, ge=8, description="Side of the square that a step sees, in pixels.")
-    rate: float = Field(3e-3, gt=0, description="Of Adam at first; it falls to nothing.")
+    steps: int = Field(3000, ge=1, description="Of Adam, for each surrogate.")
+    crop: int = Field(32, ge=8, description="Side of the square that a step sees, in pixels.")
+    rate: float = Field(1e-2, gt=0, description="Of Adam at first; it falls to nothing.")
     threads: int = Field(1, ge=1, description="Threads of torch.")
 
 

@@ -28,9 +28,20 @@ from stages.analysis.paper.secrecy_figures import (
     rows_of,
 )
 from stages.analysis.paper.secrecy_words import words_on
-from stages.analysis.secrecy.blind import CHANNELS, COMPONENTS
-from stages.analysis.secrecy.conditions import BLIND, COVER_ITSELF, LINEAR, OPEN, OWNER, SURROGATE, VIEWS_SEEN, WRONG
-from stages.analysis.secrecy.feature_map import ALL, LINES
+from stages.analysis.secrecy.conditions import (
+    ALL,
+    BLIND,
+    CHANNELS,
+    COMPONENTS,
+    COVER_ITSELF,
+    LINEAR,
+    LINES,
+    OPEN,
+    OWNER,
+    SURROGATE,
+    VIEWS_SEEN,
+    WRONG,
+)
 
 CORRELATION = "residual_correlation"
 """As which quantity a correlation is written."""

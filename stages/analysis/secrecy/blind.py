@@ -12,25 +12,17 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.analysis.fidelity import COVERED
+from stages.analysis.secrecy.conditions import CHANNELS, COMPONENTS, IGNORED, SHOWN, UNEXPLAINED
 from stages.analysis.secrecy.linear import least_squares, neighbourhoods
 from stages.analysis.secrecy.observing import Observed
 from stages.hiding.coupled import CoupledFeatures
 from stages.hiding.method import Method
-
-SHOWN = 3
-"""Channels that a person can look at at once."""
 
 PROBES = 4
 """Random directions of the scene decoder's output for each view, to find what it is sensitive to."""
 
 SMALLEST_SENSITIVITY = 1e-3
 """Of the mean over all directions; a direction less sensitive than that is as good as ignored."""
-
-CHANNELS = "first channels"
-COMPONENTS = "principal components"
-UNEXPLAINED = "what the cover does not explain"
-IGNORED = "what the scene decoder ignores"
 
 Maps = list[Float[Tensor, "H W C"]]
 
@@ -100,21 +92,6 @@ def stretched(maps: Maps) -> Maps:
     span = torch.where(high > low, high - low, torch.ones_like(high))
     offset = torch.where(high > low, low, low - 0.5)
     return [((each - offset) / span).clamp(0, 1) for each in maps]
-
-
-def with_true_colours(
-    reading: Float[Tensor, "H W C"], truth: Float[Tensor, "H W 3"], coverage: Float[Tensor, "H W"]
-) -> Float[Tensor, "H W 3"]:
-    """A reading of one view with the colours of the truth: the affine map of its channels that fits the covered pixels.
-
-    What a blind reading is at its best, if somebody told the attacker what is which colour: twelve numbers. As it is
-    where the message covers nothing.
-    """
-    mask = coverage >= COVERED
-    regressors = neighbourhoods(reading, 1)
-    if not mask.any():
-        return reading[..., :SHOWN]
-    return (regressors @ least_squares([regressors[mask]], [truth[mask]])).clamp(0, 1)
 
 
 def _along(maps: Sequence[Float[Tensor, "H W M"]], directions: Float[Tensor, "M C"]) -> Maps:

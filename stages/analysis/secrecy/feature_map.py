@@ -11,25 +11,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.analysis.secrecy.blind import CHANNELS, COMPONENTS, SHOWN, principal_directions
-from stages.analysis.secrecy.linear import explained, neighbourhoods
-from stages.analysis.secrecy.measuring import edges, luminance, matched
+from stages.analysis.secrecy.blind import principal_directions
+from stages.analysis.secrecy.conditions import ALL, CHANNEL, CHANNELS, COMPONENT, COMPONENTS, SHOWN
+from stages.analysis.secrecy.linear import multiple_correlations, neighbourhoods
+from stages.analysis.secrecy.measuring import edges, luminance, matched, mean_of_others
 from stages.analysis.secrecy.observing import Observed
-
-ALL = "all channels together"
-CHANNEL, COMPONENT = "channel {}", "principal component {}"
-LINES = (
-    *(CHANNEL.format(number + 1) for number in range(SHOWN)),
-    *(COMPONENT.format(number + 1) for number in range(SHOWN)),
-    CHANNELS,
-    COMPONENTS,
-    ALL,
-)
-"""What is correlated, in the order of the table; the last three by multiple correlation."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +90,7 @@ def _of_several(
     found = []
     for view, (channels, seen) in enumerate(zip(maps, views, strict=True)):
         regressors = neighbourhoods(channels, 1)
-        values = [explained(regressors, truth) for truth in truths]
+        with_cover, *values = multiple_correlations(regressors, torch.stack([luminance(seen.cover), *truths], dim=-1))
         own = values.pop(view)
-        others = float(np.mean(values)) if values else math.nan
-        found.append(Correlated(line, view, message, explained(regressors, luminance(seen.cover)), own, others))
+        found.append(Correlated(line, view, message, with_cover, own, mean_of_others(values)))
     return found

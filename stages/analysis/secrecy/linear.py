@@ -40,12 +40,15 @@ def least_squares(
     return torch.linalg.solve(products + ridge, moments).float()
 
 
-def explained(regressors: Float[Tensor, "*P D"], target: Float[Tensor, "*P"]) -> float:
-    """The multiple correlation: that of `target` with its best linear prediction, from 0 to 1.
+def multiple_correlations(regressors: Float[Tensor, "*P D"], targets: Float[Tensor, "*P T"]) -> list[float]:
+    """Of each target with its best linear prediction, from 0 to 1; the regressors hold a constant one.
 
-    `regressors` hold a constant one. 0 where the target is constant: there is nothing to explain.
+    0 for a target that is constant: there is nothing to predict.
     """
-    wanted = target.reshape(-1, 1)
-    rest = wanted - regressors.reshape(len(wanted), -1) @ least_squares([regressors], [target[..., None]])
-    variance = float((wanted - wanted.mean()).double().square().sum())
-    return max(0.0, 1 - float(rest.double().square().sum()) / variance) ** 0.5 if variance > 0 else 0.0
+    wanted = targets.reshape(-1, targets.shape[-1])
+    rest = wanted - regressors.reshape(len(wanted), -1) @ least_squares([regressors], [targets])
+    left, variance = rest.double().square().sum(0), (wanted - wanted.mean(0)).double().square().sum(0)
+    return [
+        max(0.0, 1 - unexplained / whole) ** 0.5 if whole > 0 else 0.0
+        for unexplained, whole in zip(left.tolist(), variance.tolist(), strict=True)
+    ]

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from stages.analysis.comparisons import Comparison, Role
 from stages.analysis.measurements import Measurement
-from stages.analysis.secrecy.blind import blind_readings, stretched, with_true_colours
-from stages.analysis.secrecy.conditions import BLIND, COVER_ITSELF, LINEAR, OPEN, OWNER, SURROGATE, VIEWS_SEEN
+from stages.analysis.secrecy.blind import blind_readings, stretched
+from stages.analysis.secrecy.conditions import BLIND, LINEAR, LOSS, NOTHING_HIDDEN, OPEN, OWNER, SURROGATE, VIEWS_SEEN
 from stages.analysis.secrecy.feature_map import feature_map_correlations
 from stages.analysis.secrecy.linear_surrogate import linear_surrogate
 from stages.analysis.secrecy.measuring import picture_readings
@@ -30,6 +30,22 @@ from stages.scene.message_views import MessageViews
 from stages.scene.scene import Scene
 
 Readings = Sequence[Float[Tensor, "L H W 3"]]
+
+
+PROBES_SEED = 0
+"""Of the scene decoder's random probes: any will do."""
+
+LAST_STEPS = 100
+"""Over which a surrogate's loss is averaged."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What surrogates show of the test views: a network, and least squares; `loss` is the network's at its end."""
+
+    network: Readings
+    linear: Readings
+    loss: float
 
 
 @dataclass(frozen=True)
@@ -106,45 +122,48 @@ class Probe:
             self._add(figures, found.line, self.clean[found.view].view, found.message)
 
     def _blind(self, public: Method, views: Sequence[Observed]) -> None:
-        readings = blind_readings(public, views, seed=0)
+        readings = {name: stretched(maps) for name, maps in blind_readings(public, views, PROBES_SEED).items()}
         for name, maps in readings.items():
-            self._show(name, "feature_map", [seen.cover for seen in views], stretched(maps))
-        readings[COVER_ITSELF] = [seen.cover for seen in views]
-        for name, maps in readings.items():
-            self._add_pictures(BLIND.format(name), _coloured(maps, views), views, 0.0)
-        if self.clean:
-            for name, maps in blind_readings(public, self.clean, seed=0).items():
-                coloured = _coloured(maps, self.clean)
-                self._add_pictures(f"{BLIND.format(name)}, nothing hidden", coloured, self.clean, 0.0, shown=False)
+            self._show(name, "feature_map", [seen.cover for seen in views], maps)
+            self._add_readings(BLIND.format(name), self._of_each_message(maps), views, 0.0)
+        for name, maps in blind_readings(public, self.clean, PROBES_SEED).items() if self.clean else ():
+            condition = NOTHING_HIDDEN.format(BLIND.format(name))
+            self._add_readings(condition, self._of_each_message(stretched(maps)), self.clean, 0.0)
+
+    def _of_each_message(self, maps: Sequence[Float[Tensor, "H W C"]]) -> Readings:
+        """One and the same reading, taken for each of the messages."""
+        return [each.expand(len(self.messages), *each.shape) for each in maps]
 
     def _wrong(self, views: Sequence[Observed], tick: Callable[[], None]) -> None:
         settings, shown = self.settings, set[str]()
         for wrong in wrong_readings(self.public, views, settings.wrong_decoders, settings.start_seed, tick):
-            first = wrong.condition not in shown
-            self._add_pictures(wrong.condition, wrong.readings, views, None, wrong.seed, first)
+            add = self._add_readings if wrong.condition in shown else self._add_pictures
+            add(wrong.condition, wrong.readings, views, None, wrong.seed)
             shown.add(wrong.condition)
 
     def _surrogates(self, views: Sequence[Observed], tick: Callable[[], None]) -> None:
         for seed in self.settings.seeds:
-            done: dict[int, dict[str, Readings]] = {}
+            add = self._add_pictures if seed == self.settings.seeds[0] else self._add_readings
+            done: dict[int, Trained] = {}
             for share in (each for each in self.settings.shares if each > 0):
                 names = seen_views(self.scene.train_names, share, seed)
                 if len(names) not in done:  # of few views, several shares are one and the same number
                     done[len(names)] = self._trained(names, views, seed, tick)
-                for condition, readings in done[len(names)].items():
-                    self._add_pictures(condition, readings, views, share, seed, seed == self.settings.seeds[0])
-                row = Measurement(VIEWS_SEEN, len(names), SURROGATE, share, seed, method=self.public.name)
-                self.rows.append(row)
+                trained = done[len(names)]
+                add(SURROGATE, trained.network, views, share, seed)
+                add(LINEAR, trained.linear, views, share, seed)
+                self.rows += [
+                    Measurement(quantity, value, SURROGATE, share, seed, method=self.public.name)
+                    for quantity, value in ((VIEWS_SEEN, float(len(names))), (LOSS, trained.loss))
+                ]
 
-    def _trained(
-        self, names: Sequence[str], views: Sequence[Observed], seed: int, tick: Callable[[], None]
-    ) -> dict[str, Readings]:
+    def _trained(self, names: Sequence[str], views: Sequence[Observed], seed: int, tick: Callable[[], None]) -> Trained:
         seen = self._observed(self.public, names)
         reader = seeded_reader(self.public, len(self.messages), seed)
-        train_surrogate(reader, seen, self.settings.surrogates, seed, tick)
+        losses = train_surrogate(reader, seen, self.settings.surrogates, seed, tick)
         with torch.no_grad():
             network = [read(reader, each) for each in views]
-        return {SURROGATE: network, LINEAR: linear_surrogate(seen, views)}
+        return Trained(network, linear_surrogate(seen, views), float(np.mean(losses[-LAST_STEPS:])))
 
     def _add(
         self,
@@ -168,32 +187,29 @@ class Probe:
         views: Sequence[Observed],
         severity: float | None = None,
         seed: int | None = None,
-        shown: bool = True,
     ) -> None:
-        for view, message, figures in picture_readings(readings, views):
-            self._add(figures, condition, views[view].view, message, severity, seed)
-        for message, title in enumerate(self.messages if shown else ()):
+        self._add_readings(condition, readings, views, severity, seed)
+        for message, title in enumerate(self.messages):
             name = f"{title}: {condition}" + (f", {severity:.0%}" if severity else "")
             truths = [seen.truths[message] for seen in views]
             self._show(name, "message", truths, [reading[message] for reading in readings])
+
+    def _add_readings(
+        self,
+        condition: str,
+        readings: Readings,
+        views: Sequence[Observed],
+        severity: float | None = None,
+        seed: int | None = None,
+    ) -> None:
+        for view, message, figures in picture_readings(readings, views):
+            self._add(figures, condition, views[view].view, message, severity, seed)
 
     def _show(self, title: str, role: Role, truths: Sequence[Tensor], readings: Sequence[Tensor]) -> None:
         names = self.scene.test_names
         truth, rendered = (np.stack([tensor_to_picture(each) for each in group]) for group in (truths, readings))
         splits = ("test",) * len(names)
         self.pictures.append(Comparison(title, role, self.public.name, names, splits, truth, rendered))
-
-
-def _coloured(maps: Sequence[Float[Tensor, "H W C"]], views: Sequence[Observed]) -> Readings:
-    return [
-        torch.stack(
-            [
-                with_true_colours(each, truth, coverage)
-                for truth, coverage in zip(seen.truths, seen.coverage, strict=True)
-            ]
-        )
-        for each, seen in zip(maps, views, strict=True)
-    ]
 
 
 def _counting(progress: Callable[[int, int], None], total: int) -> Callable[[], None]:

@@ -24,9 +24,9 @@ from stages.hiding.method import Method
 class SurrogateSettings:
     """`rate` is Adam's, and falls to nothing over all `steps`; each step sees one square of `crop` pixels a side."""
 
-    steps: int = 600
-    crop: int = 40
-    rate: float = 3e-3
+    steps: int
+    crop: int
+    rate: float
 
 
 def seen_views(views: Sequence[str], share: float, seed: int) -> tuple[str, ...]:
