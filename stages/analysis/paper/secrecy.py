@@ -19,8 +19,9 @@ def secrecy(study: Study, tables: Published) -> Chapter:
         return Chapter("Secrecy of the message", ())
     grids = (wrong_grid(found), surrogate_grid(found), feature_map_grid(found))
     charts = (
-        _chart("Message PSNR over the share of its views that leaked", "psnr_covered", "dB, covered pixels", found),
-        _chart("Correlation with the message", "correlation", "without sign", found),
+        _chart("The message as surrogates show it", "psnr_covered", "PSNR over its pixels (dB)", found),
+        _chart("The same in true colours", "psnr_coloured", "PSNR over its pixels (dB)", found),
+        _chart("Correlation with the message", "correlation", "Multiple correlation", found),
         *(_size_chart(share, found) for share in all_shares(found) if share > 0),
     )
     return Chapter(
@@ -32,14 +33,13 @@ def secrecy(study: Study, tables: Published) -> Chapter:
 
 
 def _chart(title: str, quantity: str, upward: str, found: Found) -> Chart | None:
-    """A line for each kind of container; at 0 the best blind reading, or public attributes."""
+    """A line for each kind of container; at 0 public attributes, or the best blind reading in true colours."""
     series = []
     for kind, experiments in found.items():
-        opened = figure(experiments, quantity, OPEN)
-        if opened.count:
-            points = [(100 * share, opened.mean) for share in all_shares(found)]
+        if figure(experiments, quantity, OPEN).count:
+            points = [(100 * share, figure(experiments, quantity, OPEN).mean) for share in all_shares(found)]
         else:
-            blind = best_blind(experiments)
+            blind = best_blind(experiments) if quantity != "psnr_covered" else None
             points = [(0.0, figure(experiments, quantity, blind).mean)] if blind else []
             points += [
                 (100 * share, figure(experiments, quantity, SURROGATE, share).mean)
@@ -47,7 +47,7 @@ def _chart(title: str, quantity: str, upward: str, found: Found) -> Chart | None
                 if share > 0
             ]
         series.append(Series(kind.title, tuple(points)))
-    return line_chart(title, series, from_zero=True, axes=("Share of the training views that leaked (%)", upward))
+    return line_chart(title, series, axes=("Share of the training views that leaked (%)", upward))
 
 
 def _size_chart(share: float, found: Found) -> Chart | None:
@@ -65,4 +65,4 @@ def _size_chart(share: float, found: Found) -> Chart | None:
         if len(points) > 1:
             series.append(Series(Kind(method, None).title, points))
     title = f"Does small M leak more? A surrogate with {share:.0%} of the views"
-    return line_chart(title, series, from_zero=True, axes=("M", "dB to the owner's decoder")) if series else None
+    return line_chart(title, series, axes=("M", "dB to the owner's decoder")) if series else None

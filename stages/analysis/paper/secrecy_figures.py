@@ -10,7 +10,7 @@ from stages.analysis.measurements import Measurement
 from stages.analysis.page.material import METHOD_TITLES
 from stages.analysis.paper.measuring import Measured, Spread
 from stages.analysis.paper.runs import Experiment, Study, capture_title
-from stages.analysis.secrecy.conditions import BLIND, COVER_ITSELF, OWNER, SURROGATE
+from stages.analysis.secrecy.conditions import BLIND, NOTHING_HIDDEN, OWNER, SURROGATE
 
 HARMONICS = ("sh", "decoder")
 """Methods without features, and so without M."""
@@ -110,21 +110,20 @@ def shares(experiments: Sequence[Experiment], condition: str = SURROGATE) -> tup
 
 
 def best_blind(experiments: Sequence[Experiment]) -> str | None:
-    """The condition of the blind reading that shows most of the message; None where there is none.
+    """The condition of the blind reading that shows most of the message in true colours; None where there is none.
 
     Which it is, only the owner can tell: this is the most that a blind reader could have picked.
     """
-    prefix, control = BLIND.format(""), BLIND.format(COVER_ITSELF)
-    conditions = {
-        row.condition
-        for experiment in experiments
-        for row in experiment.rows
-        if row.condition.startswith(prefix)
-        and row.condition != control
-        and not row.condition.endswith("nothing hidden")
-    }
-    scores = {each: figure(experiments, "psnr_covered", each).mean for each in sorted(conditions)}
+    conditions = blind_conditions(experiments)
+    scores = {each: figure(experiments, "psnr_coloured", each).mean for each in conditions}
     return max(scores, key=lambda each: scores[each]) if scores else None
+
+
+def blind_conditions(experiments: Sequence[Experiment]) -> tuple[str, ...]:
+    """The conditions of blind readings, in the order measured; not those of the control that hides nothing."""
+    conditions = dict.fromkeys(row.condition for experiment in experiments for row in experiment.rows)
+    prefix, control = BLIND.format(""), NOTHING_HIDDEN.format("")
+    return tuple(each for each in conditions if each.startswith(prefix) and not each.endswith(control))
 
 
 def captures_of(experiments: Iterable[Experiment]) -> str:

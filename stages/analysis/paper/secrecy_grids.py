@@ -15,13 +15,15 @@ from stages.analysis.paper.grid import (
     figure_cell,
     without_empty_columns,
 )
-from stages.analysis.paper.measuring import Spread
+from stages.analysis.paper.measuring import UNKNOWN, Spread
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.paper.secrecy_figures import (
     Found,
+    Kind,
     all_of,
     all_shares,
     best_blind,
+    blind_conditions,
     captures_of,
     figure,
     mean_over,
@@ -30,12 +32,11 @@ from stages.analysis.paper.secrecy_figures import (
 from stages.analysis.paper.secrecy_words import words_on
 from stages.analysis.secrecy.conditions import (
     ALL,
-    BLIND,
     CHANNELS,
     COMPONENTS,
-    COVER_ITSELF,
     LINEAR,
     LINES,
+    NOTHING_HIDDEN,
     OPEN,
     OWNER,
     SURROGATE,
@@ -77,10 +78,11 @@ def wrong_grid(found: Found) -> Grid:
         ("PSNR (dB)", "To one colour", "Best of them", "Correlation", "With other views"),
         tuple(lines),
         (
-            "± is over decoders. Correlation: of luminances, without sign, with the message of that view; beside it, "
-            "as the control, with the message of the other test views. A decoder that shows the message in negative "
-            "has a low PSNR and a high correlation. The paper shows what one random decoder makes of it, and "
-            'finds it "completely unable to reconstruct the hidden scene"; it gives no figure.',
+            "± is over decoders. Correlation: the multiple correlation of the message's luminance with the three "
+            "channels that are shown; beside it, as the control, the same with the message of the other test views. A "
+            "decoder that shows the message in negative has a low PSNR and a high correlation. The paper shows what "
+            'one random decoder makes of it, and finds it "completely unable to reconstruct the hidden scene"; it '
+            "gives no figure.",
             "That a random decoder shows nothing says little: it shows nothing of any picture. The surrogates below "
             "say how much the secret is worth.",
         ),
@@ -95,45 +97,60 @@ def _best(experiments: Sequence[Experiment], reader: str) -> float:
 
 
 def surrogate_grid(found: Found) -> Grid:
+    """A line for each way to read, a column for each share of the views that leaked."""
     every = [share for share in all_shares(found) if share > 0]
-    lines = []
-    for kind, experiments in found.items():
-        owner = _reading_cell(experiments, OWNER, None)
-        floor = figure_cell("psnr", Spread(figure(experiments, "psnr_constant", OWNER).mean))
-        blind = best_blind(experiments)
-        opened = figure(experiments, "psnr_covered", OPEN).count
-        nothing = OPEN if opened else blind
-        for condition, words in ((SURROGATE, "decoder, trained"), (LINEAR, "least squares")):
-            seen = tuple(_reading_cell(experiments, condition, share) for share in every)
-            if condition == SURROGATE or any(cell.text for cell in seen):
-                first = _reading_cell(experiments, nothing, None) if nothing and condition == SURROGATE else Cell("")
-                lines.append(Line((kind.title, words), (first, *seen, owner, floor)))
-    headings = tuple(_share_heading(share, found) for share in every)
+    lines = [line for kind, experiments in found.items() for line in _surrogate_lines(kind, experiments, every)]
     return without_empty_columns(
         Grid(
             f"Attackers with some of the message's views, {captures_of(all_of(found))}, test views: the message (dB)",
             ("Container", "Surrogate"),
-            ("0 %", *headings, "Owner", "One colour"),
+            ("0 %", *(_share_heading(share, found) for share in every), "Owner", "One colour"),
             tuple(lines),
             (
-                "In brackets: the correlation with the message. ± is over the views that leaked and first weights. At "
-                "0 % nobody has a picture: what stands there is the best of several ways to look at three channels of "
-                "the feature map, given the true colours afterwards (an affine map, twelve numbers), so that it is the "
-                "most that could be made out; of 3DGS+SH, what anyone renders from the published attributes. The paper "
-                "gives no figures.",
+                "PSNR over the message's pixels. ± is over the views that leaked and first weights. In true colours: "
+                "what could be made out if somebody told which colour is which, by an affine map of the reading's "
+                "three channels; r is the multiple correlation with the message's luminance, and in brackets that with "
+                "the message of other views, the control. At 0 % nobody has a picture: there stands the best of "
+                "several ways to look at three channels of the feature map; of 3DGS+SH, what anyone renders from the "
+                "published attributes. The paper gives no figures.",
                 *words_on(found),
             ),
         )
     )
 
 
-def _reading_cell(experiments: Sequence[Experiment], condition: str, share: float | None) -> Cell:
-    spread = figure(experiments, "psnr_covered", condition, share)
+def _surrogate_lines(kind: Kind, experiments: Sequence[Experiment], every: Sequence[float]) -> list[Line]:
+    opened = figure(experiments, "psnr_covered", OPEN).count > 0
+    nobody = OPEN if opened else best_blind(experiments)
+    floor = figure_cell("psnr", Spread(figure(experiments, "psnr_constant", OWNER).mean))
+    lines = []
+    for words, quantity, condition in (
+        ("decoder, trained", "psnr_covered", SURROGATE),
+        ("decoder, trained, in true colours", "psnr_coloured", SURROGATE),
+        ("least squares", "psnr_covered", LINEAR),
+    ):
+        coloured = quantity == "psnr_coloured"
+        at_nothing = nobody if coloured or (opened and condition == SURROGATE) else None
+        readings = [(at_nothing, None), *((condition, share) for share in every), (OWNER, None)]
+        cells = [_reading_cell(experiments, quantity, *reading, related=coloured) for reading in readings]
+        if any(cell.text for cell in cells[:-1]):
+            lines.append(Line((kind.title, words), (*cells, floor)))
+    return lines
+
+
+def _reading_cell(
+    experiments: Sequence[Experiment], quantity: str, condition: str | None, share: float | None, related: bool
+) -> Cell:
+    spread = figure(experiments, quantity, condition, share) if condition else UNKNOWN
     if not spread.count:
         return Cell("")
-    related = figure(experiments, "correlation", condition, share).mean
     written = figure_cell("psnr", spread)
-    return Cell(written.text, f"r = {related:.2f}", written.spread)
+    if not related:
+        return Cell(written.text, "", written.spread)
+    own, others = (
+        figure(experiments, name, str(condition), share).mean for name in ("correlation", "correlation_others")
+    )
+    return Cell(written.text, f"r = {own:.2f} ({others:.2f})", written.spread)
 
 
 def _share_heading(share: float, found: Found) -> str:
@@ -157,21 +174,7 @@ def feature_map_grid(found: Found) -> Grid:
             ]
             if not math.isnan(cells[0].spread.mean):
                 lines.append(Line((kind.title, line), tuple(cells)))
-        for condition, words in _blind_lines(experiments):
-            shown = figure(experiments, "correlation", condition)
-            others = figure(experiments, "correlation_others", condition)
-            lines.append(
-                Line(
-                    (kind.title, words),
-                    (
-                        Cell(""),
-                        figure_cell(CORRELATION, Spread(shown.mean)),
-                        figure_cell(CORRELATION, Spread(others.mean)),
-                    )
-                    + (figure_cell(CORRELATION, Spread(_clean(experiments, condition))),)
-                    + (Cell(""),) * 4,
-                )
-            )
+        lines += [_blind_line(kind, experiments, condition) for condition in blind_conditions(experiments)]
     columns = ("Cover", "Message", "Other views' message", "Nothing hidden")
     return without_empty_columns(
         Grid(
@@ -184,24 +187,19 @@ def feature_map_grid(found: Found) -> Grid:
                 "multiple correlation: that with the best linear prediction. Other views' message: the control that "
                 "tells a trace of this view's message from what all its views have in common. Nothing hidden: the same "
                 "channels of a container of the same method, cover and seed without a message, with the "
-                "message's pictures: what chance comes to. Blind readings have the true colours, which adds to it.",
+                "message's pictures: what chance comes to. Of blind readings it is the multiple correlation, too.",
                 'The paper shows three channels and finds "no traces of the hidden information"; it gives no figure.',
             ),
         )
     )
 
 
-def _blind_lines(experiments: Sequence[Experiment]) -> list[tuple[str, str]]:
-    prefix = BLIND.format("")
-    conditions = dict.fromkeys(row.condition for each in experiments for row in each.rows)
-    return [
-        (condition, f"blind: {condition.removeprefix(prefix)}")
-        for condition in conditions
-        if condition.startswith(prefix) and not condition.endswith("nothing hidden")
-    ]
-
-
-def _clean(experiments: Sequence[Experiment], condition: str) -> float:
-    if condition == BLIND.format(COVER_ITSELF):
-        return math.nan
-    return figure(experiments, "correlation", f"{condition}, nothing hidden").mean
+def _blind_line(kind: Kind, experiments: Sequence[Experiment], condition: str) -> Line:
+    figures = (
+        math.nan,
+        figure(experiments, "correlation", condition).mean,
+        figure(experiments, "correlation_others", condition).mean,
+        figure(experiments, "correlation", NOTHING_HIDDEN.format(condition)).mean,
+    )
+    cells = tuple(figure_cell(CORRELATION, Spread(value)) for value in figures)
+    return Line((kind.title, condition), cells + (Cell(""),) * 4)

@@ -9,10 +9,11 @@ from stages.analysis.paper.measuring import Measured
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.paper.secrecy_figures import Found, Kind, best_blind, figure, measured, shares
-from stages.analysis.secrecy.conditions import OPEN, OTHER_START, OWNER, RANDOM, SURROGATE
+from stages.analysis.secrecy.conditions import COVER_ITSELF, OPEN, OTHER_START, OWNER, RANDOM, SURROGATE
 
 MOST_OVER_ONE_COLOUR = 1.0
-"""In dB: whoever lacks the secret may show no more of the message than this above the best picture of one colour."""
+"""In dB: whoever lacks the secret may show no more of the message than this above what needs no container: the best
+picture of one colour."""
 
 READERS = ((RANDOM, "a random decoder"), (OTHER_START, "a decoder started with another key"))
 
@@ -38,8 +39,7 @@ def _of_kind(kind: Kind, experiments: Sequence[Experiment]) -> list[Relation]:
     ]
     blind = best_blind(experiments)
     if blind is not None:
-        text = f"{kind.title}: message over one colour, the best blind reading"
-        relations.append(_over_one_colour(text, measured(experiments, "psnr_covered", blind), experiments))
+        relations.append(_blind_relation(kind, experiments, blind))
     for share in shares(experiments):
         if share > 0:
             text = f"{kind.title}: message over one colour, a surrogate with {share:.0%} of the views"
@@ -54,6 +54,13 @@ def _over_one_colour(
 ) -> Relation:
     floor = measured(experiments, "psnr_constant", OWNER)
     return Relation(text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(floor), math.nan, noise)
+
+
+def _blind_relation(kind: Kind, experiments: Sequence[Experiment], blind: str) -> Relation:
+    """Against the cover itself, as both are given the true colours."""
+    shown, control = (measured(experiments, "psnr_coloured", condition) for condition in (blind, COVER_ITSELF))
+    text = f"{kind.title}: message over the cover taken for it, both in true colours, the best blind reading"
+    return Relation(text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(control))
 
 
 def _small_features(method: str, found: Found) -> list[Relation]:
