@@ -9,7 +9,6 @@ from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
 from stages.analysis.measurements import write_measurements
-from stages.analysis.secrecy.observing import observe
 from stages.analysis.secrecy.probing import Probe, SecrecySettings
 from stages.analysis.secrecy.surrogate import SurrogateSettings
 from stages.hiding.method import module_of
@@ -79,9 +78,7 @@ def probe_secrecy(context: Context, parameters: ProbeSecrecyParameters) -> None:
         owner=read_method(container, secret),
         scene=scene,
         messages=messages,
-        clean=[]
-        if clean is None
-        else observe(read_gaussians(clean), read_method(clean), scene, messages, scene.test_names),
+        clean=(read_gaussians(clean), read_method(clean)) if clean is not None else None,
         settings=SecrecySettings(
             parameters.wrong_decoders, parameters.start_seed, parameters.shares, parameters.seeds, surrogates
         ),

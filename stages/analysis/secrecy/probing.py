@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -63,7 +63,7 @@ class SecrecySettings:
 class Probe:
     """Everything that is known of one container. `public` is its method without the secret, `owner` with it.
 
-    `clean` are the test views of a container that hides nothing, or none.
+    `clean` is the control, a container that hides nothing: its Gaussians and its method, where there is one.
     """
 
     gaussians: Gaussians
@@ -71,7 +71,7 @@ class Probe:
     owner: Method
     scene: Scene
     messages: Mapping[str, MessageViews]
-    clean: Sequence[Observed]
+    clean: tuple[Gaussians, Method] | None
     settings: SecrecySettings
     rows: list[Measurement] = field(default_factory=list)
     pictures: list[Comparison] = field(default_factory=list)
@@ -80,13 +80,15 @@ class Probe:
         """All readings; `progress` is told how much is done, of how much."""
         opened = open_reader(self.public, self.gaussians)
         decoded = MESSAGE_DECODER in self.owner.networks
-        tick = _counting(progress, self._amount(decoded))
+        tick = _Counter(progress, self._amount(decoded)).tick
         views = self._observed(opened or self.public, self.scene.test_names)
         self._add_pictures(OWNER, self._rendered(self.owner, tuple(self.messages)), views)
         if opened is not None:
             self._add_pictures(OPEN, self._rendered(opened, opened.messages), views)  # type: ignore[attr-defined]
         self._feature_maps(views)
         self._blind(opened or self.public, views)
+        if self.clean is not None:
+            self._control(*self.clean)
         if decoded:
             self._wrong(views, tick)
             self._surrogates(views, tick)
@@ -117,18 +119,21 @@ class Probe:
                 "edges_others": found.edges_others,
             }
             self._add(figures, found.line, views[found.view].view, found.message)
-        for found in feature_map_correlations(self.clean):
-            figures = {"correlation_clean": found.own, "edges_clean": found.edges_own}
-            self._add(figures, found.line, self.clean[found.view].view, found.message)
 
     def _blind(self, public: Method, views: Sequence[Observed]) -> None:
         readings = {name: stretched(maps) for name, maps in blind_readings(public, views, PROBES_SEED).items()}
         for name, maps in readings.items():
             self._show(name, "feature_map", [seen.cover for seen in views], maps)
             self._add_readings(BLIND.format(name), self._of_each_message(maps), views, 0.0)
-        for name, maps in blind_readings(public, self.clean, PROBES_SEED).items() if self.clean else ():
+
+    def _control(self, gaussians: Gaussians, method: Method) -> None:
+        views = observe(gaussians, method, self.scene, self.messages, self.scene.test_names)
+        for found in feature_map_correlations(views):
+            figures = {"correlation_clean": found.own, "edges_clean": found.edges_own}
+            self._add(figures, found.line, views[found.view].view, found.message)
+        for name, maps in blind_readings(method, views, PROBES_SEED).items():
             condition = NOTHING_HIDDEN.format(BLIND.format(name))
-            self._add_readings(condition, self._of_each_message(stretched(maps)), self.clean, 0.0)
+            self._add_readings(condition, self._of_each_message(stretched(maps)), views, 0.0)
 
     def _of_each_message(self, maps: Sequence[Float[Tensor, "H W C"]]) -> Readings:
         """One and the same reading, taken for each of the messages."""
@@ -212,13 +217,12 @@ class Probe:
         self.pictures.append(Comparison(title, role, self.public.name, names, splits, truth, rendered))
 
 
-def _counting(progress: Callable[[int, int], None], total: int) -> Callable[[], None]:
-    def counts() -> Iterator[None]:
-        for done in range(1, total + 1):
-            progress(done, total)
-            yield
-        while True:
-            yield
+class _Counter:
+    """Tells after each of `total` steps how many are done."""
 
-    ticks = counts()
-    return lambda: next(ticks)
+    def __init__(self, progress: Callable[[int, int], None], total: int):
+        self.progress, self.total, self.done = progress, total, 0
+
+    def tick(self) -> None:
+        self.done += 1
+        self.progress(min(self.done, self.total), self.total)

@@ -22,31 +22,26 @@ from stages.hiding.rendering import COVER
 MESSAGE_DECODER = "message_decoder"
 
 
-def random_reader(public: Method, messages: int) -> Method:
-    """The container's method with a message decoder of random weights, drawn from torch's generator: the paper's test.
+def seeded_reader(public: Method, messages: int, seed: int) -> Method:
+    """The container's method with a message decoder of random weights, drawn from `seed`: the paper's test.
 
     Weights that the method leaves at zero until its start are drawn, too, since a decoder without them reads nothing.
+    torch's global generator is left as it was.
     """
     names = [f"message {number}" for number in range(messages)]
-    reader = build_method(public.name, {**public.settings, "precision": "float32", "messages": names})
-    with torch.no_grad():
+    with torch.random.fork_rng(devices=[]), torch.no_grad():
+        torch.manual_seed(seed)
+        reader = build_method(public.name, {**public.settings, "precision": "float32", "messages": names})
         for weights in reader.networks[MESSAGE_DECODER].parameters():
             if not weights.any():
                 weights.normal_(std=weights.shape[-1] ** -0.5)
     return reader
 
 
-def seeded_reader(public: Method, messages: int, seed: int) -> Method:
-    """`random_reader` from a seed; torch's global generator is left as it was."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        return random_reader(public, messages)
-
-
 def started_reader(public: Method, messages: int, seed: int) -> Method:
-    """A message decoder as the method itself starts one, with the directions that follow from `seed` and no key.
+    """A message decoder as the method itself starts one, untrained, with directions that follow from `seed` and no key.
 
-    It is untrained. A harder test than random weights: from the right seed it is what the owner's training began with.
+    A harder test than random weights: from the right seed it is what the owner's training began with.
     Raises `ValueError` where the method has no such start.
     """
     reader = seeded_reader(public, messages, seed)
