@@ -43,7 +43,7 @@ def mean(rows: Sequence[Measurement], quantity: str, condition: str, severity: f
     return float(np.mean(values))
 
 
-@pytest.mark.parametrize("method", ["gs_hider", "homogeneous"])
+@pytest.mark.parametrize("method", [pytest.param("gs_hider", marks=pytest.mark.slow), "homogeneous"])
 def test_only_the_owner_and_who_has_views_read_the_message(tmp_path: Path, method: str) -> None:
     given = inputs(tmp_path, method)
     made = probed(tmp_path, method, given | {"clean": given["container"]})

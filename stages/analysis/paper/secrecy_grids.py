@@ -34,6 +34,7 @@ from stages.analysis.secrecy.conditions import (
     ALL,
     CHANNELS,
     COMPONENTS,
+    COVER_ITSELF,
     LINEAR,
     LINES,
     NOTHING_HIDDEN,
@@ -112,7 +113,8 @@ def surrogate_grid(found: Found) -> Grid:
                 "three channels; r is the multiple correlation with the message's luminance, and in brackets that with "
                 "the message of other views, the control. At 0 % nobody has a picture: there stands the best of "
                 "several ways to look at three channels of the feature map; of 3DGS+SH, what anyone renders from the "
-                "published attributes. The paper gives no figures.",
+                "published attributes. Under one colour stands, in true colours, the cover itself. The paper gives no "
+                "figures.",
                 *words_on(found),
             ),
         )
@@ -122,7 +124,10 @@ def surrogate_grid(found: Found) -> Grid:
 def _surrogate_lines(kind: Kind, experiments: Sequence[Experiment], every: Sequence[float]) -> list[Line]:
     opened = figure(experiments, "psnr_covered", OPEN).count > 0
     nobody = OPEN if opened else best_blind(experiments)
-    floor = figure_cell("psnr", Spread(figure(experiments, "psnr_constant", OWNER).mean))
+    floors = {
+        False: figure_cell("psnr", Spread(figure(experiments, "psnr_constant", OWNER).mean)),
+        True: figure_cell("psnr", Spread(figure(experiments, "psnr_coloured", COVER_ITSELF).mean), "the cover"),
+    }
     lines = []
     for words, quantity, condition in (
         ("decoder, trained", "psnr_covered", SURROGATE),
@@ -134,7 +139,7 @@ def _surrogate_lines(kind: Kind, experiments: Sequence[Experiment], every: Seque
         readings = [(at_nothing, None), *((condition, share) for share in every), (OWNER, None)]
         cells = [_reading_cell(experiments, quantity, *reading, related=coloured) for reading in readings]
         if any(cell.text for cell in cells[:-1]):
-            lines.append(Line((kind.title, words), (*cells, floor)))
+            lines.append(Line((kind.title, words), (*cells, floors[coloured])))
     return lines
 
 
