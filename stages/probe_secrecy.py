@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import torch
 from pydantic import Field
 
@@ -26,10 +28,12 @@ class ProbeSecrecyParameters(Parameters):
     start_seed: int | None = Field(
         None, ge=0, description="The training's seed, where it had no key: its decoder's start is tried, too."
     )
-    shares: tuple[float, ...] = Field(
+    shares: tuple[Annotated[float, Field(ge=0, le=1)], ...] = Field(
         (0.0, 0.01, 0.05, 0.2), description="Shares of the training views whose message leaked, each from 0 to 1."
     )
-    seeds: tuple[int, ...] = Field((0, 1, 2), description="Of surrogates: which views leaked, and first weights.")
+    seeds: tuple[int, ...] = Field(
+        (0, 1, 2), min_length=1, description="Of surrogates: which views leaked, and first weights."
+    )
     steps: int = Field(3000, ge=1, description="Of Adam, for each surrogate.")
     crop: int = Field(32, ge=8, description="Side of the square that a step sees, in pixels.")
     rate: float = Field(1e-2, gt=0, description="Of Adam at first; it falls to nothing.")

@@ -13,7 +13,17 @@ from torch import Tensor
 from stages.analysis.comparisons import Comparison, Role
 from stages.analysis.measurements import Measurement
 from stages.analysis.secrecy.blind import blind_readings, stretched
-from stages.analysis.secrecy.conditions import BLIND, LINEAR, LOSS, NOTHING_HIDDEN, OPEN, OWNER, SURROGATE, VIEWS_SEEN
+from stages.analysis.secrecy.conditions import (
+    BLIND,
+    COVER_ITSELF,
+    LINEAR,
+    LOSS,
+    NOTHING_HIDDEN,
+    OPEN,
+    OWNER,
+    SURROGATE,
+    VIEWS_SEEN,
+)
 from stages.analysis.secrecy.feature_map import feature_map_correlations
 from stages.analysis.secrecy.linear_surrogate import linear_surrogate
 from stages.analysis.secrecy.measuring import picture_readings
@@ -30,7 +40,6 @@ from stages.scene.message_views import MessageViews
 from stages.scene.scene import Scene
 
 Readings = Sequence[Float[Tensor, "L H W 3"]]
-
 
 PROBES_SEED = 0
 """Of the scene decoder's random probes: any will do."""
@@ -85,6 +94,8 @@ class Probe:
         self._add_pictures(OWNER, self._rendered(self.owner, tuple(self.messages)), views)
         if opened is not None:
             self._add_pictures(OPEN, self._rendered(opened, opened.messages), views)  # type: ignore[attr-defined]
+        # What the scene decoder shows, too, where it is taken for the message decoder.
+        self._add_pictures(COVER_ITSELF, self._of_each_message([seen.cover for seen in views]), views)
         self._feature_maps(views)
         self._blind(opened or self.public, views)
         if self.clean is not None:

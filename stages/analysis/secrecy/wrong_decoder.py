@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.analysis.secrecy.conditions import COVER_ITSELF, OTHER_START, OWN_START, RANDOM
+from stages.analysis.secrecy.conditions import OTHER_START, OWN_START, RANDOM
 from stages.analysis.secrecy.observing import Observed
 from stages.analysis.secrecy.readers import has_start, read, seeded_reader, started_reader
 from stages.hiding.method import Method
@@ -23,7 +23,7 @@ class WrongReading:
     """What a reader of this condition and seed shows of every view."""
 
     condition: str
-    seed: int | None
+    seed: int
     readings: list[Float[Tensor, "L H W 3"]]
 
 
@@ -31,10 +31,8 @@ class WrongReading:
 def wrong_readings(
     public: Method, views: Sequence[Observed], count: int, start_seed: int | None, after_each: Callable[[], None]
 ) -> Iterator[WrongReading]:
-    """`count` random decoders; as many as the method starts them with another key; its start from `start_seed`, the
-    training's own, where that is given; and the cover's picture taken for the message.
-
-    The scene decoder read as the message decoder shows that very picture.
+    """`count` random decoders; as many as the method starts them with another key; and its start from `start_seed`, the
+    training's own, where that is given.
     """
     messages = len(views[0].truths)
     started = has_start(public)
@@ -47,4 +45,3 @@ def wrong_readings(
         reader = make(public, messages, seed)
         yield WrongReading(condition, seed, [read(reader, seen) for seen in views])
         after_each()
-    yield WrongReading(COVER_ITSELF, None, [seen.cover.expand(messages, *seen.cover.shape) for seen in views])
