@@ -25,6 +25,7 @@ Table = Literal[
     "plateau",
     "probes",
     "steganalysis",
+    "secrecy",
 ]
 
 

@@ -31,7 +31,12 @@ SEVERAL = {
     ],
     "plateau": [{**PAIR, "iterations": 4}, {**PAIR, "iterations": 8}],
     "probes": [{**PAIR, "hidden": 1, "stranger": "kitchen", "method": name} for name in ("gs_hider", "homogeneous")],
+    "secrecy": [
+        {**PAIR, "method": name, "feature_dim": feature_dim, "decoder_width": 12}
+        for name, feature_dim in (("sh", 16), ("gs_hider", 8), ("gs_hider", 16))
+    ],
 }
+ONLY_OF = {"secrecy": ("steps=3",)}
 IMAGES = [{"cover": "fox", "method": "gs_hider", "name": "boat", "image": "boat.png", "gaussians": 500, "seed": 0}]
 
 
@@ -84,7 +89,7 @@ def test_fidelity(photos: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("workflow", SEVERAL)
 def test_what_varies_settings(photos: Path, workflow: str) -> None:
-    ended = run(photos, workflow, SEVERAL[workflow], "gaussians=500")
+    ended = run(photos, workflow, SEVERAL[workflow], "gaussians=500", *ONLY_OF.get(workflow, ()))
     assert len([name for name in ended if name.startswith("hide[")]) == len(SEVERAL[workflow])
     assert figures(ended)
 

@@ -22,6 +22,7 @@ from stages.analysis.paper.public import public_chapter, public_study
 from stages.analysis.paper.published import Published, wrong_averages
 from stages.analysis.paper.relations import NOISES, Relation, relations_grid
 from stages.analysis.paper.runs import Study, capture_title, method_title
+from stages.analysis.paper.secrecy import secrecy
 from stages.analysis.paper.several_messages import several_messages
 from stages.analysis.paper.single_image import single_image
 from stages.analysis.paper.steganalysis import steganalysis
@@ -39,6 +40,7 @@ WRITERS: Mapping[str, Writer] = {
     "ablations": ablations,
     "plateau": plateau,
     "steganalysis": steganalysis,
+    "secrecy": secrecy,
 }
 PAPER_TITLES = {
     "fidelity": ("Fidelity", "All metrics"),
