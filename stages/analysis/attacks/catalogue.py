@@ -10,6 +10,7 @@ AttackName = Literal[
     "sequential_pruning",
     "random_pruning",
     "view_weight_pruning",
+    "view_weight_clustering",
     "stripping",
     "noise_positions",
     "noise_rotations",
@@ -54,6 +55,9 @@ class Description:
 _NEEDS_FEATURES = "the method has no features"
 _IN_RENDERS = "the message is not in the renders"
 _REALIGNED = "features realigned"
+_THE_MESSAGES_OWN = (
+    "Gaussians that weigh much in the feature map, and that the scene decoder hardly shows, are the message's own"
+)
 
 ATTACKS: Mapping[AttackName, Description] = {
     "sequential_pruning": Description(
@@ -62,10 +66,9 @@ ATTACKS: Mapping[AttackName, Description] = {
     "random_pruning": Description(
         "Random pruning", "share of the Gaussians", "it opens holes through which the cover shows"
     ),
-    "view_weight_pruning": Description(
-        "View-weight pruning",
-        "share of the Gaussians",
-        "Gaussians that weigh much in the feature map, and that the scene decoder hardly shows, are the message's own",
+    "view_weight_pruning": Description("View-weight pruning", "share of the Gaussians", _THE_MESSAGES_OWN),
+    "view_weight_clustering": Description(
+        "View-weight pruning by clusters", "share of the Gaussians", _THE_MESSAGES_OWN
     ),
     "stripping": Description(
         "Stripping",

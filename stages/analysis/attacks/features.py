@@ -81,7 +81,7 @@ def realigned(attacked: Target, original: Target) -> Target:
 
     Gaussians are matched by their means, each with the nearest of the original. What was turned comes back; what was
     removed does, as far as other channels tell of it. The map has M (M + 1) numbers, so that it cannot carry a message
-    of its own. The scene decoder stays the attacker's.
+    of its own. The scene decoder is the original's, too.
     """
     _, rows = cKDTree(original.gaussians.means.numpy()).query(attacked.gaussians.means.numpy())
     seen = attacked.gaussians[FEATURES].double().sigmoid()
@@ -89,7 +89,7 @@ def realigned(attacked: Target, original: Target) -> Target:
     wanted = original.gaussians[FEATURES][rows].double().sigmoid()
     back = torch.linalg.lstsq(told, wanted, driver="gelsd").solution
     features = (told @ back).clamp(0.5 - FARTHEST, 0.5 + FARTHEST)
-    return attacked.with_parameters({FEATURES: features.logit().float()})
+    return replace(attacked.with_parameters({FEATURES: features.logit().float()}), method=original.method)
 
 
 def read_rows(method: Method) -> Float64[Tensor, "K M"]:

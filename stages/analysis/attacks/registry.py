@@ -11,7 +11,7 @@ from stages.analysis.attacks.pruning import cloning, cropping, random_pruning, s
 from stages.analysis.attacks.reoptimisation import reoptimisation
 from stages.analysis.attacks.stripping import stripping
 from stages.analysis.attacks.target import Attack, Target, seeded, unseeded
-from stages.analysis.attacks.view_weights import view_weight_pruning
+from stages.analysis.attacks.view_weights import view_weight_clustering, view_weight_pruning
 
 MOST_PRUNED = 0.95
 MOST_NOISE = 1.0
@@ -30,6 +30,7 @@ def attacks(reoptimised: Sequence[int]) -> Mapping[AttackName, Attack]:
         ),
         "random_pruning": Attack(seeded(random_pruning), strongest=MOST_PRUNED, fixed=PRUNED_SHARES),
         "view_weight_pruning": Attack(view_weight_pruning, strongest=MOST_PRUNED),
+        "view_weight_clustering": Attack(view_weight_clustering, strongest=MOST_PRUNED),
         "stripping": Attack(
             seeded(stripping), lambda target: STRIPPED_SHARES, applies=lambda target: bool(target.own_attributes)
         ),
