@@ -8,23 +8,19 @@ import pytest
 
 from pipeline.artifact import Artifact
 from pipeline.errors import Interrupted, UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import run_stage
 from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, restored
 from stages.analysis.measurements import read_measurements
 from stages.attack import AttackParameters, attack
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from tests.stages.small import message_views, scene
+from tests.stages.test_stopping import Asking
 
 SMALL = {"iterations": 30, "decoder_width": 8, "feature_dim": 16, "message_points": 20}
 QUICK = {"cover_losses": (0.5,), "seeds": (0,), "reoptimised": (1, 2), "lpips": False}
-FEATURES = {"channel_dropping", "unread_directions", "feature_rotation", "compensated_rotation"}
+FEATURES = {"channel_dropping", "unread_directions", "channel_permutation", "feature_rotation", "compensated_rotation"}
 REMEDIED = {"rigid_motion", *FEATURES}
 RENDERS = {"jpeg", "resizing"}
-
-
-class Stopping(Services):
-    def stop_requested(self) -> bool:
-        return True
 
 
 def inputs(tmp_path: Path, method: str, hidden: int = 1) -> dict[str, Artifact | tuple[Artifact, ...]]:
@@ -65,6 +61,7 @@ def test_a_secret_without_a_message_is_refused(tmp_path: Path) -> None:
 
 def test_it_stops_when_it_is_asked_to(tmp_path: Path) -> None:
     parameters = AttackParameters.model_validate({**QUICK, "method": "sh"})
-    given = inputs(tmp_path, "sh")
+    given, asking = inputs(tmp_path, "sh"), Asking(stop_at=30)
     with pytest.raises(Interrupted):
-        run_stage(attack, parameters, given, tmp_path / "attacked", services=Stopping())
+        run_stage(attack, parameters, given, tmp_path / "attacked", services=asking.services())
+    assert asking.looks == 30

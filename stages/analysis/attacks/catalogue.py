@@ -23,6 +23,7 @@ AttackName = Literal[
     "rigid_motion",
     "channel_dropping",
     "unread_directions",
+    "channel_permutation",
     "feature_rotation",
     "compensated_rotation",
     "reoptimisation",
@@ -113,6 +114,13 @@ ATTACKS: Mapping[AttackName, Description] = {
         "directions of the features, least read by the scene decoder first",
         "the scene decoder, which is public, says which directions of a feature the cover does not need, and the "
         "message is read along these",
+        needs=_NEEDS_FEATURES,
+        remedy=_REALIGNED,
+    ),
+    "channel_permutation": Description(
+        "Channels permuted, scene decoder with them",
+        "channels that change places",
+        "the scene decoder follows the channels, and the secret decoder cannot",
         needs=_NEEDS_FEATURES,
         remedy=_REALIGNED,
     ),

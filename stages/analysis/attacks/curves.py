@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from stages.analysis.attacks.calibration import calibrated
 from stages.analysis.attacks.catalogue import UNATTACKED, restored
 from stages.analysis.attacks.scoring import Figures, Scorer
-from stages.analysis.attacks.target import Attack, Knowledge, Target
+from stages.analysis.attacks.target import Attack, Attacker, Knowledge, Target
 from stages.analysis.fidelity import Perceptual
 from stages.analysis.measurements import Measurement
 
@@ -38,9 +38,10 @@ class Assay:
         """The rows of an attack, and of its remedy; none where the target has nothing that it attacks."""
         if not attack.applies(self.target):
             return
-        severities = self._severities(attack)
+        first = attack.prepare(self.target, self.seeds[0], self.knowledge)
+        severities = self._severities(attack, first)
         for seed in self.seeds if attack.random else self.seeds[:1]:
-            attacker = attack.prepare(self.target, seed, self.knowledge)
+            attacker = first if seed == self.seeds[0] else attack.prepare(self.target, seed, self.knowledge)
             for severity in severities:
                 attacked = attacker(severity)
                 perceptual = self.perceptual if severity in attack.fixed else {}
@@ -50,10 +51,9 @@ class Assay:
                     yield from self._rows(figures, restored(name), severity, seed)
                 self.after_each()
 
-    def _severities(self, attack: Attack) -> tuple[float, ...]:
+    def _severities(self, attack: Attack, attacker: Attacker) -> tuple[float, ...]:
         if attack.severities is not None:
             return tuple(attack.severities(self.target))
-        attacker = attack.prepare(self.target, self.seeds[0], self.knowledge)
         unharmed = self.scorer.cover_psnr(self.target)
 
         def damage(severity: float) -> float:

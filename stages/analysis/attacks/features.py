@@ -18,14 +18,27 @@ from stages.hiding.method import Method
 
 ANGLES = (5.0, 15.0, 30.0, 60.0, 90.0)
 DROPPED_SHARES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4)
+PERMUTED_SHARES = (1 / 8, 1 / 4, 1 / 2, 3 / 4, 1)
 FARTHEST = 0.4999
 """From 0.5: so far may an activated feature lie, so that its logit can still be stored."""
+
+SMALLEST_VARIANCE = 1e-8
+"""Of features along a direction; along one with less they are all alike."""
 
 
 def channel_counts(target: Target) -> Sequence[float]:
     """Of 16 channels 1, 2, 4, 8 and 12; the same shares of others."""
+    return _counts(target, DROPPED_SHARES, least=1)
+
+
+def permuted_counts(target: Target) -> Sequence[float]:
+    """Of 16 channels 2, 4, 8, 12 and 16; the same shares of others. One alone cannot change places."""
+    return _counts(target, PERMUTED_SHARES, least=2)
+
+
+def _counts(target: Target, shares: Sequence[float], least: int) -> Sequence[float]:
     channels = target.gaussians[FEATURES].shape[1]
-    return sorted({float(max(1, round(share * channels))) for share in DROPPED_SHARES})
+    return sorted({float(max(least, round(share * channels))) for share in shares})
 
 
 def channel_dropping(target: Target, channels: float, generator: torch.Generator) -> Target:
@@ -42,15 +55,36 @@ def channel_dropping(target: Target, channels: float, generator: torch.Generator
 def unread_directions(target: Target, count: float) -> Target:
     """Remove what features hold along so many directions: those that the scene decoder's first layer reads least.
 
-    The attacker knows the container, its scene decoder included, whose weights say which directions the cover needs:
-    the right singular vectors of all rows by which they read features, in ascending order of their singular values.
-    Features keep their mean along what is removed. Where they would leave (0, 1) all are drawn towards 0.5, and the
-    scene decoder reads them by as much longer rows. Not for containers without features.
+    The attacker knows the container, its scene decoder included, whose weights say which directions the cover needs.
+    Among features that are scaled to be as various along all directions (whitened), these are the right singular
+    vectors of all rows by which they are read, in ascending order of their singular values: leaving them at their mean
+    changes what is read least, in the squares' mean. `homogeneous` reads 8 of its 16 directions for the cover, so that
+    the other 8 go without a trace. Not for containers without features.
     """
-    rows = read_rows(target.method)
-    directions = torch.linalg.svd(rows, full_matrices=True).Vh.flip(0)[: int(count)]
-    kept = torch.eye(rows.shape[1], dtype=rows.dtype) - directions.T @ directions
-    return _mapped(target, kept, kept, torch.eye(len(kept), dtype=kept.dtype))
+    centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
+    mean = centred.mean(dim=0)
+    spread, basis = torch.linalg.eigh((centred - mean).T @ (centred - mean) / max(1, len(centred)))
+    root = basis * spread.clamp_min(SMALLEST_VARIANCE).sqrt() @ basis.T
+    unread = torch.linalg.svd(read_rows(target.method) @ root, full_matrices=True).Vh.flip(0)[: int(count)]
+    removed = root @ (unread.T @ unread) @ torch.linalg.inv(root)
+    left = centred - (centred - mean) @ removed.T
+    if _reads_centred(target.method):
+        return _shrunk(target, left, torch.eye(len(removed), dtype=removed.dtype))
+    return target.with_parameters({FEATURES: _stored(left)})
+
+
+def channel_permutation(target: Target, channels: float, generator: torch.Generator) -> Target:
+    """Let so many channels, drawn at random, change places in a ring, and the scene decoder read them where they are.
+
+    The attacker knows the container, its scene decoder included. A turn of features that every scene decoder forgives
+    to the last bit but those of rounding, whatever the opacity of a pixel. Not for containers without features.
+    """
+    raw = target.gaussians[FEATURES]
+    chosen = torch.randperm(raw.shape[1], generator=generator)[: int(channels)]
+    order = torch.arange(raw.shape[1])
+    order[chosen] = chosen.roll(1)
+    places = torch.eye(raw.shape[1], dtype=torch.float64)[order]
+    return replace(target.with_parameters({FEATURES: raw[:, order]}), method=_reading(target.method, places.T))
 
 
 def feature_rotation(target: Target, degrees: float, generator: torch.Generator) -> Target:
@@ -60,20 +94,20 @@ def feature_rotation(target: Target, degrees: float, generator: torch.Generator)
     that would leave (0, 1) stop short of it. Not for containers without features.
     """
     centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
-    turned = centred @ _turn(centred.shape[1], degrees, generator).T
-    return target.with_parameters({FEATURES: (0.5 + turned.clamp(-FARTHEST, FARTHEST)).logit().float()})
+    return target.with_parameters({FEATURES: _stored(centred @ _turn(centred.shape[1], degrees, generator).T)})
 
 
 def compensated_rotation(target: Target, degrees: float, generator: torch.Generator) -> Target:
     """The same, and the scene decoder turned with it: its first layer reads the turned features as it read the old.
 
     The attacker knows the container, its scene decoder included. Features are drawn towards 0.5 where they would leave
-    (0, 1), and the decoder reads them by as much longer rows. For `homogeneous` nothing of the cover changes, which
-    is read from features less half the blended opacity. GS-Hider's decoder reads the blended features themselves: what
-    is exact where the opacity is 1 is not where it is less, nor beside the picture's border, with zeros beyond it.
+    (0, 1), and the decoder reads them by as much longer rows. For `homogeneous` nothing of the cover changes, which is
+    read from features less half the blended opacity. GS-Hider's decoder reads the blended features themselves: what is
+    exact where the opacity is 1 is not where it is less, nor beside the picture's border, with zeros beyond it.
     """
-    turn = _turn(target.gaussians[FEATURES].shape[1], degrees, generator)
-    return _mapped(target, turn, turn, turn.T)
+    centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
+    turn = _turn(centred.shape[1], degrees, generator)
+    return _shrunk(target, centred @ turn.T, turn.T)
 
 
 def realigned(attacked: Target, original: Target) -> Target:
@@ -88,8 +122,7 @@ def realigned(attacked: Target, original: Target) -> Target:
     told = torch.cat([seen, torch.ones(len(seen), 1, dtype=seen.dtype)], dim=1)
     wanted = original.gaussians[FEATURES][rows].double().sigmoid()
     back = torch.linalg.lstsq(told, wanted, driver="gelsd").solution
-    features = (told @ back).clamp(0.5 - FARTHEST, 0.5 + FARTHEST)
-    return replace(attacked.with_parameters({FEATURES: features.logit().float()}), method=original.method)
+    return replace(attacked.with_parameters({FEATURES: _stored(told @ back - 0.5)}), method=original.method)
 
 
 def read_rows(method: Method) -> Float64[Tensor, "K M"]:
@@ -101,20 +134,24 @@ def read_rows(method: Method) -> Float64[Tensor, "K M"]:
     return torch.cat([weights["directions"], weights["readings"].flatten(0, 1)]).detach().double()
 
 
-def _mapped(
-    target: Target, linear: Float64[Tensor, "M M"], kept: Float64[Tensor, "M M"], back: Float64[Tensor, "M M"]
-) -> Target:
-    """Features c = f - 0.5 as s (L c + (I - K Kᵀ) mean), and a scene decoder whose rows r are r B / s.
+def _reads_centred(method: Method) -> bool:
+    """Whether the scene decoder reads features less half the opacity, so that a common factor can be made good."""
+    return not isinstance(method.networks["scene_decoder"], Decoder)
 
-    L is `linear`, B `back`; what K, `kept`, does not keep stays at its mean: nothing of it where K is a rotation. s is
-    the largest factor up to 1 that leaves all features storable.
+
+def _stored(centred: Float64[Tensor, "N M"]) -> Float[Tensor, "N M"]:
+    """Raw features, of features less 0.5; values that no sigmoid gives stop short of it."""
+    return (0.5 + centred.clamp(-FARTHEST, FARTHEST)).logit().float()
+
+
+def _shrunk(target: Target, centred: Float64[Tensor, "N M"], back: Float64[Tensor, "M M"]) -> Target:
+    """Features 0.5 + s c, and a scene decoder with rows r B / s, where it had r; B is `back`.
+
+    s is the largest factor up to 1 that leaves all features storable.
     """
-    centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
-    removed = torch.eye(len(kept), dtype=kept.dtype) - kept @ kept.T
-    mapped = centred @ linear.T + centred.mean(dim=0) @ removed.T
-    farthest = float(mapped.abs().max()) if len(mapped) else 0.0
-    shrink = min(1.0, FARTHEST / max(farthest, 1e-12))
-    changed = target.with_parameters({FEATURES: (0.5 + shrink * mapped).logit().float()})
+    farthest = float(centred.abs().max()) if len(centred) else 0.0
+    shrink = min(1.0, FARTHEST / max(farthest, FARTHEST))
+    changed = target.with_parameters({FEATURES: _stored(shrink * centred)})
     return replace(changed, method=_reading(target.method, back / shrink))
 
 

@@ -57,6 +57,12 @@ def attacks(reoptimised: Sequence[int]) -> Mapping[AttackName, Attack]:
             random=False,
             remedy=features.realigned,
         ),
+        "channel_permutation": Attack(
+            seeded(features.channel_permutation),
+            features.permuted_counts,
+            applies=_has_features,
+            remedy=features.realigned,
+        ),
         "feature_rotation": Attack(
             seeded(features.feature_rotation), strongest=90.0, applies=_has_features, remedy=features.realigned
         ),
