@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import torch
 from pydantic import Field, field_validator
@@ -9,8 +11,9 @@ from pydantic import Field, field_validator
 from opencl.device import choose_device
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.analysis.attacks.catalogue import ATTACKS, AttackName
+from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName
 from stages.analysis.attacks.curves import Assay
+from stages.analysis.attacks.kept import kept
 from stages.analysis.attacks.registry import attacks
 from stages.analysis.attacks.scoring import Scorer
 from stages.analysis.attacks.target import Knowledge, Target
@@ -90,10 +93,10 @@ def attack(context: Context, parameters: AttackParameters) -> None:
         context.stop_if_requested,
     )
     every = attacks(parameters.reoptimised)
-    rows = list(assay.unattacked())
+    rows = list(kept(context.scratch, UNATTACKED, assay.unattacked))
     for done, name in enumerate(parameters.attacks):
         context.progress(done, len(parameters.attacks))
-        rows += assay.curve(name, every[name])
+        rows += kept(context.scratch, name, partial(assay.curve, name, every[name]))
     write_measurements(context.output("measurements"), rows)
     context.record(device=choose_device().describe())
 

@@ -21,6 +21,8 @@ QUICK = {"cover_losses": (0.5,), "seeds": (0,), "reoptimised": (1, 2), "lpips": 
 FEATURES = {"channel_dropping", "unread_directions", "channel_permutation", "feature_rotation", "compensated_rotation"}
 REMEDIED = {"rigid_motion", *FEATURES}
 RENDERS = {"jpeg", "resizing"}
+SECOND_ATTACK = 7
+"""Each severity has one look, and quantisation and stripping have five each."""
 
 
 def inputs(tmp_path: Path, method: str, hidden: int = 1) -> dict[str, Artifact | tuple[Artifact, ...]]:
@@ -59,9 +61,15 @@ def test_a_secret_without_a_message_is_refused(tmp_path: Path) -> None:
         run_stage(attack, AttackParameters(method="gs_hider"), inputs(tmp_path, "gs_hider", 0), tmp_path / "attacked")
 
 
-def test_it_stops_when_it_is_asked_to(tmp_path: Path) -> None:
-    parameters = AttackParameters.model_validate({**QUICK, "method": "sh"})
-    given, asking = inputs(tmp_path, "sh"), Asking(stop_at=30)
+def test_it_stops_when_it_is_asked_to_and_goes_on_with_the_next_attack(tmp_path: Path) -> None:
+    parameters = AttackParameters.model_validate({**QUICK, "method": "sh", "attacks": ("quantisation", "stripping")})
+    given, asking = inputs(tmp_path, "sh"), Asking(stop_at=SECOND_ATTACK)
     with pytest.raises(Interrupted):
         run_stage(attack, parameters, given, tmp_path / "attacked", services=asking.services())
-    assert asking.looks == 30
+    scratch = tmp_path / "attacked" / ".scratch"
+    assert (scratch / "quantisation.jsonl").is_file()
+    assert not (scratch / "stripping.jsonl").exists()
+    again = run_stage(attack, parameters, given, tmp_path / "attacked", services=(second := Asking()).services())
+    whole = run_stage(attack, parameters, given, tmp_path / "whole", services=(third := Asking()).services())
+    assert second.looks < third.looks
+    assert read_measurements(again["measurements"]) == read_measurements(whole["measurements"])

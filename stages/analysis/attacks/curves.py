@@ -18,7 +18,7 @@ class Assay:
     """How attacks are measured: on what, by whom, and what the attacker knows.
 
     `cover_losses` in dB set the severities of attacks that have no natural ones, with the first of the seeds.
-    `perceptual` is measured at an attack's fixed severities, and without attack.
+    `perceptual` is measured at an attack's fixed severities, with the first seed, and without attack.
     """
 
     target: Target
@@ -44,7 +44,7 @@ class Assay:
             attacker = first if seed == self.seeds[0] else attack.prepare(self.target, seed, self.knowledge)
             for severity in severities:
                 attacked = attacker(severity)
-                perceptual = self.perceptual if severity in attack.fixed else {}
+                perceptual = self.perceptual if severity in attack.fixed and seed == self.seeds[0] else {}
                 yield from self._rows(self.scorer.figures(attacked, perceptual), name, severity, seed)
                 if attack.remedy is not None:
                     figures = self.scorer.figures(attack.remedy(attacked, self.target))

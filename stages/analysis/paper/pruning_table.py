@@ -43,7 +43,9 @@ def pruning_table(by_method: Groups, tables: Published) -> Grid:
             name = f"{title}, {variant.value:g} %"
             lines += _lines(name, by_method, attack, variant.value / 100)
             lines.append(_published_line(name, [_of(variant, message, quantity) for message, quantity in COLUMNS]))
-    notes = ["Averages over captures, and over seeds of what is pruned at random; the paper's LPIPS names no network."]
+    notes = [
+        "Averages over captures, and over seeds of what is pruned at random (LPIPS: one); the paper's names no network."
+    ]
     if not at_severity(_all(by_method), UNATTACKED, None, False, "lpips_vgg").by_capture:
         notes.append(f"LPIPS (VGG16) was not measured. Where its weights are missing: {HOW_TO_INSTALL}")
     headings = tuple(f"{'Message' if message else 'Cover'}: {label(quantity)}" for message, quantity in COLUMNS)
@@ -62,7 +64,7 @@ def pruning_relations(by_method: Groups, tables: Published) -> list[Relation]:
                 difference = _of(variant, message, "psnr") - unpruned[message]
                 found.append(
                     Relation(
-                        f"{title_of(method)}, {text}: what the {'message' if message else 'cover'} loses",
+                        f"{title_of(method)}, {text}: change of the {'message' if message else 'cover'}",
                         "difference",
                         "at least",
                         -bound,

@@ -227,11 +227,7 @@ def _points(attacked: Attacked) -> Grid:
                 ]
                 lines.append(((ATTACKS[attack].title, f"{title_of(method)} · {picture}"), cells))
                 most = max(most, len(cells))
-    severities = "; ".join(
-        f"{ATTACKS[attack].title.lower() if not ATTACKS[attack].title[:2].isupper() else ATTACKS[attack].title}: "
-        f"{ATTACKS[attack].severity}"
-        for attack in attacked.attacks
-    )
+    severities = "; ".join(f"{ATTACKS[attack].title} by {ATTACKS[attack].severity}" for attack in attacked.attacks)
     return Grid(
         "Every point of the curves: PSNR of cover and message (dB)",
         ("Attack", "Picture"),
