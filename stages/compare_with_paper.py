@@ -26,6 +26,7 @@ Table = Literal[
     "probes",
     "steganalysis",
     "secrecy",
+    "robustness",
 ]
 
 

@@ -37,6 +37,7 @@ SEVERAL = {
     ],
 }
 ONLY_OF = {"secrecy": ("steps=3",)}
+ATTACKED = [{**PAIR, "hidden": 1, "method": name} for name in ("homogeneous", "gs_hider")]
 IMAGES = [{"cover": "fox", "method": "gs_hider", "name": "boat", "image": "boat.png", "gaussians": 500, "seed": 0}]
 
 
@@ -118,3 +119,13 @@ def test_an_image_in_one_view(photos: Path) -> None:
     rows = [{**row, "image": str(photos / row["image"])} for row in IMAGES]
     ended = run(photos, "hide_image", rows)
     assert any("boat" in row["line"] for row in figures(ended)), figures(ended)
+
+
+@pytest.mark.slow
+def test_attacks(photos: Path) -> None:
+    quick = ("cover_losses=[1.0]", "seeds=[0]", "reoptimised=[1, 2]", "test_views=1")
+    ended = run(photos, "robustness", ATTACKED, *quick)
+    assert len([name for name in ended if name.startswith("attacked[")]) == len(ATTACKED)
+    written = {row["line"] for row in figures(ended)}
+    assert any("Random, 25 %" in line for line in written), written
+    assert any("Channel dropping" in line for line in written), written

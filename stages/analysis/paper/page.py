@@ -21,6 +21,7 @@ from stages.analysis.paper.probes import probes
 from stages.analysis.paper.public import public_chapter, public_study
 from stages.analysis.paper.published import Published, wrong_averages
 from stages.analysis.paper.relations import NOISES, Relation, relations_grid
+from stages.analysis.paper.robustness import robustness
 from stages.analysis.paper.runs import Study, capture_title, method_title
 from stages.analysis.paper.secrecy import secrecy
 from stages.analysis.paper.several_messages import several_messages
@@ -41,6 +42,7 @@ WRITERS: Mapping[str, Writer] = {
     "plateau": plateau,
     "steganalysis": steganalysis,
     "secrecy": secrecy,
+    "robustness": robustness,
 }
 PAPER_TITLES = {
     "fidelity": ("Fidelity", "All metrics"),
