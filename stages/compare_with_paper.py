@@ -27,6 +27,7 @@ Table = Literal[
     "steganalysis",
     "secrecy",
     "robustness",
+    "rtws",
 ]
 
 

@@ -38,6 +38,13 @@ SEVERAL = {
 }
 ONLY_OF = {"secrecy": ("steps=3",)}
 ATTACKED = [{**PAIR, "hidden": 1, "method": name} for name in ("homogeneous", "gs_hider")]
+COPYRIGHT = {"cover": "fox", "stranger": "kitchen", "gaussians": 500, "stranger_gaussians": 500, "seed": 0}
+COPYRIGHTS = [
+    {**COPYRIGHT, "variant": "paper", "negatives": "photos", "reading_weight": 0.0, "feature_rate": 0.005}
+    | {"distorted": False},
+    {**COPYRIGHT, "variant": "read", "negatives": "photos_and_clean_renders", "reading_weight": 3.0}
+    | {"feature_rate": 0.02, "distorted": True},
+]
 IMAGES = [{"cover": "fox", "method": "gs_hider", "name": "boat", "image": "boat.png", "gaussians": 500, "seed": 0}]
 
 
@@ -129,3 +136,13 @@ def test_attacks(photos: Path) -> None:
     written = {row["line"] for row in figures(ended)}
     assert any("Random, 25 %" in line for line in written), written
     assert any("Channel dropping" in line for line in written), written
+
+
+@pytest.mark.slow
+def test_a_copyright_read_off_renders(photos: Path) -> None:
+    few = [f"{name}_iterations=4" for name in ("codec", "finetune", "tuning")]
+    settings = [*few, "negatives=12", "renders=4", f"image={photos / 'boat.png'}"]
+    ended = run(photos, "rtws", COPYRIGHTS, *settings)
+    assert len([name for name in ended if name.startswith("detection[")]) == len(COPYRIGHTS)
+    written = {row["line"] for row in figures(ended)}
+    assert any("features and decoder learn together" in line for line in written), written

@@ -22,6 +22,7 @@ from stages.analysis.paper.public import public_chapter, public_study
 from stages.analysis.paper.published import Published, wrong_averages
 from stages.analysis.paper.relations import NOISES, Relation, relations_grid
 from stages.analysis.paper.robustness import robustness
+from stages.analysis.paper.rtws import rtws
 from stages.analysis.paper.runs import Study, capture_title, method_title
 from stages.analysis.paper.secrecy import secrecy
 from stages.analysis.paper.several_messages import several_messages
@@ -38,6 +39,7 @@ WRITERS: Mapping[str, Writer] = {
     "single_image": single_image,
     "several_messages": several_messages,
     "probes": probes,
+    "rtws": rtws,
     "ablations": ablations,
     "plateau": plateau,
     "steganalysis": steganalysis,

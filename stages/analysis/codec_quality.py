@@ -1,0 +1,54 @@
+"""How well a watermark codec hides and finds pictures, on photos that it was not trained on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import torch
+
+from stages.analysis.measurements import Measurement
+from stages.hiding.watermark.codec import WatermarkCodec
+from stages.imaging.image import filling
+from stages.imaging.pictures import Picture, picture_to_tensor, tensor_to_picture
+from stages.imaging.psnr import psnr
+from stages.imaging.windows import random_window
+
+WIDTH, HEIGHT = 200, 112
+WINDOWS = 16
+"""Of each group of photos, of the size that pictures have on the CPU profile."""
+
+MARKED, FOUND = "psnr_watermarked", "psnr_found"
+"""PSNR of the watermarked picture beside the picture, and of the watermark that is found in its 8-bit copy."""
+
+GIVEN = "the given watermark in "
+
+
+def quality(
+    codec: WatermarkCodec, photos: Mapping[str, Sequence[Picture]], watermarks: Sequence[Picture], seed: int
+) -> Iterator[Measurement]:
+    """For each group of photos that is not empty: windows of it hidden in others of it, then the given watermarks."""
+    for group, pictures in photos.items():
+        if pictures:
+            generator = np.random.default_rng(seed)
+            windows = [_window(pictures, row, generator) for row in range(2 * WINDOWS)]
+            yield from _scores(codec, group, windows[::2], windows[1::2])
+            for watermark in watermarks:
+                yield from _scores(codec, GIVEN + group, windows[::2], [filling(watermark, WIDTH, HEIGHT)] * WINDOWS)
+
+
+def _window(pictures: Sequence[Picture], row: int, generator: np.random.Generator) -> Picture:
+    return random_window(pictures[row % len(pictures)], WIDTH, HEIGHT, generator)
+
+
+@torch.no_grad()
+def _scores(
+    codec: WatermarkCodec, group: str, images: Sequence[Picture], watermarks: Sequence[Picture]
+) -> Iterator[Measurement]:
+    for row, (image, watermark) in enumerate(zip(images, watermarks, strict=True)):
+        cover, hidden = (picture_to_tensor(each).permute(2, 0, 1)[None] for each in (image, watermark))
+        marked = picture_to_tensor(tensor_to_picture(codec.watermark_encoder(cover, hidden)))
+        found = codec.watermark_decoder(marked)
+        for quantity, picture, truth in ((MARKED, marked, cover), (FOUND, found, hidden)):
+            value = psnr(picture.permute(0, 2, 3, 1), truth.permute(0, 2, 3, 1))
+            yield Measurement(quantity, value, group, view=f"window {row}", split="test")

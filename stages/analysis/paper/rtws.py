@@ -1,0 +1,292 @@
+"""The table of copyrights that are read off renders (RTWS), and what its PSNR alone hides."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from stages.analysis.codec_quality import FOUND, MARKED
+from stages.analysis.measurements import Measurement
+from stages.analysis.page.figures import MISSING
+from stages.analysis.page.material import GS_HIDER
+from stages.analysis.paper.chapter import Chapter, title_of
+from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, published_cell
+from stages.analysis.paper.measuring import Measured, Spread, mean, measure
+from stages.analysis.paper.published import Published
+from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.runs import Experiment, Run, Study, capture_title
+from stages.analysis.paper.single_image import image_psnr
+from stages.analysis.watermark_trials import (
+    BOUND,
+    BOUND_BY_SCENE,
+    BRIGHTNESS,
+    CLEAN_CHANNEL,
+    COVER_AFTER,
+    COVER_BEFORE,
+    DETECTED,
+    EVERY_NEGATIVE,
+    FALSE_POSITIVES,
+    PSNR_BLACK,
+    PSNR_WATERMARK,
+    RENDERS,
+    SCENES,
+    TRIALS,
+)
+from stages.imaging.distortions import DISTORTIONS, WORDING
+
+BEFORE, AFTER = "before", "after"
+"""What names of stages begin with that score containers before and after they were fine-tuned."""
+
+MOST_LOST_ON_THE_COVER, MOST_LOST_ON_THE_MESSAGE, LEAST_OF_THE_WATERMARK = 0.6, 2.0, 35.0
+MOST_FALSE_POSITIVES, LEAST_DETECTED = 0.1, 99.0  # percent
+
+PAPERS = "paper"
+VARIANTS = {
+    PAPERS: "RTWS",
+    "clean": "RTWS, clean renders black, too",
+    "read": "RTWS, features and decoder learn together",
+}
+"""How a container and its decoder came about, by the items' column `variant`."""
+
+SAME_CONTAINER = {"clean": PAPERS}
+"""Variants that differ from another in the decoder alone: what became of the image is scored once."""
+
+Key = tuple[str, str]
+"""Method and variant."""
+
+SURVIVAL_NOTE = (
+    "Test views and new cameras along the rig, at the threshold that 99 % of other new cameras reach. Sigmas are true."
+)
+BOUND_NOTE = (
+    "Upper bounds are one-sided, at 95 %. Over pictures: Clopper and Pearson's, as if thousands of pictures of few "
+    "scenes were independent, which they are not. Over scenes: the same for how many scenes have a false positive; of "
+    "S scenes and none wrong it cannot be under 1 - 0.05^(1/S), whatever is measured."
+)
+
+
+def rtws(study: Study, tables: Published) -> Chapter:
+    """Runs of stages whose names begin with `before` and `after`, and what `detect_watermark` measured."""
+    before, after = (_images(study.runs, word) for word in (BEFORE, AFTER))
+    detections: dict[Key, list[Experiment]] = {}
+    for each in study.experiments:
+        if any(row.condition == EVERY_NEGATIVE for row in each.rows):
+            detections.setdefault((each.method, str(each.values.get("variant", PAPERS))), []).append(each)
+    grids = [
+        _fidelity(before, after, detections, tables),
+        _negatives(detections),
+        _survival(detections),
+        _codec(study.experiments),
+    ]
+    return Chapter(
+        "A copyright read off renders",
+        tuple(grid for grid in grids if grid.lines),
+        tuple(_relations(before, after, detections, tables)),
+        tuple(run for group in (before, after) for runs in group.values() for run in runs),
+    )
+
+
+def _images(runs: Iterable[Run], word: str) -> dict[Key, list[Run]]:
+    """Runs of stages whose names begin with the word, by method and variant, which is among what their items state.
+
+    They tell what became of the hidden image. The cover is scored beside the watermark.
+    """
+    groups: dict[Key, list[Run]] = {}
+    for run in runs:
+        if run.stage.startswith(word):
+            stated = [value.removeprefix("variant=") for value in run.other if value.startswith("variant=")]
+            groups.setdefault((run.method, stated[0] if stated else PAPERS), []).append(run)
+    return groups
+
+
+def _earlier(before: Mapping[Key, Sequence[Run]], key: Key) -> list[Run]:
+    """Of the method, whatever was made of its container afterwards."""
+    return [run for (method, _), runs in before.items() if method == key[0] for run in runs]
+
+
+def _later(after: Mapping[Key, Sequence[Run]], key: Key) -> Sequence[Run]:
+    method, variant = key
+    return after.get(key) or after.get((method, SAME_CONTAINER.get(variant, variant)), ())
+
+
+def _title(key: Key) -> str:
+    method, variant = key
+    return f"{title_of(method)}, {VARIANTS.get(variant, variant)}"
+
+
+def _value(rows: Iterable[Measurement], quantity: str, condition: str, severity: float | None = None) -> float:
+    """The mean over what was measured so; NaN for nothing."""
+    wanted = (quantity, condition, severity)
+    return mean(row.value for row in rows if (row.quantity, row.condition, row.severity) == wanted)
+
+
+def _by_capture(detections: Iterable[Experiment], quantity: str, condition: str) -> Measured:
+    found = {each.capture: _value(each.rows, quantity, condition) for each in detections}
+    return Measured({capture: Spread(value) for capture, value in found.items() if not math.isnan(value)})
+
+
+def _fidelity(
+    before: Mapping[Key, Sequence[Run]],
+    after: Mapping[Key, Sequence[Run]],
+    detections: Mapping[Key, Sequence[Experiment]],
+    tables: Published,
+) -> Grid:
+    """PSNR_S, PSNR_M and PSNR_W, beside the paper's."""
+    lines, told = [], set()
+    for key, group in detections.items():
+        is_paper = key == (GS_HIDER, PAPERS)
+        if key[0] not in told:
+            told.add(key[0])
+            title = f"{title_of(key[0])}, before"
+            figures = _by_capture(group, "psnr", COVER_BEFORE), measure(_earlier(before, key), image_psnr), Measured({})
+            lines.append(Line((title, HERE), _decibels(figures)))
+            if is_paper:
+                lines.append(Line((title, PAPER), _published(tables, "without"), published=True))
+        figures = (
+            _by_capture(group, "psnr", COVER_AFTER),
+            measure(_later(after, key), image_psnr),
+            _by_capture(group, PSNR_WATERMARK, RENDERS),
+        )
+        lines.append(Line((_title(key), HERE), _decibels(figures)))
+        if is_paper:
+            lines.append(Line((_title(key), PAPER), _published(tables, "with"), published=True))
+    return Grid(
+        "RTWS: PSNR (dB), averages over the captures",
+        ("Container", "Figures"),
+        ("Cover", "Image", "Watermark"),
+        tuple(lines),
+        ("Cover and watermark: test views. The image: the one view that hides it. The paper: nine captures.",),
+    )
+
+
+def _decibels(figures: Iterable[Measured]) -> tuple[Cell, ...]:
+    return tuple(figure_cell("psnr", Spread(figure.average.mean)) for figure in figures)
+
+
+def _published(tables: Published, row: str) -> tuple[Cell, ...]:
+    figures = tables.traceable_watermark[row]
+    return tuple(published_cell("psnr", figures.get(name, math.nan)) for name in ("cover", "message", "watermark"))
+
+
+def _negatives(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
+    """What the decoder shows of each kind of picture, and how often it is wrong."""
+    lines = []
+    for key, group in detections.items():
+        for experiment in group:
+            kinds = dict.fromkeys(row.condition for row in experiment.rows if row.quantity == FALSE_POSITIVES)
+            capture = capture_title(experiment.capture)
+            shown = _shown(experiment.rows, RENDERS)
+            lines.append(Line((_title(key), capture, RENDERS), (*shown, *[Cell("")] * 4)))
+            for kind in kinds:
+                cells = (*_shown(experiment.rows, kind), *_rates(experiment.rows, kind))
+                lines.append(Line((_title(key), capture, kind), cells))
+    return Grid(
+        "What the decoder shows, and how often it is wrong",
+        ("Decoder", "Capture", "Pictures"),
+        (
+            "To the watermark (dB)",
+            "To black (dB)",
+            "Brightness",
+            "Pictures",
+            "Taken for it",
+            "Bound, pictures",
+            "Bound, scenes",
+        ),
+        tuple(lines),
+        (BOUND_NOTE,),
+    )
+
+
+def _shown(rows: Sequence[Measurement], condition: str) -> tuple[Cell, ...]:
+    to_watermark, to_black, brightness = (
+        _value(rows, quantity, condition) for quantity in (PSNR_WATERMARK, PSNR_BLACK, BRIGHTNESS)
+    )
+    return (
+        figure_cell("psnr", Spread(to_watermark)),
+        figure_cell("psnr", Spread(to_black)),
+        figure_cell("ssim", Spread(brightness)),
+    )
+
+
+def _rates(rows: Sequence[Measurement], condition: str) -> tuple[Cell, ...]:
+    count, scenes, wrong, bound, by_scene = (
+        _value(rows, quantity, condition) for quantity in (TRIALS, SCENES, FALSE_POSITIVES, BOUND, BOUND_BY_SCENE)
+    )
+    return (
+        Cell(f"{count:,.0f}", f"{scenes:.0f} scenes" if scenes != 1 else "1 scene", Spread(count)),
+        Cell(f"{wrong:,.0f}", "", Spread(wrong)),
+        Cell(f"{bound:.2g}", "", Spread(bound)),
+        Cell(f"{by_scene:.2g}", "", Spread(by_scene)),
+    )
+
+
+def _survival(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
+    """The share that is found, after each distortion."""
+    conditions: list[tuple[str, str, float | None]] = [(CLEAN_CHANNEL, CLEAN_CHANNEL, None)]
+    conditions += [(f"{WORDING[each.name]} {each.severity:g}", each.name, each.severity) for each in DISTORTIONS]
+    lines = []
+    for title, name, severity in conditions:
+        found = [[_value(each.rows, DETECTED, name, severity) for each in group] for group in detections.values()]
+        lines.append(Line((title,), tuple(_percent(mean(values)) for values in found)))
+    return Grid(
+        "Renders that are found",
+        ("Distortion",),
+        tuple(map(_title, detections)),
+        tuple(lines) if detections else (),
+        (SURVIVAL_NOTE,),
+    )
+
+
+def _percent(value: float) -> Cell:
+    return Cell(MISSING if math.isnan(value) else f"{100 * value:.1f} %", "", Spread(value))
+
+
+def _codec(experiments: Iterable[Experiment]) -> Grid:
+    """The codec's own quality, as `train_codec` measured it."""
+    rows = list(dict.fromkeys(row for each in experiments for row in each.rows if row.quantity in (MARKED, FOUND)))
+    lines = [
+        Line(
+            (condition,), tuple(figure_cell("psnr", Spread(_value(rows, name, condition))) for name in (MARKED, FOUND))
+        )
+        for condition in dict.fromkeys(row.condition for row in rows)
+    ]
+    return Grid(
+        "The codec by itself, on photos that it was not trained on: PSNR (dB)",
+        ("Hidden in",),
+        ("Watermarked picture", "Watermark, from 8 bits"),
+        tuple(lines),
+    )
+
+
+def _relations(
+    before: Mapping[Key, Sequence[Run]],
+    after: Mapping[Key, Sequence[Run]],
+    detections: Mapping[Key, Sequence[Experiment]],
+    tables: Published,
+) -> Iterator[Relation]:
+    """The bars of this project; the paper gives no false positives."""
+    paper = tables.traceable_watermark
+    for key, group in detections.items():
+        title, is_paper = _title(key), key == (GS_HIDER, PAPERS)
+        losses = {
+            "cover": _by_capture(group, "psnr", COVER_AFTER).minus(_by_capture(group, "psnr", COVER_BEFORE)),
+            "message": measure(_later(after, key), image_psnr).minus(measure(_earlier(before, key), image_psnr)),
+        }
+        for picture, most in (("cover", MOST_LOST_ON_THE_COVER), ("message", MOST_LOST_ON_THE_MESSAGE)):
+            if losses[picture].by_capture:
+                published = paper["with"][picture] - paper["without"][picture] if is_paper else math.nan
+                yield Relation(
+                    f"{title}: {picture}, to before", "difference", "at least", -most, losses[picture], published
+                )
+        published = paper["with"]["watermark"] if is_paper else math.nan
+        shown = _by_capture(group, PSNR_WATERMARK, RENDERS)
+        yield Relation(f"{title}: watermark", "figure", "at least", LEAST_OF_THE_WATERMARK, shown, published)
+        detected, bound = _percents(group, DETECTED, CLEAN_CHANNEL), _percents(group, BOUND, EVERY_NEGATIVE)
+        yield Relation(f"{title}: renders that are found, in %", "ratio", "at least", LEAST_DETECTED, detected)
+        yield Relation(
+            f"{title}: upper bound of false positives, in %", "ratio", "less than", MOST_FALSE_POSITIVES, bound
+        )
+
+
+def _percents(detections: Iterable[Experiment], quantity: str, condition: str) -> Measured:
+    found = _by_capture(detections, quantity, condition)
+    return Measured({capture: Spread(100 * each.mean) for capture, each in found.by_capture.items()})

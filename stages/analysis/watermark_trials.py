@@ -1,0 +1,146 @@
+"""What a watermark decoder is tried on: pictures with the watermark, and pictures of many kinds without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from stages.analysis.detection import (
+    explained_share,
+    share_reaching,
+    threshold_at,
+    upper_bound,
+    upper_bound_by_group,
+)
+from stages.analysis.measurements import Measurement
+from stages.hiding.watermark.codec import WatermarkCodec
+from stages.imaging.distortions import DISTORTIONS, Distortion
+from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture
+from stages.imaging.psnr import psnr
+
+PSNR_WATERMARK, PSNR_BLACK, BRIGHTNESS = "psnr_watermark", "psnr_black", "brightness"
+"""Of what the decoder shows: beside W_cop, beside black, and its mean value."""
+
+THRESHOLD, DETECTED, TRIALS = "threshold", "detected", "trials"
+FALSE_POSITIVES, BOUND, BOUND_BY_SCENE, SCENES = "false_positives", "upper_bound", "upper_bound_by_scene", "scenes"
+
+COVER_BEFORE, COVER_AFTER = "cover, before", "cover, after"
+"""Conditions of the container's own PSNR on test views."""
+
+RENDERS, CLEAN_CHANNEL, EVERY_NEGATIVE = "renders", "clean channel", "all without the watermark"
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What the decoder shows of one picture: the share of W_cop that it explains, and figures of it."""
+
+    share: float
+    psnr_watermark: float
+    psnr_black: float
+    brightness: float
+
+
+@dataclass(frozen=True)
+class Negative:
+    """A picture without the watermark; `kind` is what sort of picture it is, `scene` what it shows."""
+
+    kind: str
+    scene: str
+    picture: Picture
+
+
+class Detector:
+    """D_w with the watermark that it looks for, at the size of the container's pictures; other sizes stretch it."""
+
+    def __init__(self, codec: WatermarkCodec, watermark: Picture):
+        self.codec, self.watermark = codec, watermark
+
+    @torch.no_grad()
+    def look(self, picture: Picture) -> Shown:
+        """Of an 8-bit picture with even sides."""
+        found = self.codec.watermark_decoder(picture_to_tensor(picture).permute(2, 0, 1)[None])[0].permute(1, 2, 0)
+        wanted = picture_to_tensor(resize_picture(self.watermark, picture.shape[1], picture.shape[0]))
+        return Shown(
+            explained_share(found.clamp(0, 1), wanted),
+            psnr(found, wanted),
+            psnr(found, torch.zeros_like(found)),
+            float(found.clamp(0, 1).mean()),
+        )
+
+
+@dataclass(frozen=True)
+class Positives:
+    """Renders with the watermark: `tests` of the scene's test views by their names, `calibration` and `others` of new
+    cameras. The threshold is set on `calibration`, and all else measured on the rest."""
+
+    tests: Sequence[tuple[str, Picture]]
+    calibration: Sequence[Picture]
+    others: Sequence[Picture]
+
+
+def trial_rows(
+    detector: Detector, positives: Positives, negatives: Iterable[Negative], seed: int, after_each: Callable[[], None]
+) -> Iterator[Measurement]:
+    """PSNR_W on test views, the threshold, survival of distortions, and what is shown of every kind of negative."""
+
+    def look(picture: Picture) -> Shown:
+        after_each()
+        return detector.look(picture)
+
+    for view, picture in positives.tests:
+        shown = look(picture)
+        for quantity, value in figures(shown).items():
+            yield Measurement(quantity, value, RENDERS, view=view, split="test")
+    threshold = threshold_at([look(picture).share for picture in positives.calibration])
+    yield Measurement(THRESHOLD, threshold, CLEAN_CHANNEL)
+    held_out = [*(picture for _, picture in positives.tests), *positives.others]
+    yield from _detected(CLEAN_CHANNEL, None, [look(picture).share for picture in held_out], threshold)
+    for distortion in DISTORTIONS:
+        shares = [look(picture).share for picture in _distorted(distortion, held_out, seed)]
+        yield from _detected(distortion.name, distortion.severity, shares, threshold)
+    yield from _negative_rows([(each, look(each.picture)) for each in negatives], threshold)
+
+
+def figures(shown: Shown) -> dict[str, float]:
+    """By quantity."""
+    return {
+        PSNR_WATERMARK: shown.psnr_watermark,
+        PSNR_BLACK: shown.psnr_black,
+        BRIGHTNESS: shown.brightness,
+    }
+
+
+def _distorted(distortion: Distortion, pictures: Sequence[Picture], seed: int) -> Iterator[Picture]:
+    generator = np.random.default_rng(seed)
+    return (distortion.apply(picture, generator) for picture in pictures)
+
+
+def _detected(condition: str, severity: float | None, shares: Sequence[float], threshold: float) -> list[Measurement]:
+    return [
+        Measurement(DETECTED, share_reaching(shares, threshold), condition, severity),
+        Measurement(TRIALS, len(shares), condition, severity),
+    ]
+
+
+def _negative_rows(trials: Sequence[tuple[Negative, Shown]], threshold: float) -> Iterator[Measurement]:
+    for kind in dict.fromkeys(negative.kind for negative, _ in trials):
+        own = [(negative, shown) for negative, shown in trials if negative.kind == kind]
+        for quantity in (PSNR_WATERMARK, PSNR_BLACK, BRIGHTNESS):
+            yield Measurement(quantity, float(np.mean([figures(shown)[quantity] for _, shown in own])), kind)
+        yield from _bounds(kind, own, threshold)
+    yield from _bounds(EVERY_NEGATIVE, trials, threshold)
+
+
+def _bounds(condition: str, trials: Sequence[tuple[Negative, Shown]], threshold: float) -> list[Measurement]:
+    wrong = [position for position, (_, shown) in enumerate(trials) if shown.share >= threshold]
+    scenes = [negative.scene for negative, _ in trials]
+    return [
+        Measurement(TRIALS, len(trials), condition),
+        Measurement(SCENES, len(set(scenes)), condition),
+        Measurement(FALSE_POSITIVES, len(wrong), condition),
+        Measurement(BOUND, upper_bound(len(wrong), len(trials)), condition),
+        Measurement(BOUND_BY_SCENE, upper_bound_by_group(scenes, wrong), condition),
+    ]

@@ -1,0 +1,165 @@
+"""`detect_watermark`: whether a tuned decoder finds the watermark in renders, and in nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import chain
+
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from pydantic import Field, field_validator
+
+from opencl.device import choose_device
+from pipeline.artifact import Artifact
+from pipeline.errors import UserError
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.measurements import Measurement, write_measurements
+from stages.analysis.watermark_trials import COVER_AFTER, COVER_BEFORE, Detector, Negative, Positives, trial_rows
+from stages.hiding.method import module_of
+from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.watermark.rendering import renders
+from stages.hiding.watermark.storage import read_codec
+from stages.imaging.image import filling, read_image
+from stages.imaging.pictures import Picture, picture_to_tensor
+from stages.imaging.psnr import psnr
+from stages.imaging.shipped_photos import DIGESTS, installed_photos, read_photo
+from stages.imaging.windows import random_window
+from stages.scene.camera_path import camera_path
+from stages.scene.cameras import Cameras
+from stages.scene.scene import Scene, read_scene
+from stages.training.codec_photos import read_photos
+
+COVER_SCENE = "the cover"
+OTHER_METHOD = "plain"
+"""Of the clean models of other scenes."""
+
+OWN_PHOTOS, OTHER_PHOTOS = "photos of the cover", "photos of other things"
+OWN_RENDERS, OTHER_RENDERS = "renders from before", "renders of other scenes"
+
+Pictures = UInt8[np.ndarray, "V H W 3"]
+
+
+class DetectWatermarkParameters(Parameters):
+    """How many pictures of which kind."""
+
+    method: str = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
+    renders: int = Field(
+        400, ge=2, description="New cameras along the rig; every other one sets the threshold, the rest are scored."
+    )
+    negatives: int = Field(
+        4000, ge=1, description="Pictures without the watermark, at least: as many of each source as of the others."
+    )
+    shipped_photos: tuple[str, ...] = Field(
+        tuple(DIGESTS), description="Photos that packages ship, by their files' names, as far as they are installed."
+    )
+    seed: int = Field(0, ge=0, description="Of windows of photos, and of distortions.")
+    threads: int = Field(1, ge=1, description="Threads of torch.")
+
+    @field_validator("shipped_photos")
+    @classmethod
+    def _as_installed(cls, wanted: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(name for name in wanted if name in installed_photos())
+
+
+@stage(
+    inputs={
+        "container": Input("container"),
+        "before": Input("container or splats"),
+        "cover": Input("scene"),
+        "codec": Input("codec"),
+        "watermark": Input("image"),
+        "photos": Input("capture"),
+        "other_photos": Input("capture", many=True, optional=True),
+        "other_scenes": Input("scene", many=True, optional=True),
+        "other_splats": Input("splats", many=True, optional=True),
+    },
+    outputs={"scores": Output("measurements", privacy="private")},
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method), module_of(OTHER_METHOD)],
+)
+def detect_watermark(context: Context, parameters: DetectWatermarkParameters) -> None:
+    """Score renders with the watermark, distorted ones, photos, and renders without it.
+
+    Negatives are windows of photos, at random places and of random sizes, and renders by cameras along the rigs. Every
+    capture is one scene, its photos and its renders together, and so is every shipped photo.
+    """
+    torch.set_num_threads(parameters.threads)
+    scene = read_scene(context.input("cover"))
+    cameras = scene.cameras
+    watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
+    detector = Detector(read_codec(context.input("codec")), watermark)
+    positives = _positives(context, parameters, scene)
+    negatives = list(_negatives(context, parameters, scene))
+    total = len(positives.calibration) + len(negatives)
+    done = 0
+
+    def after_each() -> None:
+        nonlocal done
+        done += 1
+        context.progress(min(done, total), total)
+        context.stop_if_requested()
+
+    rows = chain(
+        _fidelity(context, scene, positives),
+        trial_rows(detector, positives, negatives, parameters.seed, after_each),
+    )
+    write_measurements(context.output("scores"), [replace(row, method=parameters.method) for row in rows])
+    context.record(device=choose_device().describe())
+
+
+def _positives(context: Context, parameters: DetectWatermarkParameters, scene: Scene) -> Positives:
+    container = context.input("container")
+    check_method(container, parameters.method)
+    tests = _renders(container, scene.cameras.select(scene.test_names), context.stop_if_requested)
+    path = camera_path(scene.cameras, scene.points, parameters.renders)
+    new = _renders(container, path, context.stop_if_requested)
+    return Positives(list(zip(scene.test_names, tests, strict=True)), [*new[::2]], [*new[1::2]])
+
+
+def _fidelity(context: Context, scene: Scene, positives: Positives) -> Iterator[Measurement]:
+    """PSNR of the cover on test views, without the watermark and with it."""
+    before = _renders(context.input("before"), scene.cameras.select(scene.test_names), context.stop_if_requested)
+    truths = scene.pictures[scene.rows(scene.test_names)]
+    for (view, after), clean, truth in zip(positives.tests, before, truths, strict=True):
+        for condition, picture in ((COVER_BEFORE, clean), (COVER_AFTER, after)):
+            value = psnr(picture_to_tensor(picture), picture_to_tensor(truth))
+            yield Measurement("psnr", value, condition, view=view, split="test")
+
+
+def _negatives(context: Context, parameters: DetectWatermarkParameters, scene: Scene) -> Iterator[Negative]:
+    others = context.input_many("other_photos")
+    scenes, splats = context.input_many("other_scenes"), context.input_many("other_splats")
+    shipped = parameters.shipped_photos
+    if len(scenes) != len(splats):
+        raise UserError(
+            "scenes and splats of clean models belong together",
+            found=f"{len(scenes)} scenes and {len(splats)} splats",
+            expected="as many of one as of the other, in the same order",
+        )
+    each = -(-parameters.negatives // (2 + len(others) + len(splats) + bool(shipped)))
+    size = (scene.cameras.width, scene.cameras.height)
+    generator = np.random.default_rng(parameters.seed)
+
+    def windows(kind: str, photos: list[tuple[str, Picture]]) -> Iterator[Negative]:
+        for row in range(each):
+            name, photo = photos[row % len(photos)]
+            yield Negative(kind, name, random_window(photo, *size, generator))
+
+    yield from windows(OWN_PHOTOS, [(COVER_SCENE, photo) for photo in read_photos(context.input("photos"))])
+    for number, capture in enumerate(others, start=1):
+        yield from windows(OTHER_PHOTOS, [(f"capture {number}", photo) for photo in read_photos(capture)])
+    if shipped:
+        yield from windows(OTHER_PHOTOS, [(name, read_photo(name)) for name in shipped])
+    path = camera_path(scene.cameras, scene.points, each)
+    before = _renders(context.input("before"), path, context.stop_if_requested)
+    yield from (Negative(OWN_RENDERS, COVER_SCENE, picture) for picture in before)
+    for number, (other, model) in enumerate(zip(map(read_scene, scenes), splats, strict=True), start=1):
+        path = camera_path(other.cameras, other.points, each)
+        pictures = _renders(model, path, context.stop_if_requested)
+        yield from (Negative(OTHER_RENDERS, f"capture {number}", picture) for picture in pictures)
+
+
+def _renders(container: Artifact, cameras: Cameras, after_each: Callable[[], None]) -> Pictures:
+    return renders(read_gaussians(container), read_method(container), cameras, after_each)

@@ -1,0 +1,144 @@
+"""`finetune_rtws`: a trained container whose renders carry a watermark (RTWS, the paper's appendix A, first half)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from pydantic import Field
+
+from opencl.device import choose_device
+from pipeline.artifact import Artifact
+from pipeline.errors import UserError
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.method import Method, module_of
+from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
+from stages.hiding.watermark.rendering import renders
+from stages.hiding.watermark.storage import read_codec, write_codec
+from stages.imaging.image import filling, read_image
+from stages.imaging.metric_table import write_rows
+from stages.imaging.pictures import picture_to_tensor
+from stages.scene.attributes import string, strings
+from stages.scene.cameras import single_cameras
+from stages.scene.message_views import MessageViews, read_messages
+from stages.scene.scene import Scene, read_scene
+from stages.training.codec_photos import read_photos
+from stages.training.feature_tuning import FeatureRates, feature_training, half_watermarked
+from stages.training.objectives import FixedView, PictureTerm, hiding_terms
+from stages.training.session import train
+from stages.training.views import training_views
+from stages.training.watermark_reading import WatermarkReading
+
+
+class FinetuneRtwsParameters(Parameters):
+    """The paper names neither iterations nor rates."""
+
+    method: str = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
+    iterations: int = Field(300, ge=1, description="Optimisation steps, one view each.")
+    feature_rate: float = Field(
+        5e-3, gt=0, description="Learning rate of features, or of the constant harmonic: what a hiding ends with."
+    )
+    final_rate_share: float = Field(0.1, gt=0, le=1, description="Share of the rates that is left at the end.")
+    lambda_message: float = Field(0.1, ge=0, description="λ: the message's weight, where it is given.")
+    reading_weight: float = Field(
+        0.0,
+        ge=0,
+        description="Of what the watermark decoder shows of renders, photos and clean renders, in the same loss; "
+        "other_photos then are further pictures without a watermark. The paper: 0.",
+    )
+    final_reading_share: float = Field(0.03, gt=0, le=1, description="Share of that weight that is left at the end.")
+    decoder_rate: float = Field(3e-4, gt=0, description="Learning rate of the watermark decoder, where it is read.")
+    ssim_weight: float = Field(0.2, ge=0, le=1, description="γ and β: SSIM's share of each picture's loss.")
+    seed: int = Field(0, ge=0, description="Of which half of the views is watermarked, and of their order.")
+    threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
+
+
+@stage(
+    inputs={
+        "container": Input("container or splats"),
+        "cover": Input("scene"),
+        "codec": Input("codec"),
+        "watermark": Input("image"),
+        "secret": Input("secret", optional=True),
+        "image": Input("image", optional=True),
+        "messages": Input("views", many=True, optional=True),
+        "other_photos": Input("capture", many=True, optional=True),
+    },
+    outputs={
+        "container": Output("container", privacy="public"),
+        "codec": Output("codec", privacy="private"),
+        "curves": Output("metrics", privacy="private"),
+    },
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
+    """Hide the watermark in half of the training views, and have the Gaussians' features follow.
+
+    Positions, shapes, opacities and the container's decoders stay as they are. A message that is given, as `evaluate`
+    takes it, with its secret, is held on to; without it the features are free to forget it. With `reading_weight` the
+    watermark decoder learns beside the features; else the codec comes out as it came in. In either case a stage of its
+    own, `tune_watermark_decoder`, goes on with it: one container serves all decoders that learn from it.
+    """
+    torch.set_num_threads(parameters.threads)
+    container, secret = context.input("container"), context.input_optional("secret")
+    check_method(container, parameters.method)
+    scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec"))
+    watermark = filling(read_image(context.input("watermark"))[1], scene.cameras.width, scene.cameras.height)
+    messages = _messages(context, scene, secret)
+    views, marked = half_watermarked(
+        training_views(scene, {name: message.pictures for name, message in messages.items()}),
+        codec,
+        picture_to_tensor(watermark),
+        parameters.seed,
+    )
+    gaussians, plain_method = read_gaussians(container), read_method(container, secret)
+    method: Method = plain_method
+    if parameters.reading_weight > 0:
+        codec.expect(picture_to_tensor(watermark).permute(2, 0, 1))
+        clean = renders(gaussians, method, scene.cameras.select(scene.train_names), context.stop_if_requested)
+        method = WatermarkReading(
+            plain_method,
+            codec,
+            watermark,
+            views.cameras,
+            [scene.pictures[scene.rows(scene.train_names)], clean],
+            [photo for capture in context.input_many("other_photos") for photo in read_photos(capture)],
+            parameters.reading_weight,
+            parameters.final_reading_share,
+            parameters.seed,
+        )
+    terms = hiding_terms([*messages], parameters.lambda_message, parameters.ssim_weight, parameters.ssim_weight)
+    fixed = _hidden_image(context.input_optional("image"), secret, scene, parameters)
+    rates = FeatureRates(parameters.feature_rate, parameters.decoder_rate, parameters.final_rate_share)
+    training = feature_training(gaussians, method, views, terms, parameters.iterations, rates, parameters.seed, fixed)
+    curves = train(context, training)
+    write_container(context.output("container"), training.gaussians, plain_method)
+    write_codec(context.output("codec"), codec)
+    write_rows(context.output("curves"), curves)
+    context.record(device=choose_device().describe(), watermarked_views=len(marked))
+
+
+def _messages(context: Context, scene: Scene, secret: Artifact | None) -> dict[str, MessageViews]:
+    """Those that the container hides, of those that are given."""
+    hidden = strings(secret, "messages") if secret is not None else ()
+    given = read_messages(context.input_many("messages"), scene.cameras.names)
+    return {name: message for name, message in given.items() if name in hidden}
+
+
+def _hidden_image(
+    image: Artifact | None, secret: Artifact | None, scene: Scene, parameters: FinetuneRtwsParameters
+) -> Sequence[FixedView]:
+    if image is None:
+        return ()
+    if secret is None or "image_view" not in secret.attributes:
+        raise UserError(
+            "the hidden image cannot be held on to",
+            found="no secret" if secret is None else "the secret of hidden scenes",
+            expected="the secret of hide_image",
+            remedy="give finetune_rtws the input secret: hide.secret",
+        )
+    name, picture = read_image(image)
+    camera = single_cameras(scene.cameras.select([string(secret, "image_view")]))[0]
+    truth = torch.from_numpy(filling(picture, camera.width, camera.height))
+    return (FixedView(PictureTerm(name, parameters.lambda_message, parameters.ssim_weight), camera, truth),)

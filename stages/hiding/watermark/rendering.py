@@ -1,0 +1,26 @@
+"""What anyone has of a container: renders of its cover, as files hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import UInt8
+
+from stages.hiding.method import Method
+from stages.hiding.photographs import photographs
+from stages.hiding.rendering import COVER
+from stages.imaging.pictures import tensor_to_picture
+from stages.scene.cameras import Cameras
+from stages.scene.gaussians import Gaussians
+
+
+def renders(
+    gaussians: Gaussians, method: Method, cameras: Cameras, after_each: Callable[[], None]
+) -> UInt8[np.ndarray, "V H W 3"]:
+    """The cover from every camera, in 8 bits. No cameras give no pictures."""
+    pictures = np.empty((len(cameras), cameras.height, cameras.width, 3), np.uint8)
+    for row, rendering in enumerate(photographs(gaussians, method, cameras)):
+        pictures[row] = tensor_to_picture(rendering.pictures[COVER])
+        after_each()
+    return pictures

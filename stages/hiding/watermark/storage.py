@@ -1,0 +1,39 @@
+"""Watermark codecs in the store: settings and weights, as arrays of numbers."""
+
+from __future__ import annotations
+
+import torch
+
+from pipeline.artifact import Artifact, ArtifactWriter
+from pipeline.errors import UserError
+from stages.hiding.watermark.codec import SETTINGS, WatermarkCodec
+from stages.scene.attributes import mapping
+
+KIND = "codec"
+
+
+def write_codec(writer: ArtifactWriter, codec: WatermarkCodec) -> None:
+    """Write a codec: one that was trained on photos is no secret, one whose decoder was tuned belongs to the owner."""
+    writer.attributes.update(settings=dict(codec.settings))
+    for name, tensor in codec.state_dict().items():
+        writer.write(name.replace(".", "/"), tensor.contiguous().numpy())
+
+
+def read_codec(artifact: Artifact) -> WatermarkCodec:
+    """The codec in an artifact, frozen. Raises `UserError` where its weights do not fit its settings."""
+    settings = mapping(artifact, "settings")
+    weights = {name.replace("/", "."): torch.from_numpy(artifact.read(name)) for name in artifact.names}
+    try:
+        with torch.random.fork_rng():
+            codec = WatermarkCodec(**{name: int(str(settings[name])) for name in SETTINGS})
+        codec.lost = torch.nn.Parameter(weights["lost"])
+        codec.load_state_dict(weights)
+    except (KeyError, ValueError, RuntimeError) as error:
+        raise UserError(
+            "the weights of a watermark codec do not fit its settings",
+            where=str(artifact.path),
+            found=str(error).splitlines()[0],
+            expected=f"the settings {', '.join(SETTINGS)} and the weights that they lead to",
+            remedy="the artifact was not made by this version; make it again",
+        ) from error
+    return codec.requires_grad_(False)

@@ -1,0 +1,124 @@
+"""What happens to pictures on their way: compression, other sizes, cuts, blur, noise, brightness. All in 8 bits."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+
+from stages.imaging.pictures import Picture, encode_jpeg, resize_picture
+
+Applied = Callable[[Picture, np.random.Generator], Picture]
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """`severity` in the unit of its kind: see `DISTORTIONS`."""
+
+    name: str
+    severity: float
+    apply: Applied
+
+
+def jpeg(quality: int) -> Distortion:
+    """Saved as JPEG of this quality, with colours at full resolution, and read again."""
+    return Distortion(
+        "jpeg",
+        quality,
+        lambda picture, generator: np.array(Image.open(io.BytesIO(encode_jpeg(picture, quality))).convert("RGB")),
+    )
+
+
+def resized(scale: float) -> Distortion:
+    """Reduced to this share of its sides, and enlarged again to what it was."""
+
+    def apply(picture: Picture, generator: np.random.Generator) -> Picture:
+        height, width = picture.shape[:2]
+        small = resize_picture(picture, max(1, round(width * scale)), max(1, round(height * scale)))
+        return resize_picture(small, width, height)
+
+    return Distortion("resize", scale, apply)
+
+
+def cropped(share: float) -> Distortion:
+    """A window of this share of its sides, anywhere in it; its own sides are even."""
+
+    def apply(picture: Picture, generator: np.random.Generator) -> Picture:
+        height, width = (max(2, 2 * round(side * share / 2)) for side in picture.shape[:2])
+        top = int(generator.integers(picture.shape[0] - height + 1))
+        left = int(generator.integers(picture.shape[1] - width + 1))
+        return picture[top : top + height, left : left + width].copy()
+
+    return Distortion("crop", share, apply)
+
+
+def blurred(sigma: float) -> Distortion:
+    """A Gaussian of this standard deviation in pixels, cut off beyond four of them."""
+    return Distortion(
+        "blur",
+        sigma,
+        lambda picture, generator: to_bytes(gaussian_filter(picture.astype(np.float64), (sigma, sigma, 0))),
+    )
+
+
+def noisy(sigma: float) -> Distortion:
+    """Gaussian noise of this standard deviation, in levels of 255, before rounding and clamping."""
+    return Distortion(
+        "noise", sigma, lambda picture, generator: to_bytes(picture + generator.normal(0, sigma, picture.shape))
+    )
+
+
+def brightened(factor: float) -> Distortion:
+    """All values times this factor, clamped."""
+    return Distortion("brightness", factor, lambda picture, generator: to_bytes(picture * factor))
+
+
+DISTORTIONS = (
+    jpeg(90),
+    jpeg(70),
+    jpeg(50),
+    resized(0.5),
+    cropped(0.75),
+    blurred(1.0),
+    noisy(2.0),
+    noisy(5.0),
+    brightened(0.8),
+    brightened(1.2),
+)
+"""Those that detection is measured under."""
+
+WORDING = {
+    "jpeg": "JPEG, quality",
+    "resize": "resized, share of the sides",
+    "crop": "cropped, share of the sides",
+    "blur": "blurred, sigma in pixels",
+    "noise": "noise, sigma of 255",
+    "brightness": "brightness, factor",
+}
+
+
+def random_distortion(picture: Picture, generator: np.random.Generator) -> Picture:
+    """One distortion of a random kind and strength, or none: JPEG 50 to 95, resizing to 0.5 to 1, blur of up to 1
+    pixel, noise of up to 5 levels, brightness of 0.8 to 1.2, a window of 0.7 to 1 of the sides.
+    """
+    drawn = generator.uniform
+    kinds: tuple[Callable[[], Distortion], ...] = (
+        lambda: jpeg(int(drawn(50, 95))),
+        lambda: resized(drawn(0.5, 1)),
+        lambda: cropped(drawn(0.7, 1)),
+        lambda: blurred(drawn(0.2, 1)),
+        lambda: noisy(drawn(0, 5)),
+        lambda: brightened(drawn(0.8, 1.2)),
+    )
+    chosen = int(generator.integers(len(kinds) + 1))
+    return picture if chosen == len(kinds) else kinds[chosen]().apply(picture, generator)
+
+
+def to_bytes(values: Float[np.ndarray, "H W 3"]) -> Picture:
+    """Rounded and clamped to 0..255."""
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)

@@ -1,0 +1,87 @@
+"""`train_codec`: a watermark encoder and decoder, trained on photos (E_w and D_w of the paper's appendix A)."""
+
+from __future__ import annotations
+
+import torch
+from pydantic import Field, field_validator
+
+from pipeline.errors import UserError
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.codec_quality import quality
+from stages.analysis.measurements import write_measurements
+from stages.hiding.watermark.codec import new_codec
+from stages.hiding.watermark.storage import write_codec
+from stages.imaging.image import read_image
+from stages.imaging.metric_table import write_rows
+from stages.imaging.shipped_photos import HOW_TO_INSTALL, installed_photos, read_photo
+from stages.scene.scene import TEST_VIEW_EVERY
+from stages.training.codec import CodecSettings, CodecTraining
+from stages.training.codec_photos import read_photos
+from stages.training.network import train_network
+
+HELD_OUT = ("china.jpg", "chelsea.png")
+"""Shipped photos that no codec is trained on."""
+
+
+class TrainCodecParameters(Parameters):
+    """Size and training of the network. Shipped photos as far as they are installed: once they are, a codec without
+    them is made again."""
+
+    blocks: int = Field(4, ge=1, description="Coupling blocks of the invertible network.")
+    width: int = Field(32, ge=1, description="Channels between its convolutions.")
+    iterations: int = Field(3000, ge=1, description="Steps of the training.")
+    batch: int = Field(4, ge=1, description="Windows of photos in a step.")
+    window: int = Field(64, ge=8, multiple_of=2, description="Sides of these windows, in pixels.")
+    fidelity_weight: float = Field(
+        2.0, ge=0, description="Of the watermarked picture's squared error, beside that of the watermark."
+    )
+    shipped_photos: tuple[str, ...] = Field(
+        ("astronaut.png", "coffee.png", "flower.jpg", "motorcycle_left.png", "rocket.jpg", *HELD_OUT),
+        description="Photos that packages ship, by their files' names, beside those of the captures.",
+    )
+    seed: int = Field(0, ge=0, description="Of the first weights and of all that is drawn.")
+    threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
+
+    @field_validator("shipped_photos")
+    @classmethod
+    def _as_installed(cls, wanted: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(name for name in wanted if name in installed_photos())
+
+
+@stage(
+    inputs={
+        "photos": Input("capture", many=True, optional=True),
+        "watermarks": Input("image", many=True, optional=True),
+    },
+    outputs={"codec": Output("codec"), "curves": Output("metrics"), "scores": Output("measurements")},
+    version=1,
+)
+def train_codec(context: Context, parameters: TrainCodecParameters) -> None:
+    """Train a codec to hide windows of photos, and the given watermarks, in windows of photos; then score it on others.
+
+    Every eighth photo of each capture is held out, and two of the shipped ones, which alone show things that no photo
+    of the training shows.
+    """
+    torch.set_num_threads(parameters.threads)
+    captures = [read_photos(artifact) for artifact in context.input_many("photos")]
+    shipped = {name: read_photo(name) for name in parameters.shipped_photos}
+    if not shipped:
+        context.log(f"no shipped photos are installed: the codec learns from captures alone. {HOW_TO_INSTALL}")
+    trained_on = [photo for name, photo in shipped.items() if name not in HELD_OUT]
+    trained_on += [photo for photos in captures for row, photo in enumerate(photos) if row % TEST_VIEW_EVERY]
+    if not trained_on:
+        raise UserError("there are no photos to train on", found="no capture", remedy=HOW_TO_INSTALL)
+    watermarks = [picture for _, picture in map(read_image, context.input_many("watermarks"))]
+    codec = new_codec(parameters.blocks, parameters.width, parameters.seed)
+    settings = CodecSettings(
+        parameters.iterations, parameters.seed, parameters.batch, parameters.window, parameters.fidelity_weight
+    )
+    curves = train_network(context, CodecTraining(codec, trained_on, watermarks, settings))
+    write_codec(context.output("codec"), codec)
+    write_rows(context.output("curves"), curves)
+    held_out = {
+        "photos of other things": [photo for name, photo in shipped.items() if name in HELD_OUT],
+        "other photos of the captures": [photo for photos in captures for photo in photos[::TEST_VIEW_EVERY]],
+    }
+    write_measurements(context.output("scores"), quality(codec, held_out, watermarks, parameters.seed))
+    context.record(photos=len(trained_on), parameters=sum(weight.numel() for weight in codec.parameters()))

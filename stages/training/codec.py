@@ -1,0 +1,88 @@
+"""How a watermark codec is trained: random windows of photos, hidden in each other and found again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.hiding.watermark.codec import WatermarkCodec
+from stages.imaging.image import filling
+from stages.imaging.pictures import Picture, picture_to_tensor
+from stages.imaging.windows import random_window
+from stages.training.network import NetworkTraining
+
+Pictures = Float[Tensor, "B 3 H W"]
+
+MARKED, FOUND = "watermarked picture", "watermark"
+"""The two errors: of the watermarked picture beside the picture, and of the watermark that is found in it."""
+
+
+@dataclass(frozen=True)
+class CodecSettings:
+    """Each of `iterations` steps sees `batch` windows of `window` x `window` pixels.
+
+    `fidelity_weight` is that of the watermarked picture's squared error beside the watermark's. `given_share` of the
+    watermarks are pictures that were given for it, the others are windows of photos. Noise of a standard deviation up
+    to `largest_noise`, in [0, 1], is added to watermarked pictures before they are read.
+    """
+
+    iterations: int
+    seed: int
+    batch: int = 4
+    window: int = 64
+    fidelity_weight: float = 2.0
+    given_share: float = 0.25
+    largest_noise: float = 0.01
+    rate: float = 1e-3
+    final_rate: float = 1e-4
+
+
+class CodecTraining(NetworkTraining):
+    """`photos` must not be empty; without `watermarks`, windows of photos are hidden alone."""
+
+    def __init__(
+        self, codec: WatermarkCodec, photos: Sequence[Picture], watermarks: Sequence[Picture], settings: CodecSettings
+    ):
+        weights = {MARKED: settings.fidelity_weight, FOUND: 1.0}
+        super().__init__(codec, weights, settings.iterations, settings.rate, settings.final_rate)
+        self.codec, self.photos, self.watermarks, self.settings = codec, photos, watermarks, settings
+
+    def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
+        """Hide a batch, round it to bytes, add noise, and find the watermarks."""
+        images, watermarks, noise = self._batch(iteration)
+        marked = self.codec.watermark_encoder(images, watermarks)
+        found = self.codec.watermark_decoder(rounded(marked) + noise)
+        return {MARKED: (marked - images).square().mean(), FOUND: (found - watermarks).square().mean()}
+
+    def _batch(self, iteration: int) -> tuple[Pictures, Pictures, Pictures]:
+        settings, generator = self.settings, np.random.default_rng((self.settings.seed, iteration))
+        images = batch_of([self._window(generator) for _ in range(settings.batch)])
+        watermarks = batch_of([self._watermark(generator) for _ in range(settings.batch)])
+        deviations = generator.uniform(0, settings.largest_noise, (settings.batch, 1, 1, 1))
+        noise = torch.from_numpy(generator.normal(0, deviations, tuple(images.shape))).float()
+        return images, watermarks, noise
+
+    def _watermark(self, generator: np.random.Generator) -> Picture:
+        side = self.settings.window
+        if not self.watermarks or generator.uniform() >= self.settings.given_share:
+            return self._window(generator)
+        return filling(self.watermarks[int(generator.integers(len(self.watermarks)))], side, side)
+
+    def _window(self, generator: np.random.Generator) -> Picture:
+        side = self.settings.window
+        return random_window(self.photos[int(generator.integers(len(self.photos)))], side, side, generator)
+
+
+def batch_of(pictures: Sequence[Picture]) -> Pictures:
+    """Pictures of one size as networks take them, in [0, 1]."""
+    return picture_to_tensor(np.stack(pictures)).permute(0, 3, 1, 2).contiguous()
+
+
+def rounded(pictures: Pictures) -> Pictures:
+    """As files hold them, clamped and in 256 steps; gradients pass as if nothing had been done to the pictures."""
+    return pictures + ((pictures.clamp(0, 1) * 255).round() / 255 - pictures).detach()

@@ -1,0 +1,126 @@
+"""The training of a network by itself, on pictures: a watermark codec, or its decoder. Gaussians have a loop of theirs.
+
+It goes on from its checkpoint to the bits that it would have made anyway: what a step draws follows from the seed and
+from the number of the step, so that no generator is part of the state.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from pipeline.checkpoint import Checkpoints, State
+from pipeline.errors import Interrupted
+from pipeline.stage import Context
+from stages.imaging.metric_table import MetricRow
+from stages.training.schedules import decayed
+
+LARGEST_GRADIENT = 1.0
+"""Norm above which a gradient is shortened: the scales of couplings and their inverses are exponentials."""
+
+POINTS = 100
+"""Of each curve."""
+
+LIBRARIES = ("torch", "numpy")
+"""Whose versions may change a training's bits."""
+
+
+class NetworkTraining(ABC):
+    """A training under way. `weights` says which squared errors a step compares, and how each counts in its loss.
+
+    Adam's learning rate falls exponentially from `rate` to `final_rate` over `iterations` steps.
+    """
+
+    def __init__(
+        self, network: torch.nn.Module, weights: Mapping[str, float], iterations: int, rate: float, final_rate: float
+    ):
+        self.network, self.weights, self.iterations = network, weights, iterations
+        self.rate, self.final_rate = rate, final_rate
+        self.adam = torch.optim.Adam(network.parameters(), lr=rate, fused=True)
+        self.history: list[list[float]] = []
+
+    @property
+    def iteration(self) -> int:
+        """How many steps were taken."""
+        return len(self.history)
+
+    @abstractmethod
+    def errors(self, iteration: int) -> Mapping[str, Float[Tensor, ""]]:
+        """The squared errors of one step, by the names of `weights`; `iteration` counts from 1."""
+
+    def step(self) -> None:
+        """One step."""
+        iteration = self.iteration + 1
+        self.adam.param_groups[0]["lr"] = decayed(self.rate, self.final_rate, iteration / self.iterations)
+        errors = self.errors(iteration)
+        torch.stack([weight * errors[name] for name, weight in self.weights.items()]).sum().backward()
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), LARGEST_GRADIENT)
+        self.adam.step()
+        self.adam.zero_grad(set_to_none=True)
+        self.history.append([float(errors[name].detach()) for name in self.weights])
+
+    def decibels(self, first: int, last: int) -> dict[str, float]:
+        """The PSNR over steps `first` + 1 to `last` by the names of the errors; at least one step."""
+        means = np.mean(self.history[first:last], axis=0)
+        return {name: -10 * math.log10(max(mean, 1e-10)) for name, mean in zip(self.weights, means, strict=True)}
+
+    def curves(self) -> list[MetricRow]:
+        """About a hundred points of each error's curve, as PSNR; the error's name stands for a method's."""
+        every = max(1, self.iterations // POINTS)
+        return [
+            MetricRow("psnr", value, "dB", split="train", iteration=last, method=name)
+            for last in range(every, self.iteration + 1, every)
+            for name, value in self.decibels(last - every, last).items()
+        ]
+
+    def state(self) -> State:
+        """All that changes. Arrays share their memory with the training: save them before it goes on."""
+        tensors = {f"weights/{name}": tensor for name, tensor in self.network.state_dict().items()}
+        for name, parameter in self.network.named_parameters():
+            moments = self.adam.state.get(parameter, {})
+            tensors |= {f"moments/{name}/{moment}": tensor for moment, tensor in moments.items()}
+        arrays = {name: tensor.detach().contiguous().numpy() for name, tensor in tensors.items()}
+        return State({**arrays, "history": np.array(self.history, float).reshape(-1, len(self.weights))}, {})
+
+    def set_state(self, state: State) -> None:
+        """Go on from a state of a training with the same inputs and settings."""
+        arrays = dict(state.arrays)
+        self.history = arrays.pop("history").tolist()
+        tensors = {name: torch.from_numpy(array).clone() for name, array in arrays.items()}
+        self.network.load_state_dict(_under("weights/", tensors))
+        for name, parameter in self.network.named_parameters():
+            moments = _under(f"moments/{name}/", tensors)
+            if moments:
+                self.adam.state[parameter] = moments
+
+
+def train_network(context: Context, training: NetworkTraining) -> list[MetricRow]:
+    """All steps that are left, and the curves of all there were.
+
+    Raises `Interrupted` where the engine asks to stop, with a checkpoint saved.
+    """
+    checkpoints = Checkpoints(context, LIBRARIES)
+    found = checkpoints.newest()
+    if found is not None:
+        training.set_state(found.state)
+        context.log(f"goes on from step {training.iteration} of {training.iterations}")
+    while training.iteration < training.iterations:
+        training.step()
+        last = training.iteration
+        context.progress(last, training.iterations, **training.decibels(max(0, last - POINTS), last))
+        stops = context.stop_requested()
+        if stops or checkpoints.due():
+            checkpoints.save(training.state())
+        if stops:
+            raise Interrupted(f"stopped after step {last} of {training.iterations}")
+    return training.curves()
+
+
+def _under(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}

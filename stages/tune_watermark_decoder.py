@@ -1,0 +1,98 @@
+"""`tune_watermark_decoder`: D_w, tuned to tell renders of a container from other pictures (RTWS, second half)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from pydantic import Field
+
+from opencl.device import choose_device
+from pipeline.artifact import Artifact
+from pipeline.errors import UserError
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.method import module_of
+from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.watermark.rendering import renders
+from stages.hiding.watermark.storage import read_codec, write_codec
+from stages.imaging.image import filling, read_image
+from stages.imaging.metric_table import write_rows
+from stages.imaging.pictures import picture_to_tensor
+from stages.scene.cameras import Cameras
+from stages.scene.scene import read_scene
+from stages.training.decoder_tuning import CLEAN, PHOTOS, RENDERS, DecoderTuning, TuningSettings
+from stages.training.network import train_network
+
+
+class TuneWatermarkDecoderParameters(Parameters):
+    """The paper's loss, and what may be added to it."""
+
+    method: str = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
+    negatives: Literal["photos", "photos_and_clean_renders"] = Field(
+        "photos",
+        description="What the decoder shows black for: the training views' photos, as in the paper; or renders of the "
+        "container as it was before, too.",
+    )
+    distorted: bool = Field(False, description="Whether pictures are distorted at random, which the paper's are not.")
+    iterations: int = Field(400, ge=1, description="Steps; each sees one picture of every kind.")
+    rate: float = Field(1e-3, gt=0, description="Adam's first learning rate; it ends with a tenth of it.")
+    seed: int = Field(0, ge=0, description="Of the pictures' order, and of distortions.")
+    threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
+
+
+@stage(
+    inputs={
+        "container": Input("container"),
+        "before": Input("container or splats", optional=True),
+        "cover": Input("scene"),
+        "codec": Input("codec"),
+        "watermark": Input("image"),
+    },
+    outputs={"codec": Output("codec", privacy="private"), "curves": Output("metrics", privacy="private")},
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderParameters) -> None:
+    """Tune the decoder on the training views: the container's renders of them, their photos, and clean renders.
+
+    Renders are taken as files hold them, in 8 bits. The decoder that comes out is the owner's alone: whoever has it can
+    change a picture until it shows nothing.
+    """
+    torch.set_num_threads(parameters.threads)
+    scene = read_scene(context.input("cover"))
+    cameras = scene.cameras.select(scene.train_names)
+    watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
+    pictures = {
+        RENDERS: _renders(context, context.input("container"), parameters.method, cameras),
+        PHOTOS: scene.pictures[scene.rows(scene.train_names)],
+    }
+    if parameters.negatives == "photos_and_clean_renders":
+        pictures[CLEAN] = _renders(context, _before(context), parameters.method, cameras)
+    codec = read_codec(context.input("codec")).requires_grad_(True)
+    if not codec.is_tuned:
+        codec.expect(picture_to_tensor(watermark).permute(2, 0, 1))
+    settings = TuningSettings(
+        parameters.iterations, parameters.seed, parameters.distorted, parameters.rate, parameters.rate / 10
+    )
+    curves = train_network(context, DecoderTuning(codec, watermark, pictures, settings))
+    write_codec(context.output("codec"), codec)
+    write_rows(context.output("curves"), curves)
+    context.record(device=choose_device().describe())
+
+
+def _before(context: Context) -> Artifact:
+    before = context.input_optional("before")
+    if before is None:
+        raise UserError(
+            "there are no clean renders to learn from",
+            found="no container from before it was watermarked",
+            remedy="give tune_watermark_decoder the input before, or choose negatives: photos",
+        )
+    return before
+
+
+def _renders(context: Context, container: Artifact, method: str, cameras: Cameras) -> UInt8[np.ndarray, "V H W 3"]:
+    check_method(container, method)
+    return renders(read_gaussians(container), read_method(container), cameras, context.stop_if_requested)

@@ -1,0 +1,104 @@
+"""The chapter on RTWS lays before and after beside the paper's, and its bars tell good decoders from bad ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from stages.analysis.codec_quality import FOUND, MARKED
+from stages.analysis.measurements import Measurement
+from stages.analysis.paper.chapter import Chapter
+from stages.analysis.paper.published import read_published
+from stages.analysis.paper.rtws import rtws
+from stages.analysis.paper.runs import Experiment, Run, Study
+from stages.analysis.watermark_trials import (
+    BOUND,
+    BOUND_BY_SCENE,
+    CLEAN_CHANNEL,
+    COVER_AFTER,
+    COVER_BEFORE,
+    DETECTED,
+    EVERY_NEGATIVE,
+    FALSE_POSITIVES,
+    PSNR_BLACK,
+    PSNR_WATERMARK,
+    RENDERS,
+    SCENES,
+    TRIALS,
+)
+from stages.imaging.distortions import DISTORTIONS
+from stages.imaging.metric_table import MetricRow
+
+CLEAN_RENDERS = "renders from before"
+
+
+def detection(variant: str, method: str, wrong: int) -> Experiment:
+    """Of 4,000 pictures without a watermark, `wrong` are taken for watermarked, all of them clean renders."""
+    shown = {RENDERS: (38.0, 3.0), CLEAN_RENDERS: (38.0, 3.0) if wrong else (3.0, 38.0)}
+    rows = [Measurement(PSNR_WATERMARK, pair[0], condition) for condition, pair in shown.items()]
+    rows += [Measurement(PSNR_BLACK, pair[1], condition) for condition, pair in shown.items()]
+    rows += [Measurement("psnr", 27.0, COVER_BEFORE), Measurement("psnr", 26.5, COVER_AFTER)]
+    rows += [Measurement(DETECTED, 0.995, CLEAN_CHANNEL), Measurement(TRIALS, 200, CLEAN_CHANNEL)]
+    rows += [Measurement(DETECTED, 0.5, each.name, each.severity) for each in DISTORTIONS]
+    for condition in (CLEAN_RENDERS, EVERY_NEGATIVE):
+        figures = {TRIALS: 4000, SCENES: 3, FALSE_POSITIVES: wrong, BOUND: (wrong + 3) / 4000, BOUND_BY_SCENE: 0.63}
+        rows += [Measurement(quantity, value, condition) for quantity, value in figures.items()]
+    return Experiment("fox", method, "0", tuple(rows), {"variant": variant}, "detection[fox]")
+
+
+def scored(word: str, image: float, variant: str) -> Run:
+    rows = (
+        MetricRow("psnr", 26.0, "dB", "2.png", "train", None, None, "gs_hider"),
+        MetricRow("psnr", image, "dB", "2.png", "train", "boat", None, "gs_hider"),
+        MetricRow("hides_image", 1.0, "", "2.png", "train", "boat", None, "gs_hider"),
+    )
+    return Run("fox", "gs_hider", (), "0", rows, (f"variant={variant}",), f"{word}[fox]")
+
+
+@pytest.fixture
+def chapter() -> Chapter:
+    codec = (Measurement(MARKED, 36.5, "photos"), Measurement(FOUND, 33.5, "photos"))
+    experiments = (
+        detection("paper", "gs_hider", 900),
+        detection("clean", "gs_hider", 0),
+        detection("paper", "plain", 0),
+        Experiment("fox", "", "0", codec, {"variant": "paper"}, "codec[fox]"),
+    )
+    runs = (scored("before", 42.0, "paper"), scored("after", 39.0, "paper"))
+    return rtws(Study(runs, experiments=experiments), read_published())
+
+
+def figures(chapter: Chapter) -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
+    for line in chapter.grids[0].lines:
+        yield line.names, tuple(cell.text for cell in line.cells)
+
+
+def test_ours_stands_beside_the_papers(chapter: Chapter) -> None:
+    found = dict(figures(chapter))
+    assert found["GS-Hider, before", "here"] == ("27.00", "42.00", "–")
+    assert found["GS-Hider, before", "paper"] == ("26.440", "42.532", "–")
+    assert found["GS-Hider, RTWS", "here"] == ("26.50", "39.00", "38.00")
+    assert found["GS-Hider, RTWS", "paper"] == ("25.915", "40.513", "39.927")
+    assert found["GS-Hider, RTWS, clean renders black, too", "here"][1] == "39.00"
+    assert found["3DGS, RTWS", "here"] == ("26.50", "–", "38.00")
+
+
+def test_a_good_psnr_does_not_hide_false_positives(chapter: Chapter) -> None:
+    verdicts = {relation.text: relation.verdict for relation in chapter.relations}
+    assert verdicts["GS-Hider, RTWS: watermark"] == "holds"
+    assert verdicts["GS-Hider, RTWS: upper bound of false positives, in %"] == "does not hold"
+    assert verdicts["GS-Hider, RTWS, clean renders black, too: upper bound of false positives, in %"] == "holds"
+    assert verdicts["GS-Hider, RTWS: message, to before"] == "does not hold"
+    assert verdicts["GS-Hider, RTWS: cover, to before"] == "holds"
+
+
+def test_every_distortion_and_the_codec_have_a_line(chapter: Chapter) -> None:
+    survival, codec = chapter.grids[2:]
+    assert len(survival.lines) == 1 + len(DISTORTIONS)
+    assert {cell.text for line in survival.lines[1:] for cell in line.cells} == {"50.0 %"}
+    assert [cell.text for cell in codec.lines[0].cells] == ["36.50", "33.50"]
+
+
+def test_nothing_measured_is_an_empty_chapter() -> None:
+    assert rtws(Study(()), read_published()).grids == ()

@@ -1,0 +1,72 @@
+"""Distortions do what their severities say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stages.imaging.distortions import DISTORTIONS, WORDING, blurred, brightened, cropped, jpeg, noisy, resized
+from stages.imaging.windows import random_window
+
+
+def generator() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+def noise_picture() -> np.ndarray:
+    return generator().integers(0, 256, (64, 48, 3)).astype(np.uint8)
+
+
+def test_noise_has_the_sigma_that_it_states() -> None:
+    grey = np.full((200, 200, 3), 128, np.uint8)
+    for sigma in (2.0, 5.0):
+        error = noisy(sigma).apply(grey, generator()).astype(float) - 128
+        assert np.hypot(error.std(), 0) == pytest.approx(np.hypot(sigma, np.sqrt(1 / 12)), rel=0.01)
+
+
+def test_blur_has_the_sigma_that_it_states() -> None:
+    step = np.zeros((41, 401, 3), np.uint8)
+    step[:, 200:] = 255
+    slope = np.diff(blurred(4.0).apply(step, generator())[20, :, 0].astype(float))
+    places = np.arange(len(slope))
+    middle = (slope * places).sum() / slope.sum()
+    assert np.sqrt((slope * (places - middle) ** 2).sum() / slope.sum()) == pytest.approx(4.0, rel=0.05)
+
+
+def test_stronger_compression_and_smaller_sizes_lose_more() -> None:
+    picture = noise_picture()
+
+    def error(distortion: object) -> float:
+        return float(np.square(distortion.apply(picture, generator()).astype(float) - picture).mean())  # type: ignore
+
+    assert 0 < error(jpeg(90)) < error(jpeg(70)) < error(jpeg(50))
+    assert 0 < error(resized(0.8)) < error(resized(0.5))
+
+
+def test_a_crop_is_a_part_and_brightness_a_factor() -> None:
+    picture = noise_picture()
+    part = cropped(0.75).apply(picture, generator())
+    assert part.shape == (48, 36, 3)
+    rows = [
+        row
+        for row in range(17)
+        for column in range(13)
+        if (picture[row : row + 48, column : column + 36] == part).all()
+    ]
+    assert len(rows) == 1
+    np.testing.assert_array_equal(brightened(0.5).apply(np.full((2, 2, 3), 100, np.uint8), generator()), 50)
+
+
+@pytest.mark.parametrize("distortion", DISTORTIONS, ids=lambda each: f"{each.name} {each.severity}")
+def test_all_are_named_and_leave_even_sides(distortion) -> None:
+    picture = distortion.apply(noise_picture(), generator())
+    assert distortion.name in WORDING
+    assert picture.dtype == np.uint8
+    assert picture.shape[0] % 2 == picture.shape[1] % 2 == 0
+
+
+def test_windows_have_their_shape_whatever_the_photo() -> None:
+    draws = generator()
+    for shape in ((64, 48), (10, 30), (500, 20)):
+        photo = np.zeros((*shape, 3), np.uint8)
+        assert all(random_window(photo, 20, 12, draws).shape == (12, 20, 3) for _ in range(20))

@@ -1,0 +1,123 @@
+"""RTWS changes what Gaussians look like and nothing else, tunes a decoder, and counts where that one is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.artifact import Artifact
+from pipeline.errors import UserError
+from pipeline.stage import run_stage
+from stages.analysis.measurements import read_measurements
+from stages.analysis.watermark_trials import CLEAN_CHANNEL, DETECTED, EVERY_NEGATIVE, FALSE_POSITIVES, TRIALS
+from stages.detect_watermark import DetectWatermarkParameters, detect_watermark
+from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws
+from stages.hide_image import hide_image
+from stages.hiding.rendering import COVER
+from stages.hiding.watermark.storage import read_codec
+from stages.imaging.metric_table import read_rows
+from stages.scene.gaussians import GEOMETRY
+from stages.scene.scene import read_scene
+from stages.training.feature_tuning import half_watermarked
+from stages.training.views import training_views
+from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_watermark_decoder
+from tests.stages import small, watermarks
+
+Inputs = dict[str, Artifact | tuple[Artifact, ...]]
+
+
+@pytest.fixture
+def inputs(tmp_path: Path) -> Inputs:
+    return {
+        "container": small.splats(tmp_path / "splats"),
+        "cover": small.scene(tmp_path / "scene"),
+        "codec": watermarks.codec(tmp_path / "codec"),
+        "watermark": watermarks.emblem(tmp_path / "emblem"),
+    }
+
+
+def finetuned(folder: Path, inputs: Inputs, **settings: object) -> dict[str, Artifact]:
+    parameters = FinetuneRtwsParameters.model_validate({"method": "plain", "iterations": 6} | settings)
+    return run_stage(finetune_rtws, parameters, inputs, folder)
+
+
+def sorted_rows(splats: Artifact, name: str) -> np.ndarray:
+    return splats.read(name)[np.lexsort(splats.read("means").T)]
+
+
+@pytest.mark.parametrize("reading_weight", [0.0, 1.0])
+def test_only_colours_change(tmp_path: Path, inputs: Inputs, reading_weight: float) -> None:
+    before = inputs["container"]
+    assert isinstance(before, Artifact)
+    made = finetuned(tmp_path / "made", inputs, reading_weight=reading_weight)
+    container = made["container"]
+    assert not container.private
+    assert made["codec"].private
+    for name in GEOMETRY:
+        np.testing.assert_array_equal(container.read(name), sorted_rows(before, name))
+    assert not np.array_equal(container.read("sh_base"), sorted_rows(before, "sh_base"))
+    assert not any("/" in name for name in container.names)
+    assert read_codec(made["codec"]).is_tuned == (reading_weight > 0)
+
+
+def test_decoders_and_the_message_stay(tmp_path: Path, inputs: Inputs) -> None:
+    settings = {"iterations": 3, "decoder_width": 8, "feature_dim": 8, "layers": 2}
+    parameters = hide_image.parameters.model_validate(settings)
+    hidden = {"cover": inputs["cover"], "image": inputs["watermark"]}
+    made = run_stage(hide_image, parameters, hidden, tmp_path / "hidden")
+    given = inputs | {"container": made["container"], "image": inputs["watermark"]}
+    with pytest.raises(UserError, match="held on to"):
+        finetuned(tmp_path / "refused", given, method="gs_hider")
+    after = finetuned(tmp_path / "made", given | {"secret": made["secret"]}, method="gs_hider", reading_weight=1.0)
+    for name in made["container"].names:
+        if name != "raw_features":
+            np.testing.assert_array_equal(after["container"].read(name), made["container"].read(name))
+    assert "emblem" in {row.message for row in read_rows(after["curves"])}
+
+
+def test_half_of_the_views_are_watermarked(inputs: Inputs) -> None:
+    cover = inputs["cover"]
+    assert isinstance(cover, Artifact)
+    views = training_views(read_scene(cover))
+    watermark = torch.rand(small.HEIGHT, small.WIDTH, 3, generator=torch.Generator().manual_seed(0))
+    marked, rows = half_watermarked(views, watermarks.little_codec(), watermark, seed=0)
+    changed = (marked.pictures[COVER] != views.pictures[COVER]).flatten(1).any(dim=1).nonzero().flatten()
+    assert tuple(changed.tolist()) == rows
+    assert len(rows) == len(views.cameras) // 2
+    assert rows != half_watermarked(views, watermarks.little_codec(), watermark, seed=1)[1]
+
+
+def test_the_decoder_learns_what_to_hold_back(tmp_path: Path, inputs: Inputs) -> None:
+    given = {**inputs, "container": finetuned(tmp_path / "marked", inputs)["container"]}
+    settings = {"method": "plain", "iterations": 40, "negatives": "photos_and_clean_renders", "distorted": True}
+    parameters = TuneWatermarkDecoderParameters.model_validate(settings)
+    with pytest.raises(UserError, match="no clean renders"):
+        run_stage(tune_watermark_decoder, parameters, given, tmp_path / "refused")
+    before = inputs["container"]
+    made = run_stage(tune_watermark_decoder, parameters, given | {"before": before}, tmp_path / "made")
+    assert made["codec"].private
+    black = [row.value for row in read_rows(made["curves"]) if row.method == "black in photos"]
+    assert np.mean(black[-10:]) > np.mean(black[:10]) + 2
+
+
+def test_a_decoder_that_always_shows_it_is_wrong_everywhere(tmp_path: Path, inputs: Inputs) -> None:
+    image = inputs["watermark"]
+    assert isinstance(image, Artifact)
+    emblem = torch.from_numpy(image.read("picture")).permute(2, 0, 1) / 255
+    given: Inputs = {
+        **inputs,
+        "container": finetuned(tmp_path / "marked", inputs)["container"],
+        "before": inputs["container"],
+        "codec": watermarks.codec(tmp_path / "stubborn", tuned_to=emblem),
+        "photos": watermarks.capture(tmp_path / "photos"),
+        "other_photos": (watermarks.capture(tmp_path / "others", seed=5),),
+    }
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=9, shipped_photos=())
+    made = run_stage(detect_watermark, parameters, given, tmp_path / "made")
+    assert made["scores"].private
+    rows = {(row.quantity, row.condition): row.value for row in read_measurements(made["scores"])}
+    assert rows[DETECTED, CLEAN_CHANNEL] == 1
+    assert rows[TRIALS, EVERY_NEGATIVE] == rows[FALSE_POSITIVES, EVERY_NEGATIVE] == 9

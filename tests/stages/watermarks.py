@@ -1,0 +1,53 @@
+"""Artifacts that the stages of RTWS work on: a capture of small photos, an emblem, a codec that hides a little."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from pipeline.artifact import Artifact, create, load
+from stages.hiding.watermark.codec import WatermarkCodec, new_codec
+from stages.hiding.watermark.storage import write_codec
+from stages.imaging.image import write_image
+from stages.imaging.pictures import encode_png
+from stages.scene.capture import Capture, write_capture
+from tests.stages.small import HEIGHT, NAMES, WIDTH, pictures
+
+
+def capture(folder: Path, seed: int = 0) -> Artifact:
+    """The pictures that small scenes are made of, as files."""
+    files = {name: encode_png(picture) for name, picture in zip(NAMES, pictures(seed), strict=True)}
+    sizes = ((WIDTH, HEIGHT),) * len(NAMES)
+    with create(folder, "capture") as writer:
+        write_capture(writer, Capture(NAMES, sizes, (None,) * len(NAMES), True), dict(files))
+    return load(folder)
+
+
+def emblem(folder: Path) -> Artifact:
+    picture = np.full((HEIGHT, WIDTH, 3), 60, np.uint8)
+    picture[6:18, 8:24] = (250, 200, 20)
+    with create(folder, "image") as writer:
+        write_image(writer, "emblem", picture)
+    return load(folder)
+
+
+def little_codec() -> WatermarkCodec:
+    """One that changes pictures a little by what it hides in them."""
+    codec = new_codec(1, 4, seed=0)
+    generator = torch.Generator().manual_seed(3)
+    with torch.no_grad():
+        for weight in codec.network.parameters():
+            weight += 0.02 * torch.randn(weight.shape, generator=generator)
+    return codec
+
+
+def codec(folder: Path, tuned_to: torch.Tensor | None = None) -> Artifact:
+    made = little_codec()
+    if tuned_to is not None:
+        made = new_codec(1, 4, seed=0)
+        made.expect(tuned_to)
+    with create(folder, "codec") as writer:
+        write_codec(writer, made.requires_grad_(False))
+    return load(folder)
