@@ -1,6 +1,6 @@
 # make demo   hide two scenes in a third, from pictures to the report
 # make test   lint, types and the whole test suite
-# make tables PHOTOS=FOLDER   all of the paper's tables by the CPU profile, each ending in a page
+# make tables PHOTOS=FOLDER   all of the paper's tables by the CPU profile, each ending in a page; TABLES=plateau: others
 # Each makes the virtual environment that it needs.
 
 PYTHON ?= python3
@@ -11,7 +11,7 @@ OCLGRIND := $(VENV)/oclgrind
 DEBIAN_POCL := $(VENV)/debian-pocl
 STORE ?= store
 TEST_REPORT ?= build/tests.html
-TABLES ?= fidelity ablations hide_image several_messages probes plateau
+TABLES ?= fidelity ablations hide_image several_messages probes
 
 .PHONY: demo test tables environment clean
 .DEFAULT_GOAL := demo

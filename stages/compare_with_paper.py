@@ -16,7 +16,18 @@ from stages.analysis.paper.runs import Columns, read_study
 PAGE_FILE, MARKDOWN_FILE, TABLE_FILE = "report.html", "tables.md", "figures.csv"
 
 Table = Literal[
-    "fidelity", "no_message", "frame_time", "single_image", "several_messages", "ablations", "plateau", "probes", "rtws"
+    "fidelity",
+    "no_message",
+    "frame_time",
+    "single_image",
+    "several_messages",
+    "ablations",
+    "plateau",
+    "probes",
+    "steganalysis",
+    "secrecy",
+    "robustness",
+    "rtws",
 ]
 
 

@@ -41,7 +41,7 @@ class Measurement:
 
 def write_measurements(writer: ArtifactWriter, rows: Iterable[Measurement]) -> None:
     """Writes the rows in their order, one JSON object a line, without the columns that do not apply."""
-    writer.write_file(MEASUREMENTS_FILE, "".join(_to_line(row) for row in rows))
+    writer.write_file(MEASUREMENTS_FILE, to_lines(rows))
 
 
 def read_measurements(artifact: Artifact) -> tuple[Measurement, ...]:
@@ -50,8 +50,17 @@ def read_measurements(artifact: Artifact) -> tuple[Measurement, ...]:
     Raises ``UserError`` with the file and line if a row is not one.
     """
     path = artifact.file(MEASUREMENTS_FILE)
-    lines = path.read_text(encoding="utf-8").splitlines()
-    return tuple(_from_line(line, f"{path}, line {number}") for number, line in enumerate(lines, start=1))
+    return from_lines(path.read_text(encoding="utf-8"), str(path))
+
+
+def to_lines(rows: Iterable[Measurement]) -> str:
+    """The rows as text, a line each."""
+    return "".join(_to_line(row) for row in rows)
+
+
+def from_lines(text: str, where: str) -> tuple[Measurement, ...]:
+    """The rows of such a text; `where` is what it is called in the `UserError` that a line raises which is none."""
+    return tuple(_from_line(line, f"{where}, line {number}") for number, line in enumerate(text.splitlines(), start=1))
 
 
 def _to_line(row: Measurement) -> str:

@@ -14,6 +14,11 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.artifact import load
+from pipeline.stage import run_stage
+from stages.export_container import ExportContainerParameters, export_container
+from tests.workflows.secret_windows import SecretWindows, everything_in, open_to_others, pieces_of
+
 REPOSITORY = Path(__file__).parents[2]
 SMALL = {
     "width": 64,
@@ -49,8 +54,11 @@ def start(store: Path, *arguments: str, changes: dict[str, object], **environmen
 
 
 def run(store: Path, *arguments: str, **changes: object) -> tuple[int, list[dict], str]:
+    """Status, events and errors; all that was printed is kept beside the store."""
     process = start(store, *arguments, changes=changes)
     out, errors = process.communicate()
+    with store.with_suffix(".printed").open("a") as file:
+        file.write(out + errors)
     return process.returncode, [json.loads(line) for line in out.splitlines() if line.startswith("{")], errors
 
 
@@ -106,6 +114,27 @@ def test_the_container_names_no_message(store: Path) -> None:
     content = b"".join(path.read_bytes() for path in folder.rglob("*") if path.is_file())
     for word in (b"workshop", b"reef", b"message"):
         assert word not in content
+
+
+def test_nothing_public_holds_a_piece_of_a_secret(store: Path, tmp_path: Path) -> None:
+    """Not the container, the reports, the bundle, the logs, even private ones, nor what the run printed."""
+    container, secret, key = (
+        load(latest(store, name).resolve()) for name in ("hide.container", "hide.secret", "key.key")
+    )
+    bundles = run_stage(
+        export_container, ExportContainerParameters(), {"container": container, "secret": secret}, tmp_path
+    )
+    windows = SecretWindows(piece for artifact in (secret, key) for piece in pieces_of(artifact))
+    searched = {**dict(open_to_others(store)), **dict(everything_in(bundles["bundle"]))}
+    searched["printed"] = store.with_suffix(".printed").read_bytes()
+    assert searched["printed"]
+    assert {name: place for name, data in searched.items() if (place := windows.first_in(data)) is not None} == {}
+    for name in ("hide.container", "report.public", "scores.public_pictures", "path.public_videos"):
+        assert any(each.startswith(str(latest(store, name).resolve())) for each in searched), name
+    for part in ("logs", "actions", "runs"):
+        assert any(each.startswith(str(store / part)) for each in searched), part
+    held = [name for name, data in everything_in(bundles["secret_bundle"]) if windows.first_in(data) is not None]
+    assert any(name.endswith("message_decoder.safetensors") for name in held), "the search would not have found it"
 
 
 @pytest.mark.slow

@@ -31,7 +31,13 @@ SEVERAL = {
     ],
     "plateau": [{**PAIR, "iterations": 4}, {**PAIR, "iterations": 8}],
     "probes": [{**PAIR, "hidden": 1, "stranger": "kitchen", "method": name} for name in ("gs_hider", "homogeneous")],
+    "secrecy": [
+        {**PAIR, "method": name, "feature_dim": feature_dim, "decoder_width": 12}
+        for name, feature_dim in (("sh", 16), ("gs_hider", 8), ("gs_hider", 16))
+    ],
 }
+ONLY_OF = {"secrecy": ("steps=3",)}
+ATTACKED = [{**PAIR, "hidden": 1, "method": name} for name in ("homogeneous", "gs_hider")]
 COPYRIGHT = {"cover": "fox", "stranger": "kitchen", "gaussians": 500, "stranger_gaussians": 500, "seed": 0}
 COPYRIGHTS = [
     {**COPYRIGHT, "variant": "paper", "negatives": "photos", "reading_weight": 0.0}
@@ -91,9 +97,28 @@ def test_fidelity(photos: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("workflow", SEVERAL)
 def test_what_varies_settings(photos: Path, workflow: str) -> None:
-    ended = run(photos, workflow, SEVERAL[workflow], "gaussians=500")
+    ended = run(photos, workflow, SEVERAL[workflow], "gaussians=500", *ONLY_OF.get(workflow, ()))
     assert len([name for name in ended if name.startswith("hide[")]) == len(SEVERAL[workflow])
     assert figures(ended)
+
+
+@pytest.mark.slow
+def test_what_detectors_find(photos: Path) -> None:
+    """Each of two covers is tested by what is learnt from the other; twins of one method are trained once."""
+    row = {**ROW, "twin": "gs_hider", "other_seed": 1}
+    rows = [
+        row,
+        {**row, "cover": "kitchen", "message": "fox"},
+        {**row, "method": "decoder", "twin": "sh"},
+        {**row, "method": "sh", "twin": "sh"},
+    ]
+    tested = "tested={cover: [fox, kitchen], method: [gs_hider, sh]}"
+    ended = run(photos, "security", rows, "views=5", tested, "learned.iterations=2", "gaussians=500")
+    assert len([name for name in ended if name.startswith("clean[")]) == 3
+    assert len([name for name in ended if name.startswith("learned[")]) == 4
+    written = figures(ended)
+    assert any("feature maps" in row["line"] and row["column"] == "kitchen" for row in written), written
+    assert any("attributes that only it has" in row["line"] and float(row["value"]) == 2 for row in written), written
 
 
 @pytest.mark.slow
@@ -101,6 +126,16 @@ def test_an_image_in_one_view(photos: Path) -> None:
     rows = [{**row, "image": str(photos / row["image"])} for row in IMAGES]
     ended = run(photos, "hide_image", rows)
     assert any("boat" in row["line"] for row in figures(ended)), figures(ended)
+
+
+@pytest.mark.slow
+def test_attacks(photos: Path) -> None:
+    quick = ("cover_losses=[1.0]", "seeds=[0]", "reoptimised=[1, 2]", "test_views=1")
+    ended = run(photos, "robustness", ATTACKED, *quick)
+    assert len([name for name in ended if name.startswith("attacked[")]) == len(ATTACKED)
+    written = {row["line"] for row in figures(ended)}
+    assert any("Random, 25 %" in line for line in written), written
+    assert any("Channel dropping" in line for line in written), written
 
 
 @pytest.mark.slow

@@ -21,10 +21,13 @@ from stages.analysis.paper.probes import probes
 from stages.analysis.paper.public import public_chapter, public_study
 from stages.analysis.paper.published import Published, wrong_averages
 from stages.analysis.paper.relations import NOISES, Relation, relations_grid
+from stages.analysis.paper.robustness import robustness
 from stages.analysis.paper.rtws import rtws
 from stages.analysis.paper.runs import Study, capture_title, method_title
+from stages.analysis.paper.secrecy import secrecy
 from stages.analysis.paper.several_messages import several_messages
 from stages.analysis.paper.single_image import single_image
+from stages.analysis.paper.steganalysis import steganalysis
 from stages.imaging.lpips_weights import HOW_TO_INSTALL
 
 RESOURCES = ("templates/*",)
@@ -39,6 +42,9 @@ WRITERS: Mapping[str, Writer] = {
     "rtws": rtws,
     "ablations": ablations,
     "plateau": plateau,
+    "steganalysis": steganalysis,
+    "secrecy": secrecy,
+    "robustness": robustness,
 }
 PAPER_TITLES = {
     "fidelity": ("Fidelity", "All metrics"),

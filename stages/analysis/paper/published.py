@@ -77,6 +77,7 @@ class Published(_Model):
     ablations: Mapping[Ablated, tuple[Variant, ...]]
     pruning: Mapping[str, tuple[Variant, ...]]
     rival: Rival
+    purification: Figures
 
     def figure(self, row: Row | None, capture: str) -> float:
         """What a row says of a capture, NaN where the paper has no such row or no such capture."""

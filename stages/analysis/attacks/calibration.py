@@ -1,0 +1,48 @@
+"""Severities at which an attack does a given damage: by bisection."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+SMALLEST_SHARE = 1e-4
+"""Of the strongest severity: weaker ones are not looked for."""
+
+STEPS = 8
+TOLERANCE = 0.08
+"""A severity will do whose damage is this close, relative to what is aimed at."""
+
+
+def calibrated(damage: Callable[[float], float], aims: Sequence[float], strongest: float) -> tuple[float, ...]:
+    """The severities at which the damage comes closest to each of `aims`, ascending and positive; what `strongest`
+    does not reach has it for the last, and further aims none.
+
+    Damage is taken to grow with severity, more or less. It is bisected on a logarithmic scale: what one attack does at
+    a millionth of its strongest severity, another does at half. What was looked at for one aim narrows the next.
+    """
+    looked_at: dict[float, float] = {}
+
+    def at(severity: float) -> float:
+        if severity not in looked_at:
+            looked_at[severity] = damage(severity)
+        return looked_at[severity]
+
+    found: list[float] = []
+    for aim in sorted(aims):
+        if at(strongest) <= aim:
+            found.append(strongest)
+            break
+        found.append(_nearest(at, looked_at, aim, SMALLEST_SHARE * strongest))
+    return tuple(sorted(set(found)))
+
+
+def _nearest(at: Callable[[float], float], looked_at: dict[float, float], aim: float, smallest: float) -> float:
+    above = min(severity for severity, value in looked_at.items() if value > aim)
+    below = max((severity for severity, value in looked_at.items() if severity < above), default=smallest)
+    for _ in range(STEPS):
+        middle = math.sqrt(below * above)
+        value = at(middle)
+        if abs(value - aim) <= TOLERANCE * aim:
+            return middle
+        below, above = (middle, above) if value < aim else (below, middle)
+    return min((below, above), key=lambda severity: abs(at(severity) - aim))

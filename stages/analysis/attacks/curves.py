@@ -1,0 +1,78 @@
+"""An attack as a curve: what is left of cover and messages at each of its severities, for every seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from stages.analysis.attacks.calibration import calibrated
+from stages.analysis.attacks.catalogue import UNATTACKED, restored
+from stages.analysis.attacks.scoring import Figures, Scorer
+from stages.analysis.attacks.target import Attack, Attacker, Knowledge, Target
+from stages.analysis.fidelity import Perceptual
+from stages.analysis.measurements import Measurement
+
+
+@dataclass(frozen=True)
+class Assay:
+    """How attacks are measured: on what, by whom, and what the attacker knows.
+
+    `cover_losses` in dB set the severities of attacks that have no natural ones, with the first of the seeds.
+    `perceptual` is measured at an attack's fixed severities, with the first seed, and without attack.
+    """
+
+    target: Target
+    scorer: Scorer
+    knowledge: Knowledge
+    method: str
+    cover_losses: Sequence[float]
+    seeds: Sequence[int]
+    perceptual: Perceptual
+    after_each: Callable[[], None]
+
+    def unattacked(self) -> Iterator[Measurement]:
+        """What the container shows as it is."""
+        return self._rows(self.scorer.figures(self.target, self.perceptual), UNATTACKED, None, None)
+
+    def curve(self, name: str, attack: Attack) -> Iterator[Measurement]:
+        """The rows of an attack, and of its remedy; none where the target has nothing that it attacks."""
+        if not attack.applies(self.target):
+            return
+        first = attack.prepare(self.target, self.seeds[0], self.knowledge)
+        severities = self._severities(attack, first)
+        for seed in self.seeds if attack.random else self.seeds[:1]:
+            attacker = first if seed == self.seeds[0] else attack.prepare(self.target, seed, self.knowledge)
+            for severity in severities:
+                attacked = attacker(severity)
+                perceptual = self.perceptual if severity in attack.fixed and seed == self.seeds[0] else {}
+                yield from self._rows(self.scorer.figures(attacked, perceptual), name, severity, seed)
+                if attack.remedy is not None:
+                    figures = self.scorer.figures(attack.remedy(attacked, self.target))
+                    yield from self._rows(figures, restored(name), severity, seed)
+                self.after_each()
+
+    def _severities(self, attack: Attack, attacker: Attacker) -> tuple[float, ...]:
+        if attack.severities is not None:
+            return tuple(attack.severities(self.target))
+        unharmed = self.scorer.cover_psnr(self.target)
+
+        def damage(severity: float) -> float:
+            self.after_each()
+            return unharmed - self.scorer.cover_psnr(attacker(severity))
+
+        return tuple(sorted({*calibrated(damage, self.cover_losses, attack.strongest), *attack.fixed}))
+
+    def _rows(
+        self, figures: Figures, condition: str, severity: float | None, seed: int | None
+    ) -> Iterator[Measurement]:
+        for (message, quantity), value in figures.items():
+            yield Measurement(
+                quantity,
+                value,
+                condition,
+                severity,
+                seed,
+                split="test",
+                message=message,
+                method=self.method,
+            )

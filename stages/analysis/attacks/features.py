@@ -1,0 +1,195 @@
+"""Attacks on coupled features that the scene decoder can be made to forgive, and the owner's remedy."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float, Float64
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from stages.analysis.attacks.target import Target
+from stages.hiding.coupled import FEATURES
+from stages.hiding.decoders import Decoder
+from stages.hiding.method import Method
+
+ANGLES = (5.0, 15.0, 30.0, 60.0, 90.0)
+DROPPED_SHARES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4)
+PERMUTED_SHARES = (1 / 8, 1 / 4, 1 / 2, 3 / 4, 1)
+FARTHEST = 0.4999
+"""From 0.5: so far may an activated feature lie, so that its logit can still be stored."""
+
+SMALLEST_VARIANCE = 1e-8
+"""Of features along a direction; along one with less they are all alike."""
+
+
+def channel_counts(target: Target) -> Sequence[float]:
+    """Of 16 channels 1, 2, 4, 8 and 12; the same shares of others."""
+    return _counts(target, DROPPED_SHARES, least=1)
+
+
+def permuted_counts(target: Target) -> Sequence[float]:
+    """Of 16 channels 2, 4, 8, 12 and 16; the same shares of others. One alone cannot change places."""
+    return _counts(target, PERMUTED_SHARES, least=2)
+
+
+def _counts(target: Target, shares: Sequence[float], least: int) -> Sequence[float]:
+    channels = target.gaussians[FEATURES].shape[1]
+    return sorted({float(max(least, round(share * channels))) for share in shares})
+
+
+def channel_dropping(target: Target, channels: float, generator: torch.Generator) -> Target:
+    """Set so many channels, drawn at random, to their mean over all Gaussians.
+
+    The attacker knows the container alone. Not for containers without features.
+    """
+    raw = target.gaussians[FEATURES].clone()
+    dropped = torch.randperm(raw.shape[1], generator=generator)[: int(channels)]
+    raw[:, dropped] = raw[:, dropped].sigmoid().mean(dim=0).logit()
+    return target.with_parameters({FEATURES: raw})
+
+
+def unread_directions(target: Target, count: float) -> Target:
+    """Remove what features hold along so many directions: those that the scene decoder's first layer reads least.
+
+    The attacker knows the container, its scene decoder included, whose weights say which directions the cover needs.
+    Among features that are scaled to be as various along all directions (whitened), these are the right singular
+    vectors of all rows by which they are read, in ascending order of their singular values: leaving them at their mean
+    changes what is read least, in the squares' mean. `homogeneous` reads 8 of its 16 directions for the cover, so that
+    the other 8 go without a trace. Not for containers without features.
+    """
+    centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
+    mean = centred.mean(dim=0)
+    spread, basis = torch.linalg.eigh((centred - mean).T @ (centred - mean) / max(1, len(centred)))
+    root = basis * spread.clamp_min(SMALLEST_VARIANCE).sqrt() @ basis.T
+    unread = torch.linalg.svd(read_rows(target.method) @ root, full_matrices=True).Vh.flip(0)[: int(count)]
+    removed = root @ (unread.T @ unread) @ torch.linalg.inv(root)
+    left = centred - (centred - mean) @ removed.T
+    if _reads_centred(target.method):
+        return _shrunk(target, left, torch.eye(len(removed), dtype=removed.dtype))
+    return target.with_parameters({FEATURES: _stored(left)})
+
+
+def channel_permutation(target: Target, channels: float, generator: torch.Generator) -> Target:
+    """Let so many channels, drawn at random, change places in a ring, and the scene decoder read them where they are.
+
+    The attacker knows the container, its scene decoder included. A turn of features that every scene decoder forgives
+    to the last bit but those of rounding, whatever the opacity of a pixel. Not for containers without features.
+    """
+    raw = target.gaussians[FEATURES]
+    chosen = torch.randperm(raw.shape[1], generator=generator)[: int(channels)]
+    order = torch.arange(raw.shape[1])
+    order[chosen] = chosen.roll(1)
+    places = torch.eye(raw.shape[1], dtype=torch.float64)[order]
+    return replace(target.with_parameters({FEATURES: raw[:, order]}), method=_reading(target.method, places.T))
+
+
+def feature_rotation(target: Target, degrees: float, generator: torch.Generator) -> Target:
+    """Turn all activated features about 0.5 by so many degrees, in M/2 planes of a random basis.
+
+    The attacker knows the container alone and leaves the scene decoder as it is: the cover is lost as well. Values
+    that would leave (0, 1) stop short of it. Not for containers without features.
+    """
+    centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
+    return target.with_parameters({FEATURES: _stored(centred @ _turn(centred.shape[1], degrees, generator).T)})
+
+
+def compensated_rotation(target: Target, degrees: float, generator: torch.Generator) -> Target:
+    """The same, and the scene decoder turned with it: its first layer reads the turned features as it read the old.
+
+    The attacker knows the container, its scene decoder included. Features are drawn towards 0.5 where they would leave
+    (0, 1), and the decoder reads them by as much longer rows. For `homogeneous` nothing of the cover changes, which is
+    read from features less half the blended opacity. GS-Hider's decoder reads the blended features themselves: what is
+    exact where the opacity is 1 is not where it is less, nor beside the picture's border, with zeros beyond it.
+    """
+    centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
+    turn = _turn(centred.shape[1], degrees, generator)
+    return _shrunk(target, centred @ turn.T, turn.T)
+
+
+def realigned(attacked: Target, original: Target) -> Target:
+    """The owner's remedy: the affine map, by least squares, that carries features back to those of the original.
+
+    Gaussians are matched by their means, each with the nearest of the original. What was turned comes back; what was
+    removed does, as far as other channels tell of it. The map has M (M + 1) numbers, so that it cannot carry a message
+    of its own. The scene decoder is the original's, too.
+    """
+    _, rows = cKDTree(original.gaussians.means.numpy()).query(attacked.gaussians.means.numpy())
+    seen = attacked.gaussians[FEATURES].double().sigmoid()
+    told = torch.cat([seen, torch.ones(len(seen), 1, dtype=seen.dtype)], dim=1)
+    wanted = original.gaussians[FEATURES][rows].double().sigmoid()
+    back = torch.linalg.lstsq(told, wanted, driver="gelsd").solution
+    return replace(attacked.with_parameters({FEATURES: _stored(told @ back - 0.5)}), method=original.method)
+
+
+def read_rows(method: Method) -> Float64[Tensor, "K M"]:
+    """The K rows by which the scene decoder's first layer reads features, of all its taps."""
+    decoder = method.networks["scene_decoder"]
+    if isinstance(decoder, Decoder):
+        return _first(decoder).weight.detach().double().permute(0, 2, 3, 1).flatten(0, 2)
+    weights = dict(decoder.named_parameters())
+    return torch.cat([weights["directions"], weights["readings"].flatten(0, 1)]).detach().double()
+
+
+def _reads_centred(method: Method) -> bool:
+    """Whether the scene decoder reads features less half the opacity, so that a common factor can be made good."""
+    return not isinstance(method.networks["scene_decoder"], Decoder)
+
+
+def _stored(centred: Float64[Tensor, "N M"]) -> Float[Tensor, "N M"]:
+    """Raw features, of features less 0.5; values that no sigmoid gives stop short of it."""
+    return (0.5 + centred.clamp(-FARTHEST, FARTHEST)).logit().float()
+
+
+def _shrunk(target: Target, centred: Float64[Tensor, "N M"], back: Float64[Tensor, "M M"]) -> Target:
+    """Features 0.5 + s c, and a scene decoder with rows r B / s, where it had r; B is `back`.
+
+    s is the largest factor up to 1 that leaves all features storable.
+    """
+    farthest = float(centred.abs().max()) if len(centred) else 0.0
+    shrink = min(1.0, FARTHEST / max(farthest, FARTHEST))
+    changed = target.with_parameters({FEATURES: _stored(shrink * centred)})
+    return replace(changed, method=_reading(target.method, back / shrink))
+
+
+@torch.no_grad()
+def _reading(method: Method, back: Float64[Tensor, "M M"]) -> Method:
+    """The method with a scene decoder that reads features, centred at 0.5, along r B where it read them along r."""
+    changed = copy.deepcopy(method)
+    decoder = changed.networks["scene_decoder"]
+    if not isinstance(decoder, Decoder):
+        weights = dict(decoder.named_parameters())
+        for name in ("directions", "readings"):
+            weights[name].copy_(_along(weights[name], back))
+        return changed
+    first = _first(decoder)
+    before = first.weight.double().sum(dim=(2, 3))
+    first.weight.copy_(_along(first.weight.permute(0, 2, 3, 1), back).permute(0, 3, 1, 2))
+    after = first.weight.double().sum(dim=(2, 3))
+    bias: Float[Tensor, " O"] = first.bias  # type: ignore[assignment]  # these convolutions all have a bias
+    bias.add_((0.5 * (before - after).sum(dim=1)).float())
+    return changed
+
+
+def _along(rows: Float[Tensor, "... M"], back: Float64[Tensor, "M M"]) -> Float[Tensor, "... M"]:
+    return (rows.double() @ back).float()
+
+
+def _first(decoder: Decoder) -> torch.nn.Conv2d:
+    first = decoder[0]
+    assert isinstance(first, torch.nn.Conv2d)
+    return first
+
+
+def _turn(channels: int, degrees: float, generator: torch.Generator) -> Float64[Tensor, "M M"]:
+    """A rotation by the angle in each of M/2 planes at right angles; an odd last direction stays."""
+    basis = torch.linalg.qr(torch.randn(channels, channels, generator=generator, dtype=torch.float64)).Q
+    angle = torch.deg2rad(torch.tensor(degrees, dtype=torch.float64))
+    turned = torch.eye(channels, dtype=torch.float64)
+    for first in range(0, channels - 1, 2):
+        turned[first, first] = turned[first + 1, first + 1] = angle.cos()
+        turned[first, first + 1], turned[first + 1, first] = -angle.sin(), angle.sin()
+    return basis @ turned @ basis.T

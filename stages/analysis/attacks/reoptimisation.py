@@ -1,0 +1,68 @@
+"""The container trained on, on the cover's views alone."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+
+from stages.analysis.attacks.target import Attacker, Knowledge, Target
+from stages.hiding.method import Method
+from stages.scene.gaussians import Gaussians
+from stages.training.loop import Training, TrainingSettings
+from stages.training.objectives import cover_term
+
+SSIM_WEIGHT = 0.2
+"""γ of Eq. 6."""
+
+
+def reoptimisation(iterations: int, frozen: bool) -> Callable[[Target, int, Knowledge], Attacker]:
+    """Train the container for up to so many iterations by Eq. 6 alone: the cover's loss on its training photos.
+
+    The attacker knows the photos, and builds the method from the container without the secret. Rates are those at the
+    end of a training of 3DGS, and 3DGS's at all times for scales, rotations and opacities; no Gaussian is added or
+    removed. `frozen`: whether the scene decoder stays as it is. The severity is the number of iterations: snapshots of
+    one run. Attributes that the cover does not show, such as a message's harmonics, get no gradient and stay.
+    """
+
+    def prepare(target: Target, seed: int, knowledge: Knowledge) -> Attacker:
+        return _Run(target, seed, knowledge, iterations, frozen)
+
+    return prepare
+
+
+class _Run:
+    """A training under way, which can be looked at after ever more iterations."""
+
+    def __init__(self, target: Target, seed: int, knowledge: Knowledge, iterations: int, frozen: bool):
+        gaussians = _copied(target.gaussians)
+        method = copy.deepcopy(target.method)
+        for network in method.networks.values():
+            network.requires_grad_(not frozen)
+        untouched = dict.fromkeys(gaussians.attributes.keys() - method.learning_rates.keys(), 0.0)
+        settings = TrainingSettings(
+            iterations, knowledge.extent, seed, schedule_share=0.0, attribute_rates=untouched, density=None
+        )
+        self.knowledge = knowledge
+        self.training = Training(gaussians, method, knowledge.views, [cover_term(SSIM_WEIGHT)], settings)
+
+    def __call__(self, iterations: float) -> Target:
+        """A copy of what the training has made after so many iterations. Raises `ValueError` for fewer than before."""
+        training = self.training
+        if iterations < training.iteration:
+            raise ValueError(f"after {training.iteration} iterations there is no way back to {iterations:g}")
+        while training.iteration < iterations:
+            training.step(training.iteration + 1)
+            training.iteration += 1
+            self.knowledge.after_each()
+        return Target(_copied(training.gaussians), _fixed(training.method))
+
+
+def _copied(gaussians: Gaussians) -> Gaussians:
+    return Gaussians({name: values.detach().clone() for name, values in gaussians.parameters.items()})
+
+
+def _fixed(method: Method) -> Method:
+    copied = copy.deepcopy(method)
+    for network in copied.networks.values():
+        network.requires_grad_(False)
+    return copied

@@ -1,0 +1,76 @@
+"""The container's world, turned as a whole; its cameras follow."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+from torch import Tensor
+
+from stages.analysis.attacks.target import Target
+from stages.hiding.method import Method
+from stages.scene.gaussians import Gaussians
+from stages.scene.moved_splats import turned_harmonics
+from stages.scene.similarity import Similarity
+
+SEVERITIES = (5.0, 15.0, 45.0, 90.0, 180.0)
+VIEW_CHANNELS = 8
+"""Harmonics of the direction of view that decoders of `homogeneous` are told, last among their channels."""
+
+
+def rigid_motion(target: Target, degrees: float, generator: torch.Generator) -> Target:
+    """Turn the world about an axis drawn at random, through the median of the means, by so many degrees.
+
+    All that is public turns with it, so that the cover looks from the turned cameras as it did: means, quaternions,
+    harmonics, and what a scene decoder that is told directions of view reads of these. The attacker knows the
+    container. A message decoder that is told directions is still told those of the world.
+    """
+    axis = torch.randn(3, generator=generator, dtype=torch.float64)
+    turn = torch.nn.functional.normalize(axis, dim=0).numpy() * np.deg2rad(degrees)
+    rotation = Rotation.from_rotvec(turn).as_matrix()
+    centre = target.gaussians.means.median(dim=0).values.double().numpy()
+    return _moved(target, Similarity(1.0, rotation, centre - rotation @ centre))
+
+
+def turned_back(attacked: Target, original: Target) -> Target:
+    """The owner's remedy for a motion that is known, such as from the means of both containers: it is undone."""
+    return _moved(attacked, attacked.motion.inverse())
+
+
+def _moved(target: Target, motion: Similarity) -> Target:
+    parameters = target.gaussians.parameters
+    names = ("means", "quats", "log_scales")
+    geometry = motion.gaussians(*(parameters[name].double().numpy() for name in names))
+    changed = {name: torch.from_numpy(values).float() for name, values in zip(names, geometry, strict=True)}
+    for name in ("sh_rest", "message_sh_rest"):
+        if name in parameters:
+            changed[name] = _turned(parameters[name], motion)
+    return replace(
+        target,
+        gaussians=Gaussians(parameters | changed),
+        method=_turned_method(target.method, motion),
+        motion=motion.compose(target.motion),
+    )
+
+
+def _turned(rest: Tensor, motion: Similarity) -> Tensor:
+    """Harmonics [N, ..., K, 3] of any number of pictures."""
+    flat = rest.reshape(-1, *rest.shape[-2:])
+    return turned_harmonics(flat, motion.rotation).reshape(rest.shape)
+
+
+def _turned_method(method: Method, motion: Similarity) -> Method:
+    """The method with a scene decoder that is told of turned directions what it was told of the old ones."""
+    if "directions" not in dict(method.networks["scene_decoder"].named_parameters() if method.networks else {}):
+        return method
+    turned = copy.deepcopy(method)
+    first = next(m for m in turned.networks["scene_decoder"].modules() if isinstance(m, torch.nn.Conv2d))
+    told = first.weight.detach()[:, -VIEW_CHANNELS:]
+    with torch.no_grad():
+        rest = told.flatten(2).permute(2, 0, 1).reshape(-1, VIEW_CHANNELS, 1)
+        back = turned_harmonics(rest, motion.rotation).reshape(-1, len(told), VIEW_CHANNELS).permute(1, 2, 0)
+        first.weight[:, -VIEW_CHANNELS:] = back.reshape(told.shape)
+    return turned

@@ -1,0 +1,90 @@
+"""What an attacked container still shows: of the cover to everybody, of the messages to the owner."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+
+import torch
+
+from stages.analysis.attacks.target import Picture, Target
+from stages.analysis.fidelity import Perceptual, covered_figures, picture_figures
+from stages.hiding.decoders import Decoder, decode
+from stages.hiding.method import Method
+from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
+from stages.hiding.rendering import COVER
+from stages.imaging.pictures import picture_to_tensor
+from stages.imaging.psnr import psnr
+from stages.scene.cameras import single_cameras
+from stages.scene.message_views import MessageViews
+from stages.scene.scene import Scene
+
+Figures = Mapping[tuple[str | None, str], float]
+"""Means over views by message, None for the cover, and quantity."""
+
+
+class Scorer:
+    """Measures on some views of the scene; `owner` is the method with the secret, which no attacker has."""
+
+    def __init__(self, owner: Method, scene: Scene, messages: Mapping[str, MessageViews], views: Sequence[str]):
+        self.owner, self.scene, self.messages = copy.deepcopy(owner), scene, messages
+        self.views, self.rows = tuple(views), scene.rows(views)
+
+    def cover_psnr(self, attacked: Target) -> float:
+        """PSNR of the cover: all that an attack's severity is set by."""
+        pictures = self._pictures(attacked, (COVER,))
+        return _mean([psnr(shown[COVER], self._truth(row)) for row, shown in zip(self.rows, pictures, strict=True)])
+
+    def figures(self, attacked: Target, perceptual: Perceptual | None = None) -> Figures:
+        """PSNR and SSIM of cover and messages, PSNR over the messages' covered pixels, LPIPS of the cover if asked."""
+        found: dict[tuple[str | None, str], list[float]] = {}
+        for row, shown in zip(self.rows, self._pictures(attacked, (COVER, *self.messages)), strict=True):
+            for quantity, value in picture_figures(shown[COVER], self._truth(row), perceptual or {}).items():
+                found.setdefault((None, quantity), []).append(value)
+            for name, message in self.messages.items():
+                truth = picture_to_tensor(message.pictures[row])
+                covered = covered_figures(shown[name], truth, torch.from_numpy(message.coverage[row]))
+                figures = picture_figures(shown[name], truth, {}) | {"psnr_covered": covered["psnr_covered"]}
+                for quantity, value in figures.items():
+                    found.setdefault((name, quantity), []).append(value)
+        return {key: _mean(values) for key, values in found.items()}
+
+    def pictures(self, attacked: Target, view: str) -> dict[str, Picture]:
+        """What one view shows, cover and messages, for people to look at."""
+        position = self.views.index(view)
+        return list(self._pictures(attacked, (COVER, *self.messages)))[position]
+
+    def _truth(self, row: int) -> Picture:
+        return picture_to_tensor(self.scene.pictures[row])
+
+    @torch.no_grad()
+    def _pictures(self, attacked: Target, wanted: Collection[str]) -> Iterator[dict[str, Picture]]:
+        """Of each view. The cover by the attacker's networks, the messages by the owner's secret ones."""
+        for name in PUBLIC_NETWORKS:
+            if name in self.owner.networks:
+                self.owner.networks[name].load_state_dict(attacked.method.networks[name].state_dict())
+        cameras = self.scene.cameras.select(self.views)
+        moved = attacked.motion.world_to_camera(cameras.world_to_camera)
+        for camera in single_cameras(
+            type(cameras)(cameras.names, moved, cameras.intrinsics, cameras.width, cameras.height)
+        ):
+            pictures = self.owner.render(attacked.gaussians, camera, wanted=tuple(wanted)).pictures
+            if attacked.on_pictures is not None:
+                pictures[COVER] = attacked.on_pictures(pictures[COVER].clamp(0, 1))
+                if attacked.shows_message_in_renders and len(wanted) > 1:
+                    pictures |= self._read_off(pictures[COVER])
+            yield pictures
+
+    def _read_off(self, picture: Picture) -> dict[str, Picture]:
+        """The messages as the secret decoder reads them in the cover's picture (3DGS+Decoder)."""
+        decoder = self.owner.networks[SECRET_NETWORKS[0]]
+        assert isinstance(decoder, Decoder)
+        channels = decode(decoder, picture, getattr(torch, str(self.owner.settings["precision"])))
+        return dict(zip(self.messages, channels.split(3, dim=-1), strict=True))
+
+
+def _mean(values: Sequence[float]) -> float:
+    """Of what was measured; NaN without any."""
+    known = [value for value in values if not math.isnan(value)]
+    return math.fsum(known) / len(known) if known else math.nan

@@ -1,0 +1,107 @@
+"""What is attacked, what its attacker knows, and what an attack is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from stages.hiding.coupled import FEATURES
+from stages.hiding.method import Method
+from stages.scene.gaussians import Gaussians
+from stages.scene.similarity import Similarity
+from stages.training.loop import TrainingViews
+
+STANDARD_COLOURS = ("sh_base", "sh_rest")
+"""What 3DGS has beside geometry; the attributes of every other method are its own."""
+
+SECRET_SHOWN_BY_RENDERS = "decoder"
+"""The one method whose message decoder looks at the cover's picture itself."""
+
+Picture = Float[Tensor, "H W 3"]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A container as its attacker holds it: Gaussians, and the method with its public networks, without the secret.
+
+    `motion` is how far its world was moved from where it was published: cameras follow. `on_pictures` is what befalls
+    the cover's pictures after they are rendered; None: nothing.
+    """
+
+    gaussians: Gaussians
+    method: Method
+    motion: Similarity = field(default_factory=Similarity.identity)
+    on_pictures: Callable[[Picture], Picture] | None = None
+
+    @property
+    def has_features(self) -> bool:
+        """Whether the method is one with coupled features."""
+        return FEATURES in self.gaussians.parameters
+
+    @property
+    def shows_message_in_renders(self) -> bool:
+        """Whether the message is read off the cover's picture."""
+        return self.method.name == SECRET_SHOWN_BY_RENDERS
+
+    @property
+    def own_attributes(self) -> dict[str, Tensor]:
+        """What a viewer of 3DGS would not know: attributes beside geometry and the cover's harmonics."""
+        return {name: values for name, values in self.gaussians.attributes.items() if name not in STANDARD_COLOURS}
+
+    def keeping(self, rows: Int[Tensor, " K"]) -> Target:
+        """The same with these Gaussians alone."""
+        return self.with_parameters({name: values[rows] for name, values in self.gaussians.parameters.items()})
+
+    def with_parameters(self, changed: Mapping[str, Tensor]) -> Target:
+        """The same with other values of some parameters; the Gaussians of this one stay as they are."""
+        return replace(self, gaussians=Gaussians(self.gaussians.parameters | dict(changed)))
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What an attacker knows beside the container: the cover's training photos, with their cameras.
+
+    That is more than a thief need have; with renders of the container in their place attacks are weaker. `extent` is
+    that of the rig. Attacks that take long call `after_each` now and then: it raises where the work is to stop.
+    """
+
+    views: TrainingViews
+    extent: float
+    after_each: Callable[[], None] = lambda: None
+
+
+Attacker = Callable[[float], Target]
+"""From a severity to the attacked target. Severities are asked for in ascending order of the attack's progress."""
+
+
+@dataclass(frozen=True)
+class Attack:
+    """`prepare` gives, for a target, a seed and what is known, the target at any severity.
+
+    `severities` are the natural ones of a target, such as bits; None where the damage to the cover sets them, up to
+    `strongest`. `fixed` ones are measured besides. `applies`: whether a target has what is attacked. `random`: whether
+    the seed changes anything. `remedy` is what the owner, who has the original, makes of the attacked target.
+    """
+
+    prepare: Callable[[Target, int, Knowledge], Attacker]
+    severities: Callable[[Target], Sequence[float]] | None = None
+    strongest: float = 1.0
+    fixed: tuple[float, ...] = ()
+    applies: Callable[[Target], bool] = lambda target: True
+    random: bool = True
+    remedy: Callable[[Target, Target], Target] | None = None
+
+
+def seeded(attack: Callable[[Target, float, torch.Generator], Target]) -> Callable[[Target, int, Knowledge], Attacker]:
+    """An attack that knows nothing but the container. Every severity begins with the same random numbers: what a
+    stronger one does, it does where the weaker one did."""
+    return lambda target, seed, _: lambda severity: attack(target, severity, torch.Generator().manual_seed(seed))
+
+
+def unseeded(attack: Callable[[Target, float], Target]) -> Callable[[Target, int, Knowledge], Attacker]:
+    """The same of an attack without chance."""
+    return lambda target, _, __: lambda severity: attack(target, severity)

@@ -1,0 +1,118 @@
+"""Histograms of what a container's Gaussians hold, and how far two containers' histograms differ."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from jaxtyping import Float, Float64
+from scipy.special import rel_entr
+
+from stages.analysis.measurements import Measurement
+
+BINS = 64
+TAIL = 1e-3
+"""Share of the values at either end that the first and the last bin take together."""
+NOT_COMPARED = ("means", "quats")
+"""Where Gaussians lie and how they are turned depends on the scene's axes."""
+
+DIVERGENCE, CHANNELS, HISTOGRAM = "divergence", "divergence_of_channels", "histogram"
+"""Quantities, each followed by a colon and the name of an attribute. Divergences are in bits, from 0 to 1."""
+GAUSSIANS, ONLY_THERE = "gaussians", "attributes_only_in_it"
+
+
+def of_attribute(quantity: str, attribute: str) -> str:
+    """The name of a figure of one attribute."""
+    return f"{quantity}: {attribute}"
+
+
+def jensen_shannon(first: Float[np.ndarray, " B"], second: Float[np.ndarray, " B"]) -> float:
+    """The Jensen-Shannon divergence of two histograms in bits: 0 for equal ones, 1 for ones without a common bin.
+
+    >>> jensen_shannon(np.array([1, 0]), np.array([0, 2])), jensen_shannon(np.array([1, 3]), np.array([2, 6]))
+    (1.0, 0.0)
+    """
+    shares = [counts / counts.sum() for counts in (first, second)]
+    middle = (shares[0] + shares[1]) / 2
+    return float(sum(rel_entr(share, middle).sum() for share in shares)) / (2 * math.log(2))
+
+
+def edges_of(values: Float[np.ndarray, " K"], other: Float[np.ndarray, " L"]) -> Float64[np.ndarray, " B+1"]:
+    """Edges of bins of one width that hold the values of both, the outer ones open."""
+    both = np.concatenate([values, other]).astype(float)
+    low, high = np.quantile(both, [TAIL, 1 - TAIL])
+    edges = np.linspace(low, max(high, low + 1e-9), BINS + 1)
+    edges[0], edges[-1] = -np.inf, np.inf
+    return edges
+
+
+def counted(values: Float[np.ndarray, " K"], edges: Float64[np.ndarray, " B+1"]) -> Float64[np.ndarray, " B"]:
+    """How many values lie in each bin; a value on an edge lies above it."""
+    bins = np.searchsorted(edges[1:-1], values, side="right")
+    return np.bincount(bins, minlength=len(edges) - 1).astype(float)
+
+
+def divergence(values: Float[np.ndarray, " K"], other: Float[np.ndarray, " L"]) -> float:
+    """Of two samples by their histograms."""
+    edges = edges_of(values, other)
+    return jensen_shannon(counted(values, edges), counted(other, edges))
+
+
+def compare_attributes(
+    own: Mapping[str, Float[np.ndarray, "N ..."]],
+    other: Mapping[str, Float[np.ndarray, "K ..."]],
+    condition: str,
+    method: str,
+) -> Iterator[Measurement]:
+    """How far the attributes of one set of Gaussians, `own`, differ from those of an `other`: see `DIVERGENCE`.
+
+    Channels do not correspond from one container to the next: all are pooled, and beside that those are compared that
+    have the same place by variance, on average. Attributes that only `own` has are counted: their names are published.
+    """
+    only = [name for name in own if name not in other]
+    yield Measurement(ONLY_THERE, len(only), condition, method=method)
+    yield Measurement(GAUSSIANS, len(own["means"]) / len(other["means"]), condition, method=method)
+    for name in own:
+        if _comparable(name, own, other):
+            mine, theirs = _channels(own[name]), _channels(other[name])
+            pooled = divergence(mine.ravel(), theirs.ravel())
+            yield Measurement(of_attribute(DIVERGENCE, name), pooled, condition, method=method)
+            if mine.shape[1] == theirs.shape[1] > 1:
+                pairs = zip(_by_variance(mine), _by_variance(theirs), strict=True)
+                mean = float(np.mean([divergence(*pair) for pair in pairs]))
+                yield Measurement(of_attribute(CHANNELS, name), mean, condition, method=method)
+
+
+def histogram_rows(
+    containers: Mapping[str, Mapping[str, Float[np.ndarray, "N ..."]]], method: str
+) -> Iterator[Measurement]:
+    """The share of values in every bin, of attributes that all `containers` have, by the conditions they stand for.
+
+    The severity is the middle of the bin, in the unit in which the attribute is stored.
+    """
+    first, *others = containers.values()
+    for name in first:
+        if not _comparable(name, first, *others):
+            continue
+        values = {condition: np.ravel(attributes[name]) for condition, attributes in containers.items()}
+        edges = edges_of(first[name].ravel(), np.concatenate([np.ravel(other[name]) for other in others]))
+        width = edges[2] - edges[1]
+        middles = edges[1] + width * (np.arange(BINS) - 0.5)
+        for condition, own in values.items():
+            shares = counted(own, edges) / len(own)
+            for middle, share in zip(middles.tolist(), shares.tolist(), strict=True):
+                yield Measurement(of_attribute(HISTOGRAM, name), share, condition, middle, method=method)
+
+
+def _comparable(name: str, *containers: Mapping[str, Float[np.ndarray, "N ..."]]) -> bool:
+    """Whether all have values of an attribute, as `sh_rest` has not where harmonics are of degree 0."""
+    return name not in NOT_COMPARED and all(name in each and each[name].size for each in containers)
+
+
+def _channels(values: Float[np.ndarray, "N ..."]) -> Float[np.ndarray, "N C"]:
+    return values.reshape(len(values), -1)
+
+
+def _by_variance(values: Float[np.ndarray, "N C"]) -> Float[np.ndarray, "C N"]:
+    return values[:, np.argsort(-values.var(axis=0), kind="stable")].T

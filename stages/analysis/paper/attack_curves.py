@@ -1,0 +1,141 @@
+"""Attacks as they were measured: what is left of the message over what is left of the cover, and figures of that."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from stages.analysis.attacks.catalogue import UNATTACKED
+from stages.analysis.measurements import Measurement
+from stages.analysis.paper.measuring import Measured, Spread, mean
+from stages.analysis.paper.runs import Experiment
+
+LEAST_LOSS = 0.05
+"""In dB of the cover: what costs it no more than this costs it nothing."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """PSNR of cover and message, in dB, at one severity."""
+
+    severity: float
+    cover: float
+    message: float
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One attack with one seed on one container: `points` in the order in which they were measured, by severity."""
+
+    unattacked: Point
+    points: tuple[Point, ...]
+
+    @property
+    def reach(self) -> float:
+        """The largest loss of the cover, in dB; not negative."""
+        return max((self.loss(point) for point in self.points), default=0.0)
+
+    @property
+    def gain(self) -> float:
+        """The most that the message loses beyond what the cover does, in dB: what GSPure is scored by."""
+        return max(
+            (self.unattacked.message - point.message - self.loss(point) for point in self.points), default=math.nan
+        )
+
+    def loss(self, point: Point) -> float:
+        """What the cover loses, in dB; an attack that improves it costs nothing."""
+        return max(0.0, self.unattacked.cover - point.cover)
+
+    def message_left(self, most: float) -> float:
+        """The message's PSNR, averaged over losses of the cover from 0 to `most` dB: the area under the curve, over its
+        width.
+
+        At every loss an attacker takes the point, of those that cost no more, that leaves least of the message; between
+        points the line. What kills the message and spares the cover counts over the whole width. Beyond the last point
+        the curve goes on level. `most` is taken to be `LEAST_LOSS` at least.
+        """
+        width = max(most, LEAST_LOSS)
+        line, lowest = [(0.0, self.unattacked.message)], self.unattacked.message
+        for loss, message in sorted((self.loss(point), point.message) for point in self.points):
+            lowest = min(lowest, message)
+            line.append((loss, lowest))
+        line.append((math.inf, lowest))
+        area = 0.0
+        for (left, high), (right, low) in pairwise(line):
+            end = min(right, width)
+            if end > left:
+                at_end = low if math.isinf(right) else high + (low - high) * (end - left) / (right - left)
+                area += (end - left) * (high + at_end) / 2
+        return area / width
+
+
+def curves(experiment: Experiment, condition: str) -> tuple[Curve, ...]:
+    """A curve for each seed; none where the attack was not measured."""
+    unattacked = _point([row for row in experiment.rows if row.condition == UNATTACKED], 0.0)
+    rows = [row for row in experiment.rows if row.condition == condition]
+    found = []
+    for seed in dict.fromkeys(row.seed for row in rows):
+        own = [row for row in rows if row.seed == seed]
+        severities = dict.fromkeys(row.severity for row in own)
+        points = (_point([row for row in own if row.severity == each], each or 0.0) for each in severities)
+        found.append(Curve(unattacked, tuple(points)))
+    return tuple(found)
+
+
+def average_curve(experiments: Iterable[Experiment], condition: str) -> Curve | None:
+    """The mean over seeds and captures, point by point; of as many points as all have. None without any."""
+    every = [curve for experiment in experiments for curve in curves(experiment, condition)]
+    if not every:
+        return None
+    points = zip(*(curve.points for curve in every), strict=False)
+    return Curve(_mean([curve.unattacked for curve in every]), tuple(map(_mean, points)))
+
+
+def measured(experiments: Iterable[Experiment], condition: str, figure: Callable[[Curve], float]) -> Measured:
+    """A figure of curves by capture, with its spread over the attack's seeds."""
+    values: dict[str, list[float]] = {}
+    for experiment in experiments:
+        found = [figure(curve) for curve in curves(experiment, condition)]
+        values.setdefault(experiment.capture, []).extend(value for value in found if not math.isnan(value))
+    return Measured({capture: spread(figures) for capture, figures in values.items() if figures})
+
+
+def at_severity(
+    experiments: Iterable[Experiment], condition: str, severity: float | None, message: bool, quantity: str
+) -> Measured:
+    """A quantity of cover or messages under a condition by capture, with its spread over the attack's seeds."""
+    values: dict[str, dict[int | None, list[float]]] = {}
+    for experiment in experiments:
+        for row in experiment.rows:
+            found = (row.condition, row.severity, row.quantity, row.message is not None)
+            if found == (condition, severity, quantity, message):
+                values.setdefault(experiment.capture, {}).setdefault(row.seed, []).append(row.value)
+    return Measured({capture: spread([mean(each) for each in seeds.values()]) for capture, seeds in values.items()})
+
+
+def spread(values: Sequence[float]) -> Spread:
+    """The mean and the standard deviation, NaN for fewer than two values."""
+    middle = mean(values)
+    if len(values) < 2:
+        return Spread(middle, math.nan, len(values))
+    squares = math.fsum((value - middle) ** 2 for value in values)
+    return Spread(middle, math.sqrt(squares / (len(values) - 1)), len(values))
+
+
+def _point(rows: Sequence[Measurement], severity: float) -> Point:
+    psnr = [row for row in rows if row.quantity == "psnr"]
+    return Point(
+        severity,
+        mean(row.value for row in psnr if row.message is None),
+        mean(row.value for row in psnr if row.message is not None),
+    )
+
+
+def _mean(points: Sequence[Point]) -> Point:
+    return Point(
+        mean(point.severity for point in points),
+        mean(point.cover for point in points),
+        mean(point.message for point in points),
+    )

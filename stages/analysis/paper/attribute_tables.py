@@ -1,0 +1,91 @@
+"""How far a container's Gaussians differ from a clean one's, attribute by attribute, beside two clean ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from stages.analysis.attribute_histograms import CHANNELS, DIVERGENCE, GAUSSIANS, HISTOGRAM, ONLY_THERE, of_attribute
+from stages.analysis.page.chart import Chart, Series, line_chart
+from stages.analysis.paper.chapter import title_of
+from stages.analysis.paper.detection import ByMethod
+from stages.analysis.paper.grid import Cell, Grid, Line
+from stages.analysis.paper.measuring import Spread
+from stages.analysis.paper.runs import Experiment, capture_title
+from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
+
+CHARTED = ("logit_opacities", "log_scales", "raw_features", "sh_base")
+CLASS_TITLES = {HIDDEN: "hides a message", CLEAN: "hides nothing", CLEAN_AGAIN: "hides nothing, other seed"}
+
+
+def attributes_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
+    """A line for each method and attribute, a column for each capture; in small letters the same of two clean ones."""
+    lines = [
+        Line((title_of(method), title), tuple(_cell(experiments, quantity, capture, form) for capture in captures))
+        for method, experiments in by_method.items()
+        for quantity, title, form in _quantities(experiments)
+    ]
+    return Grid(
+        "Gaussians of the container beside those of a clean one: Jensen-Shannon divergence of histograms (bits)",
+        ("Method", "Attribute"),
+        tuple(map(capture_title, captures)),
+        tuple(lines),
+        (
+            "0: alike; 1: no value in common. In small letters: two clean containers that differ in their seed alone. "
+            "Nobody who finds a container has its clean twin: a divergence says that there is something to learn, not "
+            "that it was learnt. An attribute that only the container has needs no statistics: its name stands in the "
+            "published file.",
+        ),
+    )
+
+
+def attribute_charts(by_method: ByMethod) -> Iterator[Chart]:
+    """Histograms of the first capture of each method."""
+    for method, (first, *_) in by_method.items():
+        for attribute in CHARTED:
+            quantity = of_attribute(HISTOGRAM, attribute)
+            series = [
+                Series(title, _histogram(first, quantity, condition)) for condition, title in CLASS_TITLES.items()
+            ]
+            title = f"{title_of(method)}, {capture_title(first.capture)}: {attribute}"
+            chart = line_chart(title, series, from_zero=False, axes=(attribute, "share of the values in a bin"))
+            if chart is not None:
+                yield chart
+
+
+def _quantities(experiments: Sequence[Experiment]) -> list[tuple[str, str, str]]:
+    """What was measured: its quantity, its title, and how a figure of it is written."""
+    names = dict.fromkeys(row.quantity for experiment in experiments for row in experiment.rows)
+    found = []
+    for name in names:
+        quantity, _, attribute = name.partition(": ")
+        title = {
+            DIVERGENCE: attribute,
+            CHANNELS: f"{attribute}, channel by channel",
+            GAUSSIANS: "number of Gaussians, as a ratio",
+            ONLY_THERE: "attributes that only it has",
+        }.get(quantity)
+        if title is not None:
+            found.append((name, title, "{:.0f}" if quantity == ONLY_THERE else "{:.3f}"))
+    return found
+
+
+def _cell(experiments: Sequence[Experiment], quantity: str, capture: str, form: str) -> Cell:
+    found = {
+        row.condition: row.value
+        for experiment in experiments
+        if experiment.capture == capture
+        for row in experiment.rows
+        if row.quantity == quantity
+    }
+    if HIDDEN not in found:
+        return Cell("")
+    note = form.format(found[CLEAN_AGAIN]) if CLEAN_AGAIN in found else ""
+    return Cell(form.format(found[HIDDEN]), note, Spread(found[HIDDEN]))
+
+
+def _histogram(experiment: Experiment, quantity: str, condition: str) -> tuple[tuple[float, float], ...]:
+    return tuple(
+        (row.severity, row.value)
+        for row in experiment.rows
+        if (row.quantity, row.condition) == (quantity, condition) and row.severity is not None
+    )

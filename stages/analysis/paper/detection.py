@@ -1,0 +1,94 @@
+"""Areas under ROC curves from rows of detectors: which classes are compared, and how an area is written."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.analysis.learned_detection import LEARNED
+from stages.analysis.paper.grid import Cell
+from stages.analysis.paper.measuring import Spread
+from stages.analysis.paper.runs import Experiment
+from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
+from stages.analysis.roc import Area, Scores, bootstrap_area
+
+UNNOTICED = 0.6
+"""A detector whose area is larger is right about more than six of ten pairs, and is not called blind."""
+
+
+ByMethod = dict[str, list[Experiment]]
+"""Experiments by the method that hides, in the paper's order."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two classes of pictures; `paired`: seen from the same cameras."""
+
+    title: str
+    positive: str
+    negative: str
+    paired: bool = True
+
+
+AS_IN_THE_PAPER = Comparison("renders that hide, against photos", HIDDEN, PHOTOS, paired=False)
+RENDERING = Comparison("renders that hide nothing, against photos", CLEAN, PHOTOS, paired=False)
+HIDING = Comparison("renders that hide, against renders that do not", HIDDEN, CLEAN)
+CHANCE = Comparison("two that hide nothing, against each other", CLEAN_AGAIN, CLEAN)
+COMPARISONS = (AS_IN_THE_PAPER, RENDERING, HIDING, CHANCE)
+
+
+def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comparison) -> tuple[Scores, ...]:
+    """What one detector says of both classes, a scene for each experiment that has them."""
+    found = []
+    for experiment in experiments:
+        positives, negatives = (
+            np.array([row.value for row in experiment.rows if (row.quantity, row.condition) == (quantity, condition)])
+            for condition in (comparison.positive, comparison.negative)
+        )
+        if len(positives) and len(negatives):
+            found.append(Scores(positives, negatives, comparison.paired and len(positives) == len(negatives)))
+    return tuple(found)
+
+
+def area_of(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Area:
+    """The area over all experiments together, NaN without any.
+
+    Two-sided: whoever knows that StegExpose gives renders less than photos inverts it. Not so of a learned detector,
+    which has learnt which side is which: if it takes the wrong one it has learnt nothing of this scene. Each scene has
+    a detector of its own then, so that the mean of the scenes is taken.
+    """
+    area = _directed_area(experiments, quantity, comparison)
+    return area if quantity in LEARNED else area.two_sided
+
+
+def _directed_area(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Area:
+    """The seed of its interval follows from what it is of."""
+    seed = zlib.crc32(f"{quantity}: {comparison.title}".encode())
+    return bootstrap_area(scores_of(experiments, quantity, comparison), seed, common=quantity not in LEARNED)
+
+
+def area_cell(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Cell:
+    """The area with its interval, and an arrow where it is that of the opposite; empty where none was measured."""
+    shown = area_of(experiments, quantity, comparison)
+    if math.isnan(shown.value):
+        return Cell("")
+    inverted = shown != _directed_area(experiments, quantity, comparison)
+    note = f"{shown.low:.2f} to {shown.high:.2f}" + (" ↓" if inverted else "")
+    return Cell(f"{shown.value:.2f}", note, Spread(shown.value))
+
+
+def verdict(experiments: Sequence[Experiment], quantity: str) -> str:
+    """In words, whether a detector tells what hides from what does not, beside two trainings that hide nothing."""
+    hiding, chance = (area_of(experiments, quantity, comparison) for comparison in (HIDING, CHANCE))
+    if math.isnan(hiding.value):
+        return "not measured"
+    if hiding.low <= 0.5:
+        return "not told apart"
+    if hiding.low <= chance.two_sided.value:
+        return "told apart, but so are two that hide nothing"
+    told = "told apart" if hiding.value > UNNOTICED else "hardly told apart"
+    return told + (", how far chance does it was not measured" if math.isnan(chance.value) else "")

@@ -1,0 +1,112 @@
+"""The paper's table "Robustness analysis under different pruning methods", with our figures beside."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from stages.analysis.attacks.catalogue import UNATTACKED, AttackName
+from stages.analysis.page.figures import label
+from stages.analysis.page.material import GS_HIDER, OURS
+from stages.analysis.paper.attack_curves import at_severity
+from stages.analysis.paper.chapter import title_of
+from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, published_cell
+from stages.analysis.paper.measuring import Measured
+from stages.analysis.paper.published import Published, Variant, average
+from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.runs import Experiment
+from stages.imaging.lpips_weights import HOW_TO_INSTALL
+
+PRUNINGS: Mapping[str, tuple[str, AttackName]] = {
+    "sequential": ("Sequential", "sequential_pruning"),
+    "random": ("Random", "random_pruning"),
+}
+COLUMNS = ((False, "psnr"), (False, "ssim"), (False, "lpips_vgg"), (True, "psnr"), (True, "ssim"))
+"""Whether it is the message's, and the quantity."""
+
+UNCHANGED = 0.05
+"""In dB: sequential pruning of 15 % "changes nothing" if neither picture loses more."""
+
+MOST_LOST_AT_RANDOM = {False: 2.9, True: 1.6}
+"""In dB, of cover and message, with 25 % of the Gaussians pruned at random."""
+
+Groups = Mapping[str, Sequence[Experiment]]
+
+
+def pruning_table(by_method: Groups, tables: Published) -> Grid:
+    """Averages over captures and seeds; the paper's are over its nine captures, by GS-Hider."""
+    lines = _lines("Nothing pruned", by_method, UNATTACKED, None)
+    full = tables.all_metrics
+    unpruned = (average(full["message" if message else "cover"].get(_published(name))) for message, name in COLUMNS)
+    lines.append(_published_line("Nothing pruned", list(unpruned)))
+    for kind, (title, attack) in PRUNINGS.items():
+        for variant in tables.pruning[kind]:
+            name = f"{title}, {variant.value:g} %"
+            lines += _lines(name, by_method, attack, variant.value / 100)
+            lines.append(_published_line(name, [_of(variant, message, quantity) for message, quantity in COLUMNS]))
+    notes = [
+        "Averages over captures, and over seeds of what is pruned at random (LPIPS: one); the paper's names no network."
+    ]
+    if not at_severity(_all(by_method), UNATTACKED, None, False, "lpips_vgg").by_capture:
+        notes.append(f"LPIPS (VGG16) was not measured. Where its weights are missing: {HOW_TO_INSTALL}")
+    headings = tuple(f"{'Message' if message else 'Cover'}: {label(quantity)}" for message, quantity in COLUMNS)
+    return Grid("Pruned Gaussians, test views", ("Pruning", "Method", "Figures"), headings, tuple(lines), tuple(notes))
+
+
+def pruning_relations(by_method: Groups, tables: Published) -> list[Relation]:
+    """The paper's findings, of its own method and of ours."""
+    found = []
+    unpruned = {False: average(tables.fidelity[GS_HIDER].cover), True: average(tables.fidelity[GS_HIDER].message)}
+    for method in (GS_HIDER, OURS):
+        for kind, percent, text in (("sequential", 15, "15 % sequential"), ("random", 25, "25 % at random")):
+            variant = next(each for each in tables.pruning[kind] if each.value == percent)
+            for message in (False, True):
+                bound = UNCHANGED if kind == "sequential" else MOST_LOST_AT_RANDOM[message]
+                difference = _of(variant, message, "psnr") - unpruned[message]
+                found.append(
+                    Relation(
+                        f"{title_of(method)}, {text}: change of the {'message' if message else 'cover'}",
+                        "difference",
+                        "at least",
+                        -bound,
+                        _change(by_method.get(method, ()), PRUNINGS[kind][1], percent / 100, message),
+                        difference,
+                        source="" if method == GS_HIDER else "of GS-Hider",
+                    )
+                )
+    return [relation for relation in found if relation.measured.by_capture]
+
+
+def _change(experiments: Sequence[Experiment], attack: str, share: float, message: bool) -> Measured:
+    pruned = at_severity(experiments, attack, share, message, "psnr")
+    return pruned.minus(at_severity(experiments, UNATTACKED, None, message, "psnr"))
+
+
+def _lines(name: str, by_method: Groups, condition: str, severity: float | None) -> list[Line]:
+    return [
+        Line(
+            (name, title_of(method), HERE),
+            tuple(
+                Cell(figure_cell(quantity, spread).text, "", spread)
+                for message, quantity in COLUMNS
+                for spread in [at_severity(group, condition, severity, message, quantity).average]
+            ),
+        )
+        for method, group in by_method.items()
+    ]
+
+
+def _published_line(name: str, values: Sequence[float]) -> Line:
+    cells = (published_cell(quantity, value) for (_, quantity), value in zip(COLUMNS, values, strict=True))
+    return Line((name, title_of(GS_HIDER), PAPER), tuple(cells), published=True)
+
+
+def _published(quantity: str) -> str:
+    return "lpips" if quantity == "lpips_vgg" else quantity
+
+
+def _of(variant: Variant, message: bool, quantity: str) -> float:
+    return (variant.message if message else variant.cover).get(_published(quantity), float("nan"))
+
+
+def _all(by_method: Groups) -> list[Experiment]:
+    return [each for group in by_method.values() for each in group]

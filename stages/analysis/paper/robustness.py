@@ -1,0 +1,295 @@
+"""Robustness: the paper's two prunings beside its figures, and every attack as a curve of message over cover."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName, restored
+from stages.analysis.page.chart import Chart, Series, line_chart
+from stages.analysis.page.figures import MISSING
+from stages.analysis.page.material import GS_HIDER, METHOD_TITLES, OURS
+from stages.analysis.page.summary import Tile
+from stages.analysis.paper.attack_curves import Curve, average_curve, curves, measured
+from stages.analysis.paper.chapter import Chapter, title_of
+from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, without_empty_columns
+from stages.analysis.paper.measuring import Measured, Spread
+from stages.analysis.paper.pruning_table import pruning_relations, pruning_table
+from stages.analysis.paper.published import Published
+from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.runs import Experiment, Study
+
+COMPARED = (OURS, GS_HIDER)
+"""The widths of curves are those that both of these reach."""
+
+VIEW_WEIGHTS: tuple[AttackName, AttackName] = ("view_weight_pruning", "view_weight_clustering")
+
+CURVE_NOTE = (
+    "At each loss of the cover an attacker takes the severity, of those that cost the cover no more, that leaves least "
+    "of the message. So an attack that kills the message and spares the cover is a vertical drop, and counts over the "
+    "whole width. The width is the largest loss of the cover that the curves of GS-Hider and of ours both reach; where "
+    "that is nothing, what is left at 0.05 dB. ±: over the attack's seeds."
+)
+
+
+@dataclass(frozen=True)
+class Attacked:
+    """The experiments of attacks, by method in the paper's order, and the attacks that any of them measured."""
+
+    by_method: Mapping[str, tuple[Experiment, ...]]
+    attacks: tuple[AttackName, ...]
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """Of the methods."""
+        return tuple(map(title_of, self.by_method))
+
+    def width(self, attack: AttackName) -> float:
+        """Up to which loss of the cover the compared methods' curves reach, or all where neither is there; in dB."""
+        methods = [method for method in COMPARED if self._curves(method, attack)] or list(self.by_method)
+        reaches = [curve.reach for method in methods for curve in self._curves(method, attack)]
+        return min(reaches, default=0.0)
+
+    def message_left(self, method: str, attack: AttackName) -> Measured:
+        """The area under the method's curve, over its width: the message's mean PSNR, in dB."""
+        width = self.width(attack)
+        return measured(self.by_method.get(method, ()), attack, lambda curve: curve.message_left(width))
+
+    def gain(self, method: str, attack: AttackName) -> Measured:
+        """What the attacker gains: the message's loss less the cover's, in dB."""
+        return measured(self.by_method.get(method, ()), attack, lambda curve: curve.gain)
+
+    def _curves(self, method: str, attack: AttackName) -> list[Curve]:
+        return [curve for each in self.by_method.get(method, ()) for curve in curves(each, attack)]
+
+
+def robustness(study: Study, tables: Published) -> Chapter:
+    """The measurements of `attack`."""
+    attacked = _attacked(study)
+    if not attacked.by_method:
+        return Chapter("Robustness", ())
+    sources = ", ".join(dict.fromkeys(each.stage for group in attacked.by_method.values() for each in group))
+    grids = (
+        pruning_table(attacked.by_method, tables),
+        _areas(attacked, sources),
+        _gains(attacked),
+        _purification(attacked, tables),
+        _remedies(attacked),
+        _points(attacked),
+    )
+    return Chapter(
+        "Robustness",
+        tuple(grid for grid in map(without_empty_columns, grids) if grid.lines),
+        (*pruning_relations(attacked.by_method, tables), *_relations(attacked)),
+        tiles=_tiles(attacked),
+        charts=tuple(chart for attack in attacked.attacks if (chart := _chart(attacked, attack)) is not None),
+    )
+
+
+def _attacked(study: Study) -> Attacked:
+    conditions = {*ATTACKS, UNATTACKED}
+    of_attacks = [each for each in study.experiments if {row.condition for row in each.rows} & conditions]
+    methods = [*(name for name in METHOD_TITLES), *(each.method for each in of_attacks)]
+    by_method = {
+        method: group
+        for method in dict.fromkeys(methods)
+        if (group := tuple(each for each in of_attacks if each.method == method))
+    }
+    found = {row.condition for each in of_attacks for row in each.rows}
+    return Attacked(by_method, tuple(attack for attack in ATTACKS if attack in found))
+
+
+def _areas(attacked: Attacked, sources: str) -> Grid:
+    lines = []
+    for attack in attacked.attacks:
+        cells = [_cell(attack, attacked.message_left(method, attack)) for method in attacked.by_method]
+        width = attacked.width(attack)
+        lines.append(Line((ATTACKS[attack].title,), (*cells, Cell(f"{width:.2f} dB", "", Spread(width)))))
+    cells = [
+        Cell(figure_cell("psnr", _unattacked(group)).text, "", _unattacked(group))
+        for group in attacked.by_method.values()
+    ]
+    return Grid(
+        "What is left of the message: PSNR (dB), averaged over the cover's loss",
+        ("Attack",),
+        (*attacked.titles, "Cover's loss, up to"),
+        (Line(("Nothing",), (*cells, Cell(""))), *lines),
+        (CURVE_NOTE, f"All figures: means over test views, from the measurements of {sources}."),
+    )
+
+
+def _unattacked(experiments: Sequence[Experiment]) -> Spread:
+    found = average_curve(experiments, UNATTACKED)
+    return Spread(found.unattacked.message if found is not None else math.nan)
+
+
+def _cell(attack: AttackName, figure: Measured) -> Cell:
+    """A figure, or why there is none."""
+    if not figure.by_capture:
+        return Cell(ATTACKS[attack].needs or MISSING)
+    return figure_cell("psnr", figure.average)
+
+
+def _gains(attacked: Attacked) -> Grid:
+    lines = [
+        Line(
+            (ATTACKS[attack].title,),
+            tuple(_cell(attack, attacked.gain(method, attack)) for method in attacked.by_method),
+        )
+        for attack in attacked.attacks
+    ]
+    weakest = [
+        f"{title_of(method)} is weakest under {_sentence(attack)} ({gain:.2f} dB): {ATTACKS[attack].hurts}."
+        for method in attacked.by_method
+        for attack, gain in [_weakest(attacked, method)]
+        if attack is not None
+    ]
+    return Grid(
+        "What attackers gain: the message's loss less the cover's, at its best severity (dB)",
+        ("Attack",),
+        attacked.titles,
+        tuple(lines),
+        (*weakest, "Above 0 the message suffers more than the cover; below, an attacker loses the cover first."),
+    )
+
+
+def _weakest(attacked: Attacked, method: str) -> tuple[AttackName | None, float]:
+    gains = {attack: attacked.gain(method, attack).average.mean for attack in attacked.attacks}
+    known = {attack: gain for attack, gain in gains.items() if not math.isnan(gain)}
+    worst = max(known, key=lambda attack: known[attack], default=None)
+    return worst, known[worst] if worst is not None else math.nan
+
+
+def _sentence(attack: AttackName) -> str:
+    title = ATTACKS[attack].title
+    return title if title[:2].isupper() else title[0].lower() + title[1:]
+
+
+def _purification(attacked: Attacked, tables: Published) -> Grid:
+    ours = [
+        Line((title_of(method), HERE), (_cell("view_weight_pruning", alone), _cell("view_weight_clustering", together)))
+        for method in attacked.by_method
+        for alone, together in [(attacked.gain(method, attack) for attack in VIEW_WEIGHTS)]
+        if alone.by_capture or together.by_capture
+    ]
+    theirs = [
+        Line((name, PAPER), (Cell(""), Cell(f"{value:.2f}", "GSPure", Spread(value))), published=True)
+        for name, value in tables.purification.items()
+    ]
+    return Grid(
+        "View-weight pruning: the message's loss less the cover's (dB)",
+        ("Method", "Figures"),
+        ("One by one", "By clusters"),
+        (*ours, *theirs) if ours else (),
+        (
+            "GSPure (AAAI 2026) is known here by its idea alone: Gaussians are clustered by their weight in views, and "
+            "clusters that serve the message are pruned. The weights, the clusters and their order are our own, and so "
+            "are captures and sizes of pictures; less is better for the owner.",
+        ),
+    )
+
+
+def _remedies(attacked: Attacked) -> Grid:
+    lines, most = [], 0
+    for attack in attacked.attacks:
+        for method, group in attacked.by_method.items():
+            left, back = average_curve(group, attack), average_curve(group, restored(attack))
+            if left is not None and back is not None:
+                cells = [
+                    Cell(
+                        f"{after.message:.2f}",
+                        f"from {before.message:.2f} at {before.severity:g}",
+                        Spread(after.message),
+                    )
+                    for before, after in zip(left.points, back.points, strict=True)
+                ]
+                lines.append(((f"{ATTACKS[attack].title}: {ATTACKS[attack].remedy}", title_of(method)), cells))
+                most = max(most, len(cells))
+    return Grid(
+        "What the owner, who has the original, gets back: the message's PSNR (dB)",
+        ("Attack and remedy", "Method"),
+        _headings(most),
+        tuple(Line(names, _filled(cells, most)) for names, cells in lines),
+    )
+
+
+def _points(attacked: Attacked) -> Grid:
+    """All that is drawn."""
+    lines, most = [], 0
+    for attack in attacked.attacks:
+        for method, group in attacked.by_method.items():
+            curve = average_curve(group, attack)
+            for picture, values in _pictures(curve).items():
+                cells = [
+                    Cell(f"{value:.2f}", f"{point.severity:.3g}" if picture == "Cover" else "", Spread(value))
+                    for point, value in values
+                ]
+                lines.append(((ATTACKS[attack].title, f"{title_of(method)} · {picture}"), cells))
+                most = max(most, len(cells))
+    severities = "; ".join(f"{ATTACKS[attack].title} by {ATTACKS[attack].severity}" for attack in attacked.attacks)
+    return Grid(
+        "Every point of the curves: PSNR of cover and message (dB)",
+        ("Attack", "Picture"),
+        _headings(most),
+        tuple(Line(names, _filled(cells, most)) for names, cells in lines),
+        (f"Small figures are severities, means over captures and seeds. {severities}.",),
+    )
+
+
+def _pictures(curve: Curve | None) -> dict[str, list]:
+    if curve is None:
+        return {}
+    return {
+        "Cover": [(point, point.cover) for point in curve.points],
+        "Message": [(point, point.message) for point in curve.points],
+    }
+
+
+def _headings(count: int) -> tuple[str, ...]:
+    return tuple(f"Point {number}" for number in range(1, count + 1))
+
+
+def _filled(cells: Sequence[Cell], count: int) -> tuple[Cell, ...]:
+    return (*cells, *(Cell("") for _ in range(count - len(cells))))
+
+
+def _relations(attacked: Attacked) -> list[Relation]:
+    """Ours is not worse than GS-Hider in the area under any curve by more than the spread over seeds."""
+    found = []
+    for attack in attacked.attacks:
+        ours, hider = (attacked.message_left(method, attack) for method in COMPARED)
+        deviations = [each.deviation for area in (ours, hider) for each in area.by_capture.values()]
+        known = [deviation for deviation in deviations if not math.isnan(deviation)]
+        allowed = math.hypot(*known) / math.sqrt(max(1, len(ours.by_capture))) if known else 0.0
+        if ours.minus(hider).by_capture:
+            found.append(
+                Relation(
+                    f"{title_of(OURS)} not under {title_of(GS_HIDER)} by more than the spread: {_sentence(attack)}",
+                    "difference",
+                    "at least",
+                    -allowed,
+                    ours.minus(hider),
+                    source="not measured",
+                )
+            )
+    return found
+
+
+def _tiles(attacked: Attacked) -> tuple[Tile, ...]:
+    attack, gain = _weakest(attacked, OURS)
+    if attack is None:
+        return ()
+    return (Tile("Our weakest attack", f"{gain:.2f} dB", f"{_sentence(attack)}: message loss less cover loss"),)
+
+
+def _chart(attacked: Attacked, attack: AttackName) -> Chart | None:
+    series = []
+    for method, group in attacked.by_method.items():
+        curve = average_curve(group, attack)
+        if curve is not None:
+            points = sorted((point.cover, point.message) for point in (*curve.points, curve.unattacked))
+            series.append(Series(title_of(method), tuple(points)))
+    return line_chart(
+        ATTACKS[attack].title, series, from_zero=False, axes=("PSNR of the cover (dB)", "PSNR of the message (dB)")
+    )

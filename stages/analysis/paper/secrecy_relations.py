@@ -1,0 +1,94 @@
+"""What secrecy asks for, and what the paper says of small M: each with its verdict, flattering or not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from stages.analysis.paper.measuring import Measured
+from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.runs import Experiment
+from stages.analysis.paper.secrecy_figures import Found, Kind, best_blind, figure, measured, shares
+from stages.analysis.secrecy.conditions import COVER_ITSELF, OPEN, OTHER_START, OWNER, RANDOM, SURROGATE
+
+MOST_OVER_ONE_COLOUR = 1.0
+"""In dB: whoever lacks the secret may show no more of the message than this above what needs no container: the best
+picture of one colour."""
+
+READERS = ((RANDOM, "a random decoder"), (OTHER_START, "a decoder started with another key"))
+
+
+def secrecy_relations(found: Found) -> list[Relation]:
+    """Of every kind of container what wrong decoders, surrogates and blind readings show; and whether small M leaks."""
+    relations = []
+    for kind, experiments in found.items():
+        relations += _of_kind(kind, experiments)
+    for method in dict.fromkeys(kind.method for kind in found):
+        relations += _small_features(method, found)
+    return relations
+
+
+def _of_kind(kind: Kind, experiments: Sequence[Experiment]) -> list[Relation]:
+    opened = measured(experiments, "psnr_covered", OPEN)
+    if opened.by_capture:
+        return [_over_one_colour(f"{kind.title}: message over one colour, public attributes", opened, experiments)]
+    relations = [
+        _over_one_colour(f"{kind.title}: message over one colour, {words}", shown, experiments)
+        for condition, words in READERS
+        if (shown := measured(experiments, "psnr_covered", condition)).by_capture
+    ]
+    blind = best_blind(experiments)
+    if blind is not None:
+        relations.append(_blind_relation(kind, experiments, blind))
+    for share in shares(experiments):
+        if share > 0:
+            text = f"{kind.title}: message over one colour, a surrogate with {share:.0%} of the views"
+            shown = measured(experiments, "psnr_covered", SURROGATE, share)
+            noise = figure(experiments, "psnr_covered", SURROGATE, share).deviation
+            relations.append(_over_one_colour(text, shown, experiments, noise))
+    return relations
+
+
+def _over_one_colour(
+    text: str, shown: Measured, experiments: Sequence[Experiment], noise: float = math.nan
+) -> Relation:
+    floor = measured(experiments, "psnr_constant", OWNER)
+    return Relation(text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(floor), math.nan, noise)
+
+
+def _blind_relation(kind: Kind, experiments: Sequence[Experiment], blind: str) -> Relation:
+    """Against the cover itself, as both are given the true colours."""
+    shown, control = (measured(experiments, "psnr_coloured", condition) for condition in (blind, COVER_ITSELF))
+    text = f"{kind.title}: message over the cover taken for it, both in true colours, the best blind reading"
+    return Relation(text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(control))
+
+
+def _small_features(method: str, found: Found) -> list[Relation]:
+    """The smallest M against the largest: how far a surrogate stays behind the owner's decoder of the same container.
+
+    The paper says that small M "may result in hidden messages being more easily leaked", and gives no figure.
+    """
+    own = {kind.feature_dim: each for kind, each in found.items() if kind.method == method and kind.feature_dim}
+    if len(own) < 2:
+        return []
+    small, large = own[min(own)], own[max(own)]
+    title = Kind(method, None).title
+    return [
+        Relation(
+            f"{title}: M = {min(own):g} leaks more than {max(own):g}, by the surrogate's loss on the owner's decoder, "
+            f"{share:.0%} of the views",
+            "difference",
+            "more than",
+            0.0,
+            _behind(small, share).minus(_behind(large, share)),
+            math.nan,
+            math.hypot(*(figure(each, "psnr_covered", SURROGATE, share).deviation for each in (small, large))),
+        )
+        for share in shares(small)
+        if share > 0
+    ]
+
+
+def _behind(experiments: Sequence[Experiment], share: float) -> Measured:
+    surrogate = measured(experiments, "psnr_covered", SURROGATE, share)
+    return surrogate.minus(measured(experiments, "psnr_covered", OWNER))

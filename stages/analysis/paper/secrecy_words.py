@@ -1,0 +1,53 @@
+"""What is not secure, container by container, in words made from the figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from stages.analysis.paper.runs import Experiment
+from stages.analysis.paper.secrecy_figures import Found, Kind, figure, shares
+from stages.analysis.secrecy.conditions import OPEN, OWN_START, OWNER, SURROGATE
+
+RECOGNISABLE = 0.1
+"""Multiple correlation with the message beyond that with the message of other views: more is more than chance."""
+
+
+def words_on(found: Found) -> list[str]:
+    """A sentence for each kind of container that is not secure."""
+    return [sentence for kind, experiments in found.items() if (sentence := _sentence(kind, experiments))]
+
+
+def _sentence(kind: Kind, experiments: Sequence[Experiment]) -> str:
+    opened = figure(experiments, "psnr_covered", OPEN)
+    if opened.count:
+        return f"{kind.title} keeps nothing secret: the published file alone shows the message at {opened.mean:.2f} dB."
+    found = [*_of_surrogates(experiments), *_of_the_seed(experiments)]
+    return f"{kind.title} is not secure against {'; '.join(found)}." if found else ""
+
+
+def _of_surrogates(experiments: Sequence[Experiment]) -> list[str]:
+    owner, floor = (figure(experiments, name, OWNER).mean for name in ("psnr_covered", "psnr_constant"))
+    parts = []
+    for share in (each for each in shares(experiments) if each > 0):
+        shown = figure(experiments, "psnr_covered", SURROGATE, share).mean
+        related, others = _related(experiments, SURROGATE, share)
+        if related - others > RECOGNISABLE:
+            way = max(shown - floor, 0.0) / (owner - floor) if owner > floor else 0.0
+            parts.append(f"with {share:.0%} of them {way:.0%} of the way (r = {related:.2f}, control {others:.2f})")
+    start = "whoever has views of the message: from one colour to the owner's decoder, in dB, a surrogate goes "
+    return [start + ", ".join(parts)] if parts else []
+
+
+def _of_the_seed(experiments: Sequence[Experiment]) -> list[str]:
+    related, others = _related(experiments, OWN_START, None)
+    if not related - others > RECOGNISABLE:
+        return []
+    return [
+        "whoever guesses the seed of a training without a key: what its decoder started with shows the message, "
+        f"untrained and without a single view of it (r = {related:.2f}, control {others:.2f})"
+    ]
+
+
+def _related(experiments: Sequence[Experiment], condition: str, share: float | None) -> tuple[float, float]:
+    own, others = (figure(experiments, name, condition, share).mean for name in ("correlation", "correlation_others"))
+    return own, others

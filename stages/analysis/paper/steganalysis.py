@@ -1,0 +1,85 @@
+"""What detectors find: StegExpose as in the paper and beside clean renders, a learned detector, the attributes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from stages.analysis.attribute_histograms import GAUSSIANS
+from stages.analysis.learned_detection import LEARNED, TRAINING_SCENES
+from stages.analysis.page.material import METHOD_TITLES
+from stages.analysis.paper.attribute_tables import attribute_charts, attributes_grid
+from stages.analysis.paper.chapter import Chapter, title_of
+from stages.analysis.paper.detection import HIDING, UNNOTICED, ByMethod, area_of
+from stages.analysis.paper.measuring import Measured, Spread
+from stages.analysis.paper.published import Published
+from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.roc_charts import roc_charts
+from stages.analysis.paper.runs import Study
+from stages.analysis.paper.steganalysis_tables import (
+    areas_grid,
+    counts_grid,
+    detectors_grid,
+    learned_grid,
+    summary_grid,
+)
+from stages.analysis.stegexpose.fusion import FUSION
+
+DEVIATIONS = 2 * 1.96
+"""How many standard deviations wide a 95 % interval is."""
+
+
+def steganalysis(study: Study, tables: Published) -> Chapter:
+    """From the rows of `steganalysis`, `detect_hidden` and `compare_attributes`."""
+    by_stegexpose = _by_method(study, FUSION)
+    by_learning = _by_method(study, TRAINING_SCENES)
+    by_attributes = _by_method(study, GAUSSIANS)
+    captures = study.captures
+    grids = [
+        *([summary_grid(by_stegexpose, by_learning, by_attributes)] if study.experiments else []),
+        *([areas_grid(by_stegexpose, captures), detectors_grid(by_stegexpose)] if by_stegexpose else []),
+        *([learned_grid(by_learning, captures)] if by_learning else []),
+        *([counts_grid(by_stegexpose, captures)] if by_stegexpose else []),
+        *([attributes_grid(by_attributes, captures)] if by_attributes else []),
+    ]
+    return Chapter(
+        "Can it be detected?",
+        tuple(grids),
+        (
+            *_relations(by_stegexpose, FUSION, "StegExpose"),
+            *(
+                relation
+                for quantity, seen in LEARNED.items()
+                for relation in _relations(by_learning, quantity, f"a learned detector on {seen}")
+            ),
+        ),
+        charts=(*roc_charts(by_stegexpose, captures), *attribute_charts(by_attributes)),
+    )
+
+
+def _by_method(study: Study, quantity: str) -> ByMethod:
+    """The experiments that measured a quantity, in the paper's order of methods."""
+    found: ByMethod = {}
+    for experiment in study.experiments:
+        if any(row.quantity == quantity for row in experiment.rows):
+            found.setdefault(experiment.method, []).append(experiment)
+    order = [*METHOD_TITLES, *sorted(found.keys() - METHOD_TITLES.keys())]
+    return {method: found[method] for method in order if method in found}
+
+
+def _relations(by_method: ByMethod, quantity: str, detector: str) -> Iterator[Relation]:
+    for method, experiments in by_method.items():
+        areas = {}
+        for capture in dict.fromkeys(each.capture for each in experiments):
+            area = area_of([each for each in experiments if each.capture == capture], quantity, HIDING)
+            if not math.isnan(area.value):
+                areas[capture] = area
+        if areas:
+            yield Relation(
+                f"{title_of(method)}: area by which {detector} tells what hides from what does not",
+                "ratio",
+                "at most",
+                UNNOTICED,
+                Measured({capture: Spread(area.value) for capture, area in areas.items()}),
+                noise=math.hypot(*((area.high - area.low) / DEVIATIONS for area in areas.values())) / len(areas),
+            )

@@ -1,0 +1,193 @@
+"""Tables of what detectors find: in words, by method and capture, by detector, and of how many pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from stages.analysis.attribute_histograms import ONLY_THERE
+from stages.analysis.learned_detection import LEARNED, TRAINING_SCENES
+from stages.analysis.paper.chapter import title_of
+from stages.analysis.paper.detection import (
+    AS_IN_THE_PAPER,
+    CHANCE,
+    COMPARISONS,
+    HIDING,
+    RENDERING,
+    ByMethod,
+    Comparison,
+    area_cell,
+    area_of,
+    scores_of,
+    verdict,
+)
+from stages.analysis.paper.grid import Cell, Grid, Line
+from stages.analysis.paper.measuring import Spread
+from stages.analysis.paper.runs import Experiment, capture_title
+from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
+from stages.analysis.stegexpose.fusion import DETECTORS, FUSION
+
+DETECTOR_TITLES = {
+    "primary_sets": "primary sets",
+    "chi_square": "chi-square",
+    "sample_pairs": "sample pairs",
+    "rs_analysis": "RS analysis",
+    FUSION: "fusion",
+}
+CLASS_TITLES = {
+    PHOTOS: "photos",
+    HIDDEN: "renders that hide",
+    CLEAN: "renders that hide nothing",
+    CLEAN_AGAIN: "the same, other seed",
+}
+
+
+def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: ByMethod) -> Grid:
+    """What is not secure, in words."""
+
+    def file(method: str) -> Cell:
+        rows = [row for each in by_attributes.get(method, []) for row in each.rows if row.quantity == ONLY_THERE]
+        own = {row.value for row in rows if row.condition == HIDDEN}
+        if not own:
+            return Cell("not measured")
+        return Cell(f"{max(own):.0f} attributes that no clean one has" if max(own) else "no attribute of its own")
+
+    methods = dict.fromkeys((*by_stegexpose, *by_learning, *by_attributes))
+    return Grid(
+        "Is what hides told from what does not?",
+        ("Method",),
+        ("StegExpose", *(f"A learned detector, on {seen}" for seen in LEARNED.values()), "The published file"),
+        tuple(
+            Line(
+                (title_of(method),),
+                (
+                    Cell(verdict(by_stegexpose.get(method, []), FUSION)),
+                    *(Cell(verdict(by_learning.get(method, []), quantity)) for quantity in LEARNED),
+                    file(method),
+                ),
+            )
+            for method in methods
+        ),
+        (
+            "All captures together. Not told apart: the 95 % interval reaches down to chance. Told apart, but so are "
+            "two that hide nothing: no farther than two clean trainings are from each other. What no detector here "
+            "finds may be found by others.",
+        ),
+    )
+
+
+def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
+    return Grid(
+        "StegExpose's fusion: area under the ROC curve, two-sided",
+        ("Method", "Told apart"),
+        (*map(capture_title, captures), "All together"),
+        tuple(
+            Line((title_of(method), comparison.title), _cells(experiments, FUSION, comparison, captures))
+            for method, experiments in by_method.items()
+            for comparison in COMPARISONS
+        ),
+        (
+            "0.5: no better than chance; 1: always right. In small letters the 95 % interval, by drawing runs of "
+            "neighbouring views (and scenes, under All together: of as few as here that says little). ↓: the detector "
+            "gives the first class less; its opposite is scored, which anyone would use.",
+            *(_finding(method, experiments) for method, experiments in by_method.items()),
+            "The GS-Hider paper compares renders with photos only, and prints a figure without values. KeySS (ICLR "
+            "2026) reports 0.45 of itself in the same way, two-sided 0.55.",
+        ),
+    )
+
+
+def _finding(method: str, experiments: Sequence[Experiment]) -> str:
+    """What a method's areas say in words."""
+    photos, rendering = (area_of(experiments, FUSION, comparison) for comparison in (AS_IN_THE_PAPER, RENDERING))
+    seen = "mostly that they are renders" if rendering.value > photos.value - 0.05 else "more than rendering"
+    return (
+        f"{title_of(method)}: renders are told from photos by {photos.value:.2f}, and by {rendering.value:.2f} where "
+        f"nothing is hidden: what is seen is {seen}. Renders with and without a message: "
+        f"{verdict(experiments, FUSION)}."
+    )
+
+
+def _cells(
+    experiments: Sequence[Experiment], quantity: str, comparison: Comparison, captures: Sequence[str]
+) -> tuple[Cell, ...]:
+    """On each capture, and on all together."""
+    own = [[each for each in experiments if each.capture == capture] for capture in captures]
+    return tuple(area_cell(group, quantity, comparison) for group in (*own, experiments))
+
+
+def detectors_grid(by_method: ByMethod) -> Grid:
+    shown = (AS_IN_THE_PAPER, HIDING, CHANCE)
+    return Grid(
+        "StegExpose's detectors by themselves, all captures together: area under the ROC curve, two-sided",
+        ("Method", "Detector"),
+        (*(comparison.title for comparison in shown), "Pictures without a value"),
+        tuple(
+            Line(
+                (title_of(method), DETECTOR_TITLES[detector]),
+                (*(area_cell(experiments, detector, each) for each in shown), _missing(experiments, detector)),
+            )
+            for method, experiments in by_method.items()
+            for detector in DETECTORS
+        ),
+    )
+
+
+def _missing(experiments: Sequence[Experiment], detector: str) -> Cell:
+    values = [row.value for each in experiments for row in each.rows if row.quantity == detector]
+    share = sum(map(math.isnan, values)) / len(values)
+    return Cell(f"{100 * share:.0f} %", "", Spread(share))
+
+
+def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
+    rows = [row for experiments in by_method.values() for each in experiments for row in each.rows]
+    counts = sorted({int(row.value) for row in rows if row.quantity == TRAINING_SCENES and row.value > 0})
+    return Grid(
+        "A network on noise residuals, trained on the other scenes: area under the ROC curve",
+        ("Method", "Looks at", "Told apart"),
+        (*map(capture_title, captures), "All together"),
+        tuple(
+            Line((title_of(method), seen, comparison.title), _cells(experiments, quantity, comparison, captures))
+            for method, experiments in by_method.items()
+            for quantity, seen in LEARNED.items()
+            for comparison in (HIDING, CHANCE)
+            if scores_of(experiments, quantity, comparison)
+        ),
+        (
+            f"Each detector knows the method, and learnt from {' or '.join(map(str, counts))} other scene(s), of each "
+            "of which it saw one container and one clean training: it may have learnt what sets these few apart, and "
+            "one that saw hundreds would do better. An area near 0.5 is no proof of security; one that is far from it, "
+            "and farther than that of two clean trainings, is proof of the opposite. Below 0.5: what it learnt "
+            "elsewhere is the other way round here."
+            if counts
+            else "Not measured: it takes renders of two captures at least, one to learn from and one to be tested on.",
+        ),
+    )
+
+
+def counts_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
+    def most(condition: str, capture: str) -> int:
+        counts = [
+            sum((row.quantity, row.condition) == (FUSION, condition) for row in each.rows)
+            for experiments in by_method.values()
+            for each in experiments
+            if each.capture == capture
+        ]
+        return max(counts, default=0)
+
+    stages = dict.fromkeys(each.stage.partition("[")[0] for experiments in by_method.values() for each in experiments)
+    return Grid(
+        "Pictures of each class",
+        ("Class",),
+        tuple(map(capture_title, captures)),
+        tuple(
+            Line((title,), tuple(Cell(str(most(condition, capture))) for capture in captures))
+            for condition, title in CLASS_TITLES.items()
+        ),
+        (
+            "Renders are from new cameras along the rig, photos all that were registered, undistorted and at the size "
+            "of the renders. Whatever their numbers, both classes and all scenes weigh alike: the paper mixes in equal "
+            "proportions.",
+            f"What every detector says of every picture: the measurements of {', '.join(stages)}.",
+        ),
+    )

@@ -1,0 +1,185 @@
+"""Receiver operating characteristics of detectors: curves, areas under them, and how sure an area is.
+
+Every scene counts alike, and in each both classes do, whatever their numbers of views: as the GS-Hider paper mixes
+renders and photos in equal proportions. Otherwise a scene with many photos and few renders would let a detector tell
+scenes apart, and be praised for telling classes apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64, Int
+
+RUNS = 25
+"""A resampled scene is put together from so many runs of consecutive views: neighbours look alike, and views drawn one
+by one would pretend to be as many observations as there are pictures."""
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What a detector says of one scene's views, in their order along the rig; NaN where it says nothing.
+
+    `positives` are those that it should find. `paired`: both classes are seen from the same cameras, in the same order,
+    so that a resampled scene takes the same cameras of both.
+    """
+
+    positives: Float64[np.ndarray, " P"]
+    negatives: Float64[np.ndarray, " Q"]
+    paired: bool = False
+
+    @property
+    def usable(self) -> bool:
+        """Whether anything of both classes was scored."""
+        return not (np.isnan(self.positives).all() or np.isnan(self.negatives).all())
+
+
+@dataclass(frozen=True)
+class Area:
+    """The area under a curve, and the interval in which it lies by resampling scenes and their views.
+
+    NaN where nothing was scored.
+    """
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def two_sided(self) -> Area:
+        """Of the better of the detector and its opposite, max(a, 1 − a): whoever knows that an area is 0.29 inverts it.
+
+        The interval is turned with it, and not its ends one by one: it may go on below 0.5, which means that chance is
+        not ruled out.
+        """
+        return self if not self.value < 0.5 else Area(1 - self.value, 1 - self.high, 1 - self.low)
+
+
+UNKNOWN = Area(math.nan, math.nan, math.nan)
+
+
+def roc_curve(scenes: Sequence[Scores]) -> tuple[tuple[float, float], ...]:
+    """(false positive rate, true positive rate) for every threshold, descending: from (0, 0) to (1, 1).
+
+    Scenes without usable scores are left out; without any the curve is empty.
+    """
+    usable = [scene for scene in scenes if scene.usable]
+    if not usable:
+        return ()
+    values = np.concatenate([_both(scene) for scene in usable])
+    rises = np.concatenate([_steps(scene) for scene in usable]) / len(usable)
+    order = np.argsort(-values, kind="stable")
+    values, rises = values[order], rises[order]
+    ends = np.append(values[1:] != values[:-1], True)  # equal values pass the threshold together
+    points = np.cumsum(rises, axis=0)[ends]
+    return ((0.0, 0.0), *((float(false), float(true)) for false, true in points))
+
+
+def area_under(curve: Sequence[tuple[float, float]]) -> float:
+    """The area under a curve of `roc_curve`, whose points are joined by straight lines; NaN for an empty one."""
+    if not curve:
+        return math.nan
+    false, true = np.array(curve).T
+    return float(((true[1:] + true[:-1]) / 2 * np.diff(false)).sum())
+
+
+def bootstrap_area(scenes: Sequence[Scores], seed: int, common: bool = True, repeats: int = 1000) -> Area:
+    """The area under the common curve of all scenes, with its 95 % interval; or, where their scores have no `common`
+    scale, as those of several detectors, the mean of each scene's own.
+
+    Scenes are drawn anew with replacement, then runs of views within each. With one scene the interval is about its
+    views alone; with two or three it cannot say much about others. The same seed gives the same interval.
+    """
+    usable = [scene for scene in scenes if scene.usable]
+    if not usable:
+        return UNKNOWN
+    every = [Counts(*(np.ones((1, len(each)), int) for each in _classes(scene))) for scene in usable]
+    areas_of = _areas if common else _mean_areas
+    [value] = areas_of(usable, every)
+    areas = areas_of(usable, _drawn(usable, np.random.default_rng(seed), repeats))
+    tail = (1 - CONFIDENCE) / 2
+    known = areas[~np.isnan(areas)]
+    low, high = np.quantile(known, [tail, 1 - tail]) if len(known) else (math.nan, math.nan)
+    return Area(float(value), float(low), float(high))
+
+
+class Counts(NamedTuple):
+    """How often each view of a scene was drawn, in each of R repeats."""
+
+    positives: Int[np.ndarray, "R P"]
+    negatives: Int[np.ndarray, "R Q"]
+
+
+def _classes(scene: Scores) -> tuple[Float64[np.ndarray, " P"], Float64[np.ndarray, " Q"]]:
+    return scene.positives, scene.negatives
+
+
+def _both(scene: Scores) -> Float64[np.ndarray, " K"]:
+    values = np.concatenate(_classes(scene))
+    return values[~np.isnan(values)]
+
+
+def _steps(scene: Scores) -> Float64[np.ndarray, "K 2"]:
+    """How much each view adds to both rates, in the order of `_both`."""
+    positives, negatives = (int((~np.isnan(values)).sum()) for values in _classes(scene))
+    return np.array([(0, 1 / positives)] * positives + [(1 / negatives, 0)] * negatives)
+
+
+def _areas(scenes: Sequence[Scores], counts: Sequence[Counts]) -> Float64[np.ndarray, " R"]:
+    """For each repeat: how often a positive is above a negative, ties counting half (Mann and Whitney)."""
+    positives = np.concatenate([scene.positives for scene in scenes])
+    negatives = np.concatenate([scene.negatives for scene in scenes])
+    drawn = list(zip(scenes, counts, strict=True))
+    of_positives = np.concatenate([each.positives * _share(scene.positives) for scene, each in drawn], axis=1)
+    of_negatives = np.concatenate([each.negatives * _share(scene.negatives) for scene, each in drawn], axis=1)
+    above = (positives[:, None] > negatives) + 0.5 * (positives[:, None] == negatives)
+    pairs = of_positives.sum(axis=1) * of_negatives.sum(axis=1)
+    with np.errstate(invalid="ignore"):  # a draw of views without a single score has no area
+        return np.asarray(((of_positives @ above) * of_negatives).sum(axis=1) / pairs)
+
+
+def _mean_areas(scenes: Sequence[Scores], counts: Sequence[Counts]) -> Float64[np.ndarray, " R"]:
+    """For each repeat: the mean of the scenes' own areas, of a scene that was drawn twice twice."""
+    areas = np.stack([_areas([scene], [drawn]) for scene, drawn in zip(scenes, counts, strict=True)])
+    times = np.stack(
+        [drawn.positives.sum(axis=1) / len(scene.positives) for scene, drawn in zip(scenes, counts, strict=True)]
+    )
+    times = times * ~np.isnan(areas)
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.nan_to_num(areas) * times).sum(axis=0) / times.sum(axis=0))
+
+
+def _share(values: Float64[np.ndarray, " K"]) -> Float64[np.ndarray, " K"]:
+    """What each view weighs, so that every scene weighs alike: nothing where it has no score."""
+    scored = ~np.isnan(values)
+    return scored / scored.sum()
+
+
+def _drawn(scenes: Sequence[Scores], generator: np.random.Generator, repeats: int) -> list[Counts]:
+    """As many scenes as there are, with replacement, and the views of each of them anew."""
+    counts = [Counts(*(np.zeros((repeats, len(each)), int) for each in _classes(scene))) for scene in scenes]
+    for _ in scenes:
+        drawn = generator.integers(len(scenes), size=repeats)
+        for number, scene in enumerate(scenes):
+            rows = np.flatnonzero(drawn == number)
+            positives = _drawn_counts(len(scene.positives), len(rows), generator)
+            negatives = positives if scene.paired else _drawn_counts(len(scene.negatives), len(rows), generator)
+            counts[number].positives[rows] += positives
+            counts[number].negatives[rows] += negatives
+    return counts
+
+
+def _drawn_counts(views: int, repeats: int, generator: np.random.Generator) -> Int[np.ndarray, "R V"]:
+    """How often each of `views` is drawn in each repeat: runs of neighbours, the last view's being the first."""
+    length = max(1, round(views / RUNS))
+    runs = math.ceil(views / length)
+    begins = generator.integers(views, size=(repeats, runs, 1))
+    chosen = ((begins + np.arange(length)) % views).reshape(repeats, runs * length)[:, :views]
+    flat = (chosen + views * np.arange(repeats)[:, None]).ravel()
+    return np.bincount(flat, minlength=repeats * views).reshape(repeats, views)

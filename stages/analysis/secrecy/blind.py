@@ -1,0 +1,115 @@
+"""Reading without a single picture of the message: channels of the feature map that show something else than the cover.
+
+An attacker who has the container alone knows its scene decoder, and so what of the features is the cover's. What is
+left is looked at as it is, three channels at a time, in false colours. Nothing here has seen a message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.analysis.secrecy.conditions import CHANNELS, COMPONENTS, IGNORED, SHOWN, UNEXPLAINED
+from stages.analysis.secrecy.linear import least_squares, neighbourhoods
+from stages.analysis.secrecy.observing import Observed
+from stages.hiding.coupled import CoupledFeatures
+from stages.hiding.method import Method
+
+PROBES = 4
+"""Random directions of the scene decoder's output for each view, to find what it is sensitive to."""
+
+SMALLEST_SENSITIVITY = 1e-3
+"""Of the mean over all directions; a direction less sensitive than that is as good as ignored."""
+
+Maps = list[Float[Tensor, "H W C"]]
+
+
+def blind_readings(public: Method, views: Sequence[Observed], seed: int) -> dict[str, Maps]:
+    """Three channels of every view, by how they were found; `seed` is that of the scene decoder's probes.
+
+    CHANNELS: the first three of the feature map, as the paper shows them. COMPONENTS: its principal components.
+    UNEXPLAINED: those of what is left when the cover's picture, with neighbours, is regressed out. IGNORED, of methods
+    with a scene decoder: directions along which features vary most for how little the scene decoder heeds them.
+    """
+    maps = [seen.rendering.feature_map for seen in views]
+    readings = {
+        CHANNELS: [each[..., :SHOWN] for each in maps],
+        COMPONENTS: _along(maps, principal_directions(maps)),
+        UNEXPLAINED: _unexplained(maps, [seen.cover for seen in views]),
+    }
+    if isinstance(public, CoupledFeatures):
+        readings[IGNORED] = _along(maps, ignored_directions(maps, sensitivity(public, views, seed)))
+    return readings
+
+
+def covariance(maps: Sequence[Float[Tensor, "H W M"]]) -> Float[Tensor, "M M"]:
+    """Over the pixels of all maps, in float64."""
+    pixels = torch.cat([each.reshape(-1, each.shape[-1]) for each in maps]).double()
+    centred = pixels - pixels.mean(dim=0)
+    return centred.T @ centred / max(len(pixels), 1)
+
+
+def principal_directions(maps: Sequence[Float[Tensor, "H W M"]]) -> Float[Tensor, "M C"]:
+    """Of the most variance first; three, or as many as there are channels."""
+    _, directions = torch.linalg.eigh(covariance(maps))
+    return directions.flip(1)[:, :SHOWN].float()
+
+
+def sensitivity(public: CoupledFeatures, views: Sequence[Observed], seed: int) -> Float[Tensor, "M M"]:
+    """JᵀJ of the scene decoder, averaged over pixels: how much its picture changes along each direction of features.
+
+    Estimated by gradients of sums of its output with random signs, of which products between pixels cancel.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    size = views[0].rendering.feature_map.shape[-1]
+    total, pixels = torch.zeros(size, size, dtype=torch.float64), 0
+    for seen in views:
+        for _ in range(PROBES):
+            gradient = _gradient_of_random_sum(public, seen, generator).reshape(-1, size).double()
+            total += gradient.T @ gradient
+            pixels += len(gradient)
+    return total / pixels
+
+
+def ignored_directions(maps: Sequence[Float[Tensor, "H W M"]], heeded: Float[Tensor, "M M"]) -> Float[Tensor, "M C"]:
+    """Directions of the largest variance over sensitivity first: generalized eigenvectors of the two."""
+    size = len(heeded)
+    floor = SMALLEST_SENSITIVITY * heeded.diagonal().mean() * torch.eye(size, dtype=torch.float64)
+    values, vectors = torch.linalg.eigh(heeded + floor)
+    whitening = vectors * values.rsqrt()
+    _, directions = torch.linalg.eigh(whitening.T @ covariance(maps) @ whitening)
+    return (whitening @ directions.flip(1)[:, :SHOWN]).float()
+
+
+def stretched(maps: Maps) -> Maps:
+    """The middle 98 % of each channel's values over all maps, from 0 to 1; a constant channel is grey."""
+    pixels = torch.cat([each.reshape(-1, each.shape[-1]) for each in maps])
+    ordered = pixels.sort(dim=0).values
+    low, high = ordered[len(ordered) // 100], ordered[-1 - len(ordered) // 100]
+    span = torch.where(high > low, high - low, torch.ones_like(high))
+    offset = torch.where(high > low, low, low - 0.5)
+    return [((each - offset) / span).clamp(0, 1) for each in maps]
+
+
+def _along(maps: Sequence[Float[Tensor, "H W M"]], directions: Float[Tensor, "M C"]) -> Maps:
+    return [each @ directions for each in maps]
+
+
+def _unexplained(maps: Sequence[Float[Tensor, "H W M"]], covers: Sequence[Float[Tensor, "H W 3"]]) -> Maps:
+    regressors = [neighbourhoods(cover) for cover in covers]
+    explained = least_squares(regressors, maps)
+    rest = [each - given @ explained for each, given in zip(maps, regressors, strict=True)]
+    return _along(rest, principal_directions(rest))
+
+
+def _gradient_of_random_sum(
+    public: CoupledFeatures, seen: Observed, generator: torch.Generator
+) -> Float[Tensor, "H W M"]:
+    feature_map = seen.rendering.feature_map.detach().clone().requires_grad_()
+    [decoded] = public.decoded([public.scene_decoder], seen.with_feature_map(feature_map).rendering, seen.camera)
+    signs = torch.randint(0, 2, decoded.shape, generator=generator) * 2.0 - 1
+    [gradient] = torch.autograd.grad((decoded * signs).sum(), feature_map)
+    return gradient

@@ -1,0 +1,85 @@
+"""What whoever has the container renders of a view, and the messages' pictures by which readings are judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.hiding.method import Method
+from stages.hiding.rendering import COVER, Rendering
+from stages.imaging.pictures import picture_to_tensor
+from stages.scene.cameras import Camera, single_cameras
+from stages.scene.gaussians import Gaussians
+from stages.scene.message_views import MessageViews
+from stages.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class Observed:
+    """One view: `rendering` holds F_coup and the cover's picture, all from what is public.
+
+    `truths` are the pictures of the L messages, `coverage` how much of each pixel they fill: the owner's. An attacker
+    has those of the views that leaked, and of no others.
+    """
+
+    view: str
+    camera: Camera
+    rendering: Rendering
+    truths: Float[Tensor, "L H W 3"]
+    coverage: Float[Tensor, "L H W"]
+
+    @property
+    def cover(self) -> Float[Tensor, "H W 3"]:
+        """The cover as the container shows it, clamped."""
+        return self.rendering.pictures[COVER].clamp(0, 1)
+
+    def with_feature_map(self, feature_map: Float[Tensor, "H W M"]) -> Observed:
+        """The same view with another feature map."""
+        return replace(self, rendering=replace(self.rendering, feature_map=feature_map))
+
+    def crop(self, row: int, column: int, side: int) -> Observed:
+        """A square of at most `side` pixels: its camera looks through the same pixels."""
+        rows, columns = slice(row, row + side), slice(column, column + side)
+        feature_map = self.rendering.feature_map[rows, columns]
+        intrinsics = self.camera.intrinsics.clone()
+        intrinsics[0, 2] -= column
+        intrinsics[1, 2] -= row
+        rendering = replace(
+            self.rendering,
+            pictures={name: picture[rows, columns] for name, picture in self.rendering.pictures.items()},
+            feature_map=feature_map,
+            alphas=self.rendering.alphas[rows, columns],
+        )
+        height, width = feature_map.shape[:2]
+        camera = replace(self.camera, intrinsics=intrinsics, width=width, height=height)
+        return Observed(self.view, camera, rendering, self.truths[:, rows, columns], self.coverage[:, rows, columns])
+
+
+@torch.no_grad()
+def observe(
+    gaussians: Gaussians,
+    method: Method,
+    scene: Scene,
+    messages: Mapping[str, MessageViews],
+    views: Sequence[str],
+    after_each: Callable[[], None] = lambda: None,
+) -> list[Observed]:
+    """The views of these names, in this order; `messages` in the order of the message decoder's channels."""
+    cameras = single_cameras(scene.cameras.select(views))
+    observed = []
+    for view, row, camera in zip(views, scene.rows(views), cameras, strict=True):
+        observed.append(
+            Observed(
+                view,
+                camera,
+                method.render(gaussians, camera, wanted=(COVER,)),
+                torch.stack([picture_to_tensor(message.pictures[row]) for message in messages.values()]),
+                torch.stack([torch.from_numpy(message.coverage[row]) for message in messages.values()]),
+            )
+        )
+        after_each()
+    return observed

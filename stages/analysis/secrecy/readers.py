@@ -1,0 +1,67 @@
+"""Message decoders that are not the owner's, and what a message decoder reads in a rendered view.
+
+Everything here is built from what the container publishes: its method, its settings, and how many messages to expect.
+Kerckhoffs's principle: an attacker knows the method, and lacks the key and the trained weights alone.
+"""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.analysis.secrecy.observing import Observed
+from stages.hiding.coupled import FEATURES, CoupledFeatures
+from stages.hiding.decoders import Decoder, decode
+from stages.hiding.method import Method, build_method
+from stages.hiding.rendering import COVER
+
+MESSAGE_DECODER = "message_decoder"
+
+
+def seeded_reader(public: Method, messages: int, seed: int) -> Method:
+    """The container's method with a message decoder of random weights, drawn from `seed`: the paper's test.
+
+    Weights that the method leaves at zero until its start are drawn, too, since a decoder without them reads nothing.
+    torch's global generator is left as it was.
+    """
+    names = [f"message {number}" for number in range(messages)]
+    with torch.random.fork_rng(devices=[]), torch.no_grad():
+        torch.manual_seed(seed)
+        reader = build_method(public.name, {**public.settings, "precision": "float32", "messages": names})
+        for weights in reader.networks[MESSAGE_DECODER].parameters():
+            if not weights.any():
+                weights.normal_(std=weights.shape[-1] ** -0.5)
+    return reader
+
+
+def started_reader(public: Method, messages: int, seed: int) -> Method:
+    """A message decoder as the method itself starts one, untrained, with directions that follow from `seed` and no key.
+
+    A harder test than random weights: from the right seed it is what the owner's training began with.
+    Raises `ValueError` where the method has no such start.
+    """
+    reader = seeded_reader(public, messages, seed)
+    if not has_start(reader):
+        raise ValueError(f"{public.name} starts its message decoder from random weights")
+    grey = {name: np.full((1, 3), 0.5) for name in (COVER, *cast(CoupledFeatures[Decoder], reader).messages)}
+    reader.initial_attributes(grey, np.random.default_rng(seed))
+    return reader
+
+
+def has_start(method: Method) -> bool:
+    """Whether what the message decoder starts with follows from the key."""
+    return FEATURES in method.learning_rates
+
+
+def read(reader: Method, seen: Observed) -> Float[Tensor, "L H W 3"]:
+    """What the reader's message decoder shows of a view, unclamped, with gradients to its weights."""
+    decoder = reader.networks[MESSAGE_DECODER]
+    if isinstance(reader, CoupledFeatures):
+        [channels] = reader.decoded([decoder], seen.rendering, seen.camera)
+    else:  # 3DGS+Decoder reads the picture itself
+        channels = decode(cast(Decoder, decoder), seen.rendering.pictures[COVER])
+    return torch.stack(channels.split(3, dim=-1))

@@ -1,0 +1,75 @@
+"""A surrogate: an attacker has some of the message's views, and trains a message decoder of their own on them.
+
+They have the container, and render its feature map of any view. With a view's picture of the message they have a pair
+to learn from; what they want are all the other views. The owner's decoder learnt from the same pairs, but together
+with the Gaussians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.random import Generator
+
+from stages.analysis.secrecy.observing import Observed
+from stages.analysis.secrecy.readers import MESSAGE_DECODER, read
+from stages.hiding.method import Method
+
+
+@dataclass(frozen=True)
+class SurrogateSettings:
+    """`rate` is Adam's, and falls to nothing over all `steps`; each step sees one square of `crop` pixels a side."""
+
+    steps: int
+    crop: int
+    rate: float
+
+
+def seen_views(views: Sequence[str], share: float, seed: int) -> tuple[str, ...]:
+    """The views that leaked: this share of them, drawn at random; at least one, unless the share is zero.
+
+    With one seed, those of a smaller share are among those of a larger one.
+    """
+    count = min(len(views), max(1, round(share * len(views)))) if share > 0 else 0
+    order = np.random.default_rng(seed).permutation(len(views))
+    return tuple(views[index] for index in order[:count])
+
+
+def train_surrogate(
+    reader: Method,
+    seen: Sequence[Observed],
+    settings: SurrogateSettings,
+    seed: int,
+    after_each: Callable[[], None],
+) -> list[float]:
+    """Train the reader's message decoder on the `seen` views, to the least squared error; the loss of every step.
+
+    `seed` decides the squares. Raises `ValueError` without any view.
+    """
+    if not seen:
+        raise ValueError("without a view there is nothing to train on")
+    generator = np.random.default_rng(seed)
+    decoder = reader.networks[MESSAGE_DECODER].requires_grad_()
+    adam = torch.optim.Adam(decoder.parameters(), lr=settings.rate)
+    losses = []
+    for step in range(settings.steps):
+        adam.param_groups[0]["lr"] = settings.rate * 0.5 * (1 + math.cos(math.pi * step / settings.steps))
+        square = _random_square(seen[int(generator.integers(len(seen)))], settings.crop, generator)
+        loss = (read(reader, square) - square.truths).square().mean()
+        adam.zero_grad(set_to_none=True)
+        loss.backward()
+        adam.step()
+        losses.append(loss.item())
+        after_each()
+    decoder.requires_grad_(False)
+    return losses
+
+
+def _random_square(seen: Observed, side: int, generator: Generator) -> Observed:
+    height, width = seen.coverage.shape[1:]
+    row, column = (int(generator.integers(max(length - side, 0) + 1)) for length in (height, width))
+    return seen.crop(row, column, side)

@@ -1,0 +1,47 @@
+"""Decoders that are not the owner's: the paper's figure of a randomly initialised one, and harder near-misses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.analysis.secrecy.conditions import OTHER_START, OWN_START, RANDOM
+from stages.analysis.secrecy.observing import Observed
+from stages.analysis.secrecy.readers import has_start, read, seeded_reader, started_reader
+from stages.hiding.method import Method
+
+FIRST_SEED = 1_000_000
+"""Of wrong decoders: trainings have small seeds, and a start from the same one would be no wrong one."""
+
+
+@dataclass(frozen=True)
+class WrongReading:
+    """What a reader of this condition and seed shows of every view."""
+
+    condition: str
+    seed: int
+    readings: list[Float[Tensor, "L H W 3"]]
+
+
+@torch.no_grad()
+def wrong_readings(
+    public: Method, views: Sequence[Observed], count: int, start_seed: int | None, after_each: Callable[[], None]
+) -> Iterator[WrongReading]:
+    """`count` random decoders; as many as the method starts them with another key; and its start from `start_seed`, the
+    training's own, where that is given.
+    """
+    messages = len(views[0].truths)
+    started = has_start(public)
+    makers: list[tuple[str, int, Callable[[Method, int, int], Method]]] = [
+        *((RANDOM, FIRST_SEED + number, seeded_reader) for number in range(count)),
+        *((OTHER_START, FIRST_SEED + number, started_reader) for number in range(count if started else 0)),
+        *([(OWN_START, start_seed, started_reader)] if started and start_seed is not None else []),
+    ]
+    for condition, seed, make in makers:
+        reader = make(public, messages, seed)
+        yield WrongReading(condition, seed, [read(reader, seen) for seen in views])
+        after_each()

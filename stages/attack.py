@@ -1,0 +1,113 @@
+"""`attack`: what thieves may do to a container, and what is left of cover and message."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import torch
+from pydantic import Field, field_validator
+
+from opencl.device import choose_device
+from pipeline.errors import UserError
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName
+from stages.analysis.attacks.curves import Assay
+from stages.analysis.attacks.kept import kept
+from stages.analysis.attacks.registry import attacks
+from stages.analysis.attacks.scoring import Scorer
+from stages.analysis.attacks.target import Knowledge, Target
+from stages.analysis.fidelity import Perceptual
+from stages.analysis.measurements import KIND, write_measurements
+from stages.hiding.method import module_of
+from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.imaging.lpips import load_lpips
+from stages.imaging.lpips_weights import weights_installed
+from stages.scene.attributes import strings
+from stages.scene.cameras import rig_extent
+from stages.scene.message_views import read_messages
+from stages.scene.scene import Scene, read_scene
+from stages.training.views import training_views
+
+
+class AttackParameters(Parameters):
+    """Which attacks, how strong, and how they are measured."""
+
+    method: str = Field("gs_hider", description="The container's method.")
+    attacks: tuple[AttackName, ...] = Field(tuple(ATTACKS), min_length=1, description="The attacks, in order.")
+    cover_losses: tuple[float, ...] = Field(
+        (0.25, 0.5, 1.0, 2.0, 4.0),
+        min_length=1,
+        description="How much the cover is to lose on test views, in dB: severities follow from it for all attacks "
+        "that have no natural ones, such as bits.",
+    )
+    seeds: tuple[int, ...] = Field((0, 1, 2), min_length=1, description="Of what is random in the attacks.")
+    reoptimised: tuple[int, ...] = Field(
+        (100, 200, 300, 400, 500), min_length=1, description="Iterations of re-optimisation after which it is measured."
+    )
+    test_views: int = Field(12, ge=1, description="Of the test views at most so many are measured, evenly spread.")
+    lpips: bool = Field(True, description="LPIPS (VGG16) of the cover in the paper's table, if its weights are there.")
+    threads: int = Field(1, ge=1, description="Threads of torch.")
+
+    @field_validator("lpips")
+    @classmethod
+    def _as_installed(cls, wanted: bool) -> bool:
+        return wanted and weights_installed("vgg")
+
+
+@stage(
+    inputs={
+        "container": Input("container"),
+        "secret": Input("secret"),
+        "cover": Input("scene"),
+        "messages": Input("views", many=True),
+    },
+    outputs={"measurements": Output(KIND, privacy="private")},
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def attack(context: Context, parameters: AttackParameters) -> None:
+    """Attack the container in every way that is asked for, and measure cover and messages on test views."""
+    torch.set_num_threads(parameters.threads)
+    container, secret = context.input("container"), context.input("secret")
+    check_method(container, parameters.method)
+    scene = read_scene(context.input("cover"))
+    messages = read_messages(context.input_many("messages"), scene.cameras.names)
+    hidden = {name: views for name, views in messages.items() if name in strings(secret, "messages")}
+    if not hidden:
+        raise UserError(
+            "there is no message to attack",
+            where=str(secret.path),
+            found=f"a secret of {', '.join(strings(secret, 'messages')) or 'no message'}",
+            expected=f"one of {', '.join(messages)}",
+            remedy="give attack the container and the secret of one training, and its messages",
+        )
+    assay = Assay(
+        Target(read_gaussians(container), read_method(container)),
+        Scorer(read_method(container, secret), scene, hidden, _measured_views(scene, parameters.test_views)),
+        Knowledge(training_views(scene), rig_extent(scene.cameras), context.stop_if_requested),
+        parameters.method,
+        parameters.cover_losses,
+        parameters.seeds,
+        _perceptual(parameters.lpips),
+        context.stop_if_requested,
+    )
+    every = attacks(parameters.reoptimised)
+    rows = list(kept(context.scratch, UNATTACKED, assay.unattacked))
+    for done, name in enumerate(parameters.attacks):
+        context.progress(done, len(parameters.attacks))
+        rows += kept(context.scratch, name, partial(assay.curve, name, every[name]))
+    write_measurements(context.output("measurements"), rows)
+    context.record(device=choose_device().describe())
+
+
+def _measured_views(scene: Scene, most: int) -> list[str]:
+    """The test views, or so many of them, evenly spread."""
+    names = scene.test_names
+    chosen = np.linspace(0, len(names) - 1, min(most, len(names))).round().astype(int)
+    return [names[position] for position in chosen]
+
+
+def _perceptual(wanted: bool) -> Perceptual:
+    metric = load_lpips("vgg") if wanted else None
+    return {} if metric is None else {"lpips_vgg": metric}

@@ -1,0 +1,45 @@
+"""`compare_attributes`: whether a container's Gaussians look unlike those of one that hides nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from pipeline.artifact import Artifact
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.attribute_histograms import compare_attributes as compared
+from stages.analysis.attribute_histograms import histogram_rows
+from stages.analysis.measurements import write_measurements
+from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
+
+
+class CompareAttributesParameters(Parameters):
+    """Under which name the rows appear."""
+
+    method: str = Field("gs_hider", description="The method that hides, whose rows these are.")
+
+
+@stage(
+    inputs={
+        "hidden": Input("container or splats"),
+        "clean": Input("container or splats"),
+        "clean_again": Input("container or splats", optional=True),
+    },
+    outputs={"measurements": Output("measurements", privacy="private")},
+    version=1,
+)
+def compare_attributes(context: Context, parameters: CompareAttributesParameters) -> None:
+    """Divergences of the container from a clean one, beside those of two clean trainings that differ in their seed."""
+    clean = gaussians_of(context.input("clean"))
+    others = {HIDDEN: gaussians_of(context.input("hidden"))}
+    again = context.input_optional("clean_again")
+    if again is not None:
+        others[CLEAN_AGAIN] = gaussians_of(again)
+    rows = [row for name, own in others.items() for row in compared(own, clean, name, parameters.method)]
+    rows += histogram_rows({HIDDEN: others[HIDDEN], CLEAN: clean} | others, parameters.method)
+    write_measurements(context.output("measurements"), rows)
+
+
+def gaussians_of(artifact: Artifact) -> dict[str, np.ndarray]:
+    """The attributes of all Gaussians by their names; networks are left out."""
+    return {name: artifact.read(name) for name in artifact.names if "/" not in name}

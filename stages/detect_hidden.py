@@ -1,0 +1,72 @@
+"""`detect_hidden`: whether a detector that learnt from other scenes tells renders of a container from clean ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from pydantic import Field
+
+from pipeline.artifact import Artifact
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.learned_detection import Classes, detection_rows
+from stages.analysis.measurements import Measurement, write_measurements
+from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
+from stages.analysis.renders import read_renders
+
+INPUTS = {"hidden": HIDDEN, "clean": CLEAN, "clean_again": CLEAN_AGAIN}
+
+
+class DetectHiddenParameters(Parameters):
+    """Which scene is tested, and how the detector learns."""
+
+    capture: str = Field("", description="The cover's capture whose renders are tested; from the others' it learns.")
+    method: str = Field("gs_hider", description="The method that hides: the detector knows it, and its renders alone.")
+    capture_column: str = Field("cover", description="The column of the items that names the cover's capture.")
+    method_column: str = Field("method", description="The column that names the method that hides.")
+    iterations: int = Field(300, ge=1, description="Steps of the detector's training.")
+    seed: int = Field(0, ge=0, description="Of the detector's first weights, and of the places it learns from.")
+    threads: int = Field(1, ge=1, description="Threads of torch.")
+
+
+@stage(
+    inputs={name: Input("renders", many=True, labelled=True, optional=name == "clean_again") for name in INPUTS},
+    outputs={"measurements": Output("measurements", privacy="private")},
+    version=1,
+)
+def detect_hidden(context: Context, parameters: DetectHiddenParameters) -> None:
+    """Rows of one capture; none where it was not rendered, or nothing else was.
+
+    Hidden and clean renders belong together where their items are of the same row.
+    """
+    torch.set_num_threads(parameters.threads)
+    tested = [each for capture, each in _rows_of(context, parameters) if capture == parameters.capture]
+    others = [each for capture, each in _rows_of(context, parameters) if capture != parameters.capture]
+
+    def progress(share: float) -> None:
+        context.progress(share, 1)
+        context.stop_if_requested()
+
+    measured: list[Measurement] = []
+    for artifacts in tested:
+        scenes = [_read(each) for each in others]
+        measured += detection_rows(
+            _read(artifacts), scenes, parameters.method, parameters.seed, parameters.iterations, progress
+        )
+    write_measurements(context.output("measurements"), measured)
+
+
+def _rows_of(context: Context, parameters: DetectHiddenParameters) -> list[tuple[str, Mapping[str, Artifact]]]:
+    """The capture and the artifacts by their class of each row of the method that has hidden and clean renders."""
+    found: dict[str, dict[str, Artifact]] = {}
+    captures = {}
+    for name, condition in INPUTS.items():
+        for item in context.items(name):
+            if item.artifact is not None and item.values.get(parameters.method_column) == parameters.method:
+                found.setdefault(item.label, {})[condition] = item.artifact
+                captures[item.label] = str(item.values.get(parameters.capture_column))
+    return [(captures[label], each) for label, each in found.items() if HIDDEN in each and CLEAN in each]
+
+
+def _read(artifacts: Mapping[str, Artifact]) -> Classes:
+    return {condition: read_renders(artifact) for condition, artifact in artifacts.items()}

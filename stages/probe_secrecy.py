@@ -1,0 +1,97 @@
+"""`probe_secrecy`: who can read the message without the secret, and how well."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import torch
+from pydantic import Field
+
+from pipeline.errors import UserError
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.comparisons import write_comparisons
+from stages.analysis.measurements import write_measurements
+from stages.analysis.secrecy.probing import Probe, SecrecySettings
+from stages.analysis.secrecy.surrogate import SurrogateSettings
+from stages.hiding.method import module_of
+from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.scene.attributes import strings
+from stages.scene.message_views import read_messages
+from stages.scene.scene import read_scene
+
+
+class ProbeSecrecyParameters(Parameters):
+    """How many decoders of whom, and how long they learn."""
+
+    method: str = Field("gs_hider", description="The container's method.")
+    wrong_decoders: int = Field(20, ge=1, description="Decoders with random weights, and as many with another key.")
+    start_seed: int | None = Field(
+        None, ge=0, description="The training's seed, where it had no key: its decoder's start is tried, too."
+    )
+    shares: tuple[Annotated[float, Field(ge=0, le=1)], ...] = Field(
+        (0.0, 0.01, 0.05, 0.2), description="Shares of the training views whose message leaked, each from 0 to 1."
+    )
+    seeds: tuple[int, ...] = Field(
+        (0, 1, 2), min_length=1, description="Of surrogates: which views leaked, and first weights."
+    )
+    steps: int = Field(3000, ge=1, description="Of Adam, for each surrogate.")
+    crop: int = Field(32, ge=8, description="Side of the square that a step sees, in pixels.")
+    rate: float = Field(1e-2, gt=0, description="Of Adam at first; it falls to nothing.")
+    threads: int = Field(1, ge=1, description="Threads of torch.")
+
+
+@stage(
+    inputs={
+        "container": Input("container"),
+        "secret": Input("secret"),
+        "cover": Input("scene"),
+        "messages": Input("views", many=True),
+        "clean": Input("container", optional=True),
+    },
+    outputs={
+        "measurements": Output("measurements", privacy="private"),
+        "pictures": Output("comparisons", privacy="private"),
+    },
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def probe_secrecy(context: Context, parameters: ProbeSecrecyParameters) -> None:
+    """Read the message by wrong decoders, by surrogates trained on leaked views, and off the features as they are.
+
+    `clean` is a container of the same method and cover that hides nothing: what chance correlations come to. All
+    figures are of test views, which nobody has seen.
+    """
+    torch.set_num_threads(parameters.threads)
+    container, secret, clean = context.input("container"), context.input("secret"), context.input_optional("clean")
+    scene = read_scene(context.input("cover"))
+    views = read_messages(context.input_many("messages"), scene.cameras.names)
+    messages = {name: views[name] for name in strings(secret, "messages") if name in views}
+    check_method(container, parameters.method)
+    if len(messages) != len(strings(secret, "messages")) or not messages:
+        raise UserError(
+            "the hidden messages cannot be compared with anything",
+            found=f"views of {', '.join(views) or 'nothing'}",
+            expected=f"views of {', '.join(strings(secret, 'messages')) or 'a message; the container hides none'}",
+        )
+    if clean is not None:
+        check_method(clean, parameters.method)
+    surrogates = SurrogateSettings(parameters.steps, parameters.crop, parameters.rate)
+    probe = Probe(
+        gaussians=read_gaussians(container),
+        public=read_method(container),
+        owner=read_method(container, secret),
+        scene=scene,
+        messages=messages,
+        clean=(read_gaussians(clean), read_method(clean)) if clean is not None else None,
+        settings=SecrecySettings(
+            parameters.wrong_decoders, parameters.start_seed, parameters.shares, parameters.seeds, surrogates
+        ),
+    )
+
+    def tick(done: int, total: int) -> None:
+        context.progress(done, total)
+        context.stop_if_requested()
+
+    rows, pictures = probe.run(tick)
+    write_measurements(context.output("measurements"), rows)
+    write_comparisons(context.output("pictures"), pictures)

@@ -1,0 +1,57 @@
+"""`render_views`: what anyone can render of a container, from new cameras along the rig: for detectors to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import torch
+from pydantic import Field
+
+from opencl.device import choose_device
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.renders import collect_renders, write_renders
+from stages.hiding.method import module_of
+from stages.hiding.photographs import photographs
+from stages.hiding.rendering import Rendering
+from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.scene.camera_path import camera_path
+from stages.scene.scene import read_scene
+
+
+class RenderViewsParameters(Parameters):
+    """How many, and where."""
+
+    method: str = Field("gs_hider", description="The container's method.")
+    views: int = Field(250, ge=1, le=5000, description="Pictures, evenly along a smooth path of the training cameras.")
+    feature_maps: int = Field(64, ge=0, description="Of how many of them, evenly spread, the feature map is kept, too.")
+    bends: int = Field(32, ge=3, description="How many bends the path has at most: with more it is nearer to the rig.")
+    threads: int = Field(2, ge=1, description="Threads of torch.")
+
+
+@stage(
+    inputs={"container": Input("container or splats"), "cover": Input("scene")},
+    outputs={"renders": Output("renders")},
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def render_views(context: Context, parameters: RenderViewsParameters) -> None:
+    """Render the cover without the secret. Pictures have even sides; which cameras they are, the cover alone decides,
+    so that renders of several containers of one cover are of the same views.
+    """
+    torch.set_num_threads(parameters.threads)
+    container, scene = context.input("container"), read_scene(context.input("cover"))
+    check_method(container, parameters.method)
+    rig = scene.cameras.select(scene.train_names or scene.cameras.names)
+    path = camera_path(rig, scene.points, parameters.views, parameters.bends)
+
+    def told() -> Iterator[Rendering]:
+        rendered = photographs(read_gaussians(container), read_method(container), path)
+        for number, rendering in enumerate(rendered, start=1):
+            yield rendering
+            context.progress(number, parameters.views)
+            context.stop_if_requested()
+
+    write_renders(
+        context.output("renders"), collect_renders(parameters.method, path.names, told(), parameters.feature_maps)
+    )
+    context.record(device=choose_device().describe())

@@ -1,0 +1,44 @@
+"""`steganalysis`: what StegExpose says of photos, of renders that hide something, and of renders that do not."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.measurements import Measurement, write_measurements
+from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS, stegexpose_rows
+from stages.analysis.renders import read_renders
+from stages.scene.scene import read_scene
+
+
+class SteganalysisParameters(Parameters):
+    """Under which name the rows appear."""
+
+    method: str = Field("gs_hider", description="The method that hides, whose rows these are.")
+
+
+@stage(
+    inputs={
+        "cover": Input("scene"),
+        "hidden": Input("renders"),
+        "clean": Input("renders"),
+        "clean_again": Input("renders", optional=True),
+    },
+    outputs={"measurements": Output("measurements", privacy="private")},
+    version=1,
+)
+def steganalysis(context: Context, parameters: SteganalysisParameters) -> None:
+    """A row for every detector and picture. Photos are the scene's, undistorted, at training size."""
+    scene = read_scene(context.input("cover"))
+    classes = {PHOTOS: (scene.pictures, scene.cameras.names)}
+    for condition, given in ((HIDDEN, "hidden"), (CLEAN, "clean"), (CLEAN_AGAIN, "clean_again")):
+        artifact = context.input_optional(given)
+        if artifact is not None:
+            renders = read_renders(artifact)
+            classes[condition] = renders.pictures, renders.view_names
+    rows: list[Measurement] = []
+    for number, (condition, (pictures, names)) in enumerate(classes.items(), start=1):
+        rows += stegexpose_rows(pictures, names, condition, parameters.method)
+        context.progress(number, len(classes))
+        context.stop_if_requested()
+    write_measurements(context.output("measurements"), rows)

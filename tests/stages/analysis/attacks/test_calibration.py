@@ -1,0 +1,47 @@
+"""Severities are found at which an attack does what it is to do."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stages.analysis.attacks.calibration import TOLERANCE, calibrated
+
+AIMS = (0.25, 0.5, 1.0, 2.0, 4.0)
+
+
+@given(power=st.floats(0.5, 3), strength=st.floats(5, 20))
+def test_damage_is_what_was_aimed_at(power: float, strength: float) -> None:
+    found = calibrated(lambda severity: strength * severity**power, AIMS, strongest=1.0)
+    assert len(found) == len(AIMS)
+    for severity, aim in zip(found, AIMS, strict=True):
+        assert strength * severity**power == pytest.approx(aim, rel=TOLERANCE + 0.05)
+
+
+def test_what_cannot_be_reached_has_the_strongest_severity_for_its_last() -> None:
+    found = calibrated(lambda severity: 1.5 * severity, AIMS, strongest=0.9)
+    assert len(found) == 4
+    assert found[-1] == 0.9
+
+
+def test_harmless_attacks_are_measured_at_their_strongest() -> None:
+    assert calibrated(lambda severity: 0.0, AIMS, strongest=0.7) == (0.7,)
+    assert calibrated(lambda severity: -severity, AIMS, strongest=0.7) == (0.7,)
+
+
+def test_a_jump_is_met_from_its_nearer_side() -> None:
+    found = calibrated(lambda severity: 0.0 if severity < 0.3 else 10.0, [1.0], strongest=1.0)
+    assert found[0] == pytest.approx(0.3, rel=0.05)
+    assert found[0] < 0.3
+
+
+def test_every_severity_is_looked_at_once() -> None:
+    seen: list[float] = []
+
+    def damage(severity: float) -> float:
+        seen.append(severity)
+        return 8 * severity
+
+    calibrated(damage, AIMS, strongest=1.0)
+    assert len(seen) == len(set(seen)) < 30

@@ -1,0 +1,131 @@
+"""Attacks that the scene decoder is made to forgive: the cover stays, the message goes, and the owner's remedy."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from stages.analysis.attacks.features import (
+    channel_counts,
+    channel_dropping,
+    channel_permutation,
+    compensated_rotation,
+    feature_rotation,
+    realigned,
+    unread_directions,
+)
+from stages.analysis.attacks.target import Target
+from stages.hiding.coupled import FEATURES
+from stages.hiding.method import Method
+from stages.hiding.rendering import COVER
+from tests.stages.analysis.attacks.containers import MESSAGE, shown, target_and_owner
+
+COUPLED = ("gs_hider", "homogeneous")
+
+
+def generator() -> torch.Generator:
+    return torch.Generator().manual_seed(0)
+
+
+def changes(target: Target, owner: Method, attacked: Target) -> tuple[float, float]:
+    """How much an attack changes of the cover, decoded by the attacker, and of the message, decoded by the owner."""
+    cover = shown(attacked, attacked.method)[COVER] - shown(target, target.method)[COVER]
+    message = shown(attacked, owner)[MESSAGE] - shown(target, owner)[MESSAGE]
+    return float(cover.abs().max()), float(message.abs().max())
+
+
+@pytest.mark.parametrize("degrees", [10.0, 90.0])
+def test_homogeneous_features_are_turned_behind_the_covers_back(degrees: float) -> None:
+    target, owner = target_and_owner("homogeneous")
+    cover, message = changes(target, owner, compensated_rotation(target, degrees, generator()))
+    assert cover < 1e-4
+    assert message > 0.05
+
+
+def test_gs_hider_is_turned_exactly_where_it_is_opaque() -> None:
+    """Decoded pixel by pixel, without a border, features of opacity 1 are read as before; blended ones are not."""
+    target, _ = target_and_owner("gs_hider")
+    attacked = compensated_rotation(target, 60.0, generator())
+    first, turned = target.method.networks["scene_decoder"][0], attacked.method.networks["scene_decoder"][0]
+    features, others = (each.gaussians[FEATURES].sigmoid() for each in (target, attacked))
+
+    def read(layer: torch.nn.Conv2d, pixels: torch.Tensor) -> torch.Tensor:
+        return layer(pixels.T[None, :, None, :].expand(1, -1, 3, -1))[0, :, 1, 1:-1]
+
+    assert torch.allclose(read(first, features), read(turned, others), atol=1e-4)
+    cover, message = changes(*target_and_owner("gs_hider"), attacked)
+    assert cover > 1e-3
+    assert message > 0.05
+
+
+@pytest.mark.parametrize("method", COUPLED)
+def test_what_was_turned_is_turned_back_by_the_owner(method: str) -> None:
+    target, _ = target_and_owner(method)
+    attacked = compensated_rotation(target, 20.0, generator())
+    back = realigned(attacked, target).gaussians[FEATURES]
+    assert not torch.allclose(attacked.gaussians[FEATURES], target.gaussians[FEATURES], atol=0.1)
+    assert torch.allclose(back.sigmoid(), target.gaussians[FEATURES].sigmoid(), atol=2e-3)
+
+
+@pytest.mark.parametrize("method", COUPLED)
+def test_without_turning_the_scene_decoder_the_cover_is_lost(method: str) -> None:
+    target, owner = target_and_owner(method)
+    attacked = feature_rotation(target, 60.0, generator())
+    assert attacked.method is target.method
+    cover, message = changes(target, owner, attacked)
+    assert min(cover, message) > 0.05
+
+
+def test_realignment_finds_gaussians_in_another_order() -> None:
+    target, _ = target_and_owner("gs_hider")
+    attacked = compensated_rotation(target, 45.0, generator())
+    order = torch.randperm(len(target.gaussians), generator=generator())
+    back = realigned(attacked.keeping(order), target).gaussians[FEATURES]
+    assert torch.allclose(back.sigmoid(), target.gaussians[FEATURES][order].sigmoid(), atol=2e-3)
+
+
+def test_unread_directions_cost_the_homogeneous_cover_nothing_until_they_are_read() -> None:
+    target, owner = target_and_owner("homogeneous")
+    cover, message = changes(target, owner, unread_directions(target, 8))
+    assert cover < 1e-4
+    assert message > 0.05
+    cover, _ = changes(target, owner, unread_directions(target, 12))
+    assert cover > 1e-3
+
+
+def test_removed_directions_are_constant_but_for_values_that_cannot_be_stored() -> None:
+    target, _ = target_and_owner("gs_hider")
+    features = unread_directions(target, 4).gaussians[FEATURES].double().sigmoid()
+    values = torch.linalg.svdvals(features - features.mean(dim=0))
+    assert (values[-4:] < 1e-2 * values[0]).all()
+    assert (values[:-4] > 1e-1 * values[0]).all()
+
+
+@pytest.mark.parametrize("method", COUPLED)
+@pytest.mark.parametrize("channels", [2.0, 7.0, 16.0])
+def test_every_scene_decoder_forgives_permuted_channels(method: str, channels: float) -> None:
+    target, owner = target_and_owner(method)
+    attacked = channel_permutation(target, channels, generator())
+    moved = (attacked.gaussians[FEATURES] != target.gaussians[FEATURES]).any(dim=0)
+    assert int(moved.sum()) == channels
+    cover, message = changes(target, owner, attacked)
+    assert cover < 1e-4
+    assert message > 0.01
+
+
+def test_dropped_channels() -> None:
+    target, _ = target_and_owner("gs_hider")
+    assert list(channel_counts(target)) == [1, 2, 4, 8, 12]
+    attacked = channel_dropping(target, 4, generator()).gaussians[FEATURES]
+    constant = (attacked == attacked[:1]).all(dim=0)
+    assert int(constant.sum()) == 4
+    assert torch.equal(attacked[:, ~constant], target.gaussians[FEATURES][:, ~constant])
+
+
+def test_the_published_decoder_is_left_alone() -> None:
+    target, _ = target_and_owner("homogeneous")
+    before = {name: values.clone() for name, values in target.method.networks["scene_decoder"].state_dict().items()}
+    compensated_rotation(target, 30.0, generator())
+    unread_directions(target, 4)
+    after = target.method.networks["scene_decoder"].state_dict()
+    assert all(torch.equal(values, after[name]) for name, values in before.items())

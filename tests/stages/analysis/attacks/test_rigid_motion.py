@@ -1,0 +1,37 @@
+"""A world that is turned with everything public in it looks the same from cameras that turned with it."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from stages.analysis.attacks.rigid_motion import rigid_motion, turned_back
+from stages.hiding.rendering import COVER
+from tests.stages.analysis.attacks.containers import MESSAGE, METHODS, shown, target_and_owner
+
+SAME = 2e-3
+
+
+def generator() -> torch.Generator:
+    return torch.Generator().manual_seed(1)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("degrees", [15.0, 90.0])
+def test_the_cover_stays_and_so_does_the_message_unless_it_is_told_directions(method: str, degrees: float) -> None:
+    target, owner = target_and_owner(method)
+    before, attacked = shown(target, owner), rigid_motion(target, degrees, generator())
+    assert (attacked.gaussians.means - target.gaussians.means).norm(dim=1).max() > 0.1
+    cover = shown(attacked, attacked.method)[COVER]
+    assert (cover - before[COVER]).abs().max() < SAME
+    change = float((shown(attacked, owner)[MESSAGE] - before[MESSAGE]).abs().max())
+    assert (change > SAME) == (method == "homogeneous")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_owner_turns_it_back(method: str) -> None:
+    target, owner = target_and_owner(method)
+    restored = turned_back(rigid_motion(target, 60.0, generator()), target)
+    before, after = shown(target, owner), shown(restored, owner)
+    assert torch.allclose(restored.gaussians.means, target.gaussians.means, atol=1e-5)
+    assert all((after[name] - before[name]).abs().max() < SAME for name in before)

@@ -1,0 +1,77 @@
+"""View weights are what is blended, influences what the cover would lose; pruning begins where it loses least."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import torch
+
+from stages.analysis.attacks.target import Attacker, Knowledge, Target
+from stages.analysis.attacks.view_weights import (
+    Weights,
+    clusters,
+    pruning_order,
+    view_weight_clustering,
+    view_weight_pruning,
+    view_weights,
+)
+from stages.hiding.rendering import COVER
+from stages.training.loop import TrainingViews
+from tests.stages.analysis.attacks.containers import knowledge, target_and_owner
+
+
+def one_view() -> Knowledge:
+    known = knowledge()
+    return Knowledge(TrainingViews(known.views.cameras[:1], {}), known.extent)
+
+
+def test_weights_of_all_gaussians_are_the_opacity_of_the_picture() -> None:
+    target, _ = target_and_owner("gs_hider")
+    known = one_view()
+    rendering = target.method.render(target.gaussians, known.views.cameras[0])
+    weights = view_weights(target, 0, known).weight
+    assert (weights >= 0).all()
+    assert torch.isclose(weights.sum(), rendering.alphas.sum(), rtol=1e-4)
+
+
+def test_influence_is_the_covers_change_to_first_order() -> None:
+    """Averaged over many random signs, it is how much the picture changes as a Gaussian fades, in the squares' sum."""
+    target, _ = target_and_owner("sh", count=12, opacity=-2.0)
+    known = one_view()
+    camera = known.views.cameras[0]
+    squares = torch.stack([view_weights(target, seed, known).influence.square() for seed in range(100)]).mean(dim=0)
+    step = 0.5  # blending is linear in one opacity; small steps would show no more than where a footprint ends
+    for row in range(3):
+        pictures = []
+        for sign in (-1, 1):
+            logits = target.gaussians["logit_opacities"].clone()
+            opacity = logits[row].sigmoid()
+            logits[row] = (opacity * (1 + sign * step)).logit()
+            changed = target.with_parameters({"logit_opacities": logits})
+            pictures.append(target.method.render(changed.gaussians, camera).pictures[COVER])
+        expected = ((pictures[1] - pictures[0]) / (2 * step)).square().sum()
+        assert torch.isclose(squares[row], expected, rtol=0.4)
+
+
+@pytest.mark.parametrize("clustered", [False, True])
+def test_what_the_cover_does_not_need_goes_first(clustered: bool) -> None:
+    count = 300
+    generator = torch.Generator().manual_seed(0)
+    weight = 1 + torch.rand(count, generator=generator)
+    influence = torch.where(torch.arange(count) < 100, 0.01, 1.0) * (1 + torch.rand(count, generator=generator))
+    weight[250:] = 0.0
+    influence[250:] = 0.0
+    weights = Weights(weight, influence)
+    order = pruning_order(weights, clusters(weights, 0) if clustered else torch.arange(count)).tolist()
+    assert sorted(order) == list(range(count))
+    assert set(order[:50]) == set(range(250, 300))
+    assert set(order[50:150]) == set(range(100))
+
+
+@pytest.mark.parametrize("attack", [view_weight_pruning, view_weight_clustering])
+def test_a_share_is_pruned_and_the_same_each_time(attack: Callable[[Target, int, Knowledge], Attacker]) -> None:
+    target, _ = target_and_owner("homogeneous")
+    kept = [attack(target, 1, knowledge())(0.25).gaussians.means for _ in range(2)]
+    assert len(kept[0]) == 150
+    assert torch.equal(kept[0], kept[1])

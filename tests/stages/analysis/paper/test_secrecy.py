@@ -1,0 +1,177 @@
+"""The chapter on secrecy: what attackers show beside what the owner sees, verdicts that can fail, and plain words."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from pipeline.artifact import Artifact, create, load
+from pipeline.stage import Item, run_stage
+from stages.analysis.measurements import KIND, Measurement, write_measurements
+from stages.analysis.secrecy.conditions import (
+    BLIND,
+    CHANNEL,
+    COVER_ITSELF,
+    IGNORED,
+    LINEAR,
+    NOTHING_HIDDEN,
+    OPEN,
+    OTHER_START,
+    OWN_START,
+    OWNER,
+    RANDOM,
+    SURROGATE,
+    VIEWS_SEEN,
+)
+from stages.compare_with_paper import CompareWithPaperParameters, compare_with_paper
+from tests.stages.test_compare_with_paper import table
+
+FLOOR, OWNERS = 15.0, 25.0
+SHARES = {0.01: 1, 0.2: 9}
+NAME = "zebraquartz"
+
+
+def reading(
+    condition: str, psnr: float, related: float, severity: float | None = None, seed: int | None = None
+) -> list[Measurement]:
+    figures = {
+        "psnr_covered": psnr,
+        "psnr_constant": FLOOR,
+        "psnr_coloured": psnr + 1,
+        "correlation": related,
+        "correlation_others": 0.25,
+    }
+    return [
+        Measurement(quantity, value + offset, condition, severity, seed, view, "test", NAME)
+        for view, offset in (("0.png", -0.01), ("8.png", 0.01))
+        for quantity, value in figures.items()
+    ]
+
+
+def rows_of(feature_dim: int, leaks: float) -> list[Measurement]:
+    """A surrogate learns `leaks` dB over one colour from a fifth of the views, and half as much from one."""
+    rows = reading(OWNER, OWNERS, 0.95) + reading(COVER_ITSELF, 9.0, 0.3)
+    for seed in range(3):
+        rows += reading(RANDOM, 6.0 + seed, 0.3, seed=seed) + reading(OTHER_START, 8.0, 0.3, seed=seed)
+        for share, views in SHARES.items():
+            psnr = FLOOR + leaks * (1.0 if share > 0.1 else 0.5) + 0.1 * (seed - 1)
+            rows += reading(SURROGATE, psnr, 0.5 + leaks / 20, share, seed) + reading(LINEAR, FLOOR, 0.4, share, seed)
+            rows.append(Measurement(VIEWS_SEEN, views, SURROGATE, share, seed))
+    rows += reading(OWN_START, 7.0, 0.6, seed=0)
+    rows += reading(BLIND.format(IGNORED), 11.5, 0.5, 0.0)
+    rows += reading(NOTHING_HIDDEN.format(BLIND.format(IGNORED)), 10.0, 0.31, 0.0)
+    for quantity, value in (
+        ("correlation_cover", 0.9),
+        ("correlation", 0.2 + 1 / feature_dim),
+        ("correlation_others", 0.2),
+    ):
+        rows.append(Measurement(quantity, value, CHANNEL.format(1), None, None, "0.png", "test", NAME))
+    return rows
+
+
+def item(folder: Path, method: str, feature_dim: int, rows: Sequence[Measurement]) -> Item:
+    label = f"fox_{method}_{feature_dim}"
+    with create(folder / label, KIND, private=True) as writer:
+        write_measurements(writer, rows)
+    values = {"cover": "fox", "method": method, "feature_dim": feature_dim, "seed": 0}
+    return Item(label, values, f"secrecy[{label}]", load(folder / label))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Artifact]:
+    folder = tmp_path_factory.mktemp("secrecy")
+    items = (
+        item(folder, "gs_hider", 32, rows_of(32, 2.0)),
+        item(folder, "gs_hider", 8, rows_of(8, 6.0)),
+        item(folder, "sh", 16, reading(OWNER, 18.0, 0.8) + reading(OPEN, 18.0, 0.8)),
+    )
+    return run_stage(
+        compare_with_paper,
+        CompareWithPaperParameters(tables=("secrecy",), capture_column="cover"),
+        {"experiments": tuple(each.artifact for each in items if each.artifact)},
+        folder / "page",
+        items={"experiments": items},
+    )
+
+
+def markdown(made: dict[str, Artifact]) -> str:
+    return made["owner"].file("tables.md").read_text(encoding="utf-8")
+
+
+def test_wrong_decoders_stand_beside_the_owners(made: dict[str, Artifact]) -> None:
+    found = table(markdown(made), "Decoders that are not the owner's, fox, test views: the message over its pixels")
+    assert next(iter(found)) == ("3DGS+SH", OWNER, "here")
+    assert found["GS-Hider, M = 8", RANDOM, "here"] == {
+        "PSNR (dB)": "7.00 ± 1.00 (n = 3)",
+        "To one colour": "-8.00",
+        "Best of them": "8.00",
+        "Correlation": "0.300 (n = 3)",
+        "With other views": "0.250",
+    }
+    assert found["GS-Hider, M = 8", RANDOM, "paper"]["PSNR (dB)"] == "a picture only"
+    assert found["GS-Hider, M = 32", OWNER, "here"]["To one colour"] == "+10.00"
+
+
+def test_surrogates_are_a_curve_over_what_leaked(made: dict[str, Artifact]) -> None:
+    found = table(markdown(made), "Attackers with some of the message's views, fox, test views: the message (dB)")
+    line = found["GS-Hider, M = 8", "decoder, trained"]
+    assert (line["0 %"], line["1%, 1 view"], line["20%, 9 views"]) == ("", "18.00 ± 0.10", "21.00 ± 0.10")
+    assert (line["Owner"], line["One colour"]) == ("25.00", "15.00")
+    coloured = found["GS-Hider, M = 8", "decoder, trained, in true colours"]
+    assert coloured["0 %"] == "12.50 (r = 0.50 (0.25))"
+    assert found["3DGS+SH", "decoder, trained"]["0 %"] == "18.00"
+    page = made["owner"].file("report.html").read_text(encoding="utf-8")
+    for title in ("The message as surrogates show it", "Correlation with the message"):
+        assert title in page
+    for share in ("1%", "20%"):
+        assert f"Does small M leak more? A surrogate with {share} of the views" in page
+
+
+def test_verdicts_can_fail(made: dict[str, Artifact]) -> None:
+    found = {names[1]: cells for names, cells in table(markdown(made), "Relations on test views").items()}
+    verdicts = {name: cells["Verdict"] for name, cells in found.items()}
+    over = "message over one colour"
+    assert verdicts[f"3DGS+SH: {over}, public attributes"] == "does not hold"
+    assert verdicts[f"GS-Hider, M = 8: {over}, a random decoder"] == "holds"
+    assert verdicts[f"GS-Hider, M = 8: {over}, a surrogate with 20% of the views"] == "does not hold"
+    assert verdicts[f"GS-Hider, M = 32: {over}, a surrogate with 1% of the views"] == "holds, within noise"
+    small = "GS-Hider: M = 8 leaks more than 32, by the surrogate's loss on the owner's decoder, 20% of the views"
+    assert found[small]["Average"] == "+4.00 dB"
+    assert verdicts[small] == "holds"
+    blind = "GS-Hider, M = 8: message over the cover taken for it, both in true colours, the best blind reading"
+    assert found[blind]["fox"] == "+2.50 dB"
+
+
+def test_what_is_not_secure_is_said_in_words(made: dict[str, Artifact]) -> None:
+    text = markdown(made)
+    assert "3DGS+SH keeps nothing secret: the published file alone shows the message at 18.00 dB." in text
+    assert "with 20% of them 60% of the way (r = 0.80, control 0.25)" in text
+    assert "whoever guesses the seed of a training without a key" in text
+
+
+def test_the_feature_map_has_its_controls(made: dict[str, Artifact]) -> None:
+    caption = "What the feature map shows as it is, fox, test views: correlations without sign"
+    found = table(markdown(made), caption)
+    assert found["GS-Hider, M = 8", "channel 1"]["Message"] == "0.325"
+    assert found["GS-Hider, M = 8", BLIND.format(IGNORED)] == {
+        "Cover": "–",
+        "Message": "0.500",
+        "Other views' message": "0.250",
+        "Nothing hidden": "0.310",
+    }
+
+
+def test_every_figure_has_its_digits_and_nothing_is_public(made: dict[str, Artifact]) -> None:
+    rows = list(csv.DictReader(io.StringIO(made["owner"].file("figures.csv").read_text(encoding="utf-8"))))
+    assert any(row["line"].endswith(RANDOM) and row["n"] == "3" for row in rows)
+    public = made["public"].file("report.html").read_text(encoding="utf-8").casefold()
+    assert not any(word in public for word in (NAME, "secre", "surrogate", "message", "blind"))
+
+
+def test_without_measurements_nothing_is_shown(tmp_path: Path) -> None:
+    page = run_stage(compare_with_paper, CompareWithPaperParameters(tables=("secrecy",)), {}, tmp_path)["owner"]
+    assert "Nothing of this was measured." in page.file("tables.md").read_text(encoding="utf-8")

@@ -1,0 +1,76 @@
+"""A blind reading finds what a scene decoder does not heed, and knows nothing where there is nothing to find."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from stages.analysis.secrecy.blind import blind_readings, ignored_directions, sensitivity, stretched
+from stages.analysis.secrecy.conditions import CHANNELS, COMPONENTS, IGNORED, UNEXPLAINED
+from stages.analysis.secrecy.measuring import picture_readings
+from stages.hiding.methods.gs_hider import GSHider, build
+from stages.hiding.mixture import orthonormal_rows
+from tests.stages.analysis.secrecy.observations import views
+
+M = 8
+
+
+@pytest.fixture
+def mixture() -> torch.Tensor:
+    return orthonormal_rows(6, M, np.random.default_rng(3))
+
+
+@pytest.fixture
+def public(mixture: torch.Tensor) -> GSHider:
+    """A scene decoder that shows the cover's three directions and heeds nothing else."""
+    method = build({"feature_dim": M, "layers": 2, "decoder_width": 4, "kernel_size": 3, "precision": "float32"})
+    with torch.no_grad():
+        for weights in method.scene_decoder.parameters():
+            weights.zero_()
+    method.scene_decoder.pass_through(mixture[:3])
+    return method
+
+
+def correlations(readings: list[torch.Tensor], observed: list) -> float:
+    found = picture_readings([each[None] for each in stretched(readings)], observed)
+    return float(np.mean([figures["correlation"] for _, _, figures in found]))
+
+
+def test_both_ways_past_the_cover_find_the_message(public: GSHider, mixture: torch.Tensor) -> None:
+    observed = views(mixture)
+    found = blind_readings(public, observed, seed=0)
+    assert set(found) == {CHANNELS, COMPONENTS, UNEXPLAINED, IGNORED}
+    assert correlations(found[IGNORED], observed) > 0.95
+    assert correlations(found[UNEXPLAINED], observed) > 0.9
+    assert correlations(found[CHANNELS], observed) < 0.9
+
+
+def test_without_a_message_there_is_nothing_to_find(public: GSHider, mixture: torch.Tensor) -> None:
+    hiding, clean = views(mixture), views(torch.cat([mixture[:3], torch.zeros(3, M)]))
+    found = blind_readings(public, clean, seed=0)
+    assert correlations(found[IGNORED], clean) < correlations(blind_readings(public, hiding, 0)[IGNORED], hiding) - 0.3
+
+
+def test_the_scene_decoder_is_sensitive_to_what_it_shows(public: GSHider, mixture: torch.Tensor) -> None:
+    heeded = sensitivity(public, views(mixture), seed=0).float()
+    along = torch.einsum("km,mn,kn->k", mixture, heeded, mixture)
+    assert (along[:3] > 0.5).all()
+    assert (along[3:] < 1e-6).all()
+
+
+def test_ignored_directions_weigh_variance_against_sensitivity() -> None:
+    generator = torch.Generator().manual_seed(0)
+    spread = torch.tensor([1.0, 3.0, 0.1, 0.5])
+    maps = [torch.randn(30, 30, 4, generator=generator) * spread]
+    directions = ignored_directions(maps, torch.diag(torch.tensor([1e-2, 10.0, 1e-2, 1e-2], dtype=torch.float64)))
+    first = directions[:, 0].abs() / directions[:, 0].abs().max()
+    assert first.argmax() == 0
+
+
+def test_stretching_uses_all_grey_values_and_leaves_constants_grey() -> None:
+    slope = torch.linspace(-3, 7, 200).reshape(10, 20)
+    [shown] = stretched([torch.stack([slope, torch.full_like(slope, 9.0)], dim=-1)])
+    assert float(shown[..., 0].min()) == 0
+    assert float(shown[..., 0].max()) == 1
+    assert torch.allclose(shown[..., 1], torch.tensor(0.5))

@@ -1,0 +1,87 @@
+"""Wrong decoders are drawn from seeds alone, start as the method does, and read squares as they read whole views."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from stages.analysis.secrecy.readers import MESSAGE_DECODER, read, seeded_reader, started_reader
+from stages.hiding.method import Method, build_method
+from stages.hiding.mixture import orthonormal_rows
+from stages.hiding.rendering import COVER
+from tests.stages.analysis.secrecy.observations import HEIGHT, WIDTH, views
+
+COUPLED = {"feature_dim": 16, "layers": 3, "decoder_width": 8, "precision": "bfloat16"}
+SETTINGS = {
+    "gs_hider": {**COUPLED, "kernel_size": 3},
+    "homogeneous": {**COUPLED, "kernel_size": 1},
+    "decoder": {"sh_degree": 0, "layers": 3, "decoder_width": 8, "precision": "float32"},
+}
+OBSERVED = views(orthonormal_rows(6, 16, np.random.default_rng(0)))
+
+
+def public(method: str) -> Method:
+    return build_method(method, SETTINGS[method])
+
+
+def weights(method: Method) -> torch.Tensor:
+    return torch.cat([each.flatten() for each in method.networks[MESSAGE_DECODER].parameters()])
+
+
+@pytest.mark.parametrize("method", SETTINGS)
+def test_a_seed_gives_one_decoder_and_leaves_torch_alone(method: str) -> None:
+    before = torch.get_rng_state()
+    first, again, other = (weights(seeded_reader(public(method), 1, seed)) for seed in (7, 7, 8))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+    public(method)
+    torch.set_rng_state(before)
+    seeded_reader(public(method), 1, 7)
+    state = torch.get_rng_state()
+    torch.set_rng_state(before)
+    public(method)
+    assert torch.equal(state, torch.get_rng_state())
+
+
+@pytest.mark.parametrize("method", SETTINGS)
+def test_a_random_decoder_reads_something(method: str) -> None:
+    """One that reads nothing at all would be no test: ours has directions that are zeros until its start."""
+    shown = read(seeded_reader(public(method), 1, 3), OBSERVED[0]).detach()
+    assert shown.shape == (1, HEIGHT, WIDTH, 3)
+    inside = shown[:, 4:-4, 4:-4]
+    assert float(inside.std(dim=(1, 2)).min()) > 1e-4
+
+
+@pytest.mark.parametrize("method", ["gs_hider", "homogeneous"])
+def test_the_start_from_a_trainings_seed_is_the_trainings(method: str) -> None:
+    training = build_method(method, {**SETTINGS[method], "messages": ["statue"]})
+    grey = {name: np.full((5, 3), 0.5) for name in (COVER, "statue")}
+    training.initial_attributes(grey, np.random.default_rng(4))
+    started = started_reader(public(method), 1, 4)
+    name = "directions" if method == "homogeneous" else "0.weight"
+    own, found = (each.networks[MESSAGE_DECODER].state_dict()[name] for each in (training, started))
+    assert torch.equal(own[:3], found[:3])
+    other = started_reader(public(method), 1, 5).networks[MESSAGE_DECODER].state_dict()[name]
+    assert not torch.allclose(own[:3], other[:3], atol=1e-2)
+
+
+def test_a_method_that_starts_at_random_has_no_start() -> None:
+    with pytest.raises(ValueError, match="random weights"):
+        started_reader(public("decoder"), 1, 0)
+
+
+@pytest.mark.parametrize("method", SETTINGS)
+def test_a_square_is_read_as_a_part_of_its_view(method: str) -> None:
+    """Directions of view and all: only near the square's border do convolutions see zeros instead."""
+    reader = seeded_reader(public(method), 1, 1)
+    row, column, side = 5, 3, 12
+    inside = slice(3, side - 3)
+    whole = read(reader, OBSERVED[1])[:, row : row + side, column : column + side]
+    square = read(reader, OBSERVED[1].crop(row, column, side))
+    assert torch.allclose(whole[:, inside, inside], square[:, inside, inside], atol=1e-5)
+
+
+def test_several_messages_are_told_apart() -> None:
+    shown = read(seeded_reader(public("gs_hider"), 3, 0), OBSERVED[0])
+    assert shown.shape == (3, HEIGHT, WIDTH, 3)

@@ -1,0 +1,82 @@
+"""Divergences of histograms: their bounds, what they notice, and what they must not."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stages.analysis.attribute_histograms import (
+    BINS,
+    CHANNELS,
+    DIVERGENCE,
+    GAUSSIANS,
+    ONLY_THERE,
+    compare_attributes,
+    divergence,
+    histogram_rows,
+    jensen_shannon,
+    of_attribute,
+)
+
+COUNTS = st.lists(st.integers(0, 20), min_size=3, max_size=3).filter(any)
+
+
+@settings(deadline=None)
+@given(first=COUNTS, second=COUNTS)
+def test_a_divergence_is_symmetric_and_within_a_bit(first: list[int], second: list[int]) -> None:
+    one, two = np.array(first, float), np.array(second, float)
+    value = jensen_shannon(one, two)
+    assert 0 <= value <= 1 + 1e-12
+    assert jensen_shannon(two, one) == pytest.approx(value)
+    assert jensen_shannon(one, 3 * one) == pytest.approx(0, abs=1e-12)
+
+
+def test_a_divergence_grows_with_what_differs() -> None:
+    generator = np.random.default_rng(0)
+    own = generator.normal(0, 1, 20_000)
+    found = [divergence(own, generator.normal(shift, 1, 20_000)) for shift in (0, 0.3, 1, 20)]
+    assert found[0] < 0.005 < found[1] < found[2] < found[3]
+    assert found[3] == pytest.approx(1, abs=0.01)
+    assert divergence(np.zeros(5), np.zeros(7)) == 0
+
+
+def container(seed: int, scale: float = 1.0, extra: bool = False) -> dict[str, np.ndarray]:
+    generator = np.random.default_rng(seed)
+    features = generator.normal(0, 1, (3000, 4)) * [4, 1, 2, scale]
+    found = {
+        "means": generator.normal(seed, 1, (3000, 3)),
+        "quats": generator.normal(0, 1, (3000, 4)),
+        "logit_opacities": generator.normal(0, 1, 3000),
+        "raw_features": features[:, generator.permutation(4)],
+    }
+    return found | ({"message_sh_base": features} if extra else {})
+
+
+def by_name(*given: dict[str, np.ndarray]) -> dict[str, float]:
+    return {row.quantity: row.value for row in compare_attributes(*given, "hidden", "gs_hider")}
+
+
+def test_channels_in_another_order_are_the_same_and_attributes_of_its_own_are_counted() -> None:
+    same, other = by_name(container(1), container(2)), by_name(container(1, 0.2, extra=True), container(2))
+    channels = of_attribute(CHANNELS, "raw_features")
+    assert same[channels] < 0.02 < other[channels]
+    assert same[of_attribute(DIVERGENCE, "logit_opacities")] < 0.02
+    assert (same[ONLY_THERE], other[ONLY_THERE]) == (0, 1)
+    assert same[GAUSSIANS] == 1
+    assert not any("means" in name or "quats" in name or "message" in name for name in other)
+
+
+def test_histograms_hold_every_value_once() -> None:
+    rows = list(histogram_rows({"hidden": container(1, extra=True), "clean": container(2)}, "gs_hider"))
+    assert {row.quantity for row in rows} == {
+        of_attribute("histogram", name) for name in ("logit_opacities", "raw_features")
+    }
+    for condition in ("hidden", "clean"):
+        own = [row for row in rows if row.condition == condition and "opacities" in row.quantity]
+        assert len(own) == BINS
+        assert sum(row.value for row in own) == pytest.approx(1)
+        assert all(first.severity < second.severity for first, second in pairwise(own))

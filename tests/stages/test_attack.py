@@ -1,0 +1,75 @@
+"""A container is attacked and measured, by every attack that it can be attacked by, and nothing of it is public."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.artifact import Artifact
+from pipeline.errors import Interrupted, UserError
+from pipeline.stage import run_stage
+from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, restored
+from stages.analysis.measurements import read_measurements
+from stages.attack import AttackParameters, attack
+from stages.hide_scenes import HideScenesParameters, hide_scenes
+from tests.stages.small import message_views, scene
+from tests.stages.test_stopping import Asking
+
+SMALL = {"iterations": 30, "decoder_width": 8, "feature_dim": 16, "message_points": 20}
+QUICK = {"cover_losses": (0.5,), "seeds": (0,), "reoptimised": (1, 2), "lpips": False}
+FEATURES = {"channel_dropping", "unread_directions", "channel_permutation", "feature_rotation", "compensated_rotation"}
+REMEDIED = {"rigid_motion", *FEATURES}
+RENDERS = {"jpeg", "resizing"}
+SECOND_ATTACK = 7
+"""Each severity has one look, and quantisation and stripping have five each."""
+
+
+def inputs(tmp_path: Path, method: str, hidden: int = 1) -> dict[str, Artifact | tuple[Artifact, ...]]:
+    cover, views = scene(tmp_path / "cover"), message_views(tmp_path / "views")
+    parameters = HideScenesParameters.model_validate({**SMALL, "method": method, "hidden": hidden})
+    made = run_stage(hide_scenes, parameters, {"cover": cover, "messages": (views,)}, tmp_path / "made")
+    return {"container": made["container"], "secret": made["secret"], "cover": cover, "messages": (views,)}
+
+
+@pytest.mark.parametrize(
+    ("method", "without"),
+    [
+        ("homogeneous", RENDERS),
+        pytest.param("gs_hider", RENDERS, marks=pytest.mark.slow),
+        ("sh", RENDERS | FEATURES | {"reoptimisation_frozen"}),
+        pytest.param("decoder", FEATURES | {"stripping", "reoptimisation_frozen"}, marks=pytest.mark.slow),
+    ],
+)
+def test_every_attack_that_applies_is_measured(tmp_path: Path, method: str, without: set[str]) -> None:
+    parameters = AttackParameters.model_validate({**QUICK, "method": method})
+    given = inputs(tmp_path, method)
+    made = run_stage(attack, parameters, given, tmp_path / "attacked")["measurements"]
+    assert made.private
+    rows = read_measurements(made)
+    expected = ({*ATTACKS, UNATTACKED} - without) | {restored(name) for name in REMEDIED - without}
+    assert {row.condition for row in rows} == expected
+    assert {row.method for row in rows} == {method}
+    assert {row.quantity for row in rows if row.message is None} == {"psnr", "ssim"}
+    assert {row.quantity for row in rows if row.message == "statue"} == {"psnr", "ssim", "psnr_covered"}
+    shares = {row.severity for row in rows if row.condition == "random_pruning"}
+    assert shares >= {0.05, 0.10, 0.15, 0.25}
+
+
+def test_a_secret_without_a_message_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no message to attack"):
+        run_stage(attack, AttackParameters(method="gs_hider"), inputs(tmp_path, "gs_hider", 0), tmp_path / "attacked")
+
+
+def test_it_stops_when_it_is_asked_to_and_goes_on_with_the_next_attack(tmp_path: Path) -> None:
+    parameters = AttackParameters.model_validate({**QUICK, "method": "sh", "attacks": ("quantisation", "stripping")})
+    given, asking = inputs(tmp_path, "sh"), Asking(stop_at=SECOND_ATTACK)
+    with pytest.raises(Interrupted):
+        run_stage(attack, parameters, given, tmp_path / "attacked", services=asking.services())
+    scratch = tmp_path / "attacked" / ".scratch"
+    assert (scratch / "quantisation.jsonl").is_file()
+    assert not (scratch / "stripping.jsonl").exists()
+    again = run_stage(attack, parameters, given, tmp_path / "attacked", services=(second := Asking()).services())
+    whole = run_stage(attack, parameters, given, tmp_path / "whole", services=(third := Asking()).services())
+    assert second.looks < third.looks
+    assert read_measurements(again["measurements"]) == read_measurements(whole["measurements"])
