@@ -296,7 +296,8 @@ def _chart(attacked: Attacked, attack: AttackName) -> Chart | None:
     for method, group in attacked.by_method.items():
         curve = average_curve(group, attack)
         if curve is not None:
-            points = sorted((point.cover, point.message) for point in (*curve.points, curve.unattacked))
+            # Hundredths are what is written: what costs the cover less is drawn as the vertical drop that it is.
+            points = sorted((round(point.cover, 2), point.message) for point in (*curve.points, curve.unattacked))
             series.append(Series(title_of(method), tuple(points)))
     return line_chart(
         ATTACKS[attack].title, series, from_zero=False, axes=("PSNR of the cover (dB)", "PSNR of the message (dB)")
