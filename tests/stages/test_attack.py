@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -69,7 +70,8 @@ def test_it_stops_when_it_is_asked_to_and_goes_on_with_the_next_attack(tmp_path:
     scratch = tmp_path / "attacked" / ".scratch"
     assert (scratch / "quantisation.jsonl").is_file()
     assert not (scratch / "stripping.jsonl").exists()
-    again = run_stage(attack, parameters, given, tmp_path / "attacked", services=(second := Asking()).services())
+    shutil.copytree(scratch, tmp_path / "again" / ".scratch")
+    again = run_stage(attack, parameters, given, tmp_path / "again", services=(second := Asking()).services())
     whole = run_stage(attack, parameters, given, tmp_path / "whole", services=(third := Asking()).services())
     assert second.looks < third.looks
     assert read_measurements(again["measurements"]) == read_measurements(whole["measurements"])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName, restored
 from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.page.figures import MISSING
-from stages.analysis.page.material import GS_HIDER, METHOD_TITLES, OURS
+from stages.analysis.page.material import DECODER, GS_HIDER, METHOD_TITLES, OURS, PLAIN, SECOND_HARMONICS
 from stages.analysis.page.summary import Tile
 from stages.analysis.paper.attack_curves import Curve, average_curve, curves, measured
 from stages.analysis.paper.chapter import Chapter, title_of
@@ -103,7 +103,7 @@ def _attacked(study: Study) -> Attacked:
 def _areas(attacked: Attacked, sources: str) -> Grid:
     lines = []
     for attack in attacked.attacks:
-        cells = [_cell(attack, attacked.message_left(method, attack)) for method in attacked.by_method]
+        cells = [_cell(attack, method, attacked.message_left(method, attack)) for method in attacked.by_method]
         width = attacked.width(attack)
         lines.append(Line((ATTACKS[attack].title,), (*cells, Cell(f"{width:.2f} dB", "", Spread(width)))))
     cells = [
@@ -124,18 +124,27 @@ def _unattacked(experiments: Sequence[Experiment]) -> Spread:
     return Spread(found.unattacked.message if found is not None else math.nan)
 
 
-def _cell(attack: AttackName, figure: Measured) -> Cell:
+def _cell(attack: AttackName, method: str, figure: Measured) -> Cell:
     """A figure, or why there is none."""
     if not figure.by_capture:
-        return Cell(ATTACKS[attack].needs or MISSING)
+        return Cell(ATTACKS[attack].needs if _is_spared(attack, method) else MISSING)
     return figure_cell("psnr", figure.average)
+
+
+def _is_spared(attack: AttackName, method: str) -> bool:
+    """Whether containers of the method have nothing that the attack could touch."""
+    if attack in ("jpeg", "resizing"):
+        return method != DECODER
+    if attack == "stripping":
+        return method in (PLAIN, DECODER)
+    return bool(ATTACKS[attack].needs) and method in (PLAIN, SECOND_HARMONICS, DECODER)
 
 
 def _gains(attacked: Attacked) -> Grid:
     lines = [
         Line(
             (ATTACKS[attack].title,),
-            tuple(_cell(attack, attacked.gain(method, attack)) for method in attacked.by_method),
+            tuple(_cell(attack, method, attacked.gain(method, attack)) for method in attacked.by_method),
         )
         for attack in attacked.attacks
     ]
@@ -168,7 +177,7 @@ def _sentence(attack: AttackName) -> str:
 
 def _purification(attacked: Attacked, tables: Published) -> Grid:
     ours = [
-        Line((title_of(method), HERE), (_cell("view_weight_pruning", alone), _cell("view_weight_clustering", together)))
+        Line((title_of(method), HERE), tuple(figure_cell("psnr", figure.average) for figure in (alone, together)))
         for method in attacked.by_method
         for alone, together in [(attacked.gain(method, attack) for attack in VIEW_WEIGHTS)]
         if alone.by_capture or together.by_capture
@@ -199,7 +208,7 @@ def _remedies(attacked: Attacked) -> Grid:
                 cells = [
                     Cell(
                         f"{after.message:.2f}",
-                        f"from {before.message:.2f} at {before.severity:g}",
+                        f"from {before.message:.2f} at {before.severity:.3g}",
                         Spread(after.message),
                     )
                     for before, after in zip(left.points, back.points, strict=True)
@@ -270,7 +279,6 @@ def _relations(attacked: Attacked) -> list[Relation]:
                     "at least",
                     -allowed,
                     ours.minus(hider),
-                    source="not measured",
                 )
             )
     return found
@@ -288,7 +296,8 @@ def _chart(attacked: Attacked, attack: AttackName) -> Chart | None:
     for method, group in attacked.by_method.items():
         curve = average_curve(group, attack)
         if curve is not None:
-            points = sorted((point.cover, point.message) for point in (*curve.points, curve.unattacked))
+            # Hundredths are what is written: what costs the cover less is drawn as the vertical drop that it is.
+            points = sorted((round(point.cover, 2), point.message) for point in (*curve.points, curve.unattacked))
             series.append(Series(title_of(method), tuple(points)))
     return line_chart(
         ATTACKS[attack].title, series, from_zero=False, axes=("PSNR of the cover (dB)", "PSNR of the message (dB)")
