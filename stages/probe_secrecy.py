@@ -34,9 +34,11 @@ class ProbeSecrecyParameters(Parameters):
     seeds: tuple[int, ...] = Field(
         (0, 1, 2), min_length=1, description="Of surrogates: which views leaked, and first weights."
     )
-    steps: int = Field(3000, ge=1, description="Of Adam, for each surrogate.")
+    steps: int = Field(1000, ge=1, description="Of Adam, for each surrogate.")
     crop: int = Field(32, ge=8, description="Side of the square that a step sees, in pixels.")
-    rate: float = Field(1e-2, gt=0, description="Of Adam at first; it falls to nothing.")
+    rate: float = Field(
+        1e-3, gt=0, description="Of Adam at first; it falls to nothing. Decoders of 3 x 3 convolutions die of 1e-2."
+    )
     threads: int = Field(1, ge=1, description="Threads of torch.")
 
 

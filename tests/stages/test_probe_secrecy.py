@@ -19,7 +19,7 @@ from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
 from tests.stages.small import scene
 from tests.stages.test_probe_decoder import SETTINGS, dotted_message
 
-SMALL = {"wrong_decoders": 2, "steps": 150, "shares": (0.0, 0.2, 1.0), "seeds": (0,), "crop": 16}
+SMALL = {"wrong_decoders": 2, "steps": 150, "shares": (0.0, 0.2, 1.0), "seeds": (0,), "crop": 16, "rate": 1e-2}
 
 
 def inputs(tmp_path: Path, method: str, **settings: object) -> dict[str, Artifact | tuple[Artifact, ...]]:

@@ -32,7 +32,7 @@ SEVERAL = {
     "plateau": [{**PAIR, "iterations": 4}, {**PAIR, "iterations": 8}],
     "probes": [{**PAIR, "hidden": 1, "stranger": "kitchen", "method": name} for name in ("gs_hider", "homogeneous")],
     "secrecy": [
-        {**PAIR, "method": name, "feature_dim": feature_dim, "decoder_width": 12}
+        {**PAIR, "method": name, "feature_dim": feature_dim, "decoder_width": 12, "rate": 1e-3}
         for name, feature_dim in (("sh", 16), ("gs_hider", 8), ("gs_hider", 16))
     ],
 }

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from stages.analysis.paper.runs import Experiment
-from stages.analysis.paper.secrecy_figures import Found, Kind, figure, shares
-from stages.analysis.secrecy.conditions import OPEN, OWN_START, OWNER, SURROGATE
+from stages.analysis.paper.secrecy_figures import Found, Kind, best_blind, figure, shares
+from stages.analysis.secrecy.conditions import BLIND, NOTHING_HIDDEN, OPEN, OWN_START, OWNER, SURROGATE
 
 RECOGNISABLE = 0.1
 """Multiple correlation with the message beyond that with the message of other views: more is more than chance."""
@@ -21,8 +22,24 @@ def _sentence(kind: Kind, experiments: Sequence[Experiment]) -> str:
     opened = figure(experiments, "psnr_covered", OPEN)
     if opened.count:
         return f"{kind.title} keeps nothing secret: the published file alone shows the message at {opened.mean:.2f} dB."
-    found = [*_of_surrogates(experiments), *_of_the_seed(experiments)]
+    found = [*_of_the_container_alone(experiments), *_of_surrogates(experiments), *_of_the_seed(experiments)]
     return f"{kind.title} is not secure against {'; '.join(found)}." if found else ""
+
+
+def _of_the_container_alone(experiments: Sequence[Experiment]) -> list[str]:
+    blind = best_blind(experiments)
+    if blind is None:
+        return []
+    related, others = _related(experiments, blind, None)
+    chance = figure(experiments, "correlation", NOTHING_HIDDEN.format(blind)).mean
+    control = max(others, chance) if not math.isnan(chance) else others
+    if not related - control > RECOGNISABLE:
+        return []
+    way = blind.removeprefix(BLIND.format(""))
+    return [
+        f"whoever has the container alone: three channels of its feature map, by {way!r}, show the message "
+        f"(r = {related:.2f}, control {control:.2f}) to a reader who has seen nothing of it"
+    ]
 
 
 def _of_surrogates(experiments: Sequence[Experiment]) -> list[str]:

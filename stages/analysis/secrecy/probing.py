@@ -29,7 +29,7 @@ from stages.analysis.secrecy.linear_surrogate import linear_surrogate
 from stages.analysis.secrecy.measuring import picture_readings
 from stages.analysis.secrecy.observing import Observed, observe
 from stages.analysis.secrecy.open_message import open_reader
-from stages.analysis.secrecy.readers import MESSAGE_DECODER, read, seeded_reader
+from stages.analysis.secrecy.readers import MESSAGE_DECODER, attackers_reader, read
 from stages.analysis.secrecy.surrogate import SurrogateSettings, seen_views, train_surrogate
 from stages.analysis.secrecy.wrong_decoder import wrong_readings
 from stages.hiding.method import Method
@@ -175,7 +175,7 @@ class Probe:
 
     def _trained(self, names: Sequence[str], views: Sequence[Observed], seed: int, tick: Callable[[], None]) -> Trained:
         seen = self._observed(self.public, names)
-        reader = seeded_reader(self.public, len(self.messages), seed)
+        reader = attackers_reader(self.public, len(self.messages), seed)
         losses = train_surrogate(reader, seen, self.settings.surrogates, seed, tick)
         with torch.no_grad():
             network = [read(reader, each) for each in views]

@@ -21,6 +21,9 @@ from stages.hiding.rendering import COVER
 
 MESSAGE_DECODER = "message_decoder"
 
+WRONG_SEEDS = 1_000_000
+"""Seeds of wrong decoders begin here: trainings have small ones, and a start from the same would be no wrong one."""
+
 
 def seeded_reader(public: Method, messages: int, seed: int) -> Method:
     """The container's method with a message decoder of random weights, drawn from `seed`: the paper's test.
@@ -50,6 +53,16 @@ def started_reader(public: Method, messages: int, seed: int) -> Method:
     grey = {name: np.full((1, 3), 0.5) for name in (COVER, *cast(CoupledFeatures[Decoder], reader).messages)}
     reader.initial_attributes(grey, np.random.default_rng(seed))
     return reader
+
+
+def attackers_reader(public: Method, messages: int, seed: int) -> Method:
+    """What an attacker begins to train: the method's own start with a key of theirs, or else random weights.
+
+    From random weights five layers learn little in a thousand steps, or die: on GS-Hider that made a surrogate worse
+    than least squares. `seed` is counted from `WRONG_SEEDS` on.
+    """
+    make = started_reader if has_start(public) else seeded_reader
+    return make(public, messages, WRONG_SEEDS + seed)
 
 
 def has_start(method: Method) -> bool:

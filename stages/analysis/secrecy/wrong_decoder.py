@@ -11,11 +11,8 @@ from torch import Tensor
 
 from stages.analysis.secrecy.conditions import OTHER_START, OWN_START, RANDOM
 from stages.analysis.secrecy.observing import Observed
-from stages.analysis.secrecy.readers import has_start, read, seeded_reader, started_reader
+from stages.analysis.secrecy.readers import WRONG_SEEDS, has_start, read, seeded_reader, started_reader
 from stages.hiding.method import Method
-
-FIRST_SEED = 1_000_000
-"""Of wrong decoders: trainings have small seeds, and a start from the same one would be no wrong one."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +34,8 @@ def wrong_readings(
     messages = len(views[0].truths)
     started = has_start(public)
     makers: list[tuple[str, int, Callable[[Method, int, int], Method]]] = [
-        *((RANDOM, FIRST_SEED + number, seeded_reader) for number in range(count)),
-        *((OTHER_START, FIRST_SEED + number, started_reader) for number in range(count if started else 0)),
+        *((RANDOM, WRONG_SEEDS + number, seeded_reader) for number in range(count)),
+        *((OTHER_START, WRONG_SEEDS + number, started_reader) for number in range(count if started else 0)),
         *([(OWN_START, start_seed, started_reader)] if started and start_seed is not None else []),
     ]
     for condition, seed, make in makers:

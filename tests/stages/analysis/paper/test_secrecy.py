@@ -150,6 +150,8 @@ def test_what_is_not_secure_is_said_in_words(made: dict[str, Artifact]) -> None:
     text = markdown(made)
     assert "3DGS+SH keeps nothing secret: the published file alone shows the message at 18.00 dB." in text
     assert "with 20% of them 60% of the way (r = 0.80, control 0.25)" in text
+    assert "whoever has the container alone: three channels" in text
+    assert "show the message (r = 0.50, control 0.31)" in text
     assert "whoever guesses the seed of a training without a key" in text
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from stages.analysis.secrecy.readers import MESSAGE_DECODER, read, seeded_reader, started_reader
+from stages.analysis.secrecy.readers import MESSAGE_DECODER, attackers_reader, read, seeded_reader, started_reader
 from stages.hiding.method import Method, build_method
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER
@@ -64,6 +64,14 @@ def test_the_start_from_a_trainings_seed_is_the_trainings(method: str) -> None:
     assert torch.equal(own[:3], found[:3])
     other = started_reader(public(method), 1, 5).networks[MESSAGE_DECODER].state_dict()[name]
     assert not torch.allclose(own[:3], other[:3], atol=1e-2)
+
+
+@pytest.mark.parametrize("method", SETTINGS)
+def test_an_attacker_has_another_key_than_a_training_of_the_same_seed(method: str) -> None:
+    attackers, other = (weights(attackers_reader(public(method), 1, seed)) for seed in (0, 1))
+    assert not torch.allclose(attackers, other)
+    if method != "decoder":
+        assert not torch.allclose(attackers, weights(started_reader(public(method), 1, 0)))
 
 
 def test_a_method_that_starts_at_random_has_no_start() -> None:
