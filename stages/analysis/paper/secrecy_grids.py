@@ -115,6 +115,7 @@ def surrogate_grid(found: Found) -> Grid:
                 "several ways to look at three channels of the feature map; of 3DGS+SH, what anyone renders from the "
                 "published attributes. Under one colour stands, in true colours, the cover itself. The paper gives no "
                 "figures.",
+                "Surrogates learn more with more steps: what stands here is what a few minutes of one core buy.",
                 *words_on(found),
             ),
         )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.paper.secrecy_figures import Found, Kind, best_blind, figure, shares
-from stages.analysis.secrecy.conditions import BLIND, NOTHING_HIDDEN, OPEN, OWN_START, OWNER, SURROGATE
+from stages.analysis.secrecy.conditions import BLIND, COVER_ITSELF, NOTHING_HIDDEN, OPEN, OWN_START, OWNER, SURROGATE
 
 RECOGNISABLE = 0.1
 """Multiple correlation with the message beyond that with the message of other views: more is more than chance."""
@@ -31,8 +31,8 @@ def _of_the_container_alone(experiments: Sequence[Experiment]) -> list[str]:
     if blind is None:
         return []
     related, others = _related(experiments, blind, None)
-    chance = figure(experiments, "correlation", NOTHING_HIDDEN.format(blind)).mean
-    control = max(others, chance) if not math.isnan(chance) else others
+    chances = [figure(experiments, "correlation", each).mean for each in (NOTHING_HIDDEN.format(blind), COVER_ITSELF)]
+    control = max([others, *(chance for chance in chances if not math.isnan(chance))])
     if not related - control > RECOGNISABLE:
         return []
     way = blind.removeprefix(BLIND.format(""))
