@@ -31,12 +31,11 @@ SEVERAL = {
     ],
     "plateau": [{**PAIR, "iterations": 4}, {**PAIR, "iterations": 8}],
     "probes": [{**PAIR, "hidden": 1, "stranger": "kitchen", "method": name} for name in ("gs_hider", "homogeneous")],
-    "secrecy": [
-        {**PAIR, "method": name, "feature_dim": feature_dim, "decoder_width": 12, "rate": 1e-3}
-        for name, feature_dim in (("sh", 16), ("gs_hider", 8), ("gs_hider", 16))
-    ],
 }
-ONLY_OF = {"secrecy": ("steps=3",)}
+PROBED = [
+    {**PAIR, "method": name, "feature_dim": feature_dim, "decoder_width": 12, "rate": 1e-3}
+    for name, feature_dim in (("sh", 16), ("gs_hider", 8), ("gs_hider", 16))
+]
 ATTACKED = [{**PAIR, "hidden": 1, "method": name} for name in ("homogeneous", "gs_hider")]
 COPYRIGHT = {"cover": "fox", "stranger": "kitchen", "gaussians": 500, "stranger_gaussians": 500, "seed": 0}
 COPYRIGHTS = [
@@ -97,13 +96,13 @@ def test_fidelity(photos: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("workflow", SEVERAL)
 def test_what_varies_settings(photos: Path, workflow: str) -> None:
-    ended = run(photos, workflow, SEVERAL[workflow], "gaussians=500", *ONLY_OF.get(workflow, ()))
+    ended = run(photos, workflow, SEVERAL[workflow], "gaussians=500")
     assert len([name for name in ended if name.startswith("hide[")]) == len(SEVERAL[workflow])
     assert figures(ended)
 
 
 @pytest.mark.slow
-def test_what_detectors_find(photos: Path) -> None:
+def test_what_detectors_and_attackers_find(photos: Path) -> None:
     """Each of two covers is tested by what is learnt from the other; twins of one method are trained once."""
     row = {**ROW, "twin": "gs_hider", "other_seed": 1}
     rows = [
@@ -113,9 +112,11 @@ def test_what_detectors_find(photos: Path) -> None:
         {**row, "method": "sh", "twin": "sh"},
     ]
     tested = "tested={cover: [fox, kitchen], method: [gs_hider, sh]}"
-    ended = run(photos, "security", rows, "views=5", tested, "learned.iterations=2", "gaussians=500")
+    few = ("views=5", tested, "learned.iterations=2", "gaussians=500", "steps=3", f"probed={json.dumps(PROBED)}")
+    ended = run(photos, "security", rows, *few)
     assert len([name for name in ended if name.startswith("clean[")]) == 3
     assert len([name for name in ended if name.startswith("learned[")]) == 4
+    assert len([name for name in ended if name.startswith("secrecy[")]) == len(PROBED)
     written = figures(ended)
     assert any("feature maps" in row["line"] and row["column"] == "kitchen" for row in written), written
     assert any("attributes that only it has" in row["line"] and float(row["value"]) == 2 for row in written), written
