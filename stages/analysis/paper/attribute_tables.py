@@ -38,6 +38,25 @@ def attributes_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
     )
 
 
+def widest_divergence(experiments: Sequence[Experiment]) -> str:
+    """The attribute whose histogram is farthest from a clean one's beyond what two clean ones differ, in words; empty
+    where that was not measured.
+    """
+    found = []
+    for experiment in experiments:
+        by_quantity: dict[str, dict[str, float]] = {}
+        for row in experiment.rows:
+            by_quantity.setdefault(row.quantity, {})[row.condition] = row.value
+        for name, title, _ in _quantities([experiment]):
+            values = by_quantity[name]
+            if name.startswith((f"{DIVERGENCE}: ", f"{CHANNELS}: ")) and {HIDDEN, CLEAN_AGAIN} <= values.keys():
+                found.append((values[HIDDEN] - values[CLEAN_AGAIN], title, values[HIDDEN], values[CLEAN_AGAIN]))
+    if not found:
+        return ""
+    _, title, hidden, clean = max(found)
+    return f"{title}: {hidden:.3f} bits from a clean one's, two clean ones {clean:.3f}"
+
+
 def attribute_charts(by_method: ByMethod) -> Iterator[Chart]:
     """Histograms of the first capture of each method."""
     for method, (first, *_) in by_method.items():

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from stages.analysis.attribute_histograms import ONLY_THERE
 from stages.analysis.learned_detection import LEARNED, TRAINING_SCENES
+from stages.analysis.paper.attribute_tables import widest_divergence
 from stages.analysis.paper.chapter import title_of
 from stages.analysis.paper.detection import (
     AS_IN_THE_PAPER,
@@ -50,7 +51,8 @@ def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: 
         own = {row.value for row in rows if row.condition == HIDDEN}
         if not own:
             return Cell("not measured")
-        return Cell(f"{max(own):.0f} attributes that no clean one has" if max(own) else "no attribute of its own")
+        names = f"{max(own):.0f} attributes that no clean one has" if max(own) else "no attribute of its own"
+        return Cell(names, widest_divergence(by_attributes[method]))
 
     methods = dict.fromkeys((*by_stegexpose, *by_learning, *by_attributes))
     return Grid(
