@@ -152,7 +152,7 @@ def _gains(attacked: Attacked) -> Grid:
         f"{title_of(method)} is weakest under {_sentence(attack)} ({gain:.2f} dB): {ATTACKS[attack].hurts}."
         for method in attacked.by_method
         for attack, gain in [_weakest(attacked, method)]
-        if attack is not None
+        if attack is not None and gain > 0
     ]
     return Grid(
         "What attackers gain: the message's loss less the cover's, at its best severity (dB)",
@@ -286,7 +286,7 @@ def _relations(attacked: Attacked) -> list[Relation]:
 
 def _tiles(attacked: Attacked) -> tuple[Tile, ...]:
     attack, gain = _weakest(attacked, OURS)
-    if attack is None:
+    if attack is None or gain <= 0:
         return ()
     return (Tile("Our weakest attack", f"{gain:.2f} dB", f"{_sentence(attack)}: message loss less cover loss"),)
 
