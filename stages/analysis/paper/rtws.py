@@ -44,7 +44,7 @@ PAPERS = "paper"
 VARIANTS = {
     PAPERS: "RTWS",
     "clean": "RTWS, clean renders black, too",
-    "read": "RTWS, features and decoder learn together",
+    "grain": "grain in colour, read by a gate",
 }
 """How a container and its decoder came about, by the items' column `variant`."""
 
