@@ -29,6 +29,9 @@ from stages.training.codec_photos import read_photos
 from stages.training.decoder_tuning import CLEAN, OTHERS, PHOTOS, RENDERS, DecoderTuning, TuningSettings
 from stages.training.network import train_network
 
+WINDOWS = 4
+"""Of other photos, for every render that is learnt from: there are many more kinds of them."""
+
 
 class TuneWatermarkDecoderParameters(Parameters):
     """The paper's loss, and what may be added to it."""
@@ -71,7 +74,7 @@ class TuneWatermarkDecoderParameters(Parameters):
 def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderParameters) -> None:
     """Tune the decoder on the training views: the container's renders of them, their photos, and clean renders.
 
-    Of `other_photos`, photos of anything without the watermark, it sees as many windows as it sees renders.
+    Of `other_photos`, photos of anything without the watermark, it sees windows of all sizes.
     Renders are taken as files hold them, in 8 bits. The decoder that comes out is the owner's alone: whoever has it can
     change a picture until it shows nothing.
     """
@@ -120,9 +123,9 @@ def _before(context: Context) -> Artifact:
 
 
 def _windows(photos: Sequence[Picture], cameras: Cameras, seed: int) -> UInt8[np.ndarray, "V H W 3"]:
-    """As many as there are cameras, of any size, each of a random photo."""
+    """`WINDOWS` for every camera, of any size, each of a random photo."""
     generator = np.random.default_rng(seed)
-    chosen = generator.integers(len(photos), size=len(cameras)).tolist()
+    chosen = generator.integers(len(photos), size=WINDOWS * len(cameras)).tolist()
     return np.stack([random_window(photos[row], cameras.width, cameras.height, generator) for row in chosen])
 
 
