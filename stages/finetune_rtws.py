@@ -11,24 +11,20 @@ from opencl.device import choose_device
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.hiding.method import Method, module_of
+from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
-from stages.hiding.watermark.codec import WatermarkCodec
-from stages.hiding.watermark.rendering import renders
-from stages.hiding.watermark.storage import read_codec, write_codec
+from stages.hiding.watermark.storage import read_codec
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
-from stages.imaging.pictures import Picture, picture_to_tensor
+from stages.imaging.pictures import picture_to_tensor
 from stages.scene.attributes import string, strings
 from stages.scene.cameras import single_cameras
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
-from stages.training.codec_photos import read_photos
 from stages.training.feature_tuning import FeatureRates, feature_training, half_watermarked
 from stages.training.objectives import FixedView, PictureTerm, hiding_terms
 from stages.training.session import train
 from stages.training.views import training_views
-from stages.training.watermark_reading import WatermarkReading
 
 
 class FinetuneRtwsParameters(Parameters):
@@ -41,14 +37,6 @@ class FinetuneRtwsParameters(Parameters):
     )
     final_rate_share: float = Field(0.2, gt=0, le=1, description="Share of the rates that is left at the end.")
     lambda_message: float = Field(0.1, ge=0, description="λ: the message's weight, where it is given.")
-    reading_weight: float = Field(
-        0.0,
-        ge=0,
-        description="Of what the watermark decoder shows of renders, photos and clean renders, in the same loss; "
-        "other_photos then are further pictures without a watermark. The paper: 0.",
-    )
-    final_reading_share: float = Field(0.3, gt=0, le=1, description="Share of that weight that is left at the end.")
-    decoder_rate: float = Field(3e-4, gt=0, description="Learning rate of the watermark decoder, where it is read.")
     ssim_weight: float = Field(0.2, ge=0, le=1, description="γ and β: SSIM's share of each picture's loss.")
     seed: int = Field(0, ge=0, description="Of which half of the views is watermarked, and of their order.")
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
@@ -59,16 +47,13 @@ class FinetuneRtwsParameters(Parameters):
         "container": Input("container or splats"),
         "cover": Input("scene"),
         "codec": Input("codec"),
-        "decoder": Input("codec", optional=True),
         "watermark": Input("image"),
         "secret": Input("secret", optional=True),
         "image": Input("image", optional=True),
         "messages": Input("views", many=True, optional=True),
-        "other_photos": Input("capture", many=True, optional=True),
     },
     outputs={
         "container": Output("container", privacy="public"),
-        "codec": Output("codec", privacy="private"),
         "curves": Output("metrics", privacy="private"),
     },
     version=1,
@@ -78,10 +63,8 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     """Hide the watermark in half of the training views, and have the Gaussians' features follow.
 
     Positions, shapes, opacities and the container's decoders stay as they are. A message that is given, as `evaluate`
-    takes it, with its secret, is held on to; without it the features are free to forget it. With `reading_weight` the
-    watermark decoder learns beside the features, from the input `decoder` on if there is one; else the codec comes out
-    as it came in. In either case a stage of its
-    own, `tune_watermark_decoder`, goes on with it: one container serves all decoders that learn from it.
+    takes it, with its secret, is held on to; without it the features are free to forget it. Then
+    `tune_watermark_decoder` goes on: one container serves all decoders that learn from it.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
@@ -95,40 +78,15 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
         picture_to_tensor(watermark),
         parameters.seed,
     )
-    gaussians, plain_method = read_gaussians(container), read_method(container, secret)
-    method: Method = plain_method
-    if parameters.reading_weight > 0:
-        codec = _decoder(context, codec, watermark)
-        clean = renders(gaussians, method, scene.cameras.select(scene.train_names), context.stop_if_requested)
-        method = WatermarkReading(
-            plain_method,
-            codec,
-            watermark,
-            views.cameras,
-            [scene.pictures[scene.rows(scene.train_names)], clean],
-            [photo for capture in context.input_many("other_photos") for photo in read_photos(capture)],
-            parameters.reading_weight,
-            parameters.final_reading_share,
-            parameters.seed,
-        )
+    gaussians, method = read_gaussians(container), read_method(container, secret)
     terms = hiding_terms([*messages], parameters.lambda_message, parameters.ssim_weight, parameters.ssim_weight)
     fixed = _hidden_image(context.input_optional("image"), secret, scene, parameters)
-    rates = FeatureRates(parameters.feature_rate, parameters.decoder_rate, parameters.final_rate_share)
+    rates = FeatureRates(parameters.feature_rate, parameters.final_rate_share)
     training = feature_training(gaussians, method, views, terms, parameters.iterations, rates, parameters.seed, fixed)
     curves = train(context, training)
-    write_container(context.output("container"), training.gaussians, plain_method)
-    write_codec(context.output("codec"), codec)
+    write_container(context.output("container"), training.gaussians, method)
     write_rows(context.output("curves"), curves)
     context.record(device=choose_device().describe(), watermarked_views=len(marked))
-
-
-def _decoder(context: Context, codec: WatermarkCodec, watermark: Picture) -> WatermarkCodec:
-    """The one that the input `decoder` has, or the codec's own, made to expect the watermark; it can learn."""
-    given = context.input_optional("decoder")
-    decoder = read_codec(given) if given is not None else codec
-    if not decoder.is_tuned:
-        decoder.expect(picture_to_tensor(watermark).permute(2, 0, 1))
-    return decoder.requires_grad_(True)
 
 
 def _messages(context: Context, scene: Scene, secret: Artifact | None) -> dict[str, MessageViews]:

@@ -15,7 +15,8 @@ from stages.imaging.distortions import random_distortion
 from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture
 from stages.training.network import NetworkTraining
 
-RENDERS, PHOTOS, CLEAN = "watermark in renders", "black in photos", "black in clean renders"
+RENDERS, PHOTOS = "watermark in renders", "black in photos"
+CLEAN, OTHERS = "black in clean renders", "black in other photos"
 """The errors: I_pred that should show W_cop, I_gt that should show black, and what the paper does not ask for."""
 
 
@@ -31,7 +32,7 @@ class TuningSettings:
 
 
 class DecoderTuning(NetworkTraining):
-    """`pictures` by the names of their errors: renders, photos, and clean renders if there are any, all of one size.
+    """`pictures` by the names of their errors, all of one size: renders, photos, and what else should show black.
 
     Each kind goes through its pictures in random orders of its own.
     """

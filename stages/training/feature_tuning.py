@@ -45,10 +45,9 @@ def watermarked(
 
 @dataclass(frozen=True)
 class FeatureRates:
-    """Adam's learning rates: of f_i, and of what else learns beside it; both fall to `final_share` of themselves."""
+    """Adam's learning rate of f_i, which falls to `final_share` of itself."""
 
     features: float
-    networks: float
     final_share: float
 
 
@@ -73,7 +72,7 @@ def feature_training(
         extent=1.0,  # scales positions' rate alone
         seed=seed,
         attribute_rates={**dict.fromkeys(GEOMETRY, 0.0), **attribute_rates(method, rates.features)},
-        network_rate=rates.networks,
+        network_rate=0.0,
         final_rate_share=rates.final_share,
         density=None,
     )

@@ -40,13 +40,16 @@ BEFORE, AFTER = "before", "after"
 MOST_LOST_ON_THE_COVER, MOST_LOST_ON_THE_MESSAGE, LEAST_OF_THE_WATERMARK = 0.6, 2.0, 35.0
 MOST_FALSE_POSITIVES, LEAST_DETECTED = 0.1, 99.0  # percent
 
-PAPERS = "paper"
+PAPERS, GRAINED = "paper", "grain"
 VARIANTS = {
     PAPERS: "RTWS",
     "clean": "RTWS, clean renders black, too",
-    "read": "RTWS, features and decoder learn together",
+    GRAINED: "grain in colour, read by a gate",
 }
-"""How a container and its decoder came about, by the items' column `variant`."""
+"""How a container and its decoder came about, by the items' column `variant`, or by their stage's name."""
+
+GRAIN_STAGE = "_grain"
+"""What names of stages end with that score containers with grain."""
 
 SAME_CONTAINER = {"clean": PAPERS}
 """Variants that differ from another in the decoder alone: what became of the image is scored once."""
@@ -70,7 +73,8 @@ def rtws(study: Study, tables: Published) -> Chapter:
     detections: dict[Key, list[Experiment]] = {}
     for each in study.experiments:
         if any(row.condition == EVERY_NEGATIVE for row in each.rows):
-            detections.setdefault((each.method, str(each.values.get("variant", PAPERS))), []).append(each)
+            variant = _variant(each.stage, str(each.values.get("variant", PAPERS)))
+            detections.setdefault((each.method, variant), []).append(each)
     grids = [
         _fidelity(before, after, detections, tables),
         _negatives(detections),
@@ -94,8 +98,13 @@ def _images(runs: Iterable[Run], word: str) -> dict[Key, list[Run]]:
     for run in runs:
         if run.stage.startswith(word):
             stated = [value.removeprefix("variant=") for value in run.other if value.startswith("variant=")]
-            groups.setdefault((run.method, stated[0] if stated else PAPERS), []).append(run)
+            variant = _variant(run.stage, stated[0] if stated else PAPERS)
+            groups.setdefault((run.method, variant), []).append(run)
     return groups
+
+
+def _variant(stage: str, stated: str) -> str:
+    return GRAINED if stage.split("[")[0].endswith(GRAIN_STAGE) else stated
 
 
 def _earlier(before: Mapping[Key, Sequence[Run]], key: Key) -> list[Run]:

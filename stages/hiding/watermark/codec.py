@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from stages.hiding.watermark.gate import Gate
 from stages.hiding.watermark.invertible import InvertibleNetwork
 from stages.hiding.watermark.wavelet import BANDS, haar, inverse_haar
 
@@ -34,6 +35,7 @@ class WatermarkCodec(torch.nn.Module):
         self.settings: Mapping[str, int] = {"blocks": blocks, "width": width}
         self.network = InvertibleNetwork(BANDS * COLORS, blocks, width)
         self.lost = torch.nn.Parameter(torch.zeros(1, BANDS * COLORS, 1, 1), requires_grad=False)
+        self.gate: Gate | None = None
 
     def watermark_encoder(self, images: Pictures, watermarks: Pictures) -> Pictures:
         """The images with the watermarks in them. Raises `ValueError` for odd sides."""
@@ -44,17 +46,11 @@ class WatermarkCodec(torch.nn.Module):
         """The watermarks in the images; of images without one, whatever the decoder makes of them."""
         size = [side // 2 for side in images.shape[-2:]]
         lost = torch.nn.functional.interpolate(self.lost, size, mode="bilinear", align_corners=False)
-        return self.decode(images, lost)
-
-    def decode(self, images: Pictures, lost: Float[Tensor, "B 12 H/2 W/2"]) -> Pictures:
-        """The same with what stands in for the lost half of each image, or of all."""
+        if self.gate is not None:
+            return self.gate(images) * inverse_haar(lost)
         coefficients = haar(images)
         _, watermarks = self.network.inverse(coefficients, lost.expand_as(coefficients))
         return inverse_haar(watermarks)
-
-    def lost_window(self, top: int, left: int, height: int, width: int) -> Float[Tensor, "1 12 h w"]:
-        """What stands in for the lost half of a window, all in pixels and even, of a tuned decoder's pictures."""
-        return self.lost[:, :, top // 2 : (top + height) // 2, left // 2 : (left + width) // 2]
 
     @property
     def is_tuned(self) -> bool:
@@ -70,6 +66,17 @@ class WatermarkCodec(torch.nn.Module):
         """
         self.requires_grad_(True)
         self.lost = torch.nn.Parameter(haar(watermark[None]).detach().clone())
+
+    def close_gate(self, watermark: Float[Tensor, "3 H W"], seed: int) -> None:
+        """Make it a decoder of this one watermark that shows it as far as a `Gate` opens, which alone can learn.
+
+        Ours. ℓ_cop asks a tuned decoder for one picture or for black, so that all it has to find out is which.
+        """
+        self.expect(watermark)
+        self.requires_grad_(False)
+        with torch.random.fork_rng():
+            torch.manual_seed(seed)
+            self.gate = Gate()
 
 
 def new_codec(blocks: int, width: int, seed: int) -> WatermarkCodec:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -102,3 +103,11 @@ def test_every_distortion_and_the_codec_have_a_line(chapter: Chapter) -> None:
 
 def test_nothing_measured_is_an_empty_chapter() -> None:
     assert rtws(Study(()), read_published()).grids == ()
+
+
+def test_stages_with_grain_are_a_variant_of_their_own() -> None:
+    found = replace(detection("paper", "gs_hider", 0), stage="detection_grain[fox]")
+    runs = (scored("before", 42.0, "paper"), scored("after_grain", 41.5, "paper"))
+    chapter = rtws(Study(runs, experiments=(found,)), read_published())
+    names = dict(figures(chapter))
+    assert names["GS-Hider, grain in colour, read by a gate", "here"] == ("26.50", "41.50", "38.00")

@@ -1,0 +1,75 @@
+"""Grain is as strong as asked for and has its colour, and leaves the message and the geometry alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.errors import UserError
+from stages.hiding.method import build_method
+from stages.hiding.photographs import photographs
+from stages.hiding.rendering import COVER
+from stages.hiding.storage import read_gaussians, read_method
+from stages.hiding.watermark.colors import ACROSS, COLORS, GRAIN, LUMINANCE
+from stages.hiding.watermark.grain import grained
+from stages.scene.gaussians import GEOMETRY, Gaussians
+from stages.scene.scene import read_scene
+from tests.stages import small
+
+LEVEL = 2.0
+SETTINGS = {"feature_dim": 8, "layers": 2, "decoder_width": 8, "kernel_size": 3, "precision": "float32"}
+
+
+def differences(before: Gaussians, after: Gaussians, folder: Path, method: object, name: str) -> torch.Tensor:
+    """Of all cameras' pictures, in levels of 255."""
+    cameras = read_scene(small.scene(folder / f"scene {name}")).cameras
+    shown = [
+        torch.stack([each.pictures[name] for each in photographs(gaussians, method, cameras)])  # type: ignore[arg-type]
+        for gaussians in (before, after)
+    ]
+    return 255 * (shown[1] - shown[0])
+
+
+def rms(values: torch.Tensor) -> float:
+    return float(values.square().mean().sqrt())
+
+
+def test_splats_get_a_grain_of_one_colour(tmp_path: Path) -> None:
+    artifact = small.splats(tmp_path / "splats")
+    before, method = read_gaussians(artifact), read_method(artifact)
+    cameras = read_scene(small.scene(tmp_path / "scene")).cameras
+    after = grained(before, method, cameras, LEVEL, seed=0)
+    for name in GEOMETRY:
+        assert torch.equal(after[name], before[name])
+    seen = differences(before, after, tmp_path, method, COVER) @ COLORS.T
+    assert rms(seen[..., GRAIN]) == pytest.approx(LEVEL * 3**0.5, rel=0.05)
+    assert max(rms(seen[..., LUMINANCE]), rms(seen[..., ACROSS])) < 0.05 * rms(seen[..., GRAIN])
+    assert torch.equal(grained(before, method, cameras, LEVEL, seed=0)["sh_base"], after["sh_base"])
+    assert not torch.equal(grained(before, method, cameras, LEVEL, seed=1)["sh_base"], after["sh_base"])
+
+
+def test_coupled_features_keep_the_message(tmp_path: Path) -> None:
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        method = build_method("gs_hider", SETTINGS | {"messages": ["message"]})
+    plain = read_gaussians(small.splats(tmp_path / "splats"))
+    generator = np.random.default_rng(0)
+    colors = {name: generator.uniform(0.3, 0.7, (len(plain), 3)) for name in (COVER, "message")}
+    geometry = {name: plain[name] for name in GEOMETRY}
+    before = Gaussians(geometry | method.initial_attributes(colors, generator))
+    cameras = read_scene(small.scene(tmp_path / "scene")).cameras
+    after = grained(before, method, cameras, LEVEL, seed=0)
+    cover, message = (differences(before, after, tmp_path, method, name) for name in (COVER, "message"))
+    assert rms(cover) == pytest.approx(LEVEL, rel=0.05)
+    assert rms(message) < 0.1 * rms(cover)
+
+
+def test_gaussians_without_colours_are_refused(tmp_path: Path) -> None:
+    artifact = small.splats(tmp_path / "splats")
+    gaussians, method = read_gaussians(artifact), read_method(artifact)
+    bare = Gaussians({name: gaussians[name] for name in GEOMETRY})
+    with pytest.raises(UserError, match="coupled features"):
+        grained(bare, method, read_scene(small.scene(tmp_path / "scene")).cameras, LEVEL, seed=0)
