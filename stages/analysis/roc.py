@@ -81,14 +81,6 @@ def roc_curve(scenes: Sequence[Scores]) -> tuple[tuple[float, float], ...]:
     return ((0.0, 0.0), *((float(false), float(true)) for false, true in points))
 
 
-def area_under(curve: Sequence[tuple[float, float]]) -> float:
-    """The area under a curve of `roc_curve`, whose points are joined by straight lines; NaN for an empty one."""
-    if not curve:
-        return math.nan
-    false, true = np.array(curve).T
-    return float(((true[1:] + true[:-1]) / 2 * np.diff(false)).sum())
-
-
 def bootstrap_area(scenes: Sequence[Scores], seed: int, common: bool = True, repeats: int = 1000) -> Area:
     """The area under the common curve of all scenes, with its 95 % interval; or, where their scores have no `common`
     scale, as those of several detectors, the mean of each scene's own.

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
@@ -71,9 +70,3 @@ class DecoderTuning(NetworkTraining):
 def decoded(codec: WatermarkCodec, picture: Picture) -> Float[Tensor, "H W 3"]:
     """D_w of one 8-bit picture of even sides, unclamped."""
     return codec.watermark_decoder(picture_to_tensor(picture).permute(2, 0, 1)[None])[0].permute(1, 2, 0)
-
-
-def decoded_pictures(codec: WatermarkCodec, pictures: Sequence[Picture]) -> list[Float[Tensor, "H W 3"]]:
-    """The same of many, without gradients."""
-    with torch.no_grad():
-        return [decoded(codec, picture) for picture in pictures]
