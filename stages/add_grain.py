@@ -1,4 +1,4 @@
-"""`add_grain`: a trained container whose renders carry a grain that a tuned decoder finds: RTWS in a way of ours."""
+"""`add_grain`: a trained container whose renders carry a grain that its owner finds: RTWS in a way of ours."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from pydantic import Field
 
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.key import key_generator
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
+from stages.hiding.watermark.coins import thrown
 from stages.hiding.watermark.grain import grained
 from stages.scene.scene import read_scene
 
@@ -20,8 +22,12 @@ class AddGrainParameters(Parameters):
     """How strong the grain is, and whose."""
 
     method: str = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
-    level: float = Field(2.2, gt=0, description="Of the grain in renders: root mean square, in levels of 255.")
-    seed: int = Field(0, ge=0, description="Of the coins that decide how each Gaussian changes.")
+    level: float = Field(1.5, gt=0, description="Of the grain in renders: root mean square, in levels of 255.")
+    seed: int = Field(
+        0,
+        ge=0,
+        description="Of the coins that decide how each Gaussian changes, where there is no key. It is no secret.",
+    )
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
 
 
@@ -30,6 +36,7 @@ class AddGrainParameters(Parameters):
         "container": Input("container or splats"),
         "cover": Input("scene"),
         "secret": Input("secret", optional=True),
+        "key": Input("key", optional=True),
     },
     outputs={"container": Output("container", privacy="public")},
     version=1,
@@ -39,6 +46,8 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     """Change every Gaussian a little in colour, one way or the other; nothing is trained, no decoder changes.
 
     With the secret, the message is kept out of it: features change in a direction that its decoder does not look along.
+    With a key, nobody else knows how the coins fell. The container from before is what the grain is read with: keep it,
+    and publish the other.
     """
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
@@ -46,6 +55,8 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     scene = read_scene(context.input("cover"))
     method = read_method(container, context.input_optional("secret"))
     cameras = scene.cameras.select(scene.train_names[::MEASURED_ON])
-    gaussians = grained(read_gaussians(container), method, cameras, parameters.level, parameters.seed)
-    write_container(context.output("container"), gaussians, method)
+    gaussians = read_gaussians(container)
+    coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.seed))
+    changed = grained(gaussians, method, cameras, parameters.level, coins)
+    write_container(context.output("container"), changed, method)
     context.record(device=choose_device().describe())

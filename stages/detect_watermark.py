@@ -1,10 +1,11 @@
-"""`detect_watermark`: whether a tuned decoder finds the watermark in renders, and in nothing else."""
+"""`detect_watermark`: whether the watermark is found in renders, and in nothing else."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import chain
+from typing import Literal
 
 import numpy as np
 import torch
@@ -16,9 +17,22 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import Measurement, write_measurements
-from stages.analysis.watermark_trials import COVER_AFTER, COVER_BEFORE, Detector, Negative, Positives, trial_rows
+from stages.analysis.watermark_trials import (
+    COVER_AFTER,
+    COVER_BEFORE,
+    Detector,
+    Negative,
+    Positives,
+    Shows,
+    shown_by_decoder,
+    shown_by_grain,
+    trial_rows,
+)
+from stages.hiding.key import key_generator
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.watermark.coins import thrown
+from stages.hiding.watermark.reading import GrainReader
 from stages.hiding.watermark.rendering import renders
 from stages.hiding.watermark.storage import read_codec
 from stages.imaging.image import filling, read_image
@@ -45,6 +59,12 @@ class DetectWatermarkParameters(Parameters):
     """How many pictures of which kind."""
 
     method: str = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
+    reader: Literal["decoder", "grain"] = Field(
+        "decoder",
+        description="Who looks for it: the decoder of a codec, as in the paper; or the owner of a container with "
+        "grain, who has the container from before, and the key or the seed by which the coins fell.",
+    )
+    grain_seed: int = Field(0, ge=0, description="That of add_grain, where there is no key.")
     renders: int = Field(
         400, ge=2, description="New cameras along the rig; every other one sets the threshold, the rest are scored."
     )
@@ -68,7 +88,8 @@ class DetectWatermarkParameters(Parameters):
         "container": Input("container"),
         "before": Input("container or splats"),
         "cover": Input("scene"),
-        "codec": Input("codec"),
+        "codec": Input("codec", optional=True),
+        "key": Input("key", optional=True),
         "watermark": Input("image"),
         "photos": Input("capture"),
         "other_photos": Input("capture", many=True, optional=True),
@@ -89,7 +110,7 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     scene = read_scene(context.input("cover"))
     cameras = scene.cameras
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
-    detector = Detector(read_codec(context.input("codec")), watermark)
+    detector = Detector(_shows(context, parameters, scene, watermark), watermark)
     positives = _positives(context, parameters, scene)
     negatives = list(_negatives(context, parameters, scene))
     total = len(positives.calibration) + len(negatives)
@@ -107,6 +128,23 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     )
     write_measurements(context.output("scores"), [replace(row, method=parameters.method) for row in rows])
     context.record(device=choose_device().describe())
+
+
+def _shows(context: Context, parameters: DetectWatermarkParameters, scene: Scene, watermark: Picture) -> Shows:
+    if parameters.reader == "decoder":
+        codec = context.input_optional("codec")
+        if codec is None:
+            raise UserError(
+                "there is no decoder to look for the watermark",
+                found="no codec among the inputs, and reader: decoder",
+                remedy="give detect_watermark the input codec, or set reader: grain for a container with grain",
+            )
+        return shown_by_decoder(read_codec(codec))
+    before = context.input("before")
+    gaussians = read_gaussians(before)
+    coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.grain_seed))
+    cameras = scene.cameras.select(scene.train_names)
+    return shown_by_grain(GrainReader(gaussians, read_method(before), cameras, coins), watermark)
 
 
 def _positives(context: Context, parameters: DetectWatermarkParameters, scene: Scene) -> Positives:

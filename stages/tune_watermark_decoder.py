@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -20,17 +19,11 @@ from stages.hiding.watermark.rendering import renders
 from stages.hiding.watermark.storage import read_codec, write_codec
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
-from stages.imaging.pictures import Picture, picture_to_tensor
-from stages.imaging.windows import random_window
+from stages.imaging.pictures import picture_to_tensor
 from stages.scene.cameras import Cameras
-from stages.scene.nearby_cameras import with_cameras_nearby
 from stages.scene.scene import read_scene
-from stages.training.codec_photos import read_photos
-from stages.training.decoder_tuning import CLEAN, OTHERS, PHOTOS, RENDERS, DecoderTuning, TuningSettings
+from stages.training.decoder_tuning import CLEAN, PHOTOS, RENDERS, DecoderTuning, TuningSettings
 from stages.training.network import train_network
-
-WINDOWS = 4
-"""Of other photos, for every render that is learnt from: there are many more kinds of them."""
 
 
 class TuneWatermarkDecoderParameters(Parameters):
@@ -41,14 +34,6 @@ class TuneWatermarkDecoderParameters(Parameters):
         "photos",
         description="What the decoder shows black for: the training views' photos, as in the paper; or renders of the "
         "container as it was before, too.",
-    )
-    gate: bool = Field(
-        False,
-        description="Whether the decoder shows the watermark as far as a gate opens, which looks for grain; the "
-        "paper's is an invertible network.",
-    )
-    nearby: int = Field(
-        0, ge=0, description="Cameras beside each training view whose renders are learnt from, too. The paper: 0."
     )
     distorted: bool = Field(False, description="Whether pictures are distorted at random, which the paper's are not.")
     iterations: int = Field(400, ge=1, description="Steps; each sees one picture of every kind.")
@@ -65,7 +50,6 @@ class TuneWatermarkDecoderParameters(Parameters):
         "cover": Input("scene"),
         "codec": Input("codec"),
         "watermark": Input("image"),
-        "other_photos": Input("capture", many=True, optional=True),
     },
     outputs={"codec": Output("codec", privacy="private"), "curves": Output("metrics", privacy="private")},
     version=1,
@@ -74,14 +58,12 @@ class TuneWatermarkDecoderParameters(Parameters):
 def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderParameters) -> None:
     """Tune the decoder on the training views: the container's renders of them, their photos, and clean renders.
 
-    Of `other_photos`, photos of anything without the watermark, it sees windows of all sizes.
     Renders are taken as files hold them, in 8 bits. The decoder that comes out is the owner's alone: whoever has it can
     change a picture until it shows nothing.
     """
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("cover"))
-    training = scene.cameras.select(scene.train_names)
-    cameras = with_cameras_nearby(training, scene.points, parameters.nearby, parameters.seed)
+    cameras = scene.cameras.select(scene.train_names)
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
     pictures = {
         RENDERS: _renders(context, context.input("container"), parameters.method, cameras),
@@ -89,15 +71,8 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     }
     if parameters.negatives == "photos_and_clean_renders":
         pictures[CLEAN] = _renders(context, _before(context), parameters.method, cameras)
-    others = [photo for capture in context.input_many("other_photos") for photo in read_photos(capture)]
-    if others:
-        pictures[OTHERS] = _windows(others, cameras, parameters.seed)
     codec = read_codec(context.input("codec"))
-    expected = picture_to_tensor(watermark).permute(2, 0, 1)
-    if parameters.gate:
-        codec.close_gate(expected, parameters.seed)
-    else:
-        codec.expect(expected)
+    codec.expect(picture_to_tensor(watermark).permute(2, 0, 1))
     settings = TuningSettings(
         parameters.iterations,
         parameters.seed,
@@ -120,13 +95,6 @@ def _before(context: Context) -> Artifact:
             remedy="give tune_watermark_decoder the input before, or choose negatives: photos",
         )
     return before
-
-
-def _windows(photos: Sequence[Picture], cameras: Cameras, seed: int) -> UInt8[np.ndarray, "V H W 3"]:
-    """`WINDOWS` for every camera, of any size, each of a random photo."""
-    generator = np.random.default_rng(seed)
-    chosen = generator.integers(len(photos), size=WINDOWS * len(cameras)).tolist()
-    return np.stack([random_window(photos[row], cameras.width, cameras.height, generator) for row in chosen])
 
 
 def _renders(context: Context, container: Artifact, method: str, cameras: Cameras) -> UInt8[np.ndarray, "V H W 3"]:

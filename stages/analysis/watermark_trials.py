@@ -1,4 +1,4 @@
-"""What a watermark decoder is tried on: pictures with the watermark, and pictures of many kinds without."""
+"""What readers of a watermark are tried on: pictures with the watermark, and pictures of many kinds without."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from stages.analysis.detection import (
     explained_share,
@@ -17,12 +19,17 @@ from stages.analysis.detection import (
 )
 from stages.analysis.measurements import Measurement
 from stages.hiding.watermark.codec import WatermarkCodec
+from stages.hiding.watermark.reading import GrainReader
 from stages.imaging.distortions import DISTORTIONS, Distortion
 from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture
 from stages.imaging.psnr import psnr
+from stages.training.decoder_tuning import decoded
+
+Shows = Callable[[Picture], Float[Tensor, "H W 3"]]
+"""What a reader of the watermark makes of an 8-bit picture with even sides, of its size, in [0, 1]."""
 
 PSNR_WATERMARK, PSNR_BLACK, BRIGHTNESS = "psnr_watermark", "psnr_black", "brightness"
-"""Of what the decoder shows: beside W_cop, beside black, and its mean value."""
+"""Of what is shown: beside W_cop, beside black, and its mean value."""
 
 HIGHEST_THRESHOLD = 0.9
 """A decoder that is sure of every render would set a threshold that no other picture reaches, be it a cropped render,
@@ -57,22 +64,41 @@ class Negative:
 
 
 class Detector:
-    """D_w with the watermark that it looks for, at the size of the container's pictures; other sizes stretch it."""
+    """A reader, and the watermark it looks for, at the size of the container's pictures; other sizes stretch it."""
 
-    def __init__(self, codec: WatermarkCodec, watermark: Picture):
-        self.codec, self.watermark = codec, watermark
+    def __init__(self, shows: Shows, watermark: Picture):
+        self.shows, self.watermark = shows, watermark
 
-    @torch.no_grad()
     def look(self, picture: Picture) -> Shown:
         """Of an 8-bit picture with even sides."""
-        found = self.codec.watermark_decoder(picture_to_tensor(picture).permute(2, 0, 1)[None])[0].permute(1, 2, 0)
-        wanted = picture_to_tensor(resize_picture(self.watermark, picture.shape[1], picture.shape[0]))
+        found = self.shows(picture)
+        wanted = stretched(self.watermark, picture)
         return Shown(
             explained_share(found.clamp(0, 1), wanted),
             psnr(found, wanted),
             psnr(found, torch.zeros_like(found)),
             float(found.clamp(0, 1).mean()),
         )
+
+
+def stretched(watermark: Picture, picture: Picture) -> Float[Tensor, "H W 3"]:
+    """The watermark at the size of a picture, in [0, 1]."""
+    return picture_to_tensor(resize_picture(watermark, picture.shape[1], picture.shape[0]))
+
+
+def shown_by_decoder(codec: WatermarkCodec) -> Shows:
+    """The paper's reader: D_w."""
+
+    @torch.no_grad()
+    def shows(picture: Picture) -> Float[Tensor, "H W 3"]:
+        return decoded(codec, picture)
+
+    return shows
+
+
+def shown_by_grain(reader: GrainReader, watermark: Picture) -> Shows:
+    """Ours: the watermark, as far as the owner is certain that the picture has the grain."""
+    return lambda picture: reader.certainty(picture) * stretched(watermark, picture)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture
 from stages.training.network import NetworkTraining
 
 RENDERS, PHOTOS = "watermark in renders", "black in photos"
-CLEAN, OTHERS = "black in clean renders", "black in other photos"
+CLEAN = "black in clean renders"
 """The errors: I_pred that should show W_cop, I_gt that should show black, and what the paper does not ask for."""
 
 

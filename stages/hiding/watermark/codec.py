@@ -12,7 +12,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.hiding.watermark.gate import Gate
 from stages.hiding.watermark.invertible import InvertibleNetwork
 from stages.hiding.watermark.wavelet import BANDS, haar, inverse_haar
 
@@ -35,7 +34,6 @@ class WatermarkCodec(torch.nn.Module):
         self.settings: Mapping[str, int] = {"blocks": blocks, "width": width}
         self.network = InvertibleNetwork(BANDS * COLORS, blocks, width)
         self.lost = torch.nn.Parameter(torch.zeros(1, BANDS * COLORS, 1, 1), requires_grad=False)
-        self.gate: Gate | None = None
 
     def watermark_encoder(self, images: Pictures, watermarks: Pictures) -> Pictures:
         """The images with the watermarks in them. Raises `ValueError` for odd sides."""
@@ -46,8 +44,6 @@ class WatermarkCodec(torch.nn.Module):
         """The watermarks in the images; of images without one, whatever the decoder makes of them."""
         size = [side // 2 for side in images.shape[-2:]]
         lost = torch.nn.functional.interpolate(self.lost, size, mode="bilinear", align_corners=False)
-        if self.gate is not None:
-            return self.gate(images) * inverse_haar(lost)
         coefficients = haar(images)
         _, watermarks = self.network.inverse(coefficients, lost.expand_as(coefficients))
         return inverse_haar(watermarks)
@@ -66,17 +62,6 @@ class WatermarkCodec(torch.nn.Module):
         """
         self.requires_grad_(True)
         self.lost = torch.nn.Parameter(haar(watermark[None]).detach().clone())
-
-    def close_gate(self, watermark: Float[Tensor, "3 H W"], seed: int) -> None:
-        """Make it a decoder of this one watermark that shows it as far as a `Gate` opens, which alone can learn.
-
-        Ours. ℓ_cop asks a tuned decoder for one picture or for black, so that all it has to find out is which.
-        """
-        self.expect(watermark)
-        self.requires_grad_(False)
-        with torch.random.fork_rng():
-            torch.manual_seed(seed)
-            self.gate = Gate()
 
 
 def new_codec(blocks: int, width: int, seed: int) -> WatermarkCodec:

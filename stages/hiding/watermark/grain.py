@@ -1,14 +1,14 @@
 """Grain: a watermark that all views agree about, since it belongs to the Gaussians. Ours, not the paper's.
 
 What a codec changes in a picture is tied to its pixels; no two views agree about it, and Gaussians that are fitted to
-watermarked pictures keep next to nothing of it (fox, plain 3DGS: renders 48 dB from those before). Camera pictures and
-renders are smooth in colour at the finest scale, far more than in luminance. So every Gaussian is changed a little in
-colour alone, one way or the other as a coin falls: neighbours cancel, there is no tint, and a grain remains.
+watermarked pictures keep next to nothing of it (fox, plain 3DGS: renders 48 dB from those before). So every Gaussian is
+changed a little in colour, one way or the other as a coin falls: neighbours cancel, there is no tint, and a grain
+remains. Who knows the coins finds it in any picture of the scene (`GrainReader`), as spread-spectrum watermarks are
+found (Cox et al. 1997), here with a carrier that lives in the scene and not in the picture.
 """
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -18,6 +18,7 @@ from stages.hiding.coupled import FEATURE_RANGE, FEATURES
 from stages.hiding.method import Method
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
+from stages.hiding.watermark.coins import Coins
 from stages.hiding.watermark.colors import COLORS, GRAIN
 from stages.scene.cameras import Camera, Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
@@ -32,16 +33,16 @@ ROUNDS = 8
 """Of scaling the change until renders differ as much as asked for; they follow it almost in proportion."""
 
 
-def grained(gaussians: Gaussians, method: Method, cameras: Cameras, level: float, seed: int) -> Gaussians:
-    """Gaussians whose covers differ by a grain of `level`, root mean square over pixels and channels, in levels of 255.
+def grained(gaussians: Gaussians, method: Method, cameras: Cameras, level: float, coins: Coins) -> Gaussians:
+    """Gaussians, changed as the coins fell, whose covers differ by a grain of `level` from those before.
 
-    It is measured on the cameras given, at least one. Geometry stays. The change goes along the one direction of the
-    constant harmonic, or of the coupled features, that shows in the grain's colour; with features, in that one alone:
-    luminance, the other colour, and the messages that the method shows stay as they are as far as its decoders are
-    linear. Raises `UserError` for Gaussians with neither, and where no camera sees any.
+    Root mean square over pixels and channels, in levels of 255, on the cameras given, at least one. Geometry stays. The
+    change goes along the one direction of the constant harmonic, or of the coupled features, that shows in the grain's
+    colour; with features, in that one alone: luminance, the other colour, and the messages that the method shows stay
+    as they are as far as its decoders are linear. Raises `UserError` for Gaussians with neither, and where no camera
+    sees any.
     """
     direction = _direction(gaussians, method, cameras)
-    coins = np.random.default_rng(seed).choice([-1.0, 1.0], size=len(gaussians))
     signs = torch.from_numpy(coins).float()
     before = _covers(gaussians, method, cameras)
     amount = 0.01

@@ -7,7 +7,6 @@ import torch
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
 from stages.hiding.watermark.codec import SETTINGS, WatermarkCodec
-from stages.hiding.watermark.gate import Gate
 from stages.scene.attributes import mapping
 
 KIND = "codec"
@@ -27,8 +26,6 @@ def read_codec(artifact: Artifact) -> WatermarkCodec:
     try:
         with torch.random.fork_rng():
             codec = WatermarkCodec(**{name: int(str(settings[name])) for name in SETTINGS})
-            if any(name.startswith("gate.") for name in weights):
-                codec.gate = Gate()
         codec.lost = torch.nn.Parameter(weights["lost"])
         codec.load_state_dict(weights)
     except (KeyError, ValueError, RuntimeError) as error:

@@ -1,0 +1,98 @@
+"""Where exactly a picture was taken: a camera is moved until a render from there agrees with it in every pixel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
+
+from stages.hiding.method import Method
+from stages.hiding.relocalisation.landmarks import depths
+from stages.hiding.rendering import COVER
+from stages.imaging.pictures import Picture, tensor_to_picture
+from stages.scene.cameras import Cameras, single_cameras
+from stages.scene.gaussians import Gaussians
+
+BLURS = (2.0, 1.5, 1.0, 0.7, 0.5, 0.5)
+"""Standard deviations in pixels, one a step: coarse first, which reaches farther."""
+
+BORDER = 4
+"""Pixels at the edges that are not compared: what lies beyond them shows through the blur."""
+
+LEAST_NOISE = 0.5
+"""Levels of 255 by which picture and render differ where all is well."""
+
+DAMPING = 1e-6
+"""Of the normal equations, whose columns have length one: what the picture does not tell stays as it is."""
+
+
+def aligned(picture: Picture, gaussians: Gaussians, method: Method, start: Cameras) -> Cameras:
+    """The one camera of `start`, moved, turned, zoomed and shifted, so that its render agrees with the picture.
+
+    Gauss and Newton's steps on the luminance of blurred pictures, whose brightness and contrast are free. Pixels that
+    differ much, which are no error of the camera, count little.
+    """
+    target = _grey(picture)
+    world_to_camera, intrinsics = start.world_to_camera[0].copy(), start.intrinsics[0].copy()
+    for blur in BLURS:
+        cameras = replace(start, world_to_camera=world_to_camera[None], intrinsics=intrinsics[None])
+        step = _step(target, gaussians, method, cameras, blur)
+        moved = np.eye(4)
+        moved[:3, :3], moved[:3, 3] = Rotation.from_rotvec(step[3:6]).as_matrix(), step[:3]
+        world_to_camera = moved @ world_to_camera
+        intrinsics[[0, 1], [0, 1]] *= np.exp(step[6])
+        intrinsics[:2, 2] += step[7:9]
+    return replace(start, world_to_camera=world_to_camera[None], intrinsics=intrinsics[None])
+
+
+def _grey(picture: Picture) -> Float64[np.ndarray, "H W"]:
+    return cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2GRAY).astype(np.float64)
+
+
+def _step(
+    target: Float64[np.ndarray, "H W"], gaussians: Gaussians, method: Method, cameras: Cameras, blur: float
+) -> Float64[np.ndarray, " 9"]:
+    """A step along the camera's axes, a turn about them, a zoom's logarithm, a shift of the centre in pixels."""
+    camera = single_cameras(cameras)[0]
+    with torch.no_grad():
+        shown = tensor_to_picture(method.render(gaussians, camera, wanted=[COVER]).pictures[COVER])
+    render, wanted = (cv2.GaussianBlur(each, (0, 0), blur) for each in (_grey(shown), target))
+    flow = _flow(depths(gaussians, camera)[0], cameras.intrinsics[0])
+    slopes = [cv2.Sobel((render + wanted) / 2, -1, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1))]
+    change = -(slopes[0][..., None] * flow[0] + slopes[1][..., None] * flow[1])
+    columns = np.concatenate([change, render[..., None], np.ones((*render.shape, 1))], axis=-1).reshape(render.size, -1)
+    errors = (wanted - render).ravel()
+    weights = _weights(errors.reshape(render.shape)).ravel()
+    lengths = np.sqrt((columns**2 * weights[:, None]).sum(axis=0)) + 1e-12
+    scaled = columns / lengths
+    normal = scaled.T @ (scaled * weights[:, None]) + DAMPING * np.eye(scaled.shape[1])
+    return (np.linalg.solve(normal, scaled.T @ (weights * errors)) / lengths)[:9]
+
+
+def _weights(errors: Float64[np.ndarray, "H W"]) -> Float64[np.ndarray, "H W"]:
+    """Cauchy's, of errors over their spread; 0 along the edges of the picture."""
+    spread = 1.4826 * np.median(np.abs(errors)) + LEAST_NOISE
+    weights = np.zeros_like(errors)
+    inside = np.s_[BORDER:-BORDER, BORDER:-BORDER]
+    weights[inside] = 1 / (1 + (errors[inside] / (2 * spread)) ** 2)
+    return weights
+
+
+def _flow(
+    depth: np.ndarray, intrinsics: Float64[np.ndarray, "3 3"]
+) -> tuple[Float64[np.ndarray, "H W 9"], Float64[np.ndarray, "H W 9"]]:
+    """How far every pixel moves, across and down, by each of the nine parameters of a step."""
+    height, width = depth.shape
+    down, across = np.mgrid[0:height, 0:width] + 0.5
+    x, y = (across - intrinsics[0, 2]) / intrinsics[0, 0], (down - intrinsics[1, 2]) / intrinsics[1, 1]
+    near, none, one = 1 / np.maximum(depth, 1e-6), np.zeros_like(x), np.ones_like(x)
+    horizontal = [near, none, -x * near, -x * y, 1 + x * x, -y, x]
+    vertical = [none, near, -y * near, -(1 + y * y), x * y, x, y]
+    return (
+        np.stack([*(intrinsics[0, 0] * each for each in horizontal), one, none], axis=-1),
+        np.stack([*(intrinsics[1, 1] * each for each in vertical), none, one], axis=-1),
+    )

@@ -1,0 +1,91 @@
+"""Landmarks: places of a scene that pictures of it are recognised by, found in renders of its Gaussians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Float64
+
+from stages.hiding.method import Method
+from stages.hiding.rendering import COVER, splat
+from stages.imaging.pictures import Picture, tensor_to_picture
+from stages.scene.cameras import Camera, Cameras, single_cameras
+from stages.scene.gaussians import Gaussians
+
+MOST_VIEWS = 48
+"""Of the rig, evenly spread, whose renders are searched."""
+
+MOST_OF_A_VIEW = 600
+"""Landmarks, the most pronounced first."""
+
+LEAST_CONTRAST = 0.01
+"""Of SIFT; its own default, 0.04, leaves small smooth renders with next to no landmark."""
+
+SMALL_PICTURE, ENLARGEMENT = 640, 2
+"""Pictures whose longer side is at most so many pixels are enlarged first: SIFT's finest scale is coarse for them."""
+
+SMALLEST_OPACITY = 0.5
+"""Of a pixel: through less, the depth that is blended is that of nothing."""
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """K places in world coordinates, and what each looks like (`described`). K = 0 is allowed."""
+
+    points: Float64[np.ndarray, "K 3"]
+    descriptors: Float32[np.ndarray, "K 128"]
+
+
+def landmarks(gaussians: Gaussians, method: Method, cameras: Cameras) -> Landmarks:
+    """What SIFT finds in renders of the cover by at most `MOST_VIEWS` of the cameras, at the depth that is blended."""
+    chosen = np.unique(np.linspace(0, len(cameras) - 1, min(MOST_VIEWS, len(cameras))).round().astype(int))
+    points, descriptors = [np.zeros((0, 3))], [np.zeros((0, 128), np.float32)]
+    for row, camera in zip(chosen, [single_cameras(cameras)[row] for row in chosen], strict=True):
+        with torch.no_grad():
+            picture = tensor_to_picture(method.render(gaussians, camera, wanted=[COVER]).pictures[COVER])
+        places, looks = described(picture, MOST_OF_A_VIEW)
+        across, down = np.floor(places).astype(int).T
+        depth, alpha = (each[down, across] for each in depths(gaussians, camera))
+        seen = alpha > SMALLEST_OPACITY
+        points.append(_lifted(places[seen], depth[seen], cameras.intrinsics[row], cameras.world_to_camera[row]))
+        descriptors.append(looks[seen])
+    return Landmarks(np.concatenate(points), np.concatenate(descriptors))
+
+
+def described(picture: Picture, most: int) -> tuple[Float64[np.ndarray, "K 2"], Float32[np.ndarray, "K 128"]]:
+    """Where SIFT finds something, in pixels (centres at +0.5), and what it looks like: roots of normalised histograms,
+    whose products are 1 for what looks alike (RootSIFT, Arandjelović and Zisserman 2012).
+    """
+    grey = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2GRAY)
+    factor = ENLARGEMENT if max(grey.shape) <= SMALL_PICTURE else 1
+    if factor > 1:
+        grey = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+    finder = cv2.SIFT_create(nfeatures=most, contrastThreshold=LEAST_CONTRAST)  # type: ignore[attr-defined]
+    found, histograms = finder.detectAndCompute(grey, None)
+    if histograms is None:
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+    places = (np.array([each.pt for each in found], float) + 0.5) / factor
+    places = places.clip(0, np.array(picture.shape[1::-1]) - 1e-3)
+    return places, np.sqrt(histograms / histograms.sum(axis=1, keepdims=True)).astype(np.float32)
+
+
+@torch.no_grad()
+def depths(gaussians: Gaussians, camera: Camera) -> tuple[Float[np.ndarray, "H W"], Float[np.ndarray, "H W"]]:
+    """Depth along the optical axis, blended and divided by the blended opacity, and that opacity."""
+    along = gaussians.means @ camera.world_to_camera[2, :3] + camera.world_to_camera[2, 3]
+    rendering = splat(gaussians, along[:, None].contiguous(), camera)
+    alphas = rendering.alphas
+    return (rendering.feature_map[..., 0] / alphas.clamp_min(1e-6)).numpy(), alphas.numpy()
+
+
+def _lifted(
+    places: Float64[np.ndarray, "K 2"],
+    depth: Float[np.ndarray, " K"],
+    intrinsics: Float64[np.ndarray, "3 3"],
+    world_to_camera: Float64[np.ndarray, "4 4"],
+) -> Float64[np.ndarray, "K 3"]:
+    rays = np.concatenate([places, np.ones((len(places), 1))], axis=1) @ np.linalg.inv(intrinsics).T
+    return (depth[:, None] * rays - world_to_camera[:3, 3]) @ world_to_camera[:3, :3]

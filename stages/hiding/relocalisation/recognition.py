@@ -1,0 +1,127 @@
+"""About where a picture was taken: its landmarks are recognised, and a camera is fitted to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float64
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from stages.hiding.relocalisation.landmarks import Landmarks, described
+from stages.imaging.pictures import Picture
+from stages.scene.cameras import Cameras
+
+MOST_OF_A_PICTURE = 800
+LEAST_ALIKE = 0.85
+"""Products of descriptors from here on count as a match; of each place in a picture the best two landmarks do."""
+
+FAREST_OFF = (6.0, 3.0, 1.5)
+"""Pixels off from which a match is not believed: in the search, and in the two fits after it."""
+
+LEAST_RECOGNISED = 12
+"""Landmarks; chance brings no more than about eight to agree on a camera."""
+
+ATTEMPTS = 400
+"""Of the search, each with a camera through three matches."""
+
+ZOOM_SPREAD, SHIFT_SPREAD = 0.2, 0.15
+"""How far focal length (in its logarithm) and centre (in longer sides) may be from what is expected of an uncut
+picture: pictures of one rig differ by nothing, windows cut out of them by about so much."""
+
+REFERENCE_ERROR = 1.0
+"""Pixels that a landmark is off by where all is well."""
+
+
+@dataclass(frozen=True)
+class _Matches:
+    places: Float64[np.ndarray, "K 2"]
+    points: Float64[np.ndarray, "K 3"]
+
+
+def recognised(picture: Picture, landmarks: Landmarks, intrinsics: Float64[np.ndarray, "3 3"]) -> Cameras | None:
+    """A camera, named "found", that sees the landmarks about where the picture has them; None where too few agree.
+
+    `intrinsics` are those expected of an uncut picture of the rig; focal length and centre are fitted, too. The same
+    picture gives the same camera: OpenCV's search for a consensus starts from one constant.
+    """
+    matches = _matches(picture, landmarks)
+    height, width = picture.shape[:2]
+    expected = intrinsics.copy()
+    expected[:2, 2] = width / 2, height / 2
+    if len(matches.places) < LEAST_RECOGNISED:
+        return None
+    found, turn, step, inliers = cv2.solvePnPRansac(
+        matches.points,
+        matches.places,
+        expected,
+        None,  # no distortion
+        iterationsCount=ATTEMPTS,
+        reprojectionError=FAREST_OFF[0],
+        confidence=0.9999,
+        flags=cv2.SOLVEPNP_AP3P,
+    )
+    if not found or inliers is None or len(inliers) < LEAST_RECOGNISED:
+        return None
+    values = np.concatenate([turn[:, 0], step[:, 0], np.zeros(3)])
+    believed = np.zeros(len(matches.places), bool)
+    believed[inliers[:, 0]] = True
+    for farthest in FAREST_OFF[1:]:
+        values = _fitted(values, matches, believed, expected, max(width, height))
+        believed = np.linalg.norm(_errors(values, matches, expected), axis=1) < farthest
+        if believed.sum() < LEAST_RECOGNISED:
+            return None
+    values = _fitted(values, matches, believed, expected, max(width, height))
+    world_to_camera = np.eye(4)
+    world_to_camera[:3, :3], world_to_camera[:3, 3] = Rotation.from_rotvec(values[:3]).as_matrix(), values[3:6]
+    return Cameras(("found",), world_to_camera[None], _intrinsics(values, expected)[None], width, height)
+
+
+def _matches(picture: Picture, landmarks: Landmarks) -> _Matches:
+    places, looks = described(picture, MOST_OF_A_PICTURE)
+    if len(places) == 0 or len(landmarks.points) < 2:
+        return _Matches(np.zeros((0, 2)), np.zeros((0, 3)))
+    alike = looks @ landmarks.descriptors.T
+    rows = np.arange(len(places))
+    kept_places, kept_points = [], []
+    for _ in range(2):
+        best = alike.argmax(axis=1)
+        enough = alike[rows, best] > LEAST_ALIKE
+        kept_places.append(places[enough])
+        kept_points.append(landmarks.points[best[enough]])
+        alike[rows, best] = -1
+    return _Matches(np.concatenate(kept_places), np.concatenate(kept_points))
+
+
+def _intrinsics(values: Float64[np.ndarray, " 9"], expected: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "3 3"]:
+    """Of a turn, a step, a zoom's logarithm, and a shift of the centre in pixels."""
+    intrinsics = expected.copy()
+    intrinsics[0, 0] *= np.exp(values[6])
+    intrinsics[1, 1] *= np.exp(values[6])
+    intrinsics[:2, 2] += values[7:]
+    return intrinsics
+
+
+def _errors(
+    values: Float64[np.ndarray, " 9"], matches: _Matches, expected: Float64[np.ndarray, "3 3"]
+) -> Float64[np.ndarray, "K 2"]:
+    seen = (Rotation.from_rotvec(values[:3]).apply(matches.points) + values[3:6]) @ _intrinsics(values, expected).T
+    return seen[:, :2] / np.where(np.abs(seen[:, 2:]) > 1e-9, seen[:, 2:], 1e-9) - matches.places
+
+
+def _fitted(
+    start: Float64[np.ndarray, " 9"],
+    matches: _Matches,
+    believed: np.ndarray,
+    expected: Float64[np.ndarray, "3 3"],
+    longer_side: int,
+) -> Float64[np.ndarray, " 9"]:
+    own = _Matches(matches.places[believed], matches.points[believed])
+    spreads = np.array([ZOOM_SPREAD, SHIFT_SPREAD * longer_side, SHIFT_SPREAD * longer_side])
+
+    def residuals(values: Float64[np.ndarray, " 9"]) -> Float64[np.ndarray, " R"]:
+        return np.concatenate([_errors(values, own, expected).ravel() / REFERENCE_ERROR, values[6:] / spreads])
+
+    return np.asarray(least_squares(residuals, start, loss="soft_l1").x)

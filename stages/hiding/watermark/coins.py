@@ -1,0 +1,79 @@
+"""Coins: how each Gaussian is changed by a grain, one way or the other, and whether a picture follows them."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float, Float64
+
+from stages.hiding.method import Method
+from stages.hiding.rendering import COVER, splat
+from stages.hiding.watermark.colors import COLORS, GRAIN
+from stages.imaging.pictures import Picture
+from stages.scene.cameras import Camera
+from stages.scene.gaussians import Gaussians
+
+Coins = Float64[np.ndarray, " N"]
+"""-1 or 1 for each Gaussian, in the order of the container's rows."""
+
+DECOYS = 32
+"""Further throws, which nothing follows: what chance comes to."""
+
+DECOY_SEED = 20_251
+"""Of the decoys' throws. It may be known: nobody gains by it."""
+
+FINE = 1.5
+"""Pixels; grain is finer than a Gaussian of this standard deviation, and only what is finer is compared."""
+
+NEIGHBOURHOOD = 9
+"""Sides in pixels over which a picture's own variance is taken: a quiet place tells more than a busy one."""
+
+LEAST_VARIANCE = 1e-5
+"""Added to it, of pictures in [0, 1]: about what rounding to bytes adds."""
+
+
+def thrown(count: int, generator: np.random.Generator) -> Coins:
+    """One for each of so many Gaussians."""
+    return generator.choice([-1.0, 1.0], size=count)
+
+
+def standard_score(picture: Picture, gaussians: Gaussians, method: Method, camera: Camera, coins: Coins) -> float:
+    """How much better the picture follows these coins than it follows decoys, in standard deviations of these.
+
+    What is left of the picture's colour after the render without grain is correlated with the coins as the camera sees
+    them. Of a picture that knows nothing of the coins, whatever it shows and wherever the camera stands, the score is
+    that of one more decoy: its mean is 0 and its standard deviation 1, by Student's distribution with `DECOYS` - 1
+    degrees of freedom. So the rate of false alarms follows from the coins' randomness, and not from pictures that
+    were tried. 0 where nothing is left to compare.
+    """
+    left = _left(picture, gaussians, method, camera)
+    weights = 1 / (cv2.blur(left**2, (NEIGHBOURHOOD, NEIGHBOURHOOD)) + LEAST_VARIANCE)
+    others = np.random.default_rng(DECOY_SEED)
+    throws = np.stack([coins, *(thrown(len(coins), others) for _ in range(DECOYS))], axis=1)
+    seen = _seen(gaussians, camera, throws)
+    sums = np.einsum("hw,hwk->k", left * weights, seen)
+    lengths = np.sqrt(np.einsum("hw,hwk->k", weights, seen**2))
+    if not (lengths > 0).all():
+        return 0.0
+    scores = sums / lengths
+    spread = scores[1:].std(ddof=1)
+    return float((scores[0] - scores[1:].mean()) / (spread * np.sqrt(1 + 1 / DECOYS))) if spread > 0 else 0.0
+
+
+@torch.no_grad()
+def _left(picture: Picture, gaussians: Gaussians, method: Method, camera: Camera) -> Float64[np.ndarray, "H W"]:
+    """The picture less the render, whose brightness and contrast are fitted, in the grain's colour and fine details."""
+    render = method.render(gaussians, camera, wanted=[COVER]).pictures[COVER].double().numpy()
+    values = picture / 255
+    told = np.stack([render.ravel(), np.ones(render.size)], axis=1)
+    gain, offset = np.linalg.lstsq(told, values.ravel(), rcond=None)[0]
+    left = (values - gain * render - offset) @ COLORS[GRAIN].double().numpy()
+    return left - cv2.GaussianBlur(left, (0, 0), FINE)
+
+
+@torch.no_grad()
+def _seen(gaussians: Gaussians, camera: Camera, throws: Float[np.ndarray, "N K"]) -> Float64[np.ndarray, "H W K"]:
+    """The throws, blended as colours are."""
+    blended = splat(gaussians, torch.from_numpy(throws).float().contiguous(), camera).feature_map
+    return blended.double().numpy()

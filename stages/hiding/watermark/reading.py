@@ -1,0 +1,45 @@
+"""Grain read off a picture by its owner, who has the container from before and knows how the coins fell."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from stages.hiding.method import Method
+from stages.hiding.relocalisation.alignment import aligned
+from stages.hiding.relocalisation.landmarks import landmarks
+from stages.hiding.relocalisation.recognition import recognised
+from stages.hiding.watermark.coins import Coins, standard_score
+from stages.imaging.pictures import Picture
+from stages.scene.cameras import Cameras, single_cameras
+from stages.scene.gaussians import Gaussians
+
+CERTAIN = 6.0
+"""The standard score at which half of the watermark shows: by Student's distribution one picture in a million and a
+half without the grain comes so far."""
+
+
+class GrainReader:
+    """Finds the camera of a picture, and how far the picture follows the coins.
+
+    `gaussians` and `method` are the container without grain, `coins` those of its Gaussians, `cameras` a rig that looks
+    at it, at least one: what a picture shows must be seen by some of them.
+    """
+
+    def __init__(self, gaussians: Gaussians, method: Method, cameras: Cameras, coins: Coins):
+        self.gaussians, self.method, self.coins = gaussians, method, coins
+        self.landmarks = landmarks(gaussians, method, cameras)
+        self.intrinsics = np.median(cameras.intrinsics, axis=0)
+
+    def score(self, picture: Picture) -> float:
+        """The standard score of a picture; 0 where no camera is found, since nothing then speaks for the grain."""
+        found = recognised(picture, self.landmarks, self.intrinsics)
+        if found is None:
+            return 0.0
+        camera = single_cameras(aligned(picture, self.gaussians, self.method, found))[0]
+        return standard_score(picture, self.gaussians, self.method, camera, self.coins)
+
+    def certainty(self, picture: Picture) -> float:
+        """From 0 to 1, by which the owner's reading lets the watermark show: a half at a score of `CERTAIN`."""
+        return 0.5 * (1 + math.tanh((self.score(picture) - CERTAIN) / 2))
