@@ -17,8 +17,11 @@ from stages.imaging.pictures import Picture, tensor_to_picture
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 
-BLURS = (2.0, 1.5, 1.0, 0.7, 0.5, 0.5)
+BLURS = (2.0, 1.2, 0.7, 0.5, 0.5)
 """Standard deviations in pixels, one a step: coarse first, which reaches farther."""
+
+STEPS_WITH_DEPTH = 2
+"""After so many, the camera moves by so little that the depth of its pixels stays."""
 
 BORDER = 4
 """Pixels at the edges that are not compared: what lies beyond them shows through the blur."""
@@ -29,6 +32,8 @@ LEAST_NOISE = 0.5
 DAMPING = 1e-6
 """Of the normal equations, whose columns have length one: what the picture does not tell stays as it is."""
 
+Flow = tuple[Float64[np.ndarray, "H W 9"], Float64[np.ndarray, "H W 9"]]
+
 
 def aligned(picture: Picture, gaussians: Gaussians, method: Method, start: Cameras) -> Cameras:
     """The one camera of `start`, moved, turned, zoomed and shifted, so that its render agrees with the picture.
@@ -38,9 +43,15 @@ def aligned(picture: Picture, gaussians: Gaussians, method: Method, start: Camer
     """
     target = _grey(picture)
     world_to_camera, intrinsics = start.world_to_camera[0].copy(), start.intrinsics[0].copy()
-    for blur in BLURS:
+    depth = np.zeros_like(target)
+    for number, blur in enumerate(BLURS):
         cameras = replace(start, world_to_camera=world_to_camera[None], intrinsics=intrinsics[None])
-        step = _step(target, gaussians, method, cameras, blur)
+        camera = single_cameras(cameras)[0]
+        if number < STEPS_WITH_DEPTH:
+            depth = depths(gaussians, camera)[0].astype(np.float64)
+        with torch.no_grad():
+            shown = tensor_to_picture(method.render(gaussians, camera, wanted=[COVER]).pictures[COVER])
+        step = _step(target, _grey(shown), _flow(depth, intrinsics), blur)
         moved = np.eye(4)
         moved[:3, :3], moved[:3, 3] = Rotation.from_rotvec(step[3:6]).as_matrix(), step[:3]
         world_to_camera = moved @ world_to_camera
@@ -54,14 +65,10 @@ def _grey(picture: Picture) -> Float64[np.ndarray, "H W"]:
 
 
 def _step(
-    target: Float64[np.ndarray, "H W"], gaussians: Gaussians, method: Method, cameras: Cameras, blur: float
+    target: Float64[np.ndarray, "H W"], shown: Float64[np.ndarray, "H W"], flow: Flow, blur: float
 ) -> Float64[np.ndarray, " 9"]:
     """A step along the camera's axes, a turn about them, a zoom's logarithm, a shift of the centre in pixels."""
-    camera = single_cameras(cameras)[0]
-    with torch.no_grad():
-        shown = tensor_to_picture(method.render(gaussians, camera, wanted=[COVER]).pictures[COVER])
-    render, wanted = (cv2.GaussianBlur(each, (0, 0), blur) for each in (_grey(shown), target))
-    flow = _flow(depths(gaussians, camera)[0], cameras.intrinsics[0])
+    render, wanted = (cv2.GaussianBlur(each, (0, 0), blur) for each in (shown, target))
     slopes = [cv2.Sobel((render + wanted) / 2, -1, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1))]
     change = -(slopes[0][..., None] * flow[0] + slopes[1][..., None] * flow[1])
     columns = np.concatenate([change, render[..., None], np.ones((*render.shape, 1))], axis=-1).reshape(render.size, -1)
@@ -82,9 +89,7 @@ def _weights(errors: Float64[np.ndarray, "H W"]) -> Float64[np.ndarray, "H W"]:
     return weights
 
 
-def _flow(
-    depth: np.ndarray, intrinsics: Float64[np.ndarray, "3 3"]
-) -> tuple[Float64[np.ndarray, "H W 9"], Float64[np.ndarray, "H W 9"]]:
+def _flow(depth: Float64[np.ndarray, "H W"], intrinsics: Float64[np.ndarray, "3 3"]) -> Flow:
     """How far every pixel moves, across and down, by each of the nine parameters of a step."""
     height, width = depth.shape
     down, across = np.mgrid[0:height, 0:width] + 0.5

@@ -18,7 +18,7 @@ from stages.scene.gaussians import Gaussians
 MOST_VIEWS = 48
 """Of the rig, evenly spread, whose renders are searched."""
 
-MOST_OF_A_VIEW = 600
+MOST_OF_A_VIEW = 300
 """Landmarks, the most pronounced first."""
 
 LEAST_CONTRAST = 0.01

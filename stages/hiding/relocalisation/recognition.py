@@ -14,7 +14,7 @@ from stages.hiding.relocalisation.landmarks import Landmarks, described
 from stages.imaging.pictures import Picture
 from stages.scene.cameras import Cameras
 
-MOST_OF_A_PICTURE = 800
+MOST_OF_A_PICTURE = 600
 LEAST_ALIKE = 0.85
 """Products of descriptors from here on count as a match; of each place in a picture the best two landmarks do."""
 
