@@ -17,6 +17,7 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import Measurement, write_measurements
+from stages.analysis.watermark_readers import shown_by_decoder, shown_by_grain
 from stages.analysis.watermark_trials import (
     COVER_AFTER,
     COVER_BEFORE,
@@ -24,8 +25,6 @@ from stages.analysis.watermark_trials import (
     Negative,
     Positives,
     Shows,
-    shown_by_decoder,
-    shown_by_grain,
     trial_rows,
 )
 from stages.hiding.key import key_generator

@@ -18,12 +18,9 @@ from stages.analysis.detection import (
     upper_bound_by_group,
 )
 from stages.analysis.measurements import Measurement
-from stages.hiding.watermark.codec import WatermarkCodec
-from stages.hiding.watermark.reading import GrainReader
 from stages.imaging.distortions import DISTORTIONS, Distortion
 from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture
 from stages.imaging.psnr import psnr
-from stages.training.decoder_tuning import decoded
 
 Shows = Callable[[Picture], Float[Tensor, "H W 3"]]
 """What a reader of the watermark makes of an 8-bit picture with even sides, of its size, in [0, 1]."""
@@ -84,21 +81,6 @@ class Detector:
 def stretched(watermark: Picture, picture: Picture) -> Float[Tensor, "H W 3"]:
     """The watermark at the size of a picture, in [0, 1]."""
     return picture_to_tensor(resize_picture(watermark, picture.shape[1], picture.shape[0]))
-
-
-def shown_by_decoder(codec: WatermarkCodec) -> Shows:
-    """The paper's reader: D_w."""
-
-    @torch.no_grad()
-    def shows(picture: Picture) -> Float[Tensor, "H W 3"]:
-        return decoded(codec, picture)
-
-    return shows
-
-
-def shown_by_grain(reader: GrainReader, watermark: Picture) -> Shows:
-    """Ours: the watermark, as far as the owner is certain that the picture has the grain."""
-    return lambda picture: reader.certainty(picture) * stretched(watermark, picture)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,28 @@
+"""Who reads a watermark off a picture: the paper's decoder, or the owner of a container with grain."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from stages.analysis.watermark_trials import Shows, stretched
+from stages.hiding.watermark.codec import WatermarkCodec
+from stages.hiding.watermark.reading import GrainReader
+from stages.imaging.pictures import Picture
+from stages.training.decoder_tuning import decoded
+
+
+def shown_by_decoder(codec: WatermarkCodec) -> Shows:
+    """The paper's reader: D_w."""
+
+    @torch.no_grad()
+    def shows(picture: Picture) -> Float[Tensor, "H W 3"]:
+        return decoded(codec, picture)
+
+    return shows
+
+
+def shown_by_grain(reader: GrainReader, watermark: Picture) -> Shows:
+    """Ours: the watermark, as far as the owner is certain that the picture has the grain."""
+    return lambda picture: reader.certainty(picture) * stretched(watermark, picture)
