@@ -13,19 +13,28 @@ from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.analysis.measurements import read_measurements
-from stages.analysis.watermark_trials import CLEAN_CHANNEL, DETECTED, EVERY_NEGATIVE, FALSE_POSITIVES, TRIALS
+from stages.analysis.watermark_trials import (
+    CLEAN_CHANNEL,
+    DETECTED,
+    EVERY_NEGATIVE,
+    FALSE_POSITIVES,
+    PSNR_WATERMARK,
+    TRIALS,
+)
+from stages.analysis.watermark_trials import RENDERS as PICTURES_WITH_IT
 from stages.detect_watermark import DetectWatermarkParameters, detect_watermark
+from stages.draw_key import DrawKeyParameters, draw_key
 from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws
 from stages.hide_image import hide_image
 from stages.hiding.rendering import COVER
 from stages.imaging.metric_table import read_rows
 from stages.scene.gaussians import GEOMETRY
 from stages.scene.scene import read_scene
-from stages.training.decoder_tuning import CLEAN, OTHERS, PHOTOS, RENDERS
 from stages.training.feature_tuning import half_watermarked
 from stages.training.views import training_views
 from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_watermark_decoder
 from tests.stages import small, watermarks
+from tests.stages.hiding.relocalisation import scenes
 
 Inputs = dict[str, Artifact | tuple[Artifact, ...]]
 
@@ -101,24 +110,45 @@ def test_the_decoder_learns_what_to_hold_back(tmp_path: Path, inputs: Inputs) ->
     assert np.mean(black[-10:]) > np.mean(black[:10]) + 2
 
 
-def test_a_gate_learns_to_tell_grain(tmp_path: Path, inputs: Inputs) -> None:
-    grain = AddGrainParameters(method="plain", level=12)
-    made = run_stage(add_grain, grain, {name: inputs[name] for name in ("container", "cover")}, tmp_path / "grain")
-    assert not made["container"].private
-    given: Inputs = {
-        **inputs,
-        "container": made["container"],
-        "before": inputs["container"],
-        "other_photos": (watermarks.capture(tmp_path / "others", seed=5),),
+def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
+    gaussians, method = scenes.cloud()
+    before = watermarks.stored_splats(tmp_path / "before", gaussians, method)
+    cover = watermarks.stored_scene(tmp_path / "cover", gaussians, method, scenes.rig(views=32))
+    key, other = (
+        run_stage(draw_key, DrawKeyParameters(seed=seed), {}, tmp_path / f"key {seed}")["key"] for seed in (1, 2)
+    )
+    given: Inputs = {"container": before, "cover": cover, "key": key}
+    grain = run_stage(add_grain, AddGrainParameters(method="plain", level=3), given, tmp_path / "grain")["container"]
+    assert not grain.private
+    asked: Inputs = {
+        "container": grain,
+        "before": before,
+        "cover": cover,
+        "watermark": watermarks.emblem(tmp_path / "emblem"),
+        "photos": watermarks.capture(tmp_path / "photos"),
     }
-    settings = {"method": "plain", "gate": True, "negatives": "photos_and_clean_renders", "nearby": 1}
-    parameters = TuneWatermarkDecoderParameters.model_validate(settings | {"iterations": 120, "rate": 0.01})
-    tuned = run_stage(tune_watermark_decoder, parameters, given, tmp_path / "tuned")
-    rows = read_rows(tuned["curves"])
-    assert {row.method for row in rows} == {RENDERS, PHOTOS, CLEAN, OTHERS}
-    for kind in (RENDERS, CLEAN):
-        decibels = [row.value for row in rows if row.method == kind]
-        assert np.mean(decibels[-10:]) > np.mean(decibels[:10]) + 6
+    parameters = DetectWatermarkParameters(method="plain", reader="grain", renders=4, negatives=8, shipped_photos=())
+    found = {}
+    for name, held in (("owner", {"key": key}), ("other", {"key": other}), ("none", {})):
+        made = run_stage(detect_watermark, parameters, asked | held, tmp_path / name)
+        assert made["scores"].private
+        rows = read_measurements(made["scores"])
+        found[name] = {(row.quantity, row.condition): row.value for row in rows}
+    owners = found["owner"]
+    assert owners[DETECTED, CLEAN_CHANNEL] == 1
+    assert owners[PSNR_WATERMARK, PICTURES_WITH_IT] > 40
+    assert owners[TRIALS, EVERY_NEGATIVE] == 8
+    assert owners[FALSE_POSITIVES, EVERY_NEGATIVE] == 0
+    for stranger in ("other", "none"):
+        assert found[stranger][PSNR_WATERMARK, PICTURES_WITH_IT] < 15
+
+
+def test_a_decoder_is_asked_for_where_one_is_to_read(tmp_path: Path, inputs: Inputs) -> None:
+    given = {name: inputs[name] for name in ("cover", "watermark")}
+    given |= {"container": small.splats(tmp_path / "marked", "container"), "before": inputs["container"]}
+    given |= {"photos": watermarks.capture(tmp_path / "photos")}
+    with pytest.raises(UserError, match="no decoder"):
+        run_stage(detect_watermark, DetectWatermarkParameters(method="plain"), given, tmp_path / "made")
 
 
 def test_a_decoder_that_always_shows_it_is_wrong_everywhere(tmp_path: Path, inputs: Inputs) -> None:

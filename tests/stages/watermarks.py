@@ -8,11 +8,17 @@ import numpy as np
 import torch
 
 from pipeline.artifact import Artifact, create, load
+from stages.hiding.method import Method
+from stages.hiding.storage import write_container
 from stages.hiding.watermark.codec import WatermarkCodec, new_codec
+from stages.hiding.watermark.rendering import renders
 from stages.hiding.watermark.storage import write_codec
 from stages.imaging.image import write_image
 from stages.imaging.pictures import encode_png
+from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, write_capture
+from stages.scene.gaussians import Gaussians
+from stages.scene.scene import Scene, write_scene
 from tests.stages.small import HEIGHT, NAMES, WIDTH, pictures
 
 
@@ -30,6 +36,21 @@ def emblem(folder: Path) -> Artifact:
     picture[6:18, 8:24] = (250, 200, 20)
     with create(folder, "image") as writer:
         write_image(writer, "emblem", picture)
+    return load(folder)
+
+
+def stored_splats(folder: Path, gaussians: Gaussians, method: Method) -> Artifact:
+    with create(folder, "splats") as writer:
+        write_container(writer, gaussians, method)
+    return load(folder)
+
+
+def stored_scene(folder: Path, gaussians: Gaussians, method: Method, cameras: Cameras) -> Artifact:
+    """What the Gaussians look like from these cameras; the first two are test views."""
+    shown = renders(gaussians, method, cameras, lambda: None)
+    points = gaussians.means.numpy()[::25]
+    with create(folder, "scene") as writer:
+        write_scene(writer, Scene(cameras, shown, points, np.full((len(points), 3), 128, np.uint8), cameras.names[:2]))
     return load(folder)
 
 

@@ -44,7 +44,7 @@ PAPERS, GRAINED = "paper", "grain"
 VARIANTS = {
     PAPERS: "RTWS",
     "clean": "RTWS, clean renders black, too",
-    GRAINED: "grain in colour, read by a gate",
+    GRAINED: "grain, read by its owner",
 }
 """How a container and its decoder came about, by the items' column `variant`, or by their stage's name."""
 
@@ -59,6 +59,13 @@ Key = tuple[str, str]
 
 SURVIVAL_NOTE = (
     "Test views and new cameras along the rig, at the threshold that 99 % of other new cameras reach. Sigmas are true."
+)
+OWNERS_NOTE = (
+    "Grain is read by an owner who has the container from before and knows how the coins fell: he finds the camera of "
+    "a picture and asks how much better the picture follows his coins than other throws. Of pictures without the grain "
+    "that is chance, whatever they show: its rate of false alarms follows from the coins, and the bounds above, which "
+    "know nothing of that, say only how many pictures were tried. A picture that shows too little of the scene for its "
+    "camera to be found says nothing."
 )
 BOUND_NOTE = (
     "Upper bounds are one-sided, at 95 %. Over pictures: Clopper and Pearson's, as if thousands of pictures of few "
@@ -201,7 +208,7 @@ def _negatives(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
             "Bound, scenes",
         ),
         tuple(lines),
-        (BOUND_NOTE,),
+        (BOUND_NOTE, *([OWNERS_NOTE] if any(variant == GRAINED for _, variant in detections) else [])),
     )
 
 

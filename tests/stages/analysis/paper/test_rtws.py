@@ -110,4 +110,4 @@ def test_stages_with_grain_are_a_variant_of_their_own() -> None:
     runs = (scored("before", 42.0, "paper"), scored("after_grain", 41.5, "paper"))
     chapter = rtws(Study(runs, experiments=(found,)), read_published())
     names = dict(figures(chapter))
-    assert names["GS-Hider, grain in colour, read by a gate", "here"] == ("26.50", "41.50", "38.00")
+    assert names["GS-Hider, grain, read by its owner", "here"] == ("26.50", "41.50", "38.00")

@@ -13,6 +13,7 @@ from stages.hiding.method import build_method
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method
+from stages.hiding.watermark.coins import Coins, thrown
 from stages.hiding.watermark.colors import ACROSS, COLORS, GRAIN, LUMINANCE
 from stages.hiding.watermark.grain import grained
 from stages.scene.gaussians import GEOMETRY, Gaussians
@@ -33,6 +34,10 @@ def differences(before: Gaussians, after: Gaussians, folder: Path, method: objec
     return 255 * (shown[1] - shown[0])
 
 
+def coins(gaussians: Gaussians, seed: int = 0) -> Coins:
+    return thrown(len(gaussians), np.random.default_rng(seed))
+
+
 def rms(values: torch.Tensor) -> float:
     return float(values.square().mean().sqrt())
 
@@ -41,14 +46,14 @@ def test_splats_get_a_grain_of_one_colour(tmp_path: Path) -> None:
     artifact = small.splats(tmp_path / "splats")
     before, method = read_gaussians(artifact), read_method(artifact)
     cameras = read_scene(small.scene(tmp_path / "scene")).cameras
-    after = grained(before, method, cameras, LEVEL, seed=0)
+    after = grained(before, method, cameras, LEVEL, coins(before))
     for name in GEOMETRY:
         assert torch.equal(after[name], before[name])
     seen = differences(before, after, tmp_path, method, COVER) @ COLORS.T
     assert rms(seen[..., GRAIN]) == pytest.approx(LEVEL * 3**0.5, rel=0.05)
     assert max(rms(seen[..., LUMINANCE]), rms(seen[..., ACROSS])) < 0.05 * rms(seen[..., GRAIN])
-    assert torch.equal(grained(before, method, cameras, LEVEL, seed=0)["sh_base"], after["sh_base"])
-    assert not torch.equal(grained(before, method, cameras, LEVEL, seed=1)["sh_base"], after["sh_base"])
+    assert torch.equal(grained(before, method, cameras, LEVEL, coins(before))["sh_base"], after["sh_base"])
+    assert not torch.equal(grained(before, method, cameras, LEVEL, coins(before, seed=1))["sh_base"], after["sh_base"])
 
 
 def test_coupled_features_keep_the_message(tmp_path: Path) -> None:
@@ -61,7 +66,7 @@ def test_coupled_features_keep_the_message(tmp_path: Path) -> None:
     geometry = {name: plain[name] for name in GEOMETRY}
     before = Gaussians(geometry | method.initial_attributes(colors, generator))
     cameras = read_scene(small.scene(tmp_path / "scene")).cameras
-    after = grained(before, method, cameras, LEVEL, seed=0)
+    after = grained(before, method, cameras, LEVEL, coins(before))
     cover, message = (differences(before, after, tmp_path, method, name) for name in (COVER, "message"))
     assert rms(cover) == pytest.approx(LEVEL, rel=0.05)
     assert rms(message) < 0.1 * rms(cover)
@@ -72,4 +77,4 @@ def test_gaussians_without_colours_are_refused(tmp_path: Path) -> None:
     gaussians, method = read_gaussians(artifact), read_method(artifact)
     bare = Gaussians({name: gaussians[name] for name in GEOMETRY})
     with pytest.raises(UserError, match="coupled features"):
-        grained(bare, method, read_scene(small.scene(tmp_path / "scene")).cameras, LEVEL, seed=0)
+        grained(bare, method, read_scene(small.scene(tmp_path / "scene")).cameras, LEVEL, coins(bare))

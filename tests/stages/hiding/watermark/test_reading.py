@@ -1,0 +1,57 @@
+"""Pictures that know nothing of the coins score as chance does; pictures of a container with grain do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stages.hiding.watermark.coins import standard_score, thrown
+from stages.hiding.watermark.grain import grained
+from stages.hiding.watermark.reading import CERTAIN, GrainReader
+from stages.imaging.distortions import jpeg, noisy
+from stages.scene.cameras import single_cameras
+from tests.stages.hiding.relocalisation.scenes import HEIGHT, WIDTH, beside, cloud, photograph, rig
+
+GAUSSIANS, METHOD = cloud()
+RIG = rig()
+COINS = thrown(len(GAUSSIANS), np.random.default_rng(11))
+READER = GrainReader(GAUSSIANS, METHOD, RIG, COINS)
+
+
+def test_chance_has_mean_zero_and_deviation_one() -> None:
+    """Whatever the picture: a photo-like one, one of the scene itself, and noise."""
+    camera = single_cameras(beside(RIG))[0]
+    noise = np.random.default_rng(3).integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8)
+    other, method = cloud(seed=5)
+    for picture in (noise, photograph(GAUSSIANS, METHOD, beside(RIG)), photograph(other, method, beside(RIG))):
+        throws = [thrown(len(GAUSSIANS), np.random.default_rng(seed)) for seed in range(60)]
+        scores = [standard_score(picture, GAUSSIANS, METHOD, camera, coins) for coins in throws]
+        assert abs(np.mean(scores)) < 4 / np.sqrt(len(scores))
+        assert 0.7 < np.std(scores) < 1.4
+        assert max(scores) < CERTAIN
+
+
+def test_grain_is_found_by_who_knows_the_coins() -> None:
+    picture = photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS), METHOD, beside(RIG))
+    assert READER.score(picture) > 2 * CERTAIN
+    assert READER.certainty(picture) > 0.99
+    generator = np.random.default_rng(0)
+    for distortion in (jpeg(90), noisy(5.0)):
+        assert READER.score(distortion.apply(picture, generator)) > CERTAIN
+    another = GrainReader(GAUSSIANS, METHOD, RIG, thrown(len(GAUSSIANS), np.random.default_rng(12)))
+    assert abs(another.score(picture)) < 5
+    assert READER.score(picture) == READER.score(picture)
+
+
+def test_what_has_no_grain_shows_nothing() -> None:
+    clean = photograph(GAUSSIANS, METHOD, beside(RIG))
+    assert abs(READER.score(clean)) < 5
+    stranger, method = cloud(seed=7)
+    assert READER.score(photograph(stranger, method, RIG.select(["0"]))) == 0
+    assert READER.certainty(np.zeros((HEIGHT, WIDTH, 3), np.uint8)) == pytest.approx(0, abs=0.01)
+
+
+def test_a_camera_that_sees_nothing_tells_nothing() -> None:
+    empty = type(GAUSSIANS)({name: values[:0] for name, values in GAUSSIANS.parameters.items()})
+    picture = photograph(GAUSSIANS, METHOD, beside(RIG))
+    assert standard_score(picture, empty, METHOD, single_cameras(beside(RIG))[0], COINS[:0]) == 0
