@@ -50,13 +50,14 @@ class Measured:
 
     def minus(self, other: Measured) -> Measured:
         """The difference on each capture that both have."""
-        return self._with(other, lambda own, others: own - others)
+        return self.with_other(other, lambda own, others: own - others)
 
     def over(self, other: Measured) -> Measured:
         """The ratio on each capture that both have."""
-        return self._with(other, lambda own, others: own / others if others else math.nan)
+        return self.with_other(other, lambda own, others: own / others if others else math.nan)
 
-    def _with(self, other: Measured, combine: Callable[[float, float], float]) -> Measured:
+    def with_other(self, other: Measured, combine: Callable[[float, float], float]) -> Measured:
+        """What becomes of both figures on each capture that both have."""
         found = {capture: combine(self.on(capture), other.on(capture)) for capture in self.by_capture}
         return Measured({capture: Spread(value) for capture, value in found.items() if not math.isnan(value)})
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from stages.analysis.attacks.catalogue import UNATTACKED, AttackName
@@ -73,7 +74,44 @@ def pruning_relations(by_method: Groups, tables: Published) -> list[Relation]:
                         source="" if method == GS_HIDER else "of GS-Hider",
                     )
                 )
+    for method in (GS_HIDER, OURS):
+        found += [
+            _addition(method, by_method.get(method, ()), tables, unpruned[message], message)
+            for message in (False, True)
+        ]
     return [relation for relation in found if relation.measured.by_capture]
+
+
+def _addition(
+    method: str, experiments: Sequence[Experiment], tables: Published, unpruned: float, message: bool
+) -> Relation:
+    """What pruning a quarter at random adds to the error, as a PSNR: no more than it adds in the paper.
+
+    The better a picture was, the more decibels the same addition costs it.
+    """
+    variant = next(each for each in tables.pruning["random"] if each.value == 25)
+    published = added_psnr(unpruned, _of(variant, message, "psnr"))
+    before = at_severity(experiments, UNATTACKED, None, message, "psnr")
+    after = at_severity(experiments, PRUNINGS["random"][1], 0.25, message, "psnr")
+    picture = "message" if message else "cover"
+    return Relation(
+        f"{title_of(method)}, 25 % at random: PSNR of the {picture} by the error that pruning adds, alone",
+        "figure",
+        "at least",
+        published,
+        before.with_other(after, added_psnr),
+        published,
+        source="" if method == GS_HIDER else "of GS-Hider",
+    )
+
+
+def added_psnr(before: float, after: float) -> float:
+    """-10 log10 of the squared error that was added, where one of `before` dB became one of `after`.
+
+    As if what was added did not depend on what was there. Infinity where nothing was added.
+    """
+    added = 10 ** (-after / 10) - 10 ** (-before / 10)
+    return -10 * math.log10(added) if added > 0 else math.inf
 
 
 def _change(experiments: Sequence[Experiment], attack: str, share: float, message: bool) -> Measured:
