@@ -16,6 +16,7 @@ from opencl.device import choose_device
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.attacks.target import Target
 from stages.analysis.measurements import Measurement, write_measurements
 from stages.analysis.watermark_readers import shown_by_decoder, shown_by_grain
 from stages.analysis.watermark_trials import (
@@ -27,6 +28,7 @@ from stages.analysis.watermark_trials import (
     Shows,
     trial_rows,
 )
+from stages.analysis.watermarked_containers import attacked_containers
 from stages.hiding.key import key_generator
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
@@ -100,7 +102,7 @@ class DetectWatermarkParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method), module_of(OTHER_METHOD)],
 )
 def detect_watermark(context: Context, parameters: DetectWatermarkParameters) -> None:
-    """Score renders with the watermark, distorted ones, photos, and renders without it.
+    """Score renders with the watermark, distorted ones, those of attacked containers, photos, and renders without it.
 
     Negatives are windows of photos, at random places and of random sizes, and renders by cameras along the rigs. Every
     capture is one scene, its photos and its renders together, and so is every shipped photo.
@@ -152,7 +154,20 @@ def _positives(context: Context, parameters: DetectWatermarkParameters, scene: S
     tests = _renders(container, scene.cameras.select(scene.test_names), context.stop_if_requested)
     path = camera_path(scene.cameras, scene.points, parameters.renders)
     new = _renders(container, path, context.stop_if_requested)
-    return Positives(list(zip(scene.test_names, tests, strict=True)), [*new[::2]], [*new[1::2]])
+    return Positives(
+        list(zip(scene.test_names, tests, strict=True)),
+        [*new[::2]],
+        [*new[1::2]],
+        [*_attacked(container, parameters.seed, path.select(path.names[1::2]), context.stop_if_requested)],
+    )
+
+
+def _attacked(
+    container: Artifact, seed: int, cameras: Cameras, after_each: Callable[[], None]
+) -> Iterator[tuple[str, float, list[Picture]]]:
+    target = Target(read_gaussians(container), read_method(container))
+    for name, severity, changed in attacked_containers(target, seed):
+        yield name, severity, [*renders(changed.gaussians, changed.method, cameras, after_each)]
 
 
 def _fidelity(context: Context, scene: Scene, positives: Positives) -> Iterator[Measurement]:

@@ -38,6 +38,15 @@ FALSE_POSITIVES, BOUND, BOUND_BY_SCENE, SCENES = "false_positives", "upper_bound
 COVER_BEFORE, COVER_AFTER = "cover, before", "cover, after"
 """Conditions of the container's own PSNR on test views."""
 
+PRUNING, QUANTISATION, NOISE = "container, pruned", "container, quantised", "container, noise on colours"
+"""Conditions of renders of attacked containers."""
+
+CONTAINER_WORDING = {
+    PRUNING: "container: pruned at random, share",
+    QUANTISATION: "container: quantised, bits",
+    NOISE: "container: noise on features or harmonics, sigma in spreads",
+}
+
 RENDERS, CLEAN_CHANNEL, EVERY_NEGATIVE = "renders", "clean channel", "all without the watermark"
 
 
@@ -86,11 +95,13 @@ def stretched(watermark: Picture, picture: Picture) -> Float[Tensor, "H W 3"]:
 @dataclass(frozen=True)
 class Positives:
     """Renders with the watermark: `tests` of the scene's test views by their names, `calibration` and `others` of new
-    cameras. The threshold is set on `calibration`, and all else measured on the rest."""
+    cameras. The threshold is set on `calibration`, and all else measured on the rest. `attacked`: renders of the same
+    container after an attack on it, whose name and severity stand before them."""
 
     tests: Sequence[tuple[str, Picture]]
     calibration: Sequence[Picture]
     others: Sequence[Picture]
+    attacked: Sequence[tuple[str, float, Sequence[Picture]]] = ()
 
 
 def trial_rows(
@@ -113,6 +124,8 @@ def trial_rows(
     for distortion in DISTORTIONS:
         shares = [look(picture).share for picture in _distorted(distortion, held_out, seed)]
         yield from _detected(distortion.name, distortion.severity, shares, threshold)
+    for name, severity, pictures in positives.attacked:
+        yield from _detected(name, severity, [look(picture).share for picture in pictures], threshold)
     yield from _negative_rows([(each, look(each.picture)) for each in negatives], threshold)
 
 

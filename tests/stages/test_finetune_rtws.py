@@ -18,7 +18,10 @@ from stages.analysis.watermark_trials import (
     DETECTED,
     EVERY_NEGATIVE,
     FALSE_POSITIVES,
+    NOISE,
+    PRUNING,
     PSNR_WATERMARK,
+    QUANTISATION,
     TRIALS,
 )
 from stages.analysis.watermark_trials import RENDERS as PICTURES_WITH_IT
@@ -139,6 +142,7 @@ def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
     assert owners[PSNR_WATERMARK, PICTURES_WITH_IT] > 40
     assert owners[TRIALS, EVERY_NEGATIVE] == 8
     assert owners[FALSE_POSITIVES, EVERY_NEGATIVE] == 0
+    assert {PRUNING, QUANTISATION, NOISE} <= {condition for _, condition in owners}
     for stranger in ("other", "none"):
         assert found[stranger][PSNR_WATERMARK, PICTURES_WITH_IT] < 15
 

@@ -21,6 +21,7 @@ from stages.analysis.watermark_trials import (
     BOUND_BY_SCENE,
     BRIGHTNESS,
     CLEAN_CHANNEL,
+    CONTAINER_WORDING,
     COVER_AFTER,
     COVER_BEFORE,
     DETECTED,
@@ -239,6 +240,14 @@ def _survival(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
     """The share that is found, after each distortion."""
     conditions: list[tuple[str, str, float | None]] = [(CLEAN_CHANNEL, CLEAN_CHANNEL, None)]
     conditions += [(f"{WORDING[each.name]} {each.severity:g}", each.name, each.severity) for each in DISTORTIONS]
+    attacked = dict.fromkeys(
+        (row.condition, row.severity)
+        for group in detections.values()
+        for each in group
+        for row in each.rows
+        if row.quantity == DETECTED and row.condition in CONTAINER_WORDING
+    )
+    conditions += [(f"{CONTAINER_WORDING[name]} {severity:g}", name, severity) for name, severity in attacked]
     lines = []
     for title, name, severity in conditions:
         found = [[_value(each.rows, DETECTED, name, severity) for each in group] for group in detections.values()]
