@@ -7,7 +7,7 @@ container where everything was.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,12 +34,16 @@ SMALLEST_VARIANCE = 1e-12
 """Relative to the largest: combinations of channels that differ less than this tell nothing."""
 
 AS_PUBLISHED = 1e-3
-NO_NEARER = 1.25
-"""Features are left as they are if most of them are so near to what was published, or would be hardly nearer by a map:
-noise, too, asks for one, which draws features to their mean."""
+"""Of features: so near to what was published, they are what was published."""
 
+NO_NEARER = 1.25
+"""A simple map will do where another would bring features nearer by less than this factor, root mean square: noise,
+too, asks for a map, which draws features to their mean."""
 
 MISSING = "missing"
+
+Map = Callable[[Tensor], Tensor]
+Fit = Callable[[Tensor, Tensor], Map]
 
 
 @dataclass(frozen=True)
@@ -84,12 +88,12 @@ def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | N
     """A found container's Gaussians with what was done to all of them alike undone, by what was published.
 
     A motion of the world is found and undone (`register`), with everything that turns in it: shapes, and harmonics
-    where the method has some. Then the affine map is fitted that carries activated features of paired Gaussians to
-    those published, which most pairs agree on: those whose features were changed otherwise do not count. What was
-    turned comes back; what was removed does, as far as other channels tell of it. The map has M (M + 1) numbers, so
-    that it cannot carry a message of its own. Found features may have another number of channels. Gaussians without a
-    partner stay, and are moved and mapped like the others; where pairs are too few to tell a map, or none brings most
-    features nearer, they stay as they are.
+    where the method has some. Then the map is fitted that carries activated features of paired Gaussians to those
+    published, and on which most pairs agree: those whose features were changed otherwise do not count. It is a turn if
+    that will do, and else affine: what was turned comes back, and what was removed does, as far as other channels tell
+    of it. The map has M (M + 1) numbers, so that it cannot carry a message of its own. Found features may have another
+    number of channels. Gaussians without a partner stay, and are moved and mapped like the others; where pairs are too
+    few to tell a map, or none brings features nearer, they stay as they are.
 
     None where nothing fits. Works for every method, and N = 0 fits nothing. All values are to be finite. `seed` is that
     of what `register` tries.
@@ -128,24 +132,34 @@ def _activated(gaussians: Gaussians) -> Float64[Tensor, "N M"]:
 def _carried_back(
     features: Float64[Tensor, "N K"], published: Float64[Tensor, "O M"], registration: Registration
 ) -> Float64[Tensor, "N M"] | None:
-    """Features of all found Gaussians, mapped as those with a partner ask for.
+    """Features of all found Gaussians, mapped as those with a partner ask for: turned if that will do, else affinely.
 
-    None where they are to stay as they are: where no map brings most of them nearer, or pairs are too few.
+    None where they are to stay as they are, since that will do, or since pairs are too few.
     """
     if len(registration.found) < PAIRS_A_CHANNEL * (features.shape[1] + 1):
         return None
     seen, wanted = features[torch.from_numpy(registration.found)], published[torch.from_numpy(registration.published)]
-    back = _most_agree_on(_with_constant(seen), wanted)
-    if seen.shape == wanted.shape:
-        nearer = _typical_distance(_with_constant(seen) @ back, wanted)
-        if _typical_distance(seen, wanted) <= AS_PUBLISHED + NO_NEARER * nearer:
-            return None
-    return _with_constant(features) @ back
+    affine = _most_agree_on(_affine, seen, wanted, _affine(seen, wanted))
+    if seen.shape != wanted.shape:
+        return affine(features)
+    turned = _most_agree_on(_turned, seen, wanted, affine)
+    chosen = _simplest((_left, turned, affine), seen, wanted)
+    return chosen(features) if chosen is not _left else None
 
 
-def _typical_distance(features: Float64[Tensor, "P M"], wanted: Float64[Tensor, "P M"]) -> float:
-    """The median over Gaussians."""
-    return float((features - wanted).norm(dim=1).median())
+def _simplest(maps: Sequence[Map], seen: Float64[Tensor, "P M"], wanted: Float64[Tensor, "P M"]) -> Map:
+    """The first that brings most features to what was published; or else the first than which none brings all of them
+    much nearer."""
+    distances = [(each(seen) - wanted).norm(dim=1) for each in maps]
+    typical = [float(each.median()) for each in distances]
+    overall = [float(each.square().mean().sqrt()) for each in distances]
+    exact = [each for each, distance in zip(maps, typical, strict=True) if distance <= AS_PUBLISHED]
+    near = [each for each, distance in zip(maps, overall, strict=True) if distance <= NO_NEARER * min(overall)]
+    return (exact or near)[0]
+
+
+def _left(features: Tensor) -> Tensor:
+    return features
 
 
 def _root_mean_square(back: Float64[Tensor, "N M"], features: Float64[Tensor, "N K"]) -> float:
@@ -153,21 +167,33 @@ def _root_mean_square(back: Float64[Tensor, "N M"], features: Float64[Tensor, "N
     return float((back[:, :both] - features[:, :both]).square().mean().sqrt())
 
 
-def _with_constant(features: Float64[Tensor, "N K"]) -> Float64[Tensor, "N K+1"]:
-    """Features about 0.5, where they differ in all directions about alike, and a column of ones."""
-    return torch.cat([features - 0.5, torch.ones(len(features), 1, dtype=features.dtype)], dim=1)
-
-
-def _most_agree_on(seen: Float64[Tensor, "P K"], wanted: Float64[Tensor, "P M"]) -> Float64[Tensor, "K M"]:
-    """The affine map by least trimmed squares (Rousseeuw 1984): fitted to the half of the pairs that it suits best, and
-    in the end to all that it suits about as well."""
-    kept = torch.ones(len(seen), dtype=torch.bool)
+def _most_agree_on(fit: Fit, seen: Float64[Tensor, "P K"], wanted: Float64[Tensor, "P M"], start: Map) -> Map:
+    """A map by trimmed squares (Rousseeuw 1984): fitted to the half of the pairs that it suits best, `start` at first,
+    and in the end to all that it suits about as well."""
+    found = start
     for _ in range(CONCENTRATIONS):
-        distances = (seen @ _least_squares(seen[kept], wanted[kept]) - wanted).norm(dim=1)
+        distances = (found(seen) - wanted).norm(dim=1)
         kept = distances <= distances.median()
+        found = fit(seen[kept], wanted[kept])
+    distances = (found(seen) - wanted).norm(dim=1)
     kept = distances <= SPREADS * distances.median().clamp_min(AS_PUBLISHED)
-    return _least_squares(seen[kept], wanted[kept])
+    return fit(seen[kept], wanted[kept])
 
 
-def _least_squares(seen: Float64[Tensor, "P K"], wanted: Float64[Tensor, "P M"]) -> Float64[Tensor, "K M"]:
-    return torch.linalg.pinv(seen.T @ seen, rtol=SMALLEST_VARIANCE, hermitian=True) @ (seen.T @ wanted)
+def _affine(seen: Float64[Tensor, "P K"], wanted: Float64[Tensor, "P M"]) -> Map:
+    """By least squares."""
+    start, end = seen.mean(dim=0), wanted.mean(dim=0)
+    centred = seen - start
+    inverse = torch.linalg.pinv(centred.T @ centred, rtol=SMALLEST_VARIANCE, hermitian=True)
+    matrix = inverse @ (centred.T @ (wanted - end))
+    return lambda features: (features - start) @ matrix + end
+
+
+def _turned(seen: Float64[Tensor, "P M"], wanted: Float64[Tensor, "P M"]) -> Map:
+    """Turned, mirrored and scaled, by least squares but for the scale, which is that of the spreads: of noisy features,
+    least squares would draw the mapped ones together."""
+    start, end = seen.mean(dim=0), wanted.mean(dim=0)
+    left, _, right = torch.linalg.svd((seen - start).T @ (wanted - end))
+    scale = (wanted - end).norm() / (seen - start).norm().clamp_min(AS_PUBLISHED)
+    matrix = scale * left @ right
+    return lambda features: (features - start) @ matrix + end
