@@ -7,7 +7,7 @@ container where everything was.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from torch import Tensor
 
 from stages.hiding.coupled import FEATURES
 from stages.hiding.stored_features import stored
+from stages.hiding.unmixing import unmixing
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import moved
 from stages.scene.registration import Registration, register
@@ -26,24 +27,8 @@ from stages.scene.similarity import Similarity
 PAIRS_A_CHANNEL = 2
 """Fewer pairs of Gaussians than so many times the channels tell no map of features."""
 
-CONCENTRATIONS = 10
-SPREADS = 4.0
-"""Medians of the distances at which a pair may be from a map that it is to count for."""
-
-SMALLEST_VARIANCE = 1e-12
-"""Relative to the largest: combinations of channels that differ less than this tell nothing."""
-
-AS_PUBLISHED = 1e-3
-"""Of features: so near to what was published, they are what was published."""
-
-NO_NEARER = 1.25
-"""A simple map will do where another would bring features nearer by less than this factor, root mean square: noise,
-too, asks for a map, which draws features to their mean."""
-
 MISSING = "missing"
-
-Map = Callable[[Tensor], Tensor]
-Fit = Callable[[Tensor, Tensor], Map]
+"""For the shape of an attribute that is not there."""
 
 
 @dataclass(frozen=True)
@@ -89,14 +74,13 @@ def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | N
 
     A motion of the world is found and undone (`register`), with everything that turns in it: shapes, and harmonics
     where the method has some. Then the map is fitted that carries activated features of paired Gaussians to those
-    published, and on which most pairs agree: those whose features were changed otherwise do not count. It is a turn if
-    that will do, and else affine: what was turned comes back, and what was removed does, as far as other channels tell
-    of it. The map has M (M + 1) numbers, so that it cannot carry a message of its own. Found features may have another
-    number of channels. Gaussians without a partner stay, and are moved and mapped like the others; where pairs are too
-    few to tell a map, or none brings features nearer, they stay as they are.
+    published (`unmixing`), and all features are mapped: what was turned comes back, and what was removed does, as far
+    as other channels tell of it. The map has M (M + 1) numbers, so that it cannot carry a message of its own. Found
+    features may have another number of channels. Gaussians without a partner stay, and are moved and mapped like the
+    others. Where pairs are too few to tell a map, or none brings features nearer, these stay as they are.
 
-    None where nothing fits. Works for every method, and N = 0 fits nothing. All values are to be finite. `seed` is that
-    of what `register` tries.
+    None where nothing fits, or too few Gaussians to tell how features of another number of channels are to be mapped.
+    Works for every method; N = 0 fits nothing. All values are to be finite. `seed` is that of what `register` tries.
     """
     registration = register(found, published, seed)
     if registration is None:
@@ -132,68 +116,17 @@ def _activated(gaussians: Gaussians) -> Float64[Tensor, "N M"]:
 def _carried_back(
     features: Float64[Tensor, "N K"], published: Float64[Tensor, "O M"], registration: Registration
 ) -> Float64[Tensor, "N M"] | None:
-    """Features of all found Gaussians, mapped as those with a partner ask for: turned if that will do, else affinely.
+    """Features of all found Gaussians, mapped as those with a partner ask for.
 
     None where they are to stay as they are, since that will do, or since pairs are too few.
     """
     if len(registration.found) < PAIRS_A_CHANNEL * (features.shape[1] + 1):
         return None
     seen, wanted = features[torch.from_numpy(registration.found)], published[torch.from_numpy(registration.published)]
-    affine = _most_agree_on(_affine, seen, wanted, _affine(seen, wanted))
-    if seen.shape != wanted.shape:
-        return affine(features)
-    turned = _most_agree_on(_turned, seen, wanted, affine)
-    chosen = _simplest((_left, turned, affine), seen, wanted)
-    return chosen(features) if chosen is not _left else None
-
-
-def _simplest(maps: Sequence[Map], seen: Float64[Tensor, "P M"], wanted: Float64[Tensor, "P M"]) -> Map:
-    """The first that brings most features to what was published; or else the first than which none brings all of them
-    much nearer."""
-    distances = [(each(seen) - wanted).norm(dim=1) for each in maps]
-    typical = [float(each.median()) for each in distances]
-    overall = [float(each.square().mean().sqrt()) for each in distances]
-    exact = [each for each, distance in zip(maps, typical, strict=True) if distance <= AS_PUBLISHED]
-    near = [each for each, distance in zip(maps, overall, strict=True) if distance <= NO_NEARER * min(overall)]
-    return (exact or near)[0]
-
-
-def _left(features: Tensor) -> Tensor:
-    return features
+    back = unmixing(seen, wanted)
+    return back(features) if back is not None else None
 
 
 def _root_mean_square(back: Float64[Tensor, "N M"], features: Float64[Tensor, "N K"]) -> float:
     both = min(back.shape[1], features.shape[1])
     return float((back[:, :both] - features[:, :both]).square().mean().sqrt())
-
-
-def _most_agree_on(fit: Fit, seen: Float64[Tensor, "P K"], wanted: Float64[Tensor, "P M"], start: Map) -> Map:
-    """A map by trimmed squares (Rousseeuw 1984): fitted to the half of the pairs that it suits best, `start` at first,
-    and in the end to all that it suits about as well."""
-    found = start
-    for _ in range(CONCENTRATIONS):
-        distances = (found(seen) - wanted).norm(dim=1)
-        kept = distances <= distances.median()
-        found = fit(seen[kept], wanted[kept])
-    distances = (found(seen) - wanted).norm(dim=1)
-    kept = distances <= SPREADS * distances.median().clamp_min(AS_PUBLISHED)
-    return fit(seen[kept], wanted[kept])
-
-
-def _affine(seen: Float64[Tensor, "P K"], wanted: Float64[Tensor, "P M"]) -> Map:
-    """By least squares."""
-    start, end = seen.mean(dim=0), wanted.mean(dim=0)
-    centred = seen - start
-    inverse = torch.linalg.pinv(centred.T @ centred, rtol=SMALLEST_VARIANCE, hermitian=True)
-    matrix = inverse @ (centred.T @ (wanted - end))
-    return lambda features: (features - start) @ matrix + end
-
-
-def _turned(seen: Float64[Tensor, "P M"], wanted: Float64[Tensor, "P M"]) -> Map:
-    """Turned, mirrored and scaled, by least squares but for the scale, which is that of the spreads: of noisy features,
-    least squares would draw the mapped ones together."""
-    start, end = seen.mean(dim=0), wanted.mean(dim=0)
-    left, _, right = torch.linalg.svd((seen - start).T @ (wanted - end))
-    scale = (wanted - end).norm() / (seen - start).norm().clamp_min(AS_PUBLISHED)
-    matrix = scale * left @ right
-    return lambda features: (features - start) @ matrix + end
