@@ -23,6 +23,14 @@ def test_pairs_are_the_same_gaussians_in_any_order(any_scale: bool) -> None:
     np.testing.assert_array_equal(order.numpy()[rows], partners)
 
 
+def test_sizes_as_they_are_stored_tell_more_than_proportions() -> None:
+    published = scene(0)
+    noise = 0.1 * torch.randn(len(published), 3, generator=torch.Generator().manual_seed(0))
+    found = Gaussians(published.parameters | {"log_scales": published["log_scales"] + noise})
+    right = [np.count_nonzero(np.equal(*pairs_by_shape(found, published, any_scale, 0))) for any_scale in (False, True)]
+    assert right[0] > 1.2 * right[1]
+
+
 def test_of_many_gaussians_some_are_looked_at() -> None:
     many = scene(0, SAMPLED + 500)
     rows, _ = pairs_by_shape(many, many, False, 1)
@@ -47,6 +55,26 @@ def test_right_pairs_are_told_from_wrong_ones(wrong: float) -> None:
     assert pairs[:count].sum() <= 0.01 * len(source)
     fitted = fit_similarity(source[pairs], target[pairs])
     np.testing.assert_allclose(fitted.rotation, expected.rotation, atol=1e-6)
+
+
+def test_pairs_that_are_a_little_off_are_left_out_where_others_are_exact() -> None:
+    generator = np.random.default_rng(0)
+    source = generator.normal(size=(2000, 3))
+    expected = motion(3)
+    target = expected.points(source)
+    target[:800] += [0.03, 0.0, 0.0]
+    pairs = agreeing(source, target, 0)
+    assert pairs is not None
+    np.testing.assert_array_equal(pairs, np.arange(2000) >= 800)
+
+
+def test_clusters_that_happen_to_fall_together_are_not_believed() -> None:
+    generator = np.random.default_rng(0)
+    source, target = (
+        generator.normal(size=(15, 3))[generator.integers(15, size=1000)] + 1e-3 * generator.normal(size=(1000, 3))
+        for _ in range(2)
+    )
+    assert agreeing(source, target, 0) is None
 
 
 def test_pairs_that_agree_on_nothing_are_not_believed() -> None:
