@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-CONCENTRATIONS = 10
+CONCENTRATIONS = 5
 SPREADS = 4.0
 """Medians of the distances at which a pair may be from a map that it is to count for."""
 

@@ -33,7 +33,7 @@ hundred does, with the motion that suits them best."""
 FEWEST = 10
 """Pairs that must agree at least."""
 
-TIGHTENINGS = 6
+TIGHTENINGS = 3
 SPREADS = 4.0
 """Medians of the distances that pairs may be away from a motion that they agree on."""
 
@@ -66,15 +66,16 @@ def agreeing(
 ) -> Bool[np.ndarray, " P"] | None:
     """Which pairs agree on one similarity from sources to targets; None where too few do to be believed.
 
-    What most agree with to within `REACH` is fitted to them again and again, and pairs that are farther from it than
-    the others are left out: what exact pairs agree on comes out exact. Pairs at one place tell nothing.
+    The motion that misses them least, of what three pairs ask for, is fitted again to all that it carries to within
+    `REACH`, and then to those that are no farther from it than most: what exact pairs agree on comes out exact. A miss
+    counts for no more than `REACH`. Pairs at one place tell nothing.
     """
-    if len(source) < FEWEST or not np.ptp(source, axis=0).any() or not np.ptp(target, axis=0).any():
+    if len(source) < FEWEST:
         return None
     reach = REACH * float(np.median(np.linalg.norm(source - np.median(source, axis=0), axis=1)))
     motions = [Similarity.identity(), *_tried(source, target, reach, np.random.default_rng(seed))]
-    counts = [np.count_nonzero(_distances(motion, source, target) <= reach) for motion in motions]
-    motion = motions[int(np.argmax(counts))]
+    misses = [np.minimum(_distances(motion, source, target), reach).sum() for motion in motions]
+    motion = motions[int(np.argmin(misses))]
     needed = max(FEWEST, AGREEING * len(source))
     for _ in range(TIGHTENINGS):
         distances = _distances(motion, source, target)
@@ -84,7 +85,10 @@ def agreeing(
         typical = float(np.median(distances[within]))
         reach = min(reach, max(SPREADS * typical, ROUNDING * reach))
         within = distances <= reach
-        motion = fit_similarity(source[within], target[within])
+        try:
+            motion = fit_similarity(source[within], target[within])
+        except ValueError:  # all at one place
+            return None
     return within
 
 

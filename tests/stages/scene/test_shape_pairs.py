@@ -57,13 +57,14 @@ def test_right_pairs_are_told_from_wrong_ones(wrong: float) -> None:
     np.testing.assert_allclose(fitted.rotation, expected.rotation, atol=1e-6)
 
 
-def test_pairs_that_are_a_little_off_are_left_out_where_others_are_exact() -> None:
+@pytest.mark.parametrize("seed", range(6))
+def test_pairs_that_are_a_little_off_are_left_out_where_others_are_exact(seed: int) -> None:
     generator = np.random.default_rng(0)
     source = generator.normal(size=(2000, 3))
     expected = motion(3)
     target = expected.points(source)
     target[:800] += [0.03, 0.0, 0.0]
-    pairs = agreeing(source, target, 0)
+    pairs = agreeing(source, target, seed)
     assert pairs is not None
     np.testing.assert_array_equal(pairs, np.arange(2000) >= 800)
 
@@ -83,5 +84,7 @@ def test_pairs_that_agree_on_nothing_are_not_believed() -> None:
     assert agreeing(source, target, 0) is None
     assert agreeing(source, np.zeros_like(source), 0) is None
     assert agreeing(np.zeros_like(source), target, 0) is None
+    heap = np.concatenate([np.zeros((500, 3)), source[:500]])
+    assert agreeing(heap, np.concatenate([np.zeros((500, 3)), target[:500]]), 0) is None
     assert agreeing(source[:9], source[:9], 0) is None
     assert agreeing(source[:10], Similarity.identity().points(source[:10]), 0) is not None
