@@ -67,7 +67,11 @@ class AttackParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def attack(context: Context, parameters: AttackParameters) -> None:
-    """Attack the container in every way that is asked for, and measure cover and messages on test views."""
+    """Attack the container in every way that is asked for, and measure cover and messages on test views.
+
+    The message is read as the attack leaves it, and again after the owner has registered what he finds with the
+    container, as `recover` does.
+    """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input("secret")
     check_method(container, parameters.method)

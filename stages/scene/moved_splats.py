@@ -11,20 +11,28 @@ from stages.scene.gaussians import Gaussians
 from stages.scene.similarity import Similarity
 from stages.scene.spherical_harmonics import MAXIMUM_DEGREE, harmonics, harmonics_count
 
+HARMONICS = "sh_rest"
+"""How attributes end that are harmonics beyond the constant one, [N, ..., K, 3]: the cover's, and those of messages."""
+
 DIRECTIONS = 64
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
 def moved(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
-    """3DGS's Gaussians of the similarity's source world, in its target world: they look there as they looked here."""
+    """Gaussians of the similarity's source world, in its target world: they look there as they looked here.
+
+    Harmonics turn, of any number of pictures; other attributes stay as they are, features too. N = 0 is allowed.
+    """
     geometry = similarity.gaussians(
         *(gaussians[name].detach().double().numpy() for name in ("means", "quats", "log_scales"))
     )
     means, quats, log_scales = (torch.from_numpy(values).float() for values in geometry)
     changed = {"means": means, "quats": quats, "log_scales": log_scales}
-    return Gaussians(
-        gaussians.parameters | changed | {"sh_rest": turned_harmonics(gaussians["sh_rest"], similarity.rotation)}
-    )
+    for name, rest in gaussians.attributes.items():
+        if name.endswith(HARMONICS):
+            flat = rest.flatten(0, -3)
+            changed[name] = turned_harmonics(flat, similarity.rotation).reshape(rest.shape)
+    return Gaussians(gaussians.parameters | changed)
 
 
 def turned_harmonics(rest: Float[Tensor, "N K 3"], rotation: Float64[np.ndarray, "3 3"]) -> Float[Tensor, "N K 3"]:

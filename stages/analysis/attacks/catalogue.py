@@ -35,6 +35,9 @@ AttackName = Literal[
 UNATTACKED = "none"
 """The condition of figures before any attack."""
 
+ONE_COLOUR = "psnr_one_colour"
+"""The quantity beside the messages' `psnr`, of whole pictures too: that of the best picture of one colour."""
+
 PRUNED_SHARES = (0.05, 0.10, 0.15, 0.25)
 """Of the Gaussians, in the paper's table "Robustness analysis under different pruning methods"."""
 
@@ -50,12 +53,10 @@ class Description:
     severity: str
     hurts: str
     needs: str = ""
-    remedy: str = ""
 
 
 _NEEDS_FEATURES = "the method has no features"
 _IN_RENDERS = "the message is not in the renders"
-_REALIGNED = "features realigned"
 _THE_MESSAGES_OWN = (
     "Gaussians that weigh much in the feature map, and that the scene decoder hardly shows, are the message's own"
 )
@@ -100,14 +101,12 @@ ATTACKS: Mapping[AttackName, Description] = {
         "degrees of the turn",
         "the message decoder is told directions of view in the world, which has turned; the attacker turned the scene "
         "decoder with it, and cannot turn the secret one",
-        remedy="turned back",
     ),
     "channel_dropping": Description(
         "Channel dropping",
         "channels set to their mean",
         "each channel carries some of both pictures",
         needs=_NEEDS_FEATURES,
-        remedy=_REALIGNED,
     ),
     "unread_directions": Description(
         "Unread directions removed",
@@ -115,28 +114,24 @@ ATTACKS: Mapping[AttackName, Description] = {
         "the scene decoder, which is public, says which directions of a feature the cover does not need, and the "
         "message is read along these",
         needs=_NEEDS_FEATURES,
-        remedy=_REALIGNED,
     ),
     "channel_permutation": Description(
         "Channels permuted, scene decoder with them",
         "channels that change places",
         "the scene decoder follows the channels, and the secret decoder cannot",
         needs=_NEEDS_FEATURES,
-        remedy=_REALIGNED,
     ),
     "feature_rotation": Description(
         "Feature rotation",
         "degrees",
         "both decoders read turned features alike",
         needs=_NEEDS_FEATURES,
-        remedy=_REALIGNED,
     ),
     "compensated_rotation": Description(
         "Feature rotation, scene decoder turned with it",
         "degrees",
         "the scene decoder is turned with the features, and the secret decoder cannot be",
         needs=_NEEDS_FEATURES,
-        remedy=_REALIGNED,
     ),
     "reoptimisation": Description(
         "Re-optimisation",
@@ -159,7 +154,7 @@ ATTACKS: Mapping[AttackName, Description] = {
 
 
 def restored(condition: str) -> str:
-    """The condition of what the owner makes of an attacked container with the attack's remedy.
+    """The condition of what the owner makes of an attacked container, who has kept what he published.
 
     >>> restored("rigid_motion")
     'rigid_motion restored'

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from stages.analysis.attacks.calibration import calibrated
 from stages.analysis.attacks.catalogue import UNATTACKED, restored
+from stages.analysis.attacks.restoring import restored_target
 from stages.analysis.attacks.scoring import Figures, Scorer
 from stages.analysis.attacks.target import Attack, Attacker, Knowledge, Target
 from stages.analysis.fidelity import Perceptual
@@ -31,11 +32,15 @@ class Assay:
     after_each: Callable[[], None]
 
     def unattacked(self) -> Iterator[Measurement]:
-        """What the container shows as it is."""
-        return self._rows(self.scorer.figures(self.target, self.perceptual), UNATTACKED, None, None)
+        """What the container shows as it is, and what a picture of one colour would show of the messages."""
+        figures = {**self.scorer.figures(self.target, self.perceptual), **self.scorer.one_colour()}
+        return self._rows(figures, UNATTACKED, None, None)
 
     def curve(self, name: str, attack: Attack) -> Iterator[Measurement]:
-        """The rows of an attack, and of its remedy; none where the target has nothing that it attacks."""
+        """The rows of an attack, and of what the owner makes of it, but of renders, where there is nothing to restore.
+
+        None where the target has nothing that the attack touches.
+        """
         if not attack.applies(self.target):
             return
         first = attack.prepare(self.target, self.seeds[0], self.knowledge)
@@ -45,11 +50,18 @@ class Assay:
             for severity in severities:
                 attacked = attacker(severity)
                 perceptual = self.perceptual if severity in attack.fixed and seed == self.seeds[0] else {}
-                yield from self._rows(self.scorer.figures(attacked, perceptual), name, severity, seed)
-                if attack.remedy is not None:
-                    figures = self.scorer.figures(attack.remedy(attacked, self.target))
-                    yield from self._rows(figures, restored(name), severity, seed)
+                found = self.scorer.figures(attacked, perceptual)
+                yield from self._rows(found, name, severity, seed)
+                if attacked.on_pictures is None:
+                    yield from self._rows(self._restored(attacked, found), restored(name), severity, seed)
                 self.after_each()
+
+    def _restored(self, attacked: Target, found: Figures) -> Figures:
+        """The figures of what the owner makes of it; those that were found where he changes nothing."""
+        target = restored_target(attacked, self.target, self.seeds[0])
+        if target is not attacked:
+            return self.scorer.figures(target)
+        return {key: value for key, value in found.items() if key[1] not in self.perceptual}
 
     def _severities(self, attack: Attack, attacker: Attacker) -> tuple[float, ...]:
         if attack.severities is not None:

@@ -1,4 +1,4 @@
-"""Attacks on coupled features that the scene decoder can be made to forgive, and the owner's remedy."""
+"""Attacks on coupled features that the scene decoder can be made to forgive."""
 
 from __future__ import annotations
 
@@ -8,20 +8,17 @@ from dataclasses import replace
 
 import torch
 from jaxtyping import Float, Float64
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from stages.analysis.attacks.target import Target
 from stages.hiding.coupled import FEATURES
 from stages.hiding.decoders import Decoder
 from stages.hiding.method import Method
+from stages.hiding.stored_features import FARTHEST, stored
 
 ANGLES = (5.0, 15.0, 30.0, 60.0, 90.0)
 DROPPED_SHARES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4)
 PERMUTED_SHARES = (1 / 8, 1 / 4, 1 / 2, 3 / 4, 1)
-FARTHEST = 0.4999
-"""From 0.5: so far may an activated feature lie, so that its logit can still be stored."""
-
 SMALLEST_VARIANCE = 1e-8
 """Of features along a direction; along one with less they are all alike."""
 
@@ -70,7 +67,7 @@ def unread_directions(target: Target, count: float) -> Target:
     left = centred - (centred - mean) @ removed.T
     if _reads_centred(target.method):
         return _shrunk(target, left, torch.eye(len(removed), dtype=removed.dtype))
-    return target.with_parameters({FEATURES: _stored(left)})
+    return target.with_parameters({FEATURES: stored(0.5 + left)})
 
 
 def channel_permutation(target: Target, channels: float, generator: torch.Generator) -> Target:
@@ -94,7 +91,7 @@ def feature_rotation(target: Target, degrees: float, generator: torch.Generator)
     that would leave (0, 1) stop short of it. Not for containers without features.
     """
     centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
-    return target.with_parameters({FEATURES: _stored(centred @ _turn(centred.shape[1], degrees, generator).T)})
+    return target.with_parameters({FEATURES: stored(0.5 + centred @ _turn(centred.shape[1], degrees, generator).T)})
 
 
 def compensated_rotation(target: Target, degrees: float, generator: torch.Generator) -> Target:
@@ -108,21 +105,6 @@ def compensated_rotation(target: Target, degrees: float, generator: torch.Genera
     centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
     turn = _turn(centred.shape[1], degrees, generator)
     return _shrunk(target, centred @ turn.T, turn.T)
-
-
-def realigned(attacked: Target, original: Target) -> Target:
-    """The owner's remedy: the affine map, by least squares, that carries features back to those of the original.
-
-    Gaussians are matched by their means, each with the nearest of the original. What was turned comes back; what was
-    removed does, as far as other channels tell of it. The map has M (M + 1) numbers, so that it cannot carry a message
-    of its own. The scene decoder is the original's, too.
-    """
-    _, rows = cKDTree(original.gaussians.means.numpy()).query(attacked.gaussians.means.numpy())
-    seen = attacked.gaussians[FEATURES].double().sigmoid()
-    told = torch.cat([seen, torch.ones(len(seen), 1, dtype=seen.dtype)], dim=1)
-    wanted = original.gaussians[FEATURES][rows].double().sigmoid()
-    back = torch.linalg.lstsq(told, wanted, driver="gelsd").solution
-    return replace(attacked.with_parameters({FEATURES: _stored(told @ back - 0.5)}), method=original.method)
 
 
 def read_rows(method: Method) -> Float64[Tensor, "K M"]:
@@ -139,11 +121,6 @@ def _reads_centred(method: Method) -> bool:
     return not isinstance(method.networks["scene_decoder"], Decoder)
 
 
-def _stored(centred: Float64[Tensor, "N M"]) -> Float[Tensor, "N M"]:
-    """Raw features, of features less 0.5; values that no sigmoid gives stop short of it."""
-    return (0.5 + centred.clamp(-FARTHEST, FARTHEST)).logit().float()
-
-
 def _shrunk(target: Target, centred: Float64[Tensor, "N M"], back: Float64[Tensor, "M M"]) -> Target:
     """Features 0.5 + s c, and a scene decoder with rows r B / s, where it had r; B is `back`.
 
@@ -151,7 +128,7 @@ def _shrunk(target: Target, centred: Float64[Tensor, "N M"], back: Float64[Tenso
     """
     farthest = float(centred.abs().max()) if len(centred) else 0.0
     shrink = min(1.0, FARTHEST / max(farthest, FARTHEST))
-    changed = target.with_parameters({FEATURES: _stored(shrink * centred)})
+    changed = target.with_parameters({FEATURES: stored(0.5 + shrink * centred)})
     return replace(changed, method=_reading(target.method, back / shrink))
 
 

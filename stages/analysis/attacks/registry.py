@@ -44,33 +44,17 @@ def attacks(reoptimised: Sequence[int]) -> Mapping[AttackName, Attack]:
         ),
         "cloning": Attack(seeded(cloning)),
         "cropping": Attack(seeded(cropping), strongest=MOST_PRUNED),
-        "rigid_motion": Attack(
-            seeded(rigid_motion.rigid_motion), lambda target: rigid_motion.SEVERITIES, remedy=rigid_motion.turned_back
-        ),
-        "channel_dropping": Attack(
-            seeded(features.channel_dropping), features.channel_counts, applies=_has_features, remedy=features.realigned
-        ),
+        "rigid_motion": Attack(seeded(rigid_motion.rigid_motion), lambda target: rigid_motion.SEVERITIES),
+        "channel_dropping": Attack(seeded(features.channel_dropping), features.channel_counts, applies=_has_features),
         "unread_directions": Attack(
-            unseeded(features.unread_directions),
-            features.channel_counts,
-            applies=_has_features,
-            random=False,
-            remedy=features.realigned,
+            unseeded(features.unread_directions), features.channel_counts, applies=_has_features, random=False
         ),
         "channel_permutation": Attack(
-            seeded(features.channel_permutation),
-            features.permuted_counts,
-            applies=_has_features,
-            remedy=features.realigned,
+            seeded(features.channel_permutation), features.permuted_counts, applies=_has_features
         ),
-        "feature_rotation": Attack(
-            seeded(features.feature_rotation), strongest=90.0, applies=_has_features, remedy=features.realigned
-        ),
+        "feature_rotation": Attack(seeded(features.feature_rotation), strongest=90.0, applies=_has_features),
         "compensated_rotation": Attack(
-            seeded(features.compensated_rotation),
-            lambda target: features.ANGLES,
-            applies=_has_features,
-            remedy=features.realigned,
+            seeded(features.compensated_rotation), lambda target: features.ANGLES, applies=_has_features
         ),
         "reoptimisation": Attack(reoptimisation(longest, frozen=False), lambda target: steps),
         "reoptimisation_frozen": Attack(

@@ -8,12 +8,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
-from torch import Tensor
 
 from stages.analysis.attacks.target import Target
 from stages.hiding.method import Method
-from stages.scene.gaussians import Gaussians
-from stages.scene.moved_splats import turned_harmonics
+from stages.scene.moved_splats import moved, turned_harmonics
 from stages.scene.similarity import Similarity
 
 SEVERITIES = (5.0, 15.0, 45.0, 90.0, 180.0)
@@ -35,31 +33,13 @@ def rigid_motion(target: Target, degrees: float, generator: torch.Generator) -> 
     return _moved(target, Similarity(1.0, rotation, centre - rotation @ centre))
 
 
-def turned_back(attacked: Target, original: Target) -> Target:
-    """The owner's remedy for a motion that is known, such as from the means of both containers: it is undone."""
-    return _moved(attacked, attacked.motion.inverse())
-
-
 def _moved(target: Target, motion: Similarity) -> Target:
-    parameters = target.gaussians.parameters
-    names = ("means", "quats", "log_scales")
-    geometry = motion.gaussians(*(parameters[name].double().numpy() for name in names))
-    changed = {name: torch.from_numpy(values).float() for name, values in zip(names, geometry, strict=True)}
-    for name in ("sh_rest", "message_sh_rest"):
-        if name in parameters:
-            changed[name] = _turned(parameters[name], motion)
     return replace(
         target,
-        gaussians=Gaussians(parameters | changed),
+        gaussians=moved(target.gaussians, motion),
         method=_turned_method(target.method, motion),
         motion=motion.compose(target.motion),
     )
-
-
-def _turned(rest: Tensor, motion: Similarity) -> Tensor:
-    """Harmonics [N, ..., K, 3] of any number of pictures."""
-    flat = rest.reshape(-1, *rest.shape[-2:])
-    return turned_harmonics(flat, motion.rotation).reshape(rest.shape)
 
 
 def _turned_method(method: Method, motion: Similarity) -> Method:

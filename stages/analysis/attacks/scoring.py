@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import torch
 
+from stages.analysis.attacks.catalogue import ONE_COLOUR
 from stages.analysis.attacks.target import Picture, Target
 from stages.analysis.fidelity import Perceptual, covered_figures, picture_figures
 from stages.hiding.decoders import Decoder, decode
@@ -49,6 +50,14 @@ class Scorer:
                 for quantity, value in figures.items():
                     found.setdefault((name, quantity), []).append(value)
         return {key: _mean(values) for key, values in found.items()}
+
+    def one_colour(self) -> Figures:
+        """PSNR of the best picture of one colour for each view of each message: what reads worse shows none of it."""
+        found: dict[tuple[str | None, str], float] = {}
+        for name, message in self.messages.items():
+            truths = [picture_to_tensor(message.pictures[row]) for row in self.rows]
+            found[name, ONE_COLOUR] = _mean([psnr(truth.mean(dim=(0, 1)).expand_as(truth), truth) for truth in truths])
+        return found
 
     def pictures(self, attacked: Target, view: str) -> dict[str, Picture]:
         """What one view shows, cover and messages, for people to look at."""

@@ -84,7 +84,7 @@ class Attack:
 
     `severities` are the natural ones of a target, such as bits; None where the damage to the cover sets them, up to
     `strongest`. `fixed` ones are measured besides. `applies`: whether a target has what is attacked. `random`: whether
-    the seed changes anything. `remedy` is what the owner, who has the original, makes of the attacked target.
+    the seed changes anything.
     """
 
     prepare: Callable[[Target, int, Knowledge], Attacker]
@@ -93,7 +93,6 @@ class Attack:
     fixed: tuple[float, ...] = ()
     applies: Callable[[Target], bool] = lambda target: True
     random: bool = True
-    remedy: Callable[[Target, Target], Target] | None = None
 
 
 def seeded(attack: Callable[[Target, float, torch.Generator], Target]) -> Callable[[Target, int, Knowledge], Attacker]:

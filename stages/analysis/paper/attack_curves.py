@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Literal
 
-from stages.analysis.attacks.catalogue import UNATTACKED
+from stages.analysis.attacks.catalogue import ONE_COLOUR, UNATTACKED, restored
 from stages.analysis.measurements import Measurement
 from stages.analysis.paper.measuring import Measured, Spread, mean
 from stages.analysis.paper.runs import Experiment
 
 LEAST_LOSS = 0.05
 """In dB of the cover: what costs it no more than this costs it nothing."""
+
+Reading = Literal["as found", "registered"]
+"""Of the message: by the secret alone, or after the owner has registered the container with what he published, and then
+whichever of the two shows more."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,19 @@ class Curve:
         return max(
             (self.unattacked.message - point.message - self.loss(point) for point in self.points), default=math.nan
         )
+
+    def kept_above(self, floor: float) -> Curve:
+        """With messages that read no worse than `floor`, in dB; as it is where that is NaN."""
+        if math.isnan(floor):
+            return self
+        raised = tuple(replace(point, message=max(point.message, floor)) for point in self.points)
+        return Curve(replace(self.unattacked, message=max(self.unattacked.message, floor)), raised)
+
+    def better_of(self, other: Curve) -> Curve:
+        """With the message of `other`, the same attack read otherwise, at each severity at which that shows more."""
+        messages = {point.severity: point.message for point in other.points}
+        best = (replace(point, message=max(point.message, messages[point.severity])) for point in self.points)
+        return Curve(self.unattacked, tuple(best))
 
     def loss(self, point: Point) -> float:
         """What the cover loses, in dB; an attack that improves it costs nothing."""
@@ -84,6 +102,19 @@ def curves(experiment: Experiment, condition: str) -> tuple[Curve, ...]:
     return tuple(found)
 
 
+def readings(experiment: Experiment, attack: str, reading: Reading) -> tuple[Curve, ...]:
+    """A curve for each seed as the message is read, never worse than a picture of one colour.
+
+    Where nothing is to be registered, such as a render, the message is read as it was found.
+    """
+    found = curves(experiment, attack)
+    again = curves(experiment, restored(attack)) if reading == "registered" else ()
+    if again:
+        found = tuple(each.better_of(other) for each, other in zip(found, again, strict=True))
+    floor = mean(row.value for row in experiment.rows if row.quantity == ONE_COLOUR and row.condition == UNATTACKED)
+    return tuple(curve.kept_above(floor) for curve in found)
+
+
 def average_curve(experiments: Iterable[Experiment], condition: str) -> Curve | None:
     """The mean over seeds and captures, point by point; of as many points as all have. None without any."""
     every = [curve for experiment in experiments for curve in curves(experiment, condition)]
@@ -93,11 +124,13 @@ def average_curve(experiments: Iterable[Experiment], condition: str) -> Curve | 
     return Curve(_mean([curve.unattacked for curve in every]), tuple(map(_mean, points)))
 
 
-def measured(experiments: Iterable[Experiment], condition: str, figure: Callable[[Curve], float]) -> Measured:
+def measured(
+    experiments: Iterable[Experiment], attack: str, reading: Reading, figure: Callable[[Curve], float]
+) -> Measured:
     """A figure of curves by capture, with its spread over the attack's seeds."""
     values: dict[str, list[float]] = {}
     for experiment in experiments:
-        found = [figure(curve) for curve in curves(experiment, condition)]
+        found = [figure(curve) for curve in readings(experiment, attack, reading)]
         values.setdefault(experiment.capture, []).extend(value for value in found if not math.isnan(value))
     return Measured({capture: spread(figures) for capture, figures in values.items() if figures})
 

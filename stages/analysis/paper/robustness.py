@@ -11,7 +11,7 @@ from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.page.figures import MISSING
 from stages.analysis.page.material import DECODER, GS_HIDER, METHOD_TITLES, OURS, PLAIN, SECOND_HARMONICS
 from stages.analysis.page.summary import Tile
-from stages.analysis.paper.attack_curves import Curve, average_curve, curves, measured
+from stages.analysis.paper.attack_curves import Curve, Reading, average_curve, curves, measured
 from stages.analysis.paper.chapter import Chapter, title_of
 from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, without_empty_columns
 from stages.analysis.paper.measuring import Measured, Spread
@@ -29,7 +29,20 @@ CURVE_NOTE = (
     "At each loss of the cover an attacker takes the severity, of those that cost the cover no more, that leaves least "
     "of the message. So an attack that kills the message and spares the cover is a vertical drop, and counts over the "
     "whole width. The width is the largest loss of the cover that the curves of GS-Hider and of ours both reach; where "
-    "that is nothing, what is left at 0.05 dB. ±: over the attack's seeds."
+    "that is nothing, what is left at 0.05 dB. A message that reads worse than the best picture of one colour is gone, "
+    "and an owner who sees it says so: it counts as such a picture. ±: over the attack's seeds."
+)
+
+READINGS: Mapping[Reading, str] = {
+    "as found": "as found",
+    "registered": "after the owner has registered it with what he published",
+}
+"""The container; in captions."""
+
+REGISTERED_NOTE = (
+    "The owner, who is not told the attack, looks for a motion of the world and a map of the features that bring the "
+    "found container back to the published one, undoes both, and reads once more. At every point he keeps the better "
+    "of both readings: he knows what he hid. Of renders nothing can be registered."
 )
 
 
@@ -51,14 +64,14 @@ class Attacked:
         reaches = [curve.reach for method in methods for curve in self._curves(method, attack)]
         return min(reaches, default=0.0)
 
-    def message_left(self, method: str, attack: AttackName) -> Measured:
+    def message_left(self, method: str, attack: AttackName, reading: Reading) -> Measured:
         """The area under the method's curve, over its width: the message's mean PSNR, in dB."""
         width = self.width(attack)
-        return measured(self.by_method.get(method, ()), attack, lambda curve: curve.message_left(width))
+        return measured(self.by_method.get(method, ()), attack, reading, lambda curve: curve.message_left(width))
 
-    def gain(self, method: str, attack: AttackName) -> Measured:
+    def gain(self, method: str, attack: AttackName, reading: Reading) -> Measured:
         """What the attacker gains: the message's loss less the cover's, in dB."""
-        return measured(self.by_method.get(method, ()), attack, lambda curve: curve.gain)
+        return measured(self.by_method.get(method, ()), attack, reading, lambda curve: curve.gain)
 
     def _curves(self, method: str, attack: AttackName) -> list[Curve]:
         return [curve for each in self.by_method.get(method, ()) for curve in curves(each, attack)]
@@ -72,17 +85,20 @@ def robustness(study: Study, tables: Published) -> Chapter:
     sources = ", ".join(dict.fromkeys(each.stage for group in attacked.by_method.values() for each in group))
     grids = (
         pruning_table(attacked.by_method, tables),
-        _areas(attacked, sources),
-        _gains(attacked),
+        *(_areas(attacked, reading, sources) for reading in READINGS),
+        *(_gains(attacked, reading) for reading in READINGS),
         _purification(attacked, tables),
-        _remedies(attacked),
         _points(attacked),
+        _registered_points(attacked),
     )
     return Chapter(
         "Robustness",
         tuple(grid for grid in map(without_empty_columns, grids) if grid.lines),
-        (*pruning_relations(attacked.by_method, tables), *_relations(attacked)),
-        tiles=_tiles(attacked),
+        (
+            *pruning_relations(attacked.by_method, tables),
+            *(relation for reading in READINGS for relation in _relations(attacked, reading)),
+        ),
+        tiles=tuple(tile for reading in READINGS for tile in _tiles(attacked, reading)),
         charts=tuple(chart for attack in attacked.attacks if (chart := _chart(attacked, attack)) is not None),
     )
 
@@ -100,10 +116,10 @@ def _attacked(study: Study) -> Attacked:
     return Attacked(by_method, tuple(attack for attack in ATTACKS if attack in found))
 
 
-def _areas(attacked: Attacked, sources: str) -> Grid:
+def _areas(attacked: Attacked, reading: Reading, sources: str) -> Grid:
     lines = []
     for attack in attacked.attacks:
-        cells = [_cell(attack, method, attacked.message_left(method, attack)) for method in attacked.by_method]
+        cells = [_cell(attack, method, attacked.message_left(method, attack, reading)) for method in attacked.by_method]
         width = attacked.width(attack)
         lines.append(Line((ATTACKS[attack].title,), (*cells, Cell(f"{width:.2f} dB", "", Spread(width)))))
     cells = [
@@ -111,12 +127,20 @@ def _areas(attacked: Attacked, sources: str) -> Grid:
         for group in attacked.by_method.values()
     ]
     return Grid(
-        "What is left of the message: PSNR (dB), averaged over the cover's loss",
+        f"What is left of the message {READINGS[reading]}: PSNR (dB), averaged over the cover's loss",
         ("Attack",),
         (*attacked.titles, "Cover's loss, up to"),
         (Line(("Nothing",), (*cells, Cell(""))), *lines),
-        (CURVE_NOTE, f"All figures: means over test views, from the measurements of {sources}."),
+        (
+            CURVE_NOTE,
+            *_notes(reading),
+            f"All figures: means over test views, from the measurements of {sources}.",
+        ),
     )
+
+
+def _notes(reading: Reading) -> tuple[str, ...]:
+    return (REGISTERED_NOTE,) if reading == "registered" else ()
 
 
 def _unattacked(experiments: Sequence[Experiment]) -> Spread:
@@ -140,31 +164,35 @@ def _is_spared(attack: AttackName, method: str) -> bool:
     return bool(ATTACKS[attack].needs) and method in (PLAIN, SECOND_HARMONICS, DECODER)
 
 
-def _gains(attacked: Attacked) -> Grid:
+def _gains(attacked: Attacked, reading: Reading) -> Grid:
     lines = [
         Line(
             (ATTACKS[attack].title,),
-            tuple(_cell(attack, method, attacked.gain(method, attack)) for method in attacked.by_method),
+            tuple(_cell(attack, method, attacked.gain(method, attack, reading)) for method in attacked.by_method),
         )
         for attack in attacked.attacks
     ]
     weakest = [
         f"{title_of(method)} is weakest under {_sentence(attack)} ({gain:.2f} dB): {ATTACKS[attack].hurts}."
         for method in attacked.by_method
-        for attack, gain in [_weakest(attacked, method)]
+        for attack, gain in [_weakest(attacked, method, reading)]
         if attack is not None and gain > 0
     ]
     return Grid(
-        "What attackers gain: the message's loss less the cover's, at its best severity (dB)",
+        f"What attackers gain {READINGS[reading]}: the message's loss less the cover's, at its best severity (dB)",
         ("Attack",),
         attacked.titles,
         tuple(lines),
-        (*weakest, "Above 0 the message suffers more than the cover; below, an attacker loses the cover first."),
+        (
+            *weakest,
+            "Above 0 the message suffers more than the cover; below, an attacker loses the cover first.",
+            *_notes(reading),
+        ),
     )
 
 
-def _weakest(attacked: Attacked, method: str) -> tuple[AttackName | None, float]:
-    gains = {attack: attacked.gain(method, attack).average.mean for attack in attacked.attacks}
+def _weakest(attacked: Attacked, method: str, reading: Reading) -> tuple[AttackName | None, float]:
+    gains = {attack: attacked.gain(method, attack, reading).average.mean for attack in attacked.attacks}
     known = {attack: gain for attack, gain in gains.items() if not math.isnan(gain)}
     worst = max(known, key=lambda attack: known[attack], default=None)
     return worst, known[worst] if worst is not None else math.nan
@@ -179,7 +207,7 @@ def _purification(attacked: Attacked, tables: Published) -> Grid:
     ours = [
         Line((title_of(method), HERE), tuple(figure_cell("psnr", figure.average) for figure in (alone, together)))
         for method in attacked.by_method
-        for alone, together in [(attacked.gain(method, attack) for attack in VIEW_WEIGHTS)]
+        for alone, together in [(attacked.gain(method, attack, "as found") for attack in VIEW_WEIGHTS)]
         if alone.by_capture or together.by_capture
     ]
     theirs = [
@@ -196,30 +224,6 @@ def _purification(attacked: Attacked, tables: Published) -> Grid:
             "clusters that serve the message are pruned. The weights, the clusters and their order are our own, and so "
             "are captures and sizes of pictures; less is better for the owner.",
         ),
-    )
-
-
-def _remedies(attacked: Attacked) -> Grid:
-    lines, most = [], 0
-    for attack in attacked.attacks:
-        for method, group in attacked.by_method.items():
-            left, back = average_curve(group, attack), average_curve(group, restored(attack))
-            if left is not None and back is not None:
-                cells = [
-                    Cell(
-                        f"{after.message:.2f}",
-                        f"from {before.message:.2f} at {before.severity:.3g}",
-                        Spread(after.message),
-                    )
-                    for before, after in zip(left.points, back.points, strict=True)
-                ]
-                lines.append(((f"{ATTACKS[attack].title}: {ATTACKS[attack].remedy}", title_of(method)), cells))
-                most = max(most, len(cells))
-    return Grid(
-        "What the owner, who has the original, gets back: the message's PSNR (dB)",
-        ("Attack and remedy", "Method"),
-        _headings(most),
-        tuple(Line(names, _filled(cells, most)) for names, cells in lines),
     )
 
 
@@ -246,6 +250,28 @@ def _points(attacked: Attacked) -> Grid:
     )
 
 
+def _registered_points(attacked: Attacked) -> Grid:
+    """All that was read after registration, better or worse than before."""
+    lines, most = [], 0
+    for attack in attacked.attacks:
+        for method, group in attacked.by_method.items():
+            found, registered = average_curve(group, attack), average_curve(group, restored(attack))
+            if found is not None and registered is not None:
+                cells = [
+                    Cell(f"{after.message:.2f}", f"from {before.message:.2f}", Spread(after.message))
+                    for before, after in zip(found.points, registered.points, strict=True)
+                ]
+                lines.append(((ATTACKS[attack].title, title_of(method)), cells))
+                most = max(most, len(cells))
+    return Grid(
+        f"The message at every point {READINGS['registered']}: PSNR (dB)",
+        ("Attack", "Method"),
+        _headings(most),
+        tuple(Line(names, _filled(cells, most)) for names, cells in lines),
+        ("As it was read, worse readings included; small figures are those as found, at the severities above.",),
+    )
+
+
 def _pictures(curve: Curve | None) -> dict[str, list]:
     if curve is None:
         return {}
@@ -263,18 +289,19 @@ def _filled(cells: Sequence[Cell], count: int) -> tuple[Cell, ...]:
     return (*cells, *(Cell("") for _ in range(count - len(cells))))
 
 
-def _relations(attacked: Attacked) -> list[Relation]:
+def _relations(attacked: Attacked, reading: Reading) -> list[Relation]:
     """Ours is not worse than GS-Hider in the area under any curve by more than the spread over seeds."""
     found = []
     for attack in attacked.attacks:
-        ours, hider = (attacked.message_left(method, attack) for method in COMPARED)
+        ours, hider = (attacked.message_left(method, attack, reading) for method in COMPARED)
         deviations = [each.deviation for area in (ours, hider) for each in area.by_capture.values()]
         known = [deviation for deviation in deviations if not math.isnan(deviation)]
         allowed = math.hypot(*known) / math.sqrt(max(1, len(ours.by_capture))) if known else 0.0
         if ours.minus(hider).by_capture:
             found.append(
                 Relation(
-                    f"{title_of(OURS)} not under {title_of(GS_HIDER)} by more than the spread: {_sentence(attack)}",
+                    f"{title_of(OURS)} not under {title_of(GS_HIDER)} by more than the spread, "
+                    f"{reading}: {_sentence(attack)}",
                     "difference",
                     "at least",
                     -allowed,
@@ -284,11 +311,12 @@ def _relations(attacked: Attacked) -> list[Relation]:
     return found
 
 
-def _tiles(attacked: Attacked) -> tuple[Tile, ...]:
-    attack, gain = _weakest(attacked, OURS)
+def _tiles(attacked: Attacked, reading: Reading) -> tuple[Tile, ...]:
+    attack, gain = _weakest(attacked, OURS, reading)
     if attack is None or gain <= 0:
         return ()
-    return (Tile("Our weakest attack", f"{gain:.2f} dB", f"{_sentence(attack)}: message loss less cover loss"),)
+    explained = f"{_sentence(attack)}: message loss less cover loss"
+    return (Tile(f"Our weakest attack, {reading}", f"{gain:.2f} dB", explained),)
 
 
 def _chart(attacked: Attacked, attack: AttackName) -> Chart | None:

@@ -72,6 +72,20 @@ def test_the_pictures_stay_when_cameras_move_along(similarity: Similarity, degre
         assert (after - before).abs().mean() < 1e-3
 
 
+def test_harmonics_of_every_picture_turn_and_what_a_method_adds_stays() -> None:
+    gaussians = coloured(5, 2, seed=0)
+    features = torch.randn(5, 7, generator=torch.Generator().manual_seed(0))
+    two = torch.stack([gaussians["sh_rest"], 2 * gaussians["sh_rest"]], dim=1)
+    similarity = Similarity(2.0, Rotation.from_rotvec([0.3, 0.4, 0.5]).as_matrix(), np.ones(3))
+    there = moved(Gaussians(gaussians.parameters | {"message_sh_rest": two, "raw_features": features}), similarity)
+    turned = turned_harmonics(gaussians["sh_rest"], similarity.rotation)
+    torch.testing.assert_close(there["sh_rest"], turned)
+    torch.testing.assert_close(there["message_sh_rest"], torch.stack([turned, 2 * turned], dim=1))
+    assert there["raw_features"] is features
+    without = {name: values for name, values in gaussians.parameters.items() if name != "sh_rest"}
+    torch.testing.assert_close(moved(Gaussians(without), similarity).means, there.means)
+
+
 def test_joined_scenes_of_different_degrees() -> None:
     one, two = coloured(3, 1, seed=0), coloured(4, 3, seed=1)
     for first, second in ((one, two), (two, one)):

@@ -1,4 +1,4 @@
-"""Attacks that the scene decoder is made to forgive: the cover stays, the message goes, and the owner's remedy."""
+"""Attacks that the scene decoder is made to forgive: the cover stays, and the message goes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from stages.analysis.attacks.features import (
     channel_permutation,
     compensated_rotation,
     feature_rotation,
-    realigned,
     unread_directions,
 )
 from stages.analysis.attacks.target import Target
@@ -59,29 +58,12 @@ def test_gs_hider_is_turned_exactly_where_it_is_opaque() -> None:
 
 
 @pytest.mark.parametrize("method", COUPLED)
-def test_what_was_turned_is_turned_back_by_the_owner(method: str) -> None:
-    target, _ = target_and_owner(method)
-    attacked = compensated_rotation(target, 20.0, generator())
-    back = realigned(attacked, target).gaussians[FEATURES]
-    assert not torch.allclose(attacked.gaussians[FEATURES], target.gaussians[FEATURES], atol=0.1)
-    assert torch.allclose(back.sigmoid(), target.gaussians[FEATURES].sigmoid(), atol=2e-3)
-
-
-@pytest.mark.parametrize("method", COUPLED)
 def test_without_turning_the_scene_decoder_the_cover_is_lost(method: str) -> None:
     target, owner = target_and_owner(method)
     attacked = feature_rotation(target, 60.0, generator())
     assert attacked.method is target.method
     cover, message = changes(target, owner, attacked)
     assert min(cover, message) > 0.05
-
-
-def test_realignment_finds_gaussians_in_another_order() -> None:
-    target, _ = target_and_owner("gs_hider")
-    attacked = compensated_rotation(target, 45.0, generator())
-    order = torch.randperm(len(target.gaussians), generator=generator())
-    back = realigned(attacked.keeping(order), target).gaussians[FEATURES]
-    assert torch.allclose(back.sigmoid(), target.gaussians[FEATURES][order].sigmoid(), atol=2e-3)
 
 
 def test_unread_directions_cost_the_homogeneous_cover_nothing_until_they_are_read() -> None:

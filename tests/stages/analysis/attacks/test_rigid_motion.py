@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from stages.analysis.attacks.rigid_motion import rigid_motion, turned_back
+from stages.analysis.attacks.rigid_motion import rigid_motion
 from stages.hiding.rendering import COVER
 from tests.stages.analysis.attacks.containers import MESSAGE, METHODS, shown, target_and_owner
 
@@ -26,12 +26,3 @@ def test_the_cover_stays_and_so_does_the_message_unless_it_is_told_directions(me
     assert (cover - before[COVER]).abs().max() < SAME
     change = float((shown(attacked, owner)[MESSAGE] - before[MESSAGE]).abs().max())
     assert (change > SAME) == (method == "homogeneous")
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_the_owner_turns_it_back(method: str) -> None:
-    target, owner = target_and_owner(method)
-    restored = turned_back(rigid_motion(target, 60.0, generator()), target)
-    before, after = shown(target, owner), shown(restored, owner)
-    assert torch.allclose(restored.gaussians.means, target.gaussians.means, atol=1e-5)
-    assert all((after[name] - before[name]).abs().max() < SAME for name in before)

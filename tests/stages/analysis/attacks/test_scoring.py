@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import torch
 
-from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName, restored
+from stages.analysis.attacks.catalogue import ATTACKS, ONE_COLOUR, UNATTACKED, AttackName, restored
 from stages.analysis.attacks.curves import Assay
 from stages.analysis.attacks.registry import attacks
 from stages.analysis.attacks.renders import jpeg, resizing
 from stages.analysis.attacks.scoring import Scorer
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
-from stages.imaging.pictures import tensor_to_picture
+from stages.imaging.pictures import picture_to_tensor, tensor_to_picture
 from stages.scene.message_views import MessageViews
 from tests.stages.analysis.attacks.containers import MESSAGE, METHODS, cameras, knowledge, scene, target_and_owner
 from tests.stages.small import HEIGHT, NAMES, VIEWS, WIDTH, pictures
@@ -78,12 +78,57 @@ def test_a_curve_has_its_damage_and_its_seeds() -> None:
     assert {row.message for row in rows} == {None, MESSAGE}
 
 
-def test_remedies_have_rows_of_their_own_and_what_has_no_features_has_none() -> None:
-    every = attacks((1,))
-    rows = list(assay("homogeneous").curve("rigid_motion", every["rigid_motion"]))
-    assert {row.condition for row in rows} == {"rigid_motion", restored("rigid_motion")}
-    assert list(assay("sh").curve("channel_dropping", every["channel_dropping"])) == []
+@pytest.mark.parametrize(("name", "method"), [("rigid_motion", "homogeneous"), ("channel_permutation", "gs_hider")])
+def test_the_owner_restores_what_the_attacker_moved(name: AttackName, method: str) -> None:
+    each = assay(method)
+    before = each.scorer.figures(each.target)
+    rows = list(each.curve(name, attacks((1,))[name]))
+    assert {row.condition for row in rows} == {name, restored(name)}
+    messages = [row for row in rows if row.message == MESSAGE and row.quantity == "psnr"]
+    unharmed = before[MESSAGE, "psnr"]
+    assert max(abs(row.value - unharmed) for row in messages if row.condition == name) > 0.1
+    back = [row.value for row in messages if row.condition == restored(name)]
+    assert back == pytest.approx([unharmed] * len(back), abs=0.02)
+    assert len(back) == len(messages) / 2
+
+
+def test_where_there_is_nothing_to_restore_the_figures_are_those_as_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    each = assay("homogeneous", perceptual={"lpips_vgg": lambda picture, truth: 0.5})
+    rendered: list[object] = []
+    figures = Scorer.figures
+
+    def counted(*given: object) -> object:
+        rendered.append(given)
+        return figures(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Scorer, "figures", counted)
+    rows = list(each.curve("sequential_pruning", attacks((1,))["sequential_pruning"]))
+    found = {(row.severity, row.message, row.quantity): row.value for row in rows if row.condition == rows[0].condition}
+    back = {(row.severity, row.message, row.quantity): row.value for row in rows if row.condition != rows[0].condition}
+    assert rows[0].condition == "sequential_pruning"
+    assert len(rendered) == len({row.severity for row in rows})
+    assert back == {key: value for key, value in found.items() if key[2] != "lpips_vgg"}
+    assert any(quantity == "lpips_vgg" for _, _, quantity in found)
+
+
+def test_of_renders_nothing_is_restored() -> None:
+    rows = assay("decoder").curve("jpeg", attacks((1,))["jpeg"])
+    assert {row.condition for row in rows} == {"jpeg"}
+
+
+def test_what_has_no_features_is_not_attacked_there() -> None:
+    assert list(assay("sh").curve("channel_dropping", attacks((1,))["channel_dropping"])) == []
     assert {row.condition for row in assay("sh").unattacked()} == {UNATTACKED}
+
+
+def test_one_colour_is_the_best_one() -> None:
+    each = assay("gs_hider")
+    [(key, value)] = each.scorer.one_colour().items()
+    assert key == (MESSAGE, ONE_COLOUR)
+    truths = [picture_to_tensor(pictures(1)[row]) for row in range(2)]
+    best = [-10 * np.log10(float(truth.double().var(dim=(0, 1), correction=0).mean())) for truth in truths]
+    assert value == pytest.approx(np.mean(best), abs=1e-4)
+    assert [row.value for row in each.unattacked() if row.quantity == ONE_COLOUR] == [value]
 
 
 def test_what_has_no_chance_is_measured_once() -> None:

@@ -8,7 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stages.analysis.paper.attack_curves import LEAST_LOSS, Curve, Point
+from stages.analysis.attacks.catalogue import ONE_COLOUR, UNATTACKED, restored
+from stages.analysis.measurements import Measurement
+from stages.analysis.paper.attack_curves import LEAST_LOSS, Curve, Point, readings
+from stages.analysis.paper.runs import Experiment
 
 COVER, MESSAGE = 30.0, 24.0
 
@@ -71,3 +74,35 @@ def test_the_order_of_points_does_not_matter_and_more_points_leave_no_more(
 
 def test_no_width_means_what_is_left_at_next_to_no_loss() -> None:
     assert curve((LEAST_LOSS, 4), (1, 9)).message_left(0) == pytest.approx(MESSAGE - 2)
+
+
+def test_what_reads_worse_than_the_floor_reads_as_the_floor() -> None:
+    raised = curve((1, 2), (2, 20)).kept_above(10.0)
+    assert [point.message for point in raised.points] == [22.0, 10.0]
+    assert [point.cover for point in raised.points] == [29.0, 28.0]
+    assert curve((1, 30)).kept_above(40.0).gain == -1, "who never had a message loses none"
+    assert curve((1, 20)).kept_above(math.nan) == curve((1, 20))
+
+
+def test_the_better_reading_is_taken_severity_by_severity() -> None:
+    best = curve((1, 2), (2, 9)).better_of(curve((3, 4), (4, 1)))
+    assert [point.message for point in best.points] == [22.0, 23.0]
+    assert [point.cover for point in best.points] == [29.0, 28.0], "the cover that the attacker publishes"
+
+
+def test_readings_of_an_experiment() -> None:
+    def row(quantity: str, value: float, condition: str, severity: float | None, message: str | None) -> Measurement:
+        return Measurement(quantity, value, condition, severity, 0, None, "test", message, "sh")
+
+    found = [row("psnr", 30.0, UNATTACKED, None, None), row("psnr", 24.0, UNATTACKED, None, "statue")]
+    found.append(row(ONE_COLOUR, 12.0, UNATTACKED, None, "statue"))
+    for severity, before, after in ((1.0, 20.0, 23.0), (2.0, 8.0, 7.0)):
+        for condition, message in (("cloning", before), (restored("cloning"), after)):
+            found += [row("psnr", 29.0, condition, severity, None), row("psnr", message, condition, severity, "statue")]
+    found += [row("psnr", 28.0, "jpeg", 50.0, None), row("psnr", 21.0, "jpeg", 50.0, "statue")]
+    experiment = Experiment("fox", "sh", "0", tuple(found), {}, "attacked")
+    [as_found], [registered] = (readings(experiment, "cloning", each) for each in ("as found", "registered"))
+    assert [point.message for point in as_found.points] == [20.0, 12.0]
+    assert [point.message for point in registered.points] == [23.0, 12.0]
+    assert readings(experiment, "jpeg", "registered") == readings(experiment, "jpeg", "as found") != ()
+    assert readings(experiment, "cropping", "registered") == ()

@@ -1,0 +1,89 @@
+"""`recover`: a container that was found somewhere, as its owner's secret reads it: moved and mixed back."""
+
+from __future__ import annotations
+
+import torch
+from pydantic import Field
+
+from pipeline.artifact import Artifact
+from pipeline.errors import UserError
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.method import module_of
+from stages.hiding.recovery import Recovery, recovered, unlike
+from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
+from stages.scene.gaussians import Gaussians
+
+
+class RecoverParameters(Parameters):
+    """Whose container it is, and how a motion is looked for."""
+
+    method: str = Field("gs_hider", description="The method of both containers; plain for splats of 3DGS.")
+    seed: int = Field(0, ge=0, description="Of the Gaussians and motions that are tried where places tell nothing.")
+    threads: int = Field(1, ge=1, description="Threads of torch: sums over Gaussians, and so the bits, depend on it.")
+
+
+@stage(
+    inputs={"found": Input("container or splats"), "published": Input("container or splats")},
+    outputs={"container": Output("container")},
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def recover(context: Context, parameters: RecoverParameters) -> None:
+    """Register the found container with the published one, and undo what was done to all of it alike.
+
+    The secret of the published container reads what comes out; the public networks are the published ones.
+    """
+    torch.set_num_threads(parameters.threads)
+    found, published = context.input("found"), context.input("published")
+    for container in (found, published):
+        check_method(container, parameters.method)
+    gaussians, originals = read_gaussians(found), read_gaussians(published)
+    _check_alike(found, gaussians, originals)
+    recovery = recovered(gaussians, originals, parameters.seed)
+    if recovery is None:
+        raise UserError(
+            "nothing of what was published is recognised in it",
+            where=str(found.path),
+            found=f"{len(gaussians)} Gaussians, of which too few are among the {len(originals)} published",
+            expected="the published container, moved, pruned or with other features, and ten of its Gaussians at least",
+            remedy="give as `published` the container that the found one was made from; what was trained anew, or "
+            "changed in places, sizes and opacities at once, cannot be registered",
+        )
+    context.log(_said(recovery))
+    write_container(context.output("container"), recovery.gaussians, read_method(published))
+    context.record(
+        degrees=recovery.degrees,
+        shift=recovery.shift,
+        scale=recovery.motion.scale,
+        matched=recovery.matched,
+        feature_change=recovery.feature_change,
+    )
+
+
+def _check_alike(found: Artifact, gaussians: Gaussians, originals: Gaussians) -> None:
+    others = unlike(gaussians.parameters, originals.parameters)
+    if others:
+        raise UserError(
+            "the containers do not have the same attributes",
+            where=str(found.path),
+            found=f"other {', '.join(others)}",
+            expected="attributes and shapes as published",
+            remedy="give as `published` the container that the found one was made from",
+        )
+    broken = [name for name, values in gaussians.parameters.items() if not values.isfinite().all()]
+    if broken:
+        raise UserError(
+            "the found container has values that are not numbers",
+            where=str(found.path),
+            found=f"NaN or infinity in {', '.join(broken)}",
+            expected="finite values",
+            remedy="leave out the Gaussians that have them",
+        )
+
+
+def _said(recovery: Recovery) -> str:
+    return (
+        f"turned by {recovery.degrees:.3f} degrees, moved by {recovery.shift:.4g}, scaled by "
+        f"{recovery.motion.scale:.6g}; {recovery.matched:.1%} of the Gaussians lie where published ones do; features "
+        f"{f'changed back by {recovery.feature_change:.4f}' if recovery.feature_change else 'left as they are'}"
+    )

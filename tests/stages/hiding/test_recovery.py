@@ -1,0 +1,185 @@
+"""What was done to a container as a whole is undone, all of it at once; what was not is left alone, bit for bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from stages.hiding.coupled import FEATURES
+from stages.hiding.recovery import Recovery, recovered, unlike
+from stages.hiding.stored_features import stored
+from stages.scene.gaussians import Gaussians
+from stages.scene.moved_splats import chosen, moved
+from tests.stages.scene.test_registration import COUNT, motion, pruned, scene
+
+CHANNELS = 6
+SAME = 2e-4
+"""Of activated features: `FARTHEST` cuts off as much."""
+
+
+def container(seed: int = 0, count: int = COUNT) -> Gaussians:
+    """Coupled features about a mean that is not 0.5, as trained ones are, beside harmonics of cover and messages."""
+    generator = torch.Generator().manual_seed(seed + 100)
+    attributes = {
+        FEATURES: 0.8 * torch.randn(count, CHANNELS, generator=generator) + torch.linspace(-1, 1, CHANNELS),
+        "sh_rest": torch.randn(count, 8, 3, generator=generator),
+        "message_sh_rest": torch.randn(count, 2, 8, 3, generator=generator),
+    }
+    return Gaussians(scene(seed, count).parameters | attributes)
+
+
+def mixed(gaussians: Gaussians, seed: int) -> Gaussians:
+    """Channels turned about 0.5 in all planes and drawn together, then permuted: as an attacker may do."""
+    generator = torch.Generator().manual_seed(seed)
+    turn = torch.linalg.qr(torch.randn(CHANNELS, CHANNELS, generator=generator, dtype=torch.float64)).Q
+    centred = 0.5 * (gaussians[FEATURES].double().sigmoid() - 0.5) @ turn
+    order = torch.randperm(CHANNELS, generator=generator)
+    return Gaussians(gaussians.parameters | {FEATURES: stored(0.5 + centred)[:, order]})
+
+
+def check(recovery: Recovery | None, expected: Gaussians) -> Recovery:
+    """That the same Gaussians came back, in their order."""
+    assert recovery is not None
+    back = recovery.gaussians
+    assert set(back.parameters) == set(expected.parameters)
+    assert torch.allclose(back.means, expected.means, atol=1e-4)
+    assert torch.allclose(back[FEATURES].sigmoid(), expected[FEATURES].sigmoid(), atol=SAME)
+    quats = [torch.nn.functional.normalize(each.quats, dim=-1) for each in (back, expected)]
+    assert torch.allclose((quats[0] * quats[1]).sum(dim=-1).abs(), torch.ones(len(expected)), atol=1e-5)
+    for name in ("log_scales", "sh_rest", "message_sh_rest", "logit_opacities"):
+        assert torch.allclose(back[name], expected[name], atol=1e-3), name
+    return recovery
+
+
+@pytest.mark.parametrize("scale", [1.0, 3.0])
+@pytest.mark.parametrize("share", [0.05, 0.25])
+def test_all_at_once(share: float, scale: float) -> None:
+    published, way = container(), motion(1, scale)
+    left = pruned(published, share)
+    recovery = check(recovered(moved(mixed(left, 2), way), published, 0), left)
+    assert recovery.changed
+    assert recovery.matched == 1
+    assert recovery.motion.scale == pytest.approx(scale)
+    assert recovery.degrees == pytest.approx(np.rad2deg(Rotation.from_matrix(way.rotation).magnitude()), abs=1e-3)
+    middle = np.median(published.means.double().numpy(), axis=0)
+    assert recovery.shift == pytest.approx(np.linalg.norm(way.points(middle[None]) - middle) / scale, abs=1e-3)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_turn_of_features_and_world(seed: int) -> None:
+    published = container(0, 500)
+    left = pruned(published, 0.25, seed)
+    check(recovered(moved(mixed(left, seed), motion(seed)), published, seed), left)
+
+
+def test_what_was_not_touched_stays_bit_for_bit() -> None:
+    published = container()
+    for found in (published, pruned(published, 0.6)):
+        recovery = recovered(found, published, 0)
+        assert recovery is not None
+        assert not recovery.changed
+        assert (recovery.degrees, recovery.shift, recovery.feature_change) == (0, 0, 0)
+        assert all(torch.equal(recovery.gaussians[name], values) for name, values in found.parameters.items())
+
+
+def test_only_what_was_changed_is_changed_back() -> None:
+    published = container()
+    turned = recovered(moved(published, motion(3)), published, 0)
+    assert turned is not None
+    assert torch.equal(turned.gaussians[FEATURES], published[FEATURES])
+    assert turned.feature_change == 0
+    remixed = recovered(mixed(published, 3), published, 0)
+    assert remixed is not None
+    assert torch.equal(remixed.gaussians.means, published.means)
+    assert torch.equal(remixed.gaussians["sh_rest"], published["sh_rest"])
+    difference = mixed(published, 3)[FEATURES].sigmoid() - published[FEATURES].sigmoid()
+    assert remixed.feature_change == pytest.approx(float(difference.square().mean().sqrt()), rel=1e-3)
+
+
+def test_features_of_a_few_do_not_mislead() -> None:
+    """A third of the Gaussians lose their features after all were mixed: the others come back."""
+    published = container()
+    found = mixed(published, 4)
+    features = found[FEATURES].clone()
+    features[: COUNT // 3] = 3.0
+    recovery = recovered(Gaussians(found.parameters | {FEATURES: features}), published, 0)
+    assert recovery is not None
+    back, expected = (each[FEATURES][COUNT // 3 :].sigmoid() for each in (recovery.gaussians, published))
+    assert torch.allclose(back, expected, atol=5e-3)
+
+
+def test_clones_and_foreign_gaussians_are_carried_along() -> None:
+    published, foreign = container(), container(9, 400)
+    clones = chosen(published, torch.arange(300))
+    together = Gaussians(
+        {name: torch.cat([published[name], clones[name], foreign[name]]) for name in foreign.parameters}
+    )
+    recovery = check(recovered(moved(mixed(together, 5), motion(5)), published, 0), together)
+    assert recovery.matched == pytest.approx((COUNT + 300) / (COUNT + 700), abs=0.01)
+
+
+def test_noise_on_features_is_no_map() -> None:
+    published = container()
+    noise = 0.1 * torch.randn(COUNT, CHANNELS, generator=torch.Generator().manual_seed(0))
+    found = Gaussians(published.parameters | {FEATURES: published[FEATURES] + noise})
+    recovery = recovered(found, published, 0)
+    assert recovery is not None
+    assert not recovery.changed
+
+
+def test_noise_on_places_leaves_features_to_shapes() -> None:
+    published = container()
+    found = moved(mixed(published, 6), motion(6))
+    noise = 0.015 * torch.randn(COUNT, 3, generator=torch.Generator().manual_seed(0))
+    recovery = recovered(Gaussians(found.parameters | {"means": found.means + noise}), published, 0)
+    assert recovery is not None
+    assert recovery.matched < 0.25
+    assert torch.allclose(recovery.gaussians[FEATURES].sigmoid(), published[FEATURES].sigmoid(), atol=SAME)
+
+
+def test_channels_that_were_left_out_are_told_by_the_others() -> None:
+    published = container()
+    features = published[FEATURES].double().sigmoid()
+    features[:, -1] = 0.2 + 0.3 * features[:, 0] + 0.2 * features[:, 1]
+    published = Gaussians(published.parameters | {FEATURES: stored(features)})
+    found = Gaussians(published.parameters | {FEATURES: published[FEATURES][:, :-1]})
+    recovery = check(recovered(found, published, 0), published)
+    assert recovery.gaussians[FEATURES].shape == published[FEATURES].shape
+    assert unlike(found.parameters, published.parameters) == ()
+    few = torch.arange(2 * CHANNELS - 1)
+    assert recovered(chosen(found, few), chosen(published, few), 0) is None, "too few to tell the last channel"
+
+
+def test_splats_without_features() -> None:
+    published = Gaussians({name: values for name, values in container().parameters.items() if name != FEATURES})
+    recovery = recovered(moved(published, motion(7)), published, 0)
+    assert recovery is not None
+    assert torch.allclose(recovery.gaussians["message_sh_rest"], published["message_sh_rest"], atol=1e-3)
+    assert recovery.feature_change == 0
+
+
+def test_nothing_is_recovered_of_what_does_not_match() -> None:
+    published = container()
+    assert recovered(container(1), published, 0) is None
+    assert recovered(chosen(published, torch.arange(0)), published, 0) is None
+
+
+def test_seeds_repeat() -> None:
+    published = container()
+    found = moved(mixed(pruned(published, 0.2), 8), motion(8))
+    once, again = (recovered(found, published, 1) for _ in range(2))
+    assert once is not None
+    assert again is not None
+    assert all(torch.equal(values, again.gaussians[name]) for name, values in once.gaussians.parameters.items())
+
+
+def test_attributes_that_differ_are_named() -> None:
+    published = container().parameters
+    without = {name: values for name, values in published.items() if name != "quats"}
+    assert unlike(without | {"sh_rest": published["sh_rest"][:, :3]}, published) == ("quats", "sh_rest")
+    assert unlike(published, published) == ()

@@ -1,0 +1,159 @@
+"""Gaussians that were moved as a whole are recognised, whatever else was done to them, and others are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from stages.scene.gaussians import Gaussians
+from stages.scene.moved_splats import chosen, moved
+from stages.scene.registration import Registration, register
+from stages.scene.similarity import Similarity
+
+COUNT = 1500
+
+
+def scene(seed: int, count: int = COUNT) -> Gaussians:
+    """A few clusters and a wide surrounding, with sizes and opacities as various as trained ones."""
+    generator = torch.Generator().manual_seed(seed)
+    centres = torch.randn(8, 3, generator=generator)
+    means = centres[torch.randint(8, (count,), generator=generator)] + 0.3 * torch.randn(count, 3, generator=generator)
+    means[: count // 5] *= 4
+    return Gaussians(
+        {
+            "means": means,
+            "quats": torch.randn(count, 4, generator=generator),
+            "log_scales": torch.randn(count, 3, generator=generator) - 4,
+            "logit_opacities": 2 * torch.randn(count, generator=generator),
+        }
+    )
+
+
+def motion(seed: int, scale: float = 1.0) -> Similarity:
+    generator = np.random.default_rng(seed)
+    return Similarity(scale, Rotation.random(rng=generator).as_matrix(), generator.normal(scale=3, size=3))
+
+
+def pruned(gaussians: Gaussians, share: float, seed: int = 0) -> Gaussians:
+    order = torch.randperm(len(gaussians), generator=torch.Generator().manual_seed(seed))
+    return chosen(gaussians, order[round(share * len(gaussians)) :])
+
+
+def shaken(gaussians: Gaussians, name: str, sigma: float) -> Gaussians:
+    noise = torch.randn(gaussians[name].shape, generator=torch.Generator().manual_seed(7))
+    return Gaussians(gaussians.parameters | {name: gaussians[name] + sigma * noise})
+
+
+def is_identity(found: Similarity) -> bool:
+    return found.scale == 1 and np.array_equal(found.rotation, np.eye(3)) and not found.translation.any()
+
+
+def check(found: Registration | None, expected: Similarity, tolerance: float = 1e-5) -> Registration:
+    assert found is not None
+    np.testing.assert_allclose(found.motion.rotation, expected.rotation, atol=tolerance)
+    np.testing.assert_allclose(found.motion.translation, expected.translation, atol=10 * tolerance)
+    assert found.motion.scale == pytest.approx(expected.scale, abs=tolerance)
+    return found
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.2, 5.0])
+@pytest.mark.parametrize("share", [0.05, 0.25, 0.8])
+def test_a_moved_and_pruned_scene_is_registered_and_every_pair_is_right(share: float, scale: float) -> None:
+    published, expected = scene(0), motion(1, scale)
+    left = pruned(published, share)
+    found = check(register(moved(left, expected), published, 0), expected)
+    assert found.matched == 1
+    assert len(found.found) == len(left)
+    assert torch.equal(left.means[found.found], published.means[found.published])
+    if scale == 1:
+        assert found.motion.scale == 1, "a scale is told only where there is one"
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), degrees=st.floats(0, 180), shift=st.floats(0, 100))
+def test_any_rigid_motion_is_found(seed: int, degrees: float, shift: float) -> None:
+    generator = np.random.default_rng(seed)
+    axis, way = (values / np.linalg.norm(values) for values in generator.normal(size=(2, 3)))
+    expected = Similarity(1.0, Rotation.from_rotvec(np.deg2rad(degrees) * axis).as_matrix(), shift * way)
+    check(register(moved(scene(seed % 5, 400), expected), scene(seed % 5, 400), 0), expected, 1e-4)
+
+
+def test_what_was_not_moved_has_exactly_the_identity() -> None:
+    published = scene(0)
+    for found in (published, pruned(published, 0.9), shaken(published, "means", 1e-4)):
+        registration = register(found, published, 0)
+        assert registration is not None
+        assert is_identity(registration.motion)
+        assert registration.matched == 1
+
+
+def test_a_turn_too_small_for_places_to_tell_is_found_all_the_same() -> None:
+    published = scene(0)
+    expected = Similarity(1.0, Rotation.from_rotvec([0, 1e-4, 0]).as_matrix(), np.zeros(3))
+    check(register(moved(published, expected), published, 0), expected, 1e-7)
+
+
+@pytest.mark.parametrize("expected", [Similarity.identity(), motion(3)])
+def test_single_places_may_be_noisy(expected: Similarity) -> None:
+    """Shapes tell then; pairs are right, and the motion is as exact as noise lets it be."""
+    published = scene(0)
+    sigma = 0.015
+    found = shaken(moved(published, expected), "means", sigma)
+    registration = check(register(found, published, 0), expected, 3 * sigma / np.sqrt(COUNT))
+    assert registration.matched < 0.25
+    assert len(registration.found) > 0.8 * COUNT
+    assert np.mean(registration.found == registration.published) > 0.99
+    assert is_identity(registration.motion) == is_identity(expected)
+
+
+def test_sizes_may_be_noisy_and_axes_change_places() -> None:
+    published, expected = scene(0), motion(4)
+    found = shaken(moved(published, expected), "log_scales", 0.03)
+    check(register(found, published, 0), expected)
+    turned = Gaussians(found.parameters | {"log_scales": found["log_scales"][:, [2, 0, 1]]})
+    check(register(turned, published, 0), expected)
+
+
+def test_doubled_and_foreign_gaussians_do_not_disturb() -> None:
+    published, expected = scene(0), motion(5)
+    clones, foreign = chosen(published, torch.arange(500)), scene(9, COUNT)
+    together = Gaussians(
+        {name: torch.cat([published[name], clones[name], foreign[name]]) for name in foreign.parameters}
+    )
+    registration = check(register(moved(together, expected), published, 0), expected)
+    assert registration.matched == pytest.approx((COUNT + 500) / (2 * COUNT + 500), abs=0.01)
+    ours = registration.found < COUNT
+    np.testing.assert_array_equal(registration.found[ours], registration.published[ours])
+
+
+def test_what_has_nothing_to_do_with_it_is_not_recognised() -> None:
+    published = scene(0)
+    for other in (scene(1), scene(1, 40), moved(scene(2), motion(1, 3.0)), pruned(published, 0.997)):
+        assert register(moved(other, motion(6)), published, 0) is None
+    assert register(chosen(published, torch.arange(0)), published, 0) is None
+    assert register(published, chosen(published, torch.arange(0)), 0) is None
+
+
+def test_gaussians_all_at_one_place_are_no_scene() -> None:
+    published = scene(0)
+    heap = Gaussians(published.parameters | {"means": torch.ones(COUNT, 3)})
+    assert register(heap, published, 0) is None
+    assert register(published, heap, 0) is None
+    one = chosen(published, torch.arange(1))
+    registration = register(one, one, 0)
+    assert registration is not None
+    assert is_identity(registration.motion)
+
+
+def test_seeds_repeat() -> None:
+    published, found = scene(0), shaken(moved(scene(0), motion(2)), "means", 0.02)
+    once, again = (register(found, published, 3) for _ in range(2))
+    assert once is not None
+    assert again is not None
+    assert np.array_equal(once.motion.rotation, again.motion.rotation)
+    assert np.array_equal(once.motion.translation, again.motion.translation)
+    assert np.array_equal(once.found, again.found)

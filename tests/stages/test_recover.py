@@ -1,0 +1,134 @@
+"""A found container becomes one that the published one's secret reads; what was not made from that is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+
+from pipeline.artifact import Artifact, create, load
+from pipeline.errors import UserError
+from pipeline.stage import run_stage
+from stages.analysis.attacks.features import channel_permutation, compensated_rotation
+from stages.analysis.attacks.pruning import random_pruning
+from stages.analysis.attacks.rigid_motion import rigid_motion
+from stages.analysis.attacks.target import Target
+from stages.hiding.rendering import COVER
+from stages.hiding.storage import read_gaussians, read_method, write_container, write_secret
+from stages.recover import RecoverParameters, recover
+from stages.scene.cameras import single_cameras
+from tests.stages import small
+from tests.stages.analysis.attacks.containers import MESSAGE, METHODS, cameras, target_and_owner
+from tests.stages.test_stopping import Asking
+
+SAME = 2e-3
+
+
+def generator() -> torch.Generator:
+    return torch.Generator().manual_seed(1)
+
+
+def stored(folder: Path, target: Target) -> Artifact:
+    with create(folder, "container") as writer:
+        write_container(writer, target.gaussians, target.method)
+    return load(folder)
+
+
+def attacked(target: Target) -> Target:
+    """Moved and pruned; channels turned and permuted, where there are some, and the scene decoder with them."""
+    if target.has_features:
+        target = channel_permutation(compensated_rotation(target, 30.0, generator()), 16, generator())
+    return random_pruning(rigid_motion(target, 90.0, generator()), 0.25, generator())
+
+
+def refused(tmp_path: Path, found: Artifact, published: Artifact, method: str = "homogeneous") -> str:
+    inputs, outputs = {"found": found, "published": published}, tmp_path / f"{found.path.name} refused"
+    with pytest.raises(UserError) as refusal:
+        run_stage(recover, RecoverParameters(method=method), inputs, outputs)
+    return str(refusal.value)
+
+
+def changed(target: Target, name: str, change: Callable[[torch.Tensor], torch.Tensor]) -> Target:
+    return target.with_parameters({name: change(target.gaussians[name])})
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_secret_reads_what_was_recovered(tmp_path: Path, method: str) -> None:
+    target, owner = target_and_owner(method)
+    with create(tmp_path / "secret", "secret", private=True) as writer:
+        write_secret(writer, owner, [MESSAGE])
+    secret = load(tmp_path / "secret")
+    inputs = {
+        "found": stored(tmp_path / "found", attacked(target)),
+        "published": stored(tmp_path / "published", target),
+    }
+    outputs = run_stage(recover, RecoverParameters(method=method), inputs, tmp_path / "outputs")
+    container = outputs["container"]
+    assert not container.private
+    camera = single_cameras(cameras())[0]
+
+    def pictures(artifact: Artifact) -> dict[str, torch.Tensor]:
+        return dict(read_method(artifact, secret).render(read_gaussians(artifact), camera).pictures)
+
+    expected = pictures(stored(tmp_path / "pruned", random_pruning(target, 0.25, generator())))
+    back, harmed = pictures(container), pictures(inputs["found"])
+    assert set(back) == {COVER, MESSAGE}
+    assert all((back[name] - expected[name]).abs().max() < SAME for name in back)
+    assert (harmed[MESSAGE] - expected[MESSAGE]).abs().max() > 0.05
+
+
+def test_splats_of_3dgs_are_recovered_too(tmp_path: Path) -> None:
+    published = small.splats(tmp_path / "published")
+    target = Target(read_gaussians(published), read_method(published))
+    spread = torch.linspace(-2, 2, len(target.gaussians))
+    target = changed(target, "logit_opacities", lambda logits: logits + spread)
+    inputs = {
+        "found": stored(tmp_path / "found", rigid_motion(target, 40.0, generator())),
+        "published": stored(tmp_path / "original", target),
+    }
+    made = run_stage(recover, RecoverParameters(method="plain"), inputs, tmp_path / "outputs")["container"]
+    back, expected = (read_gaussians(each).means for each in (made, inputs["published"]))
+    assert torch.allclose(back, expected, atol=1e-4)
+
+
+def test_it_says_what_was_found(tmp_path: Path) -> None:
+    target, _ = target_and_owner("homogeneous")
+    published = stored(tmp_path / "published", target)
+    found = stored(tmp_path / "found", attacked(target))
+    asking = Asking()
+    services = asking.services()
+    for name, artifact in (("moved", found), ("same", published)):
+        inputs = {"found": artifact, "published": published}
+        run_stage(recover, RecoverParameters(method="homogeneous"), inputs, tmp_path / name, services=services)
+    first, second = asking.lines
+    assert "turned by 90.000 degrees" in first
+    assert "100.0% of the Gaussians lie where published ones do" in first
+    assert "features changed back by 0." in first
+    assert "turned by 0.000 degrees, moved by 0, scaled by 1;" in second
+    assert "features left as they are" in second
+    assert load(tmp_path / "same" / "container").digest == published.digest
+
+
+def test_what_was_not_made_from_it_is_refused(tmp_path: Path) -> None:
+    target, _ = target_and_owner("homogeneous")
+    published = stored(tmp_path / "published", target)
+    strange = stored(tmp_path / "strange", changed(target, "means", lambda means: means.flip(0) * 3))
+    said = refused(tmp_path, strange, published)
+    assert "nothing of what was published is recognised" in said
+    assert "found 200 Gaussians" in said
+    none = stored(tmp_path / "none", target.keeping(torch.arange(0)))
+    assert "found 0 Gaussians" in refused(tmp_path, none, published)
+
+
+def test_containers_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
+    target, _ = target_and_owner("homogeneous")
+    published = stored(tmp_path / "published", target)
+    other, _ = target_and_owner("gs_hider")
+    said = refused(tmp_path, stored(tmp_path / "other", other), published)
+    assert "another method" in said
+    flat = stored(tmp_path / "flat", changed(target, "log_scales", lambda scales: scales[:, :2]))
+    assert "other log_scales" in refused(tmp_path, flat, published)
+    broken = stored(tmp_path / "broken", changed(target, "quats", lambda quats: quats / 0))
+    assert "NaN or infinity in quats" in refused(tmp_path, broken, published)
