@@ -19,8 +19,6 @@ from stages.hiding.stored_features import FARTHEST, stored
 ANGLES = (5.0, 15.0, 30.0, 60.0, 90.0)
 DROPPED_SHARES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4)
 PERMUTED_SHARES = (1 / 8, 1 / 4, 1 / 2, 3 / 4, 1)
-SMALLEST_VARIANCE = 1e-8
-"""Of features along a direction; along one with less they are all alike."""
 
 
 def channel_counts(target: Target) -> Sequence[float]:
@@ -47,27 +45,6 @@ def channel_dropping(target: Target, channels: float, generator: torch.Generator
     dropped = torch.randperm(raw.shape[1], generator=generator)[: int(channels)]
     raw[:, dropped] = raw[:, dropped].sigmoid().mean(dim=0).logit()
     return target.with_parameters({FEATURES: raw})
-
-
-def unread_directions(target: Target, count: float) -> Target:
-    """Remove what features hold along so many directions: those that the scene decoder's first layer reads least.
-
-    The attacker knows the container, its scene decoder included, whose weights say which directions the cover needs.
-    Among features that are scaled to be as various along all directions (whitened), these are the right singular
-    vectors of all rows by which they are read, in ascending order of their singular values: leaving them at their mean
-    changes what is read least, in the squares' mean. `homogeneous` reads 8 of its 16 directions for the cover, so that
-    the other 8 go without a trace. Not for containers without features.
-    """
-    centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
-    mean = centred.mean(dim=0)
-    spread, basis = torch.linalg.eigh((centred - mean).T @ (centred - mean) / max(1, len(centred)))
-    root = basis * spread.clamp_min(SMALLEST_VARIANCE).sqrt() @ basis.T
-    unread = torch.linalg.svd(read_rows(target.method) @ root, full_matrices=True).Vh.flip(0)[: int(count)]
-    removed = root @ (unread.T @ unread) @ torch.linalg.inv(root)
-    left = centred - (centred - mean) @ removed.T
-    if _reads_centred(target.method):
-        return _shrunk(target, left, torch.eye(len(removed), dtype=removed.dtype))
-    return target.with_parameters({FEATURES: stored(0.5 + left)})
 
 
 def channel_permutation(target: Target, channels: float, generator: torch.Generator) -> Target:
@@ -104,24 +81,15 @@ def compensated_rotation(target: Target, degrees: float, generator: torch.Genera
     """
     centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
     turn = _turn(centred.shape[1], degrees, generator)
-    return _shrunk(target, centred @ turn.T, turn.T)
+    return shrunk(target, centred @ turn.T, turn.T)
 
 
-def read_rows(method: Method) -> Float64[Tensor, "K M"]:
-    """The K rows by which the scene decoder's first layer reads features, of all its taps."""
-    decoder = method.networks["scene_decoder"]
-    if isinstance(decoder, Decoder):
-        return _first(decoder).weight.detach().double().permute(0, 2, 3, 1).flatten(0, 2)
-    weights = dict(decoder.named_parameters())
-    return torch.cat([weights["directions"], weights["readings"].flatten(0, 1)]).detach().double()
-
-
-def _reads_centred(method: Method) -> bool:
+def reads_centred(method: Method) -> bool:
     """Whether the scene decoder reads features less half the opacity, so that a common factor can be made good."""
     return not isinstance(method.networks["scene_decoder"], Decoder)
 
 
-def _shrunk(target: Target, centred: Float64[Tensor, "N M"], back: Float64[Tensor, "M M"]) -> Target:
+def shrunk(target: Target, centred: Float64[Tensor, "N M"], back: Float64[Tensor, "M M"]) -> Target:
     """Features 0.5 + s c, and a scene decoder with rows r B / s, where it had r; B is `back`.
 
     s is the largest factor up to 1 that leaves all features storable.

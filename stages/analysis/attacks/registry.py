@@ -11,6 +11,7 @@ from stages.analysis.attacks.pruning import cloning, cropping, random_pruning, s
 from stages.analysis.attacks.reoptimisation import reoptimisation
 from stages.analysis.attacks.stripping import stripping
 from stages.analysis.attacks.target import Attack, Target, seeded, unseeded
+from stages.analysis.attacks.unread_directions import unread_directions
 from stages.analysis.attacks.view_weights import view_weight_clustering, view_weight_pruning
 
 MOST_PRUNED = 0.95
@@ -46,9 +47,7 @@ def attacks(reoptimised: Sequence[int]) -> Mapping[AttackName, Attack]:
         "cropping": Attack(seeded(cropping), strongest=MOST_PRUNED),
         "rigid_motion": Attack(seeded(rigid_motion.rigid_motion), lambda target: rigid_motion.SEVERITIES),
         "channel_dropping": Attack(seeded(features.channel_dropping), features.channel_counts, applies=_has_features),
-        "unread_directions": Attack(
-            unseeded(features.unread_directions), features.channel_counts, applies=_has_features, random=False
-        ),
+        "unread_directions": Attack(unread_directions, features.channel_counts, applies=_has_features, random=False),
         "channel_permutation": Attack(
             seeded(features.channel_permutation), features.permuted_counts, applies=_has_features
         ),

@@ -11,7 +11,6 @@ from stages.analysis.attacks.features import (
     channel_permutation,
     compensated_rotation,
     feature_rotation,
-    unread_directions,
 )
 from stages.analysis.attacks.target import Target
 from stages.hiding.coupled import FEATURES
@@ -66,23 +65,6 @@ def test_without_turning_the_scene_decoder_the_cover_is_lost(method: str) -> Non
     assert min(cover, message) > 0.05
 
 
-def test_unread_directions_cost_the_homogeneous_cover_nothing_until_they_are_read() -> None:
-    target, owner = target_and_owner("homogeneous")
-    cover, message = changes(target, owner, unread_directions(target, 8))
-    assert cover < 1e-4
-    assert message > 0.05
-    cover, _ = changes(target, owner, unread_directions(target, 12))
-    assert cover > 1e-3
-
-
-def test_removed_directions_are_constant_but_for_values_that_cannot_be_stored() -> None:
-    target, _ = target_and_owner("gs_hider")
-    features = unread_directions(target, 4).gaussians[FEATURES].double().sigmoid()
-    values = torch.linalg.svdvals(features - features.mean(dim=0))
-    assert (values[-4:] < 1e-2 * values[0]).all()
-    assert (values[:-4] > 1e-1 * values[0]).all()
-
-
 @pytest.mark.parametrize("method", COUPLED)
 @pytest.mark.parametrize("channels", [2.0, 7.0, 16.0])
 def test_every_scene_decoder_forgives_permuted_channels(method: str, channels: float) -> None:
@@ -108,6 +90,5 @@ def test_the_published_decoder_is_left_alone() -> None:
     target, _ = target_and_owner("homogeneous")
     before = {name: values.clone() for name, values in target.method.networks["scene_decoder"].state_dict().items()}
     compensated_rotation(target, 30.0, generator())
-    unread_directions(target, 4)
     after = target.method.networks["scene_decoder"].state_dict()
     assert all(torch.equal(values, after[name]) for name, values in before.items())
