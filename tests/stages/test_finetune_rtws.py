@@ -116,7 +116,7 @@ def test_the_decoder_learns_what_to_hold_back(tmp_path: Path, inputs: Inputs) ->
 def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
     gaussians, method = scenes.cloud()
     before = watermarks.stored_splats(tmp_path / "before", gaussians, method)
-    cover = watermarks.stored_scene(tmp_path / "cover", gaussians, method, scenes.rig(views=32))
+    cover = watermarks.stored_scene(tmp_path / "cover", gaussians, method, scenes.rig())
     key, other = (
         run_stage(draw_key, DrawKeyParameters(seed=seed), {}, tmp_path / f"key {seed}")["key"] for seed in (1, 2)
     )

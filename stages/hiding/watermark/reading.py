@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from stages.hiding.relocalisation.alignment import aligned
 from stages.hiding.relocalisation.landmarks import landmarks
 from stages.hiding.relocalisation.recognition import recognised
 from stages.hiding.watermark.coins import Coins, standard_score
-from stages.imaging.pictures import Picture
+from stages.imaging.pictures import Picture, resize_picture
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 
@@ -31,14 +32,28 @@ class GrainReader:
         self.gaussians, self.method, self.coins = gaussians, method, coins
         self.landmarks = landmarks(gaussians, method, cameras)
         self.intrinsics = np.median(cameras.intrinsics, axis=0)
+        self.longer_side = max(cameras.width, cameras.height)
 
     def score(self, picture: Picture) -> float:
-        """The standard score of a picture; 0 where no camera is found, since nothing then speaks for the grain."""
-        found = recognised(picture, self.landmarks, self.intrinsics)
-        if found is None:
-            return 0.0
-        camera = single_cameras(aligned(picture, self.gaussians, self.method, found))[0]
-        return standard_score(picture, self.gaussians, self.method, camera, self.coins)
+        """The standard score of a picture; 0 where no camera is found, since nothing then speaks for the grain.
+
+        A picture larger than the rig's is reduced to their size. A smaller one may have been cut out or reduced, and is
+        looked at as it is, and then enlarged.
+        """
+        for size in self._sizes(picture):
+            found = recognised(size, self.landmarks, self.intrinsics)
+            if found is not None:
+                camera = single_cameras(aligned(size, self.gaussians, self.method, found))[0]
+                return standard_score(size, self.gaussians, self.method, camera, self.coins)
+        return 0.0
+
+    def _sizes(self, picture: Picture) -> Iterator[Picture]:
+        height, width = picture.shape[:2]
+        factor = self.longer_side / max(width, height)
+        if factor >= 1:
+            yield picture
+        if factor != 1:
+            yield resize_picture(picture, max(1, round(width * factor)), max(1, round(height * factor)))
 
     def certainty(self, picture: Picture) -> float:
         """From 0 to 1, by which the owner's reading lets the watermark show: a half at a score of `CERTAIN`."""

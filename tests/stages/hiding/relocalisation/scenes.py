@@ -16,7 +16,7 @@ from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians, gaussians_at
 from stages.tracing.rig import orbit
 
-WIDTH, HEIGHT, VIEWS = 128, 96, 16
+WIDTH, HEIGHT, VIEWS = 128, 96, 32
 
 
 def cloud(seed: int = 0, count: int = 2500) -> tuple[Gaussians, Method]:
@@ -42,12 +42,12 @@ def rig(seed: int = 1, views: int = VIEWS) -> Cameras:
 
 
 def beside(cameras: Cameras, degrees: float = 4.0, step: float = 0.1) -> Cameras:
-    """The first camera, turned and moved a little: where none of the rig stands."""
+    """A camera of the middle of the rig, turned and moved a little: where none of the rig stands."""
     moved = np.eye(4)
     moved[:3, :3] = Rotation.from_euler("xyz", [degrees, -degrees, degrees], degrees=True).as_matrix()
     moved[:3, 3] = step, -step, step
-    first = cameras.select(cameras.names[:1])
-    return replace(first, world_to_camera=moved @ first.world_to_camera)
+    middle = cameras.select([cameras.names[len(cameras) // 2]])
+    return replace(middle, world_to_camera=moved @ middle.world_to_camera)
 
 
 def photograph(gaussians: Gaussians, method: Method, camera: Cameras) -> Picture:

@@ -1,0 +1,72 @@
+"""`find_grain`: which of some pictures were rendered from a container whose owner gave it a grain."""
+
+from __future__ import annotations
+
+import torch
+from pydantic import Field
+
+from opencl.device import choose_device
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.measurements import KIND, Measurement, write_measurements
+from stages.hiding.key import key_generator
+from stages.hiding.method import module_of
+from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.watermark.coins import thrown
+from stages.hiding.watermark.reading import CERTAIN, GrainReader
+from stages.imaging.pictures import read_picture
+from stages.scene.capture import picture_path, read_capture
+from stages.scene.scene import read_scene
+
+SCORE, FOUND = "standard_score", "has_grain"
+
+
+class FindGrainParameters(Parameters):
+    """Whose grain it is."""
+
+    method: str = Field("plain", description="The container's method; plain for splats of 3DGS.")
+    grain_seed: int = Field(0, ge=0, description="That of add_grain, where there is no key.")
+    threads: int = Field(1, ge=1, description="Threads of torch.")
+
+
+@stage(
+    inputs={
+        "before": Input("container or splats"),
+        "cover": Input("scene"),
+        "pictures": Input("capture"),
+        "key": Input("key", optional=True),
+    },
+    outputs={"scores": Output(KIND, privacy="private")},
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def find_grain(context: Context, parameters: FindGrainParameters) -> None:
+    """Look for the grain in each picture, by the container from before it was added and the key that it was added with.
+
+    Two rows a picture, and a line in the log: the standard score, which of a picture without the grain is chance, and
+    whether it reaches `CERTAIN`, which one picture in a million and a half does by chance. A score of exactly 0 says
+    that the picture shows nothing of the scene that could be recognised.
+    """
+    torch.set_num_threads(parameters.threads)
+    before = context.input("before")
+    check_method(before, parameters.method)
+    scene, gaussians = read_scene(context.input("cover")), read_gaussians(before)
+    coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.grain_seed))
+    reader = GrainReader(gaussians, read_method(before), scene.cameras.select(scene.train_names), coins)
+    capture = context.input("pictures")
+    names = read_capture(capture).names
+    rows = []
+    for done, name in enumerate(names):
+        context.progress(done, len(names))
+        context.stop_if_requested()
+        score = reader.score(read_picture(picture_path(capture, name)))
+        context.log(f"{name}: {_told(score)}")
+        for quantity, value in ((SCORE, score), (FOUND, float(score >= CERTAIN))):
+            rows.append(Measurement(quantity, value, "picture", view=name, method=parameters.method))
+    write_measurements(context.output("scores"), rows)
+    context.record(device=choose_device().describe())
+
+
+def _told(score: float) -> str:
+    if score >= CERTAIN:
+        return f"has the grain (standard score {score:.1f})"
+    return f"no grain found (standard score {score:.1f})" if score else "shows nothing of the scene"
