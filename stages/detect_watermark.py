@@ -114,13 +114,13 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     detector = Detector(_shows(context, parameters, scene, watermark), watermark)
     positives = _positives(context, parameters, scene)
     negatives = list(_negatives(context, parameters, scene))
-    total = len(positives.calibration) + len(negatives)
+    total = positives.looked_at + len(negatives)
     done = 0
 
     def after_each() -> None:
         nonlocal done
         done += 1
-        context.progress(min(done, total), total)
+        context.progress(done, total)
         context.stop_if_requested()
 
     rows = chain(

@@ -103,6 +103,13 @@ class Positives:
     others: Sequence[Picture]
     attacked: Sequence[tuple[str, float, Sequence[Picture]]] = ()
 
+    @property
+    def looked_at(self) -> int:
+        """How often `trial_rows` looks at any of them."""
+        held_out = len(self.tests) + len(self.others)
+        attacked = sum(len(pictures) for _, _, pictures in self.attacked)
+        return len(self.tests) + len(self.calibration) + (1 + len(DISTORTIONS)) * held_out + attacked
+
 
 def trial_rows(
     detector: Detector, positives: Positives, negatives: Iterable[Negative], seed: int, after_each: Callable[[], None]

@@ -23,6 +23,9 @@ from stages.analysis.watermark_trials import (
     PSNR_WATERMARK,
     QUANTISATION,
     TRIALS,
+    Detector,
+    Positives,
+    trial_rows,
 )
 from stages.analysis.watermark_trials import RENDERS as PICTURES_WITH_IT
 from stages.detect_watermark import DetectWatermarkParameters, detect_watermark
@@ -145,6 +148,17 @@ def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
     assert {PRUNING, QUANTISATION, NOISE} <= {condition for _, condition in owners}
     for stranger in ("other", "none"):
         assert found[stranger][PSNR_WATERMARK, PICTURES_WITH_IT] < 15
+
+
+def test_every_look_is_counted() -> None:
+    black = np.zeros((6, 8, 3), np.uint8)
+    positives = Positives([("0.png", black)], [black] * 2, [black] * 3, [(PRUNING, 0.25, [black] * 4)])
+    looks = []
+    detector = Detector(lambda picture: torch.zeros(picture.shape), black + 9)
+    rows = list(trial_rows(detector, positives, [], 0, lambda: looks.append(1)))
+    assert len(looks) == positives.looked_at
+    [trials] = [row for row in rows if (row.quantity, row.condition) == (TRIALS, PRUNING)]
+    assert (trials.severity, trials.value) == (0.25, 4)
 
 
 def test_a_decoder_is_asked_for_where_one_is_to_read(tmp_path: Path, inputs: Inputs) -> None:
