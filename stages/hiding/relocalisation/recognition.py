@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -18,11 +18,12 @@ MOST_OF_A_PICTURE = 600
 LEAST_ALIKE = 0.85
 """Products of descriptors from here on count as a match; of each place in a picture the best two landmarks do."""
 
-FAREST_OFF = (6.0, 3.0, 1.5)
-"""Pixels off from which a match is not believed: in the search, and in the two fits after it."""
+FARTHEST_OFF = (6.0, 3.0, 1.5)
+"""Pixels off from which a match is not believed: in the search and the first fit, and in the two fits after it."""
 
 LEAST_RECOGNISED = 12
-"""Landmarks; chance brings no more than about eight to agree on a camera."""
+"""Landmarks that must agree on a camera. Now and then that many do by chance, which costs time alone: what is read at a
+wrong camera is chance as well."""
 
 ATTEMPTS = 400
 """Of the search, each with a camera through three matches."""
@@ -51,32 +52,35 @@ def recognised(picture: Picture, landmarks: Landmarks, intrinsics: Float64[np.nd
     height, width = picture.shape[:2]
     expected = intrinsics.copy()
     expected[:2, 2] = width / 2, height / 2
+    values = _searched(matches, expected)
+    for farthest in FARTHEST_OFF:
+        if values is None:
+            return None
+        believed = (np.linalg.norm(_errors(values, matches, expected), axis=1) < farthest) & _in_front(values, matches)
+        enough = believed.sum() >= LEAST_RECOGNISED
+        values = _fitted(values, matches, believed, expected, max(width, height)) if enough else None
+    if values is None:
+        return None
+    world_to_camera = np.eye(4)
+    world_to_camera[:3, :3], world_to_camera[:3, 3] = Rotation.from_rotvec(values[:3]).as_matrix(), values[3:6]
+    return Cameras(("found",), world_to_camera[None], _intrinsics(values, expected)[None], width, height)
+
+
+def _searched(matches: _Matches, expected: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, " 9"] | None:
+    """A camera with the expected intrinsics that most matches agree on; None without one."""
     if len(matches.places) < LEAST_RECOGNISED:
         return None
-    found, turn, step, inliers = cv2.solvePnPRansac(
+    found, turn, step, _ = cv2.solvePnPRansac(
         matches.points,
         matches.places,
         expected,
         None,  # no distortion
         iterationsCount=ATTEMPTS,
-        reprojectionError=FAREST_OFF[0],
+        reprojectionError=FARTHEST_OFF[0],
         confidence=0.9999,
         flags=cv2.SOLVEPNP_AP3P,
     )
-    if not found or inliers is None or len(inliers) < LEAST_RECOGNISED:
-        return None
-    values = np.concatenate([turn[:, 0], step[:, 0], np.zeros(3)])
-    believed = np.zeros(len(matches.places), bool)
-    believed[inliers[:, 0]] = True
-    for farthest in FAREST_OFF[1:]:
-        values = _fitted(values, matches, believed, expected, max(width, height))
-        believed = np.linalg.norm(_errors(values, matches, expected), axis=1) < farthest
-        if believed.sum() < LEAST_RECOGNISED:
-            return None
-    values = _fitted(values, matches, believed, expected, max(width, height))
-    world_to_camera = np.eye(4)
-    world_to_camera[:3, :3], world_to_camera[:3, 3] = Rotation.from_rotvec(values[:3]).as_matrix(), values[3:6]
-    return Cameras(("found",), world_to_camera[None], _intrinsics(values, expected)[None], width, height)
+    return np.concatenate([turn[:, 0], step[:, 0], np.zeros(3)]) if found else None
 
 
 def _matches(picture: Picture, landmarks: Landmarks) -> _Matches:
@@ -104,6 +108,10 @@ def _intrinsics(values: Float64[np.ndarray, " 9"], expected: Float64[np.ndarray,
     return intrinsics
 
 
+def _in_front(values: Float64[np.ndarray, " 9"], matches: _Matches) -> Bool[np.ndarray, " K"]:
+    return (Rotation.from_rotvec(values[:3]).apply(matches.points) + values[3:6])[:, 2] > 0
+
+
 def _errors(
     values: Float64[np.ndarray, " 9"], matches: _Matches, expected: Float64[np.ndarray, "3 3"]
 ) -> Float64[np.ndarray, "K 2"]:
@@ -114,7 +122,7 @@ def _errors(
 def _fitted(
     start: Float64[np.ndarray, " 9"],
     matches: _Matches,
-    believed: np.ndarray,
+    believed: Bool[np.ndarray, " K"],
     expected: Float64[np.ndarray, "3 3"],
     longer_side: int,
 ) -> Float64[np.ndarray, " 9"]:
