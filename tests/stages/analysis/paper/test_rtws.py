@@ -22,6 +22,7 @@ from stages.analysis.watermark_trials import (
     DETECTED,
     EVERY_NEGATIVE,
     FALSE_POSITIVES,
+    PRUNING,
     PSNR_BLACK,
     PSNR_WATERMARK,
     RENDERS,
@@ -111,3 +112,18 @@ def test_stages_with_grain_are_a_variant_of_their_own() -> None:
     chapter = rtws(Study(runs, experiments=(found,)), read_published())
     names = dict(figures(chapter))
     assert names["GS-Hider, grain, read by its owner", "here"] == ("26.50", "41.50", "38.00")
+
+
+def test_what_is_shown_to_the_last_bit_has_a_finite_mean() -> None:
+    found = detection("paper", "gs_hider", 0)
+    exact = Measurement(PSNR_WATERMARK, float("inf"), RENDERS)
+    chapter = rtws(Study((), experiments=(replace(found, rows=(*found.rows, exact)),)), read_published())
+    assert dict(figures(chapter))["GS-Hider, RTWS", "here"][2] == "68.50"
+
+
+def test_attacked_containers_have_lines() -> None:
+    found = detection("paper", "gs_hider", 0)
+    pruned = Measurement(DETECTED, 0.25, PRUNING, 0.25)
+    survival = rtws(Study((), experiments=(replace(found, rows=(*found.rows, pruned)),)), read_published()).grids[2]
+    assert [cell.text for cell in survival.lines[-1].cells] == ["25.0 %"]
+    assert survival.lines[-1].names == ("container: pruned at random, share 0.25",)
