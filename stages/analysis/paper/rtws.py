@@ -176,8 +176,8 @@ def _fidelity(
         ("Cover", "Image", "Watermark"),
         tuple(lines),
         (
-            "Cover and watermark: test views. The image: the one view that hides it. The paper: nine captures. A watermark "
-            f"that is shown to the last bit counts as {EXACT:g} dB.",
+            "Cover and watermark: test views. The image: the one view that hides it. The paper: nine captures. A "
+            f"watermark that is shown to the last bit counts as {EXACT:g} dB.",
         ),
     )
 
