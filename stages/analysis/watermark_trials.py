@@ -32,6 +32,10 @@ HIGHEST_THRESHOLD = 0.9
 """A decoder that is sure of every render would set a threshold that no other picture reaches, be it a cropped render,
 whose watermark is a little blurred; what explains nine tenths of the watermark counts as one, whatever renders show."""
 
+LOWEST_THRESHOLD = 0.5
+"""What explains less than half of the watermark is none, even if a few renders in a hundred, of which nothing is shown,
+would set the threshold there."""
+
 THRESHOLD, DETECTED, TRIALS = "threshold", "detected", "trials"
 FALSE_POSITIVES, BOUND, BOUND_BY_SCENE, SCENES = "false_positives", "upper_bound", "upper_bound_by_scene", "scenes"
 
@@ -124,7 +128,8 @@ def trial_rows(
         shown = look(picture)
         for quantity, value in figures(shown).items():
             yield Measurement(quantity, value, RENDERS, view=view, split="test")
-    threshold = min(HIGHEST_THRESHOLD, threshold_at([look(picture).share for picture in positives.calibration]))
+    at_99_percent = threshold_at([look(picture).share for picture in positives.calibration])
+    threshold = min(HIGHEST_THRESHOLD, max(LOWEST_THRESHOLD, at_99_percent))
     yield Measurement(THRESHOLD, threshold, CLEAN_CHANNEL)
     held_out = [*(picture for _, picture in positives.tests), *positives.others]
     yield from _detected(CLEAN_CHANNEL, None, [look(picture).share for picture in held_out], threshold)

@@ -17,10 +17,10 @@ from stages.imaging.pictures import Picture, tensor_to_picture
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 
-BLURS = (2.0, 1.2, 0.7, 0.5, 0.5)
+BLURS = (3.0, 2.0, 1.2, 0.7, 0.5, 0.5)
 """Standard deviations in pixels, one a step: coarse first, which reaches farther."""
 
-STEPS_WITH_DEPTH = 2
+STEPS_WITH_DEPTH = 3
 """After so many, the camera moves by so little that the depth of its pixels stays."""
 
 BORDER = 4

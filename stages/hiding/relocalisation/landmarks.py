@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import torch
 from jaxtyping import Float, Float32, Float64
+from scipy.spatial.transform import Rotation
 
 from stages.hiding.method import Method
 from stages.hiding.rendering import COVER, splat
@@ -18,7 +19,11 @@ from stages.scene.gaussians import Gaussians
 MOST_VIEWS = 48
 """Of the rig, evenly spread, whose renders are searched."""
 
-MOST_OF_A_VIEW = 300
+TURNS = (0.0, 45.0, -45.0)
+"""Degrees by which each of these cameras is turned about its own vertical, to see what lies beside the pictures: those
+of bonsai all look at its middle, and renders that do not were found nowhere."""
+
+MOST_OF_A_VIEW = 250
 """Landmarks, the most pronounced first."""
 
 LEAST_CONTRAST = 0.01
@@ -40,19 +45,35 @@ class Landmarks:
 
 
 def landmarks(gaussians: Gaussians, method: Method, cameras: Cameras) -> Landmarks:
-    """What SIFT finds in renders of the cover by at most `MOST_VIEWS` of the cameras, at the depth that is blended."""
-    chosen = np.unique(np.linspace(0, len(cameras) - 1, min(MOST_VIEWS, len(cameras))).round().astype(int))
+    """What SIFT finds in renders of the cover by at most `MOST_VIEWS` of the cameras, as they are and turned.
+
+    At the depth that is blended.
+    """
+    turned = _turned(cameras)
     points, descriptors = [np.zeros((0, 3))], [np.zeros((0, 128), np.float32)]
-    for row, camera in zip(chosen, [single_cameras(cameras)[row] for row in chosen], strict=True):
+    for row, camera in enumerate(single_cameras(turned)):
         with torch.no_grad():
             picture = tensor_to_picture(method.render(gaussians, camera, wanted=[COVER]).pictures[COVER])
         places, looks = described(picture, MOST_OF_A_VIEW)
         across, down = np.floor(places).astype(int).T
         depth, alpha = (each[down, across] for each in depths(gaussians, camera))
         seen = alpha > SMALLEST_OPACITY
-        points.append(_lifted(places[seen], depth[seen], cameras.intrinsics[row], cameras.world_to_camera[row]))
+        points.append(_lifted(places[seen], depth[seen], turned.intrinsics[row], turned.world_to_camera[row]))
         descriptors.append(looks[seen])
     return Landmarks(np.concatenate(points), np.concatenate(descriptors))
+
+
+def _turned(cameras: Cameras) -> Cameras:
+    chosen = np.unique(np.linspace(0, len(cameras) - 1, min(MOST_VIEWS, len(cameras))).round().astype(int))
+    turns = np.tile(np.eye(4), (len(TURNS), 1, 1))
+    turns[:, :3, :3] = Rotation.from_euler("y", np.array(TURNS)[:, None], degrees=True).as_matrix()
+    poses = turns[:, None] @ cameras.world_to_camera[chosen]
+    return replace(
+        cameras,
+        names=tuple(f"{cameras.names[row]} turned by {turn:g}" for turn in TURNS for row in chosen),
+        world_to_camera=poses.reshape(-1, 4, 4),
+        intrinsics=np.tile(cameras.intrinsics[chosen], (len(TURNS), 1, 1)),
+    )
 
 
 def described(picture: Picture, most: int) -> tuple[Float64[np.ndarray, "K 2"], Float32[np.ndarray, "K 128"]]:
