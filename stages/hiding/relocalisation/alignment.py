@@ -17,11 +17,17 @@ from stages.imaging.pictures import Picture, tensor_to_picture
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 
-BLURS = (3.0, 2.0, 1.2, 0.7, 0.5, 0.5)
-"""Standard deviations in pixels, one a step: coarse first, which reaches farther."""
+BLURS = (3.0, 2.0, 1.2, 0.7, 0.5)
+"""Standard deviations in pixels, one a step: coarse first, which reaches farther; the last until nothing moves."""
 
-STEPS_WITH_DEPTH = 3
-"""After so many, the camera moves by so little that the depth of its pixels stays."""
+MOST_STEPS = 14
+"""In all; of a good start the first seven are enough."""
+
+STILL = 0.05
+"""Pixels: where a step moves the middle pixel, in the order of how far they move, by less, the camera has arrived."""
+
+FAR = 0.5
+"""Pixels by which a step moves that pixel from which on depth is taken anew."""
 
 BORDER = 4
 """Pixels at the edges that are not compared: what lies beyond them shows through the blur."""
@@ -43,20 +49,24 @@ def aligned(picture: Picture, gaussians: Gaussians, method: Method, start: Camer
     """
     target = _grey(picture)
     world_to_camera, intrinsics = start.world_to_camera[0].copy(), start.intrinsics[0].copy()
-    depth = np.zeros_like(target)
-    for number, blur in enumerate(BLURS):
+    depth, moved_by = np.zeros_like(target), np.inf
+    for blur in (*BLURS, *[BLURS[-1]] * (MOST_STEPS - len(BLURS))):
         cameras = replace(start, world_to_camera=world_to_camera[None], intrinsics=intrinsics[None])
         camera = single_cameras(cameras)[0]
-        if number < STEPS_WITH_DEPTH:
+        if moved_by > FAR:
             depth = depths(gaussians, camera)[0].astype(np.float64)
         with torch.no_grad():
             shown = tensor_to_picture(method.render(gaussians, camera, wanted=[COVER]).pictures[COVER])
-        step = _step(target, _grey(shown), _flow(depth, intrinsics), blur)
-        moved = np.eye(4)
-        moved[:3, :3], moved[:3, 3] = Rotation.from_rotvec(step[3:6]).as_matrix(), step[:3]
-        world_to_camera = moved @ world_to_camera
+        flow = _flow(depth, intrinsics)
+        step = _step(target, _grey(shown), flow, blur)
+        turned = np.eye(4)
+        turned[:3, :3], turned[:3, 3] = Rotation.from_rotvec(step[3:6]).as_matrix(), step[:3]
+        world_to_camera = turned @ world_to_camera
         intrinsics[[0, 1], [0, 1]] *= np.exp(step[6])
         intrinsics[:2, 2] += step[7:9]
+        moved_by = float(np.median(np.hypot(flow[0] @ step, flow[1] @ step)))
+        if blur == BLURS[-1] and moved_by < STILL:
+            break
     return replace(start, world_to_camera=world_to_camera[None], intrinsics=intrinsics[None])
 
 
