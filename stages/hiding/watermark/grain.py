@@ -60,10 +60,12 @@ def grained(gaussians: Gaussians, method: Method, cameras: Cameras, level: float
 def _changed(gaussians: Gaussians, change: Float[Tensor, "N M"]) -> Gaussians:
     """With this added to activated features, which stay in the range that they begin in, or to the harmonic."""
     if FEATURES in gaussians.parameters:
-        features = gaussians[FEATURES].detach().sigmoid()
+        raw = gaussians[FEATURES].detach()
+        features = raw.sigmoid()
         lowest, highest = (torch.full_like(features, bound) for bound in FEATURE_RANGE)
-        moved = (features + change).clamp(torch.minimum(features, lowest), torch.maximum(features, highest))
-        return Gaussians(gaussians.parameters | {FEATURES: moved.logit()})
+        moved = (features + change).clamp(torch.minimum(features, lowest), torch.maximum(features, highest)).logit()
+        # Of features that round to 0 or 1 the logit is infinite: those stay as they are.
+        return Gaussians(gaussians.parameters | {FEATURES: torch.where(moved.isfinite(), moved, raw)})
     return Gaussians(gaussians.parameters | {BASE: gaussians[BASE].detach() + change})
 
 

@@ -65,11 +65,13 @@ def test_coupled_features_keep_the_message(tmp_path: Path) -> None:
     colors = {name: generator.uniform(0.3, 0.7, (len(plain), 3)) for name in (COVER, "message")}
     geometry = {name: plain[name] for name in GEOMETRY}
     before = Gaussians(geometry | method.initial_attributes(colors, generator))
+    before.parameters["raw_features"][:2] = torch.tensor([[40.0], [-200.0]])  # activated, they are 1 and 0
     cameras = read_scene(small.scene(tmp_path / "scene")).cameras
     after = grained(before, method, cameras, LEVEL, coins(before))
     cover, message = (differences(before, after, tmp_path, method, name) for name in (COVER, "message"))
     assert rms(cover) == pytest.approx(LEVEL, rel=0.05)
     assert rms(message) < 0.1 * rms(cover)
+    assert after["raw_features"].isfinite().all()
 
 
 def test_gaussians_without_colours_are_refused(tmp_path: Path) -> None:
