@@ -25,15 +25,12 @@ from stages.analysis.watermark_trials import (
     Detector,
     Negative,
     Positives,
-    Shows,
     trial_rows,
 )
 from stages.analysis.watermarked_containers import attacked_containers
-from stages.hiding.key import key_generator
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
-from stages.hiding.watermark.coins import thrown
-from stages.hiding.watermark.reading import GrainReader
+from stages.hiding.watermark.reading import FOUND_SHARE, owners_reader
 from stages.hiding.watermark.rendering import renders
 from stages.hiding.watermark.storage import read_codec
 from stages.imaging.image import filling, read_image
@@ -111,7 +108,7 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     scene = read_scene(context.input("cover"))
     cameras = scene.cameras
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
-    detector = Detector(_shows(context, parameters, scene, watermark), watermark)
+    detector = _detector(context, parameters, scene, watermark)
     positives = _positives(context, parameters, scene)
     negatives = list(_negatives(context, parameters, scene))
     total = positives.looked_at + len(negatives)
@@ -131,7 +128,7 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     context.record(device=choose_device().describe())
 
 
-def _shows(context: Context, parameters: DetectWatermarkParameters, scene: Scene, watermark: Picture) -> Shows:
+def _detector(context: Context, parameters: DetectWatermarkParameters, scene: Scene, watermark: Picture) -> Detector:
     if parameters.reader == "decoder":
         codec = context.input_optional("codec")
         if codec is None:
@@ -140,12 +137,9 @@ def _shows(context: Context, parameters: DetectWatermarkParameters, scene: Scene
                 found="no codec among the inputs, and reader: decoder",
                 remedy="give detect_watermark the input codec, or set reader: grain for a container with grain",
             )
-        return shown_by_decoder(read_codec(codec))
-    before = context.input("before")
-    gaussians = read_gaussians(before)
-    coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.grain_seed))
-    cameras = scene.cameras.select(scene.train_names)
-    return shown_by_grain(GrainReader(gaussians, read_method(before), cameras, coins), watermark)
+        return Detector(shown_by_decoder(read_codec(codec)), watermark)
+    reader = owners_reader(context.input("before"), scene, context.input_optional("key"), parameters.grain_seed)
+    return Detector(shown_by_grain(reader, watermark), watermark, FOUND_SHARE)
 
 
 def _positives(context: Context, parameters: DetectWatermarkParameters, scene: Scene) -> Positives:

@@ -8,11 +8,9 @@ from pydantic import Field
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import KIND, Measurement, write_measurements
-from stages.hiding.key import key_generator
 from stages.hiding.method import module_of
-from stages.hiding.storage import check_method, read_gaussians, read_method
-from stages.hiding.watermark.coins import thrown
-from stages.hiding.watermark.reading import CERTAIN, GrainReader
+from stages.hiding.storage import check_method
+from stages.hiding.watermark.reading import CERTAIN, owners_reader
 from stages.imaging.pictures import read_picture
 from stages.scene.capture import picture_path, read_capture
 from stages.scene.scene import read_scene
@@ -49,9 +47,8 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
     torch.set_num_threads(parameters.threads)
     before = context.input("before")
     check_method(before, parameters.method)
-    scene, gaussians = read_scene(context.input("cover")), read_gaussians(before)
-    coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.grain_seed))
-    reader = GrainReader(gaussians, read_method(before), scene.cameras.select(scene.train_names), coins)
+    scene, key = read_scene(context.input("cover")), context.input_optional("key")
+    reader = owners_reader(before, scene, key, parameters.grain_seed)
     capture = context.input("pictures")
     names = read_capture(capture).names
     rows = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -31,10 +32,6 @@ PSNR_WATERMARK, PSNR_BLACK, BRIGHTNESS = "psnr_watermark", "psnr_black", "bright
 HIGHEST_THRESHOLD = 0.9
 """A decoder that is sure of every render would set a threshold that no other picture reaches, be it a cropped render,
 whose watermark is a little blurred; what explains nine tenths of the watermark counts as one, whatever renders show."""
-
-LOWEST_THRESHOLD = 0.5
-"""What explains less than half of the watermark is none, even if a few renders in a hundred, of which nothing is shown,
-would set the threshold there."""
 
 THRESHOLD, DETECTED, TRIALS = "threshold", "detected", "trials"
 FALSE_POSITIVES, BOUND, BOUND_BY_SCENE, SCENES = "false_positives", "upper_bound", "upper_bound_by_scene", "scenes"
@@ -74,10 +71,14 @@ class Negative:
 
 
 class Detector:
-    """A reader, and the watermark it looks for, at the size of the container's pictures; other sizes stretch it."""
+    """A reader, and the watermark it looks for, at the size of the container's pictures; other sizes stretch it.
 
-    def __init__(self, shows: Shows, watermark: Picture):
-        self.shows, self.watermark = shows, watermark
+    `least_share` of the watermark must be explained by a reader that knows what chance explains, even if the renders
+    that set the threshold reach less; the paper's decoder knows nothing of that.
+    """
+
+    def __init__(self, shows: Shows, watermark: Picture, least_share: float = -math.inf):
+        self.shows, self.watermark, self.least_share = shows, watermark, least_share
 
     def look(self, picture: Picture) -> Shown:
         """Of an 8-bit picture with even sides."""
@@ -129,7 +130,7 @@ def trial_rows(
         for quantity, value in figures(shown).items():
             yield Measurement(quantity, value, RENDERS, view=view, split="test")
     at_99_percent = threshold_at([look(picture).share for picture in positives.calibration])
-    threshold = min(HIGHEST_THRESHOLD, max(LOWEST_THRESHOLD, at_99_percent))
+    threshold = min(HIGHEST_THRESHOLD, max(detector.least_share, at_99_percent))
     yield Measurement(THRESHOLD, threshold, CLEAN_CHANNEL)
     held_out = [*(picture for _, picture in positives.tests), *positives.others]
     yield from _detected(CLEAN_CHANNEL, None, [look(picture).share for picture in held_out], threshold)

@@ -29,6 +29,8 @@ def noise(names: Sequence[str]) -> Callable[[Target, float, torch.Generator], Ta
 
 
 def _noisy(values: Tensor, severity: float, generator: torch.Generator) -> Tensor:
+    if not values.numel():  # harmonics of degree 0 have none beside the constant; torch warns of their spread
+        return values
     spread = values.std(dim=0, correction=0, keepdim=True)
     return values + severity * spread * torch.randn(values.shape, generator=generator)
 

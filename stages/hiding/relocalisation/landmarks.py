@@ -84,7 +84,7 @@ def described(picture: Picture, most: int) -> tuple[Float64[np.ndarray, "K 2"], 
     factor = ENLARGEMENT if max(grey.shape) <= SMALL_PICTURE else 1
     if factor > 1:
         grey = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
-    finder = cv2.SIFT_create(nfeatures=most, contrastThreshold=LEAST_CONTRAST)  # type: ignore[attr-defined]
+    finder = cv2.SIFT_create(nfeatures=most, contrastThreshold=LEAST_CONTRAST)  # type: ignore[attr-defined]  # cv2's stub omits it
     found, histograms = finder.detectAndCompute(grey, None)
     if histograms is None:
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)

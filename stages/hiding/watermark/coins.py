@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import torch
 from jaxtyping import Float, Float64
+from torch import Tensor
 
 from stages.hiding.method import Method
 from stages.hiding.rendering import COVER, splat
@@ -38,8 +39,17 @@ def thrown(count: int, generator: np.random.Generator) -> Coins:
     return generator.choice([-1.0, 1.0], size=count)
 
 
-def standard_score(picture: Picture, gaussians: Gaussians, method: Method, camera: Camera, coins: Coins) -> float:
-    """How much better the picture follows these coins than it follows decoys, in standard deviations of these.
+def with_decoys(coins: Coins) -> Float[Tensor, "N K"]:
+    """The coins, and after them `DECOYS` further throws: the same for every picture, and so thrown once."""
+    others = np.random.default_rng(DECOY_SEED)
+    throws = np.stack([coins, *(thrown(len(coins), others) for _ in range(DECOYS))], axis=1)
+    return torch.from_numpy(throws).float().contiguous()
+
+
+def standard_score(
+    picture: Picture, gaussians: Gaussians, method: Method, camera: Camera, throws: Float[Tensor, "N K"]
+) -> float:
+    """How much better the picture follows the first of the throws than the others, in standard deviations of these.
 
     What is left of the picture's colour after the render without grain is correlated with the coins as the camera sees
     them. Of a picture that knows nothing of the coins, whatever it shows and wherever the camera stands, the score is
@@ -49,8 +59,6 @@ def standard_score(picture: Picture, gaussians: Gaussians, method: Method, camer
     """
     left = _left(picture, gaussians, method, camera)
     weights = 1 / (cv2.blur(left**2, (NEIGHBOURHOOD, NEIGHBOURHOOD)) + LEAST_VARIANCE)
-    others = np.random.default_rng(DECOY_SEED)
-    throws = np.stack([coins, *(thrown(len(coins), others) for _ in range(DECOYS))], axis=1)
     seen = _seen(gaussians, camera, throws)
     sums = np.einsum("hw,hwk->k", left * weights, seen)
     lengths = np.sqrt(np.einsum("hw,hwk->k", weights, seen**2))
@@ -73,7 +81,6 @@ def _left(picture: Picture, gaussians: Gaussians, method: Method, camera: Camera
 
 
 @torch.no_grad()
-def _seen(gaussians: Gaussians, camera: Camera, throws: Float[np.ndarray, "N K"]) -> Float64[np.ndarray, "H W K"]:
+def _seen(gaussians: Gaussians, camera: Camera, throws: Float[Tensor, "N K"]) -> Float64[np.ndarray, "H W K"]:
     """The throws, blended as colours are."""
-    blended = splat(gaussians, torch.from_numpy(throws).float().contiguous(), camera).feature_map
-    return blended.double().numpy()
+    return splat(gaussians, throws, camera).feature_map.double().numpy()

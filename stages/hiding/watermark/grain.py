@@ -18,6 +18,7 @@ from stages.hiding.coupled import FEATURE_RANGE, FEATURES
 from stages.hiding.method import Method
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
+from stages.hiding.stored_features import stored
 from stages.hiding.watermark.coins import Coins
 from stages.hiding.watermark.colors import COLORS, GRAIN
 from stages.scene.cameras import Camera, Cameras, single_cameras
@@ -60,12 +61,10 @@ def grained(gaussians: Gaussians, method: Method, cameras: Cameras, level: float
 def _changed(gaussians: Gaussians, change: Float[Tensor, "N M"]) -> Gaussians:
     """With this added to activated features, which stay in the range that they begin in, or to the harmonic."""
     if FEATURES in gaussians.parameters:
-        raw = gaussians[FEATURES].detach()
-        features = raw.sigmoid()
+        features = gaussians[FEATURES].detach().double().sigmoid()
         lowest, highest = (torch.full_like(features, bound) for bound in FEATURE_RANGE)
-        moved = (features + change).clamp(torch.minimum(features, lowest), torch.maximum(features, highest)).logit()
-        # Of features that round to 0 or 1 the logit is infinite: those stay as they are.
-        return Gaussians(gaussians.parameters | {FEATURES: torch.where(moved.isfinite(), moved, raw)})
+        moved = (features + change).clamp(torch.minimum(features, lowest), torch.maximum(features, highest))
+        return Gaussians(gaussians.parameters | {FEATURES: stored(moved)})
     return Gaussians(gaussians.parameters | {BASE: gaussians[BASE].detach() + change})
 
 

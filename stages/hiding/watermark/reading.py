@@ -7,18 +7,26 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from pipeline.artifact import Artifact
+from stages.hiding.key import key_generator
 from stages.hiding.method import Method
 from stages.hiding.relocalisation.alignment import aligned
 from stages.hiding.relocalisation.landmarks import landmarks
 from stages.hiding.relocalisation.recognition import recognised
-from stages.hiding.watermark.coins import Coins, standard_score
+from stages.hiding.storage import read_gaussians, read_method
+from stages.hiding.watermark.coins import Coins, standard_score, thrown, with_decoys
 from stages.imaging.pictures import Picture, resize_picture
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
+from stages.scene.scene import Scene
 
 CERTAIN = 6.0
 """The standard score at which half of the watermark shows: by Student's distribution one picture in a million and a
 half without the grain comes so far."""
+
+
+FOUND_SHARE = 0.75
+"""Of the watermark that a half of it explains: what a picture at `CERTAIN` shows."""
 
 
 class GrainReader:
@@ -29,7 +37,7 @@ class GrainReader:
     """
 
     def __init__(self, gaussians: Gaussians, method: Method, cameras: Cameras, coins: Coins):
-        self.gaussians, self.method, self.coins = gaussians, method, coins
+        self.gaussians, self.method, self.throws = gaussians, method, with_decoys(coins)
         self.landmarks = landmarks(gaussians, method, cameras)
         self.intrinsics = np.median(cameras.intrinsics, axis=0)
         self.longer_side = max(cameras.width, cameras.height)
@@ -44,7 +52,7 @@ class GrainReader:
             found = recognised(size, self.landmarks, self.intrinsics)
             if found is not None:
                 camera = single_cameras(aligned(size, self.gaussians, self.method, found))[0]
-                return standard_score(size, self.gaussians, self.method, camera, self.coins)
+                return standard_score(size, self.gaussians, self.method, camera, self.throws)
         return 0.0
 
     def _sizes(self, picture: Picture) -> Iterator[Picture]:
@@ -58,3 +66,10 @@ class GrainReader:
     def certainty(self, picture: Picture) -> float:
         """From 0 to 1, by which the owner's reading lets the watermark show: a half at a score of `CERTAIN`."""
         return 0.5 * (1 + math.tanh((self.score(picture) - CERTAIN) / 2))
+
+
+def owners_reader(before: Artifact, scene: Scene, key: Artifact | None, seed: int) -> GrainReader:
+    """Of the container from before the grain, with the key, or else the seed, that `add_grain` had."""
+    gaussians = read_gaussians(before)
+    coins = thrown(len(gaussians), key_generator(key, seed))
+    return GrainReader(gaussians, read_method(before), scene.cameras.select(scene.train_names), coins)

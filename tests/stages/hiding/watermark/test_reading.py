@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.hiding.watermark.coins import standard_score, thrown
+from stages.hiding.watermark.coins import standard_score, thrown, with_decoys
 from stages.hiding.watermark.grain import grained
 from stages.hiding.watermark.reading import CERTAIN, GrainReader
 from stages.imaging.distortions import jpeg, noisy
@@ -25,7 +25,7 @@ def test_chance_has_mean_zero_and_deviation_one() -> None:
     other, method = cloud(seed=5)
     for picture in (noise, photograph(GAUSSIANS, METHOD, beside(RIG)), photograph(other, method, beside(RIG))):
         throws = [thrown(len(GAUSSIANS), np.random.default_rng(seed)) for seed in range(60)]
-        scores = [standard_score(picture, GAUSSIANS, METHOD, camera, coins) for coins in throws]
+        scores = [standard_score(picture, GAUSSIANS, METHOD, camera, with_decoys(coins)) for coins in throws]
         assert abs(np.mean(scores)) < 4 / np.sqrt(len(scores))
         assert 0.7 < np.std(scores) < 1.4
         assert max(scores) < CERTAIN
@@ -57,4 +57,4 @@ def test_what_has_no_grain_shows_nothing() -> None:
 def test_a_camera_that_sees_nothing_tells_nothing() -> None:
     empty = type(GAUSSIANS)({name: values[:0] for name, values in GAUSSIANS.parameters.items()})
     picture = photograph(GAUSSIANS, METHOD, beside(RIG))
-    assert standard_score(picture, empty, METHOD, single_cameras(beside(RIG))[0], COINS[:0]) == 0
+    assert standard_score(picture, empty, METHOD, single_cameras(beside(RIG))[0], with_decoys(COINS[:0])) == 0
