@@ -1,8 +1,9 @@
 """A smooth flight along the cameras of a rig: what a video shows.
 
-The cameras are put in the order of a short tour, whose bends are then averaged away: photographers zigzag and shake. A
-cubic spline through the averaged places and a spline on SO(3) through the averaged orientations make the path; its
-horizon is kept level, and its frames are taken at constant speed.
+The cameras are put in the order of a short tour, which keeps to places where cameras stand: what would be a long step
+goes by way of others. Its bends are then averaged away: photographers zigzag and shake. A cubic spline through the
+averaged places and a spline on SO(3) through the averaged orientations make the path; its horizon is kept level, and
+its frames are taken at constant speed.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from stages.scene.alignment import Rig, rig_of, sample
 from stages.scene.cameras import Cameras
-from stages.scene.tours import longest_step_last, shortest_tour, step_lengths
+from stages.scene.tours import by_way_of_others, longest_step_last, shortest_tour, step_lengths
 
 Course = Literal["auto", "closed", "open"]
 
@@ -87,13 +88,18 @@ def _features(poses: Poses, distance: float) -> Float64[np.ndarray, "K 6"]:
 
 
 def _toured(poses: Poses, rig: Rig, course: Course) -> tuple[Poses, bool]:
-    """The poses in the order of a tour, and whether it is closed; an open one is cut at its longest step."""
+    """The poses along a tour, and whether it is closed; an open one is cut at its longest step.
+
+    Poses that lie on the way of a long step come again: of the bonsai's photos, taken up and down all around, the two
+    longest steps would cross where nobody looked from, a whole distance to the focus away from the nearest camera.
+    """
     features = _features(poses, rig.distance)
     order = longest_step_last(features, shortest_tour(features))
     steps = step_lengths(np.append(features[order], features[order[:1]], axis=0))
     evenly = bool(steps[-1] <= max(CLOSING_STEP, 1.5 / len(poses)) * steps.sum())
-    closed = {"auto": evenly, "closed": True, "open": False}[course]
-    return poses[order], closed and len(poses) > 2
+    closed = {"auto": evenly, "closed": True, "open": False}[course] and len(poses) > 2
+    way = by_way_of_others(features, np.append(order, order[0]) if closed else order)
+    return poses[way[:-1] if closed else way], closed
 
 
 def _smooth(poses: Poses, rig: Rig, bends: int, closed: bool) -> Poses:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
 from stages.scene.alignment import rig_of
-from stages.scene.camera_path import camera_path, path_speed
+from stages.scene.camera_path import Course, camera_path, path_speed
 from stages.scene.cameras import Cameras
 from stages.scene.similarity import Similarity
 from tests.stages.scene.rigs import arc, moved, similarities
@@ -62,6 +62,17 @@ def test_the_course_can_be_chosen() -> None:
     closed = camera_path(arc(TARGET, views=20, degrees=150), NO_POINTS, 40, course="closed")
     assert np.linalg.norm(np.subtract(*opened.centres()[[0, -1]])) > 3 * steps(opened).mean()
     assert np.linalg.norm(np.subtract(*closed.centres()[[0, -1]])) < 2 * steps(closed).mean()
+
+
+@pytest.mark.parametrize("course", ["closed", "open"])
+def test_never_where_nobody_looked_from(course: Course) -> None:
+    """Columns of cameras along an arc, from whose one end to the other no step leads along cameras."""
+    heights = (1.0, 1.7, 2.4)
+    columns = [arc(TARGET, views=20, degrees=200, height=height).world_to_camera for height in heights]
+    rig = replace(arc(TARGET, views=60), world_to_camera=np.concatenate(columns))
+    path = camera_path(rig, NO_POINTS, 60, course=course)
+    away = np.linalg.norm(path.centres()[:, None] - rig.centres(), axis=2).min(axis=1)
+    assert away.max() < 0.6, "some camera stands within a step of every frame"
 
 
 @pytest.mark.parametrize("degrees", [120, 360])

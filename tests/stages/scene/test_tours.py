@@ -7,7 +7,7 @@ from itertools import combinations, permutations
 import numpy as np
 import pytest
 
-from stages.scene.tours import longest_step_last, shortest_tour, step_lengths
+from stages.scene.tours import by_way_of_others, longest_step_last, shortest_tour, step_lengths
 
 
 def length(points: np.ndarray, order: np.ndarray) -> float:
@@ -52,3 +52,19 @@ def test_the_longest_step_comes_last() -> None:
     points = np.array([[0.0], [1.0], [10.0], [11.0]])
     order = longest_step_last(points, np.array([1, 2, 3, 0]))
     assert order.tolist() == [0, 1, 2, 3]
+
+
+def test_a_long_step_goes_by_way_of_the_points_between() -> None:
+    """Most of a ring, from one end to the other: back along it, not across."""
+    angles = np.linspace(0, 5, 31)
+    points = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    assert by_way_of_others(points, np.array([0, 30])).tolist() == list(range(31))
+    assert by_way_of_others(points, np.array([30, 0, 2])).tolist() == [*range(30, -1, -1), 1, 2]
+
+
+@pytest.mark.parametrize("stops", [[], [4], [4, 4], [4, 0, 4]])
+def test_points_in_one_place_are_ways_from_each_to_each(stops: list[int]) -> None:
+    way = by_way_of_others(np.zeros((9, 3)), np.array(stops, int))
+    assert [row for row in way if row in stops][: len(stops)] == stops or stops == [4, 4]
+    assert way.tolist()[:1] == stops[:1]
+    assert way.tolist()[-1:] == stops[-1:]
