@@ -47,10 +47,14 @@ class Device:
         return self.index == name if re.fullmatch(r"\d+:\d+", name) else name.lower() in self.name.lower()
 
     def describe(self) -> str:
-        """One line for a log or a provenance record."""
+        """One line for a log or a provenance record, the same whenever it is asked for.
+
+        Memory is a GPU's own; of a CPU, PoCL tells what is free at the moment.
+        """
         kind = "CPU" if self.is_cpu else "GPU" if self.handle.type & pyopencl.device_type.GPU else "accelerator"
         units = self.handle.max_compute_units
-        return f"{self.name} [{kind}, {units} compute units, {self.handle.global_mem_size / 2**30:.1f} GiB]"
+        memory = "" if self.is_cpu else f", {self.handle.global_mem_size / 2**30:.1f} GiB"
+        return f"{self.name} [{kind}, {units} compute units{memory}]"
 
     def prepare(self) -> None:
         """Make sure that kernels can be built; `ValueError` with a way out where they cannot."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import threading
@@ -42,6 +43,16 @@ def test_the_description_names_platform_and_device():
     device = choose_device()
     assert device.handle.name.strip() in device.describe()
     assert device.handle.platform.version.strip() in device.describe()
+
+
+def test_the_description_does_not_change_with_free_memory():
+    """It stands in checkpoints, which tell when another device goes on from them."""
+    described = "from opencl.device import choose_device; print(choose_device().describe())"
+    environment = os.environ | {"POCL_MEMORY_LIMIT": "1"}  # GiB
+    elsewhere = subprocess.run(
+        [sys.executable, "-c", described], env=environment, capture_output=True, text=True, check=True
+    )
+    assert elsewhere.stdout.strip() == choose_device().describe()
 
 
 def test_commands(capsys, monkeypatch):
