@@ -10,9 +10,10 @@ from __future__ import annotations
 import itertools
 import re
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from pipeline.artifact import Artifact
 from pipeline.description import range_of
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 SMALLEST = 16
 LONGEST = 8
+Item = TypeVar("Item")
 FILES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff")
 
 
@@ -71,14 +73,13 @@ def leading_axes(array: ArrayRecord) -> tuple[int, ...] | None:
 
 
 def write_pictures(artifact: Artifact, folder: Path, most: int | None) -> tuple[list[Path], int]:
-    """Writes at most `most` pictures, evenly drawn from all, into `folder`; None for `most` writes all.
+    """Writes at most `most` pictures, as `drawn` draws them, into `folder`; None for `most` writes all.
 
     Returns their paths, and how many there are in the artifact. Files of a private artifact are closed to others, and
     so is the folder where it is made here.
     """
     found = pictures_of(artifact)
-    number = len(found) if most is None else min(most, len(found))
-    chosen = [found[position * len(found) // number] for position in range(number)]
+    chosen = found if most is None else drawn(found, most)
     if chosen:
         make_folder(folder.absolute(), artifact.private)
     digits = max((len(str(max(picture.index))) for picture in found if picture.index), default=1)
@@ -98,6 +99,24 @@ def write_pictures(artifact: Artifact, folder: Path, most: int | None) -> tuple[
                 )
         paths.append(path)
     return paths, len(found)
+
+
+def drawn(pictures: Sequence[Picture], most: int) -> list[Picture]:
+    """At most `most` of the pictures, evenly from all; of several arrays the same places, so that what was rendered
+    lies beside its truth, as far as `most` allows.
+    """
+    places: dict[object, list[Picture]] = {}
+    for picture in pictures:
+        places.setdefault(picture.source if picture.index is None else picture.index, []).append(picture)
+    for number in range(min(most, len(places)), 0, -1):
+        together = [picture for place in _evenly(list(places.values()), number) for picture in place]
+        if len(together) <= most:
+            return together
+    return _evenly(pictures, min(most, len(pictures)))
+
+
+def _evenly(items: Sequence[Item], number: int) -> list[Item]:
+    return [items[position * len(items) // number] for position in range(number)]
 
 
 def _scale(artifact: Artifact, name: str) -> tuple[float, float]:

@@ -100,8 +100,29 @@ def test_a_few_are_drawn_evenly_from_all(tmp_path: Path) -> None:
         writer.write("a", np.zeros((80, 16, 16), np.uint8))
         writer.write("b", np.zeros((80, 16, 16), np.uint8))
     assert sorted(written(tmp_path, 4)) == ["a-00.png", "a-40.png", "b-00.png", "b-40.png"]
+    assert sorted(written(tmp_path, 5)) == ["a-00.png", "a-40.png", "b-00.png", "b-40.png"]
     assert write_pictures(load(tmp_path / "artifact"), tmp_path / "all", None)[1] == 160
     assert len(list((tmp_path / "all").iterdir())) == 160
+
+
+def test_what_was_rendered_is_drawn_with_its_truth(tmp_path: Path) -> None:
+    with writing(tmp_path) as writer:
+        for name in ("0/rendered", "0/truth", "1/rendered", "1/truth"):
+            writer.write(name, np.zeros((9, 16, 16), np.uint8))
+        writer.write("mask", np.zeros((3, 16, 16), np.uint8))
+    found = {name.rsplit("-", 1)[1] for name in written(tmp_path, 16)}
+    assert len(found) >= 3
+    assert {f"{array}-{place}" for place in found for array in ("0-rendered", "0-truth", "1-rendered", "1-truth")} <= {
+        path.name for path in (tmp_path / "out").iterdir()
+    }
+
+
+@pytest.mark.parametrize("most", [1, 2, 3, 7])
+def test_more_arrays_than_pictures_are_asked_for(tmp_path: Path, most: int) -> None:
+    with writing(tmp_path) as writer:
+        for name in "abcde":
+            writer.write(name, np.zeros((2, 16, 16), np.uint8))
+    assert 0 < len(written(tmp_path, most)) <= most
 
 
 def test_private_pictures_are_closed(tmp_path: Path) -> None:
