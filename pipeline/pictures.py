@@ -108,10 +108,9 @@ def drawn(pictures: Sequence[Picture], most: int) -> list[Picture]:
     places: dict[object, list[Picture]] = {}
     for picture in pictures:
         places.setdefault(picture.source if picture.index is None else picture.index, []).append(picture)
-    for number in range(min(most, len(places)), 0, -1):
-        together = [picture for place in _evenly(list(places.values()), number) for picture in place]
-        if len(together) <= most:
-            return together
+    number = most // max(map(len, places.values()), default=1)
+    if number:
+        return [picture for place in _evenly(list(places.values()), min(number, len(places))) for picture in place]
     return _evenly(pictures, min(most, len(pictures)))
 
 
