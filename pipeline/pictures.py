@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 
 SMALLEST = 16
 LONGEST = 8
-Item = TypeVar("Item")
 FILES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff")
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)

@@ -45,8 +45,8 @@ def longest_step_last(points: Float[np.ndarray, "N D"], order: Int[np.ndarray, "
 def by_way_of_others(points: Float[np.ndarray, "N D"], stops: Int[np.ndarray, " K"]) -> Int[np.ndarray, " L"]:
     """The way from stop to stop, L >= K of the points: a long step goes by way of points that lie between, if any do.
 
-    It is the way of the least sum of squared steps, to which many short ones are cheaper than one long. The time is
-    cubic in N: a tenth of a second for a few hundred.
+    Points are finite; a stop that follows itself counts once. It is the way of the least sum of squared steps,
+    to which many short ones are cheaper than one long. The time is cubic in N: a tenth of a second for a few hundred.
     """
     if len(stops) < 2:
         return stops
