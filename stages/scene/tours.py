@@ -45,9 +45,9 @@ def longest_step_last(points: Float[np.ndarray, "N D"], order: Int[np.ndarray, "
 def by_way_of_others(points: Float[np.ndarray, "N D"], stops: Int[np.ndarray, " K"]) -> Int[np.ndarray, " L"]:
     """The way from stop to stop: a long step goes by way of points that lie between, if any do.
 
-    L rows of points, stops among them, which are finite; a stop that follows itself counts once, and no stops are no way.
-    Its sum of squared steps is the least, to which many short ones are cheaper than one long. The time is cubic in N: a
-    tenth of a second for a few hundred.
+    L rows of points, which are finite, the stops among them; a stop that follows itself counts once, and no stops are
+    no way. Its sum of squared steps is the least, to which many short ones are cheaper than one long. The time is cubic
+    in N: a tenth of a second for a few hundred.
     """
     if len(stops) < 2:
         return stops
