@@ -87,8 +87,12 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     turned = sum(facts[name].turned != UPRIGHT for name in names)
     if turned:
         context.log(f"{turned} photos lie as their pixels are stored, of which the poses are; EXIF would turn them")
-    pictures = {name: picture_of(found.photos[name], parameters.background, facts[name].turned) for name in names}
-    write_capture(context.output("capture"), capture, pictures)
+
+    def kept(name: str) -> Path | bytes:
+        context.stop_if_requested()
+        return picture_of(found.photos[name], parameters.background, facts[name].turned)
+
+    write_capture(context.output("capture"), capture, kept)
     held_out = held_out_names(names, place, splits)
     if held_out:
         context.output("capture").attributes["test_names"] = [*held_out]

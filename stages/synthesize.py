@@ -61,7 +61,7 @@ def synthesize(context: Context, parameters: SynthesizeParameters) -> None:
         ordered=True,
         poses=KnownPoses("synthetic", poses, tuple(Lens.pinhole(matrix, *size) for matrix in intrinsics)),
     )
-    write_capture(context.output("capture"), capture, pictures)
+    write_capture(context.output("capture"), capture, pictures.__getitem__)
 
 
 def write_jobs(parameters: SynthesizeParameters, folder: Path) -> list[Path]:

@@ -67,7 +67,7 @@ def _to_line(row: Measurement) -> str:
     fields = {name: value for name, value in dataclasses.asdict(row).items() if value is not None}
     if not math.isfinite(row.value):  # JSON has neither; float() reads them back
         fields["value"] = str(row.value)
-    return json.dumps(fields, allow_nan=False, ensure_ascii=False) + "\n"
+    return json.dumps(fields, allow_nan=False) + "\n"  # in ASCII: a name may hold what ends a line elsewhere
 
 
 def _from_line(line: str, where: str) -> Measurement:

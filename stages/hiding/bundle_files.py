@@ -25,6 +25,7 @@ from stages.hiding.columns import VERTEX, attribute_of
 from stages.hiding.message_names import TAKEN, is_taken
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.weights import SUFFIX, Weights, read_weights
+from stages.imaging.names import can_be_written
 from stages.scene.ply.reading import Ply, read_ply
 
 PARTS = ("method", "settings", "attributes")
@@ -77,13 +78,13 @@ def _facts(path: Path, facts: Any) -> dict[str, Any]:
 
 def _is_fact(fact: tuple[str, Any]) -> bool:
     name, value = fact
-    word = isinstance(value, str) and len(value) <= LONGEST_TEXT and value.isprintable()
+    word = isinstance(value, str) and can_be_written(value)
     number = isinstance(value, int | float) and abs(value) <= LARGEST_NUMBER
     return bool(WORD.fullmatch(name)) and name != "messages" and (word or number)
 
 
 def _is_name(value: Any) -> bool:
-    return isinstance(value, str) and 0 < len(value) <= LONGEST_TEXT and value.isprintable() and not is_taken(value)
+    return isinstance(value, str) and can_be_written(value) and not is_taken(value)
 
 
 def _no_names(path: Path) -> UserError:

@@ -17,12 +17,14 @@ class Decoder(torch.nn.Sequential):
 
     The paper says "five layers of convolution followed by ReLU"; as in its released code the last layer is linear,
     since a ReLU there has no gradient wherever the picture starts out black. Weights come from torch's generator.
-    Raises `ValueError` for fewer than two layers.
+    Raises `ValueError` for fewer than two layers, and for a kernel without a middle: pictures would shrink.
     """
 
     def __init__(self, feature_dim: int, channels: int, layers: int = 5, width: int = 64, kernel_size: int = 3):
         if layers < 2:
             raise ValueError(f"a decoder has at least two layers, not {layers}")
+        if kernel_size < 1 or kernel_size % 2 == 0:
+            raise ValueError(f"a decoder's kernel has an odd side, not {kernel_size}")
         sizes = [feature_dim, *[width] * (layers - 1), channels]
         modules: list[torch.nn.Module] = []
         for inputs, outputs in pairwise(sizes):

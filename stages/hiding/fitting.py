@@ -10,6 +10,7 @@ import torch
 
 from pipeline.errors import UserError
 from stages.hiding.method import Method, build_method
+from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.rendering import COVER
 from stages.hiding.weights import Weights
 from stages.scene.gaussians import GEOMETRY
@@ -32,7 +33,8 @@ def fitted_method(
 
     `shapes` are those of a Gaussian's attributes. The method is first built without memory, then compared, then built:
     it takes no more than the weights themselves. Raises `UserError` where settings are none that a method has, where
-    weights are missing, too many or of other shapes, and where Gaussians lack what the method renders.
+    weights are missing, too many or of other shapes, and where Gaussians lack what the method renders or have an
+    attribute called as a network is.
     """
     check_settings(where, settings)
     full = dict(settings) | ({"messages": list(messages)} if messages else {})
@@ -104,6 +106,8 @@ def _attribute_shapes(name: str, settings: Mapping[str, object], messages: Seque
 
 
 def _check_attributes(where: object, needed: Mapping[str, Shape], shapes: Mapping[str, Shape]) -> None:
+    for name in sorted(shapes.keys() & {*PUBLIC_NETWORKS, *SECRET_NETWORKS}):
+        raise UserError(f"the Gaussians' attribute {name!r} has the name of a network", where=where)
     for name, shape in needed.items():
         if shapes.get(name) != shape:
             raise UserError(

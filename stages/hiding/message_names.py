@@ -10,6 +10,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from stages.hiding.rendering import COVER
+from stages.imaging.names import LONGEST_NAME, can_be_written
 
 FEATURE_MAP = "feature map"
 SIDE_BY_SIDE = "side by side"
@@ -24,7 +25,9 @@ def is_taken(name: str) -> bool:
 def _free(name: str) -> str:
     if is_taken(name):
         raise ValueError(f"{name!r} is what something else is called; give the message another name than {TAKEN}")
+    if not can_be_written(name):
+        raise ValueError("a message's name has control characters, which tables and bundles cannot hold")
     return name
 
 
-MessageName = Annotated[str, Field(min_length=1), AfterValidator(_free)]
+MessageName = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_free)]

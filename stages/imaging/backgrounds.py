@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageColor, ImageOps
+from PIL import Image, ImageColor
 
+from stages.imaging.orientation import upright
 from stages.imaging.pictures import Picture
 
 
@@ -19,6 +20,7 @@ def over_background(path: Path, color: str) -> Picture | None:
     with Image.open(path) as image:
         if not image.has_transparency_data:
             return None
-        upright = ImageOps.exif_transpose(image).convert("RGBA")
-    background = Image.new("RGBA", upright.size, (*ImageColor.getrgb(color)[:3], 255))
-    return np.array(Image.alpha_composite(background, upright).convert("RGB"))
+        image.load()
+        picture = upright(image).convert("RGBA")
+    background = Image.new("RGBA", picture.size, (*ImageColor.getrgb(color)[:3], 255))
+    return np.array(Image.alpha_composite(background, picture).convert("RGB"))

@@ -91,7 +91,7 @@ def _to_line(row: MetricRow) -> str:
         fields["value"] = None
     elif math.isinf(row.value):  # JSON has no infinity; float() reads this back
         fields["value"] = str(row.value)
-    return json.dumps(fields, allow_nan=False, ensure_ascii=False) + "\n"
+    return json.dumps(fields, allow_nan=False) + "\n"  # in ASCII: a name may hold what ends a line elsewhere
 
 
 def _from_line(line: str, where: str) -> MetricRow:

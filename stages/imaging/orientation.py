@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import UInt8
 from PIL import Image
-
-from stages.imaging.pictures import Picture
 
 ORIENTATION = 0x0112
 """EXIF's tag."""
@@ -24,8 +24,34 @@ BACK_AS_STORED: Mapping[int, Image.Transpose] = {
     8: Image.Transpose.ROTATE_270,
 }
 """What undoes a viewer's turn."""
+AS_VIEWED: Mapping[int, Image.Transpose] = BACK_AS_STORED | {
+    6: Image.Transpose.ROTATE_270,
+    8: Image.Transpose.ROTATE_90,
+}
+"""A viewer's turn. Of all but quarter turns it is what undoes it, too."""
+
+BROKEN_EXIF = (OSError, SyntaxError, ValueError, TypeError, AttributeError, KeyError, ArithmeticError, struct.error)
+"""What Pillow raises for tags of a wrong type, of no length, or that point to nowhere."""
 
 
-def as_stored(upright: Picture, orientation: int) -> Picture:
-    """The pixels as a file of this orientation, 2 to 8, holds them."""
-    return np.array(Image.fromarray(upright).transpose(BACK_AS_STORED[orientation]))
+def orientation_of(image: Image.Image) -> int:
+    """1 to 8; 1, upright, where EXIF says nothing of it or cannot be read."""
+    try:
+        stated = image.getexif().get(ORIENTATION)
+    except BROKEN_EXIF:
+        return UPRIGHT
+    return stated if isinstance(stated, int) and stated in AS_VIEWED else UPRIGHT
+
+
+def upright(image: Image.Image) -> Image.Image:
+    """The image as a viewer shows it.
+
+    Pillow's own `exif_transpose` encodes all of EXIF again, and so fails for any tag in it that is broken.
+    """
+    orientation = orientation_of(image)
+    return image if orientation == UPRIGHT else image.transpose(AS_VIEWED[orientation])
+
+
+def as_stored(picture: UInt8[np.ndarray, "height width 3"], orientation: int) -> UInt8[np.ndarray, "h w 3"]:
+    """The pixels of an upright picture as a file of this orientation, 2 to 8, holds them."""
+    return np.array(Image.fromarray(picture).transpose(BACK_AS_STORED[orientation]))

@@ -11,15 +11,19 @@ import numpy as np
 import torch
 from jaxtyping import Float, UInt8
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image
 from torch import Tensor
 
 from pipeline.errors import UserError
+from stages.imaging.orientation import upright
 
 Picture = UInt8[np.ndarray, "height width 3"]
 
 # Pillow has no common ancestor for what a damaged file raises: its PNG reader even uses SyntaxError.
-_UNREADABLE = (OSError, SyntaxError, ValueError, EOFError, struct.error, Image.DecompressionBombError)
+_UNREADABLE = (
+    *(OSError, SyntaxError, ValueError, TypeError, AttributeError, EOFError, RuntimeError, struct.error),
+    Image.DecompressionBombError,
+)
 
 
 def read_picture(path: Path) -> Picture:
@@ -31,7 +35,7 @@ def read_picture(path: Path) -> Picture:
     try:
         with Image.open(path) as image:
             image.load()
-            return _to_rgb(ImageOps.exif_transpose(image))
+            return _to_rgb(upright(image))
     except _UNREADABLE as error:
         raise UserError(
             "a picture cannot be read",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -44,10 +45,13 @@ class Capture:
     poses: KnownPoses | None = None
 
 
-def write_capture(writer: ArtifactWriter, capture: Capture, pictures: dict[str, bytes | Path]) -> None:
-    """Write a `capture` artifact; `pictures` holds each name's encoded bytes, or the file to copy them from."""
+def write_capture(writer: ArtifactWriter, capture: Capture, picture_of: Callable[[str], bytes | Path]) -> None:
+    """Write a `capture` artifact; `picture_of` a name gives its encoded bytes, or the file to copy them from.
+
+    It is asked for one picture after another, so that no two need to be in memory.
+    """
     for name in capture.names:
-        source = pictures[name]
+        source = picture_of(name)
         writer.write_file(f"{PICTURES}/{name}", source if isinstance(source, bytes) else source.read_bytes())
     writer.attributes.update(
         names=list(capture.names),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,8 @@ import numpy as np
 from PIL import Image
 
 from pipeline.errors import UserError
-from stages.imaging.orientation import BACK_AS_STORED, ORIENTATION, SIDEWAYS, UPRIGHT
+from stages.imaging.names import can_be_written
+from stages.imaging.orientation import BROKEN_EXIF, SIDEWAYS, UPRIGHT, orientation_of
 from stages.imaging.pictures import read_picture
 from stages.scene.capture import KnownPoses, PoseSource
 from stages.scene.colmap import PosedPhoto, find_colmap_model, read_colmap_model
@@ -52,8 +53,8 @@ class PhotoFacts:
 def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
     """The photos of `folder`, or of the first of its `SUBFOLDERS` with any where it has none itself.
 
-    With `images`, those of its folder of that name alone. Raises `UserError` where there is no folder or no photo, and
-    for photos that only their extensions tell apart: results are paired by name.
+    With `images`, those of its folder of that name alone. Raises `UserError` where there is no folder or no photo, for
+    names that tables cannot hold, and for photos that only their extensions tell apart: results are paired by name.
     """
     if not folder.is_dir():
         raise UserError("no such folder of photos", where=folder, found="a file" if folder.exists() else "nothing")
@@ -68,6 +69,7 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
         files = sorted(file for file in place.iterdir() if file.is_file()) if place.is_dir() else []
         photos = {file.name: file for file in files if _is_photo(file)}
         if photos:
+            refuse_unwritten_names(place, photos)
             _refuse_equal_stems(place, photos)
             return PhotoFolder(photos, len(files) - len(photos))
     searched = images or f"it or in its folder {', '.join(SUBFOLDERS)}"
@@ -82,6 +84,22 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
 
 def _is_photo(file: Path) -> bool:
     return file.suffix.lower() in SUFFIXES and not file.name.startswith(".")
+
+
+def refuse_unwritten_names(place: Path, names: Iterable[str]) -> None:
+    """Raise `UserError` for a name that tables and pages, in UTF-8, could not say.
+
+    Names from an old zip may be in an encoding that nobody states.
+    """
+    for name in names:
+        if not can_be_written(name):
+            raise UserError(
+                "the name of a photo cannot be written",
+                where=place,
+                found=ascii(name),
+                expected="a name in UTF-8 without control characters, for tables and pages call views by it",
+                remedy="Rename it.",
+            )
 
 
 def _refuse_equal_stems(place: Path, photos: dict[str, Path]) -> None:
@@ -115,13 +133,20 @@ def read_facts(photo: Path, posed: bool = False) -> PhotoFacts:
     """
     height, width = read_picture(photo).shape[:2]
     with Image.open(photo) as image:
-        exif = image.getexif()
-        equivalent, stated = exif.get_ifd(EXIF_FOLDER).get(FOCAL_LENGTH_IN_35MM), exif.get(ORIENTATION, UPRIGHT)
-    turned = stated if posed and stated in BACK_AS_STORED else UPRIGHT
+        turned = orientation_of(image) if posed else UPRIGHT
+        equivalent = _equivalent_focal_length(image)
     size = (height, width) if turned in SIDEWAYS else (width, height)
-    if not equivalent or not math.isfinite(float(equivalent)) or float(equivalent) <= 0:
-        return PhotoFacts(size, None, turned)
-    return PhotoFacts(size, float(equivalent) / DIAGONAL_OF_35MM * math.hypot(width, height), turned)
+    focal_pixels = None if equivalent is None else equivalent / DIAGONAL_OF_35MM * math.hypot(width, height)
+    return PhotoFacts(size, focal_pixels, turned)
+
+
+def _equivalent_focal_length(image: Image.Image) -> float | None:
+    """In millimetres on 35 mm film, as EXIF says; None where it does not, or cannot be read: SfM finds it as well."""
+    try:
+        millimetres = float(image.getexif().get_ifd(EXIF_FOLDER)[FOCAL_LENGTH_IN_35MM])
+    except BROKEN_EXIF:
+        return None
+    return millimetres if math.isfinite(millimetres) and millimetres > 0 else None
 
 
 def poses_at(place: Path) -> Path:

@@ -13,7 +13,7 @@ from pathlib import Path
 from pipeline.errors import UserError
 from stages.scene.capture import PoseSource
 from stages.scene.colmap import PosedPhoto
-from stages.scene.photo_folder import SUFFIXES, PhotoFolder, read_poses
+from stages.scene.photo_folder import SUFFIXES, PhotoFolder, read_poses, refuse_unwritten_names
 from stages.scene.transforms import frame_files
 
 TRAIN, TEST = "train", "test"
@@ -33,13 +33,15 @@ def find_splits(folder: Path) -> dict[str, Path]:
 def find_split_photos(folder: Path, splits: Mapping[str, Path]) -> PhotoFolder:
     """The photos that the splits' frames name, which may leave the extension out, and no others.
 
-    Raises `UserError` where one is not there, or lies outside of `folder`: what does could change unseen.
+    Raises `UserError` where one is not there, lies outside of `folder`, since what does could change unseen, or has a
+    name that tables cannot hold.
     """
     photos: dict[str, Path] = {}
     for split, file in splits.items():
         for frame in frame_files(file):
             photo = _photo_of(folder, file, frame)
             photos[f"{split}_{photo.name}"] = photo
+    refuse_unwritten_names(folder, photos)
     return PhotoFolder(dict(sorted(photos.items())), 0)
 
 

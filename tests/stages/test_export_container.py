@@ -33,7 +33,7 @@ SETTINGS = {
     "sh": {"sh_degree": 2},
     "decoder": {"sh_degree": 1, "layers": COUPLED["layers"], "decoder_width": 8, "precision": "float32"},
 }
-MESSAGES = ["a-name-that-must-not-be-published", "another"]
+MESSAGES = ["a-name-that-must-not-be-published", "台所\u3000写真"]
 COLUMNS_OF_3DGS = [
     *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"),
     *(f"f_rest_{number}" for number in range(45)),
@@ -54,7 +54,7 @@ def stored(folder: Path, name: str, count: int = 20, messages: tuple[str, ...] =
         write_container(writer, Gaussians(shaken), method)
     with create(folder / "secret", "secret", private=True) as writer:
         write_secret(writer, method, messages)
-        writer.attributes |= {"view": "003.png"} if messages else {}
+        writer.attributes |= {"view": "Screenshot 3.45\u202fPM.png"} if messages else {}
     return load(folder / "container"), load(folder / "secret")
 
 

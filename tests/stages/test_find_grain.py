@@ -36,7 +36,7 @@ def test_pictures_with_the_grain_are_named(tmp_path: Path) -> None:
         "own.png": encode_png(own),
     }
     with create(tmp_path / "suspects", "capture") as writer:
-        write_capture(writer, Capture(tuple(files), ((128, 96),) * 4, (None,) * 4, True), files)
+        write_capture(writer, Capture(tuple(files), ((128, 96),) * 4, (None,) * 4, True), files.__getitem__)
     asked = {"before": before, "cover": cover, "key": key, "pictures": load(tmp_path / "suspects")}
     made = run_stage(find_grain, FindGrainParameters(), asked, tmp_path / "found")
     assert made["scores"].private

@@ -89,3 +89,5 @@ def test_the_image_fills_the_view_unstretched() -> None:
     wide[:, 15:25] = 255
     np.testing.assert_array_equal(filling(wide, 10, 10), np.full((10, 10, 3), 255))
     assert filling(wide, 5, 20).shape == (20, 5, 3)
+    with pytest.raises(UserError, match="so different a shape; found 200000 x 1 pixels"):
+        filling(np.zeros((1, 200_000, 3), np.uint8), 1216, 800)  # whole, it would take 400 GB

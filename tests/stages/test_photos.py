@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,7 @@ from tests.stages.scene.test_colmap import QUATERNION, TRANSLATION, write_binary
 from tests.stages.scene.test_transforms import MATRIX
 
 
-def take(
-    path: Path, size: tuple[int, int] = (64, 48), orientation: int | None = None, focal: int | None = None
-) -> None:
+def take(path: Path, size: tuple[int, int] = (64, 48), orientation: int | None = None, focal: object = None) -> None:
     """A photo of noise, with EXIF data as asked for."""
     path.parent.mkdir(parents=True, exist_ok=True)
     pixels = np.random.default_rng(len(path.name)).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
@@ -184,6 +183,24 @@ def test_a_damaged_photo_is_named(tmp_path: Path, kept: int) -> None:
     broken = tmp_path / "photos" / "broken.jpg"
     broken.write_bytes(broken.read_bytes()[: kept if kept >= 0 else broken.stat().st_size // 2])
     expect_refusal(tmp_path / "photos", tmp_path / "out", "broken.jpg")
+
+
+@pytest.mark.parametrize("stated", ["50mm", (50, 50), float("inf"), -35, 0])
+def test_a_focal_length_that_is_none_counts_as_unknown(tmp_path: Path, stated: object) -> None:
+    take(tmp_path / "photos" / "a.jpg", focal=stated)
+    assert read_capture(capture(tmp_path / "photos", tmp_path / "out")).focal_pixels == (None,)
+
+
+@pytest.mark.parametrize("name", [b"caf\xe9.jpg", b"two\nlines.jpg"])
+def test_names_that_tables_cannot_hold_are_refused(tmp_path: Path, name: bytes) -> None:
+    take(tmp_path / "photos" / "a.jpg")
+    (tmp_path / "photos" / "a.jpg").rename(tmp_path / "photos" / os.fsdecode(name))
+    expect_refusal(tmp_path / "photos", tmp_path / "out", "name of a photo", ascii(os.fsdecode(name)))
+
+
+def test_spaces_of_all_widths_are_kept_in_names(tmp_path: Path) -> None:
+    take(tmp_path / "photos" / "Screenshot 3.45\u202fPM.png")
+    assert read_capture(capture(tmp_path / "photos", tmp_path / "out")).names == ("Screenshot 3.45\u202fPM.png",)
 
 
 def test_photos_that_only_extensions_tell_apart_are_refused(tmp_path: Path) -> None:

@@ -80,7 +80,7 @@ def write(truth: Cameras, source: PoseSource, directory: Path, photographs: list
     capture = Capture(names, (SIZE,) * len(names), (None,) * len(names), ordered=True, poses=poses)
     with create(directory / "capture", "capture") as writer:
         pictures = dict(zip(names, map(encoded, photographs or photograph(truth)), strict=True))
-        write_capture(writer, capture, pictures)
+        write_capture(writer, capture, pictures.__getitem__)
     return load(directory / "capture")
 
 
@@ -158,7 +158,7 @@ def test_photos_that_show_nothing_in_common_are_refused_with_advice(tmp_path: Pa
     names = tuple(f"{view}.png" for view in range(4))
     pictures = {name: encoded(random.integers(0, 256, (60, 80, 3), dtype=np.uint8)) for name in names}
     with create(tmp_path / "capture", "capture") as writer:
-        write_capture(writer, Capture(names, ((80, 60),) * 4, (None,) * 4, ordered=False), pictures)
+        write_capture(writer, Capture(names, ((80, 60),) * 4, (None,) * 4, ordered=False), pictures.__getitem__)
     with pytest.raises(UserError, match=r"placed 0 of 4 photos.*50%.*overlap.*matching_size.*exhaustive"):
         run(load(tmp_path / "capture"), tmp_path / "out")
 

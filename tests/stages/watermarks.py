@@ -27,7 +27,7 @@ def capture(folder: Path, seed: int = 0) -> Artifact:
     files = {name: encode_png(picture) for name, picture in zip(NAMES, pictures(seed), strict=True)}
     sizes = ((WIDTH, HEIGHT),) * len(NAMES)
     with create(folder, "capture") as writer:
-        write_capture(writer, Capture(NAMES, sizes, (None,) * len(NAMES), True), dict(files))
+        write_capture(writer, Capture(NAMES, sizes, (None,) * len(NAMES), True), dict(files).__getitem__)
     return load(folder)
 
 

@@ -153,6 +153,7 @@ SCENE_DECODER, MESSAGE_DECODER = "bundle/scene_decoder.safetensors", "secret_bun
         (lambda folder: change_settings(folder, decoder_width="wide"), "settings are none"),
         (lambda folder: change_settings(folder, precision="float1"), "settings are none"),
         (lambda folder: change_settings(folder, precision="x" * 10**5), "'precision' is none"),
+        (lambda folder: change_settings(folder, kernel_size=4), "settings are none of .* odd side, not 4"),
         (lambda folder: change_settings(folder, unknown=1), "settings are none of the method gs_hider"),
         (lambda folder: change_settings(folder, messages=["a"]), "'messages' is none"),
         (lambda folder: change_column(folder, "rot_2", None), "'quats'|rot_2"),
@@ -217,6 +218,15 @@ def test_damage_is_an_answer_or_one_error(good: Path, tmp_path: Path, file: str,
     except UserError as error:
         said = str(error)
     assert "\n" not in said
+
+
+@pytest.mark.parametrize("network", ["scene_decoder", "message_decoder"])
+def test_an_attribute_that_is_called_as_a_network_is_refused(copied: Path, network: str) -> None:
+    """In the store the network's weights lie in a group of that name."""
+    for number in range(2):
+        change_column(copied, f"{network}_{number}", np.zeros(9, np.float32))
+    change_attributes(copied, **{network: [2]})
+    assert f"'{network}' has the name of a network" in told(copied)
 
 
 def test_files_beside_a_bundle_are_left_alone(copied: Path) -> None:

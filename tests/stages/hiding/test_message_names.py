@@ -19,5 +19,11 @@ def test_a_name_that_is_taken_is_refused(
         parameters(name=name)
 
 
+@pytest.mark.parametrize("name", ["two\nlines", "caf\udce9", "x" * 301])
+def test_a_name_that_no_bundle_could_hold_is_refused(name: str) -> None:
+    with pytest.raises(ValidationError):
+        RenderHiddenParameters(name=name)
+
+
 def test_others_are_kept_as_they_are() -> None:
     assert RenderHiddenParameters(name="Cover of a book").name == "Cover of a book"

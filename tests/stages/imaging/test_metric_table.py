@@ -14,6 +14,7 @@ ROWS = (
     MetricRow("psnr", 27.25, "dB", view="0001.png", split="test"),
     MetricRow("psnr", math.inf, "dB", view="0001.png", split="test", message="réef"),
     MetricRow("loss", 0.125, iteration=300),
+    MetricRow("psnr", 20.0, "dB", view="ends\u2028a\x85line.png", split="test"),
 )
 
 

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import io
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from PIL import Image
+from PIL import Image, ImageOps
 
 from pipeline.errors import UserError
 from stages.imaging.pictures import (
@@ -40,16 +41,35 @@ def test_jpeg_stays_close_and_keeps_colour_resolution(gradient: np.ndarray) -> N
     assert np.abs(decoded.astype(int) - striped).mean() < 8  # red stripes one pixel wide vanish if colours are halved
 
 
-@pytest.mark.parametrize(
-    ("orientation", "upright"),
-    [(3, lambda picture: picture[::-1, ::-1]), (6, lambda picture: np.rot90(picture, -1))],
-)
-def test_exif_orientation_is_applied(tmp_path: Path, gradient: np.ndarray, orientation: int, upright) -> None:
+@pytest.mark.parametrize("orientation", range(10))
+@pytest.mark.parametrize("suffix", ["png", "tiff", "webp"])
+def test_exif_orientation_is_applied(tmp_path: Path, gradient: np.ndarray, orientation: int, suffix: str) -> None:
     exif = Image.Exif()
     exif[0x0112] = orientation
-    path = tmp_path / "turned.png"
-    Image.fromarray(gradient).save(path, exif=exif)
-    assert np.array_equal(read_picture(path), upright(gradient))
+    path = tmp_path / f"turned.{suffix}"
+    Image.fromarray(gradient).save(path, exif=exif, **({"lossless": True} if suffix == "webp" else {}))
+    with Image.open(path) as image:
+        expected = np.asarray(ImageOps.exif_transpose(image))
+    assert np.array_equal(read_picture(path), expected)
+
+
+BROKEN_TAGS = {
+    "resolution as text": (0x011A, 2, 3, b"72\0"),
+    "unit as a real": (0x0128, 11, 1, struct.pack("<f", 2.0)),
+}
+"""Tag, type, count and value as in the file; what other programs have written into EXIF."""
+
+
+@pytest.mark.parametrize("broken", BROKEN_TAGS)
+def test_a_broken_tag_beside_it_does_not_hide_the_orientation(
+    tmp_path: Path, gradient: np.ndarray, broken: str
+) -> None:
+    tags = sorted([(0x0112, 3, 1, b"\6\0"), BROKEN_TAGS[broken]])
+    entries = b"".join(struct.pack("<HHI", *tag[:3]) + tag[3].ljust(4, b"\0") for tag in tags)
+    block = b"Exif\0\0II*\0" + struct.pack("<IH", 8, len(tags)) + entries + struct.pack("<I", 0)
+    path = tmp_path / "turned.jpg"
+    Image.fromarray(gradient).save(path, exif=block)
+    assert read_picture(path).shape[:2] == gradient.shape[1::-1]
 
 
 def test_transparency_is_laid_over_white(tmp_path: Path) -> None:
