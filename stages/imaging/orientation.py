@@ -24,7 +24,8 @@ BACK_AS_STORED: Mapping[int, Image.Transpose] = {
     8: Image.Transpose.ROTATE_270,
 }
 """What undoes a viewer's turn."""
-AS_VIEWED: Mapping[int, Image.Transpose] = BACK_AS_STORED | {
+AS_VIEWED: Mapping[int, Image.Transpose] = {
+    **BACK_AS_STORED,
     6: Image.Transpose.ROTATE_270,
     8: Image.Transpose.ROTATE_90,
 }
