@@ -3,23 +3,25 @@
 A key cannot know that a renamed variable changes no bit, and hours of training are too much to pay for it. Accepting a
 stage writes one more record, under its new key, with the old outputs, and notes from which key, when, at which commit
 and over which changes: whoever explains the result, or reports on what was made from it, says so. Only code, the
-declared version and the format of keys can be accepted. Parameters, inputs, files and privacy say what was asked for.
+declared version and the format of keys can be accepted. Parameters, inputs, files and privacy say what was asked for,
+and a result whose outputs are no longer those of the stage is none of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from pipeline.canonical import Json
 from pipeline.errors import CommandError
 from pipeline.explain import key_parts
-from pipeline.graph import Graph, Source
+from pipeline.graph import Graph, Node, Source
 from pipeline.history import StageResult
 from pipeline.plan import Step, make_plan
 from pipeline.provenance import now
 from pipeline.record import Record
+from pipeline.stage import output_is_private
 from pipeline.store import Store
 
 ACCEPTABLE = ("code", "version", "format")
@@ -68,7 +70,7 @@ def acceptances(graph: Graph, store: Store, stage: str, commit: str | None) -> t
             continue
         old = store.history.last(graph.workflow, [name])[name].made
         record = store.find(str(old.key)) if old else None
-        reasons = _reasons_against(step, record, part)
+        reasons = _reasons_against(step, record) or [*_misfits(part.nodes[name], record, store, digests)]
         if reasons or record is None or step.key is None:
             refused.append(Refusal(name, reasons))
             continue
@@ -103,7 +105,24 @@ def still_to_accept(graph: Graph, store: Store) -> list[str]:
     return [name for name, step in steps.items() if step.changes and step.key and not _unacceptable(step)]
 
 
-def _reasons_against(step: Step, record: Record | None, graph: Graph) -> list[str]:
+def _misfits(node: Node, record: Record | None, store: Store, digests: Mapping[Source, str | None]) -> Iterator[str]:
+    """What the stage would make now and the result is not: other outputs, kinds, or privacy."""
+    declared, made = node.declaration.outputs, record.outputs if record else {}
+    if declared.keys() != made.keys():
+        yield f"its outputs are {', '.join(declared) or 'none'} now; its result has {', '.join(made) or 'none'}"
+        return
+    given = [digests[source] for sources in node.sources.values() for source in sources]
+    inherited = node.private or any(store.artifact(digest).private for digest in given if digest)
+    for name, output in declared.items():
+        artifact = store.artifact(made[name])
+        if artifact.kind != output.kind:
+            yield f"its output {name} is of kind {output.kind} now; its result is of kind {artifact.kind}"
+        if artifact.private != output_is_private(output, inherited):
+            now, then = ("public", "private") if artifact.private else ("private", "public")
+            yield f"its output {name} is {now} now; its result is {then}"
+
+
+def _reasons_against(step: Step, record: Record | None) -> list[str]:
     if record is None:
         return ["it has no result that is whole in the store"]
     if step.key is None:

@@ -75,9 +75,14 @@ def _parameters(old: Mapping[str, Json], new: Mapping[str, Json]) -> Iterator[Ch
             yield Change("parameter", name, f"parameter {name} is new: {_shown(new[name])}", after=new[name])
         elif name not in new:
             yield Change("parameter", name, f"parameter {name} is gone; it was {_shown(old[name])}", before=old[name])
-        elif json.dumps(old[name]) != json.dumps(new[name]):  # 1, 1.0 and true are equal, and not the same
+        elif _spelt(old[name]) != _spelt(new[name]):
             text = f"parameter {name}: {_shown(old[name])} → {_shown(new[name])}"
             yield Change("parameter", name, text, old[name], new[name])
+
+
+def _spelt(value: Json) -> str:
+    """In which 1, 1.0 and true differ, which are equal, and the order of names does not count, as in keys."""
+    return json.dumps(value, sort_keys=True)
 
 
 def _code(old: str, new: str, known: Known) -> Iterator[Change]:

@@ -42,7 +42,8 @@ def export_artifact(artifact: Artifact, target: Path, zipped: bool, store: Store
 
 
 def _copied(artifact: Artifact, folder: Path) -> Artifact:
-    """A copy of what the manifest names, checked."""
+    """A copy of what the manifest names, checked. A link or a pipe in the place of a file is never opened."""
+    artifact.check_sizes()
     make_folder(folder, artifact.private)
     for name in (*artifact.manifest.files, MANIFEST):
         make_folder((folder / name).parent, artifact.private)

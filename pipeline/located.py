@@ -14,6 +14,7 @@ from pipeline.canonical import Json
 from pipeline.errors import Place, Problem, WorkflowError
 
 Scalar = str | int | float | bool | None
+LONGEST_NUMBER = 1024  # bits, as many as a float's range; longer ones Python does not even print
 DEEPEST = 50  # levels; an alias that holds itself would otherwise never end
 
 
@@ -100,6 +101,9 @@ def read_yaml(text: str, file: str, base: Path, problems: Problems, fixed: Place
     except YAMLError as error:
         problems.add(fixed or Place(file), f"not YAML: {str(error).splitlines()[0]}")
         return None
+    except (AssertionError, RecursionError):  # what ruamel makes of %YAML 1.3, and of 500 nested lists
+        problems.add(fixed or Place(file), f"not YAML 1.2, or nested more than {DEEPEST} levels deep")
+        return None
     if node is None:
         return Located(None, fixed or Place(file, 1, 1), base)
     return _Reader(file, base, problems, fixed).located(node, 0)
@@ -142,8 +146,11 @@ class _Reader:
     def scalar(self, node: Node, place: Place) -> Scalar:
         try:
             value = self.constructor.construct_object(node)
-        except (YAMLError, ValueError):
+        except (YAMLError, ValueError, LookupError):  # LookupError: of !!bool maybe, and of !!int with nothing
             value = NotImplemented
+        if isinstance(value, int) and value.bit_length() > LONGEST_NUMBER:
+            self.problems.add(place, f"a number of more than {LONGEST_NUMBER} bits")
+            return None
         if value is None or isinstance(value, Scalar):
             return value
         self.problems.add(

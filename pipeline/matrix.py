@@ -13,9 +13,10 @@ import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 from pipeline.canonical import Json, canonical_json, digest_of
 from pipeline.errors import Place, nearest
@@ -52,8 +53,19 @@ class Rows:
         return {f"item.{column}": value for column, value in self.values[index].items()}
 
     def identities(self, columns: Sequence[str]) -> list[bytes]:
-        """For each row a spelling of its values in `columns`, equal only for equal values."""
-        return [canonical_json([row[column] for column in columns]) for row in self.plain]
+        """For each row a spelling of its values in `columns`, equal only for equal values.
+
+        Texts of different bases are different where they are the same: as paths they lead elsewhere.
+        """
+        spelt = [canonical_json([row[column] for column in columns]) for row in self.plain]
+        bases = [[str(base) for column in columns for base in _bases(row[column])] for row in self.values]
+        found: dict[bytes, list[list[str]]] = {}
+        for spelling, where in zip(spelt, bases, strict=True):
+            found.setdefault(spelling, []).append(where)
+        return [
+            spelling if all(other == where for other in found[spelling]) else spelling + canonical_json(where)
+            for spelling, where in zip(spelt, bases, strict=True)
+        ]
 
     def labels(self, columns: Sequence[str]) -> list[str]:
         """For each row its name, computed once for the same columns: see `_named`."""
@@ -206,6 +218,18 @@ def _extra_rows(
             problems.add(row.keys.get(name, row.place), message)
         if not unknown:
             yield row.place, row.value
+
+
+def _bases(located: Located) -> Iterator[Path]:
+    """The bases of all texts in a value."""
+    if isinstance(located.value, tuple):
+        for item in located.value:
+            yield from _bases(item)
+    elif isinstance(located.value, Mapping):
+        for item in located.value.values():
+            yield from _bases(item)
+    elif isinstance(located.value, str):
+        yield located.base
 
 
 def _check_name(name: str, place: Place, problems: Problems) -> None:

@@ -12,7 +12,7 @@ from pipeline.artifact import Artifact, load
 from pipeline.errors import CommandError, nearest
 from pipeline.manifest import MANIFEST
 from pipeline.remote import open_store
-from pipeline.store import Store
+from pipeline.store import Store, is_store
 
 PREFIX = re.compile(r"[0-9a-f]{6,64}")
 SHOWN = 12  # names in an error
@@ -34,7 +34,7 @@ def find_artifact(text: str, address: str | Path) -> tuple[Artifact, Store | Non
         found = {digest: _names_of(digest, names) for digest in store.objects if digest.startswith(text)}
         if found:
             return store.artifact(_only(text, found)), store
-    found_names = {name: [name] for name in names if text in forms_of(name)}
+    found_names = {name: [name] for name in ([text] if text in names else names) if text in forms_of(name)}
     if not found_names:
         raise CommandError(f"no artifact {text!r}", where=store.address, expected=_expected(text, names))
     return store.artifact(names[_only(text, found_names)]), store
@@ -62,7 +62,7 @@ def check_workflows(store: Store, names: Iterable[str]) -> None:
 
 def open_existing(address: str | Path) -> Store:
     """The store at an address. Raises CommandError where there is none: looking must not make one."""
-    if "://" not in str(address) and not Path(address).is_dir():
+    if "://" not in str(address) and not (str(address) and is_store(Path(address))):
         raise CommandError(
             "no store there", where=address, remedy="Say with --store, or in $GS_HIDER_STORE, where results are kept."
         )

@@ -21,8 +21,9 @@ def why_public(path: Path) -> str | None:
 
     Looks at the folders above `path`, and at `path` itself, as far as they exist.
     """
-    existing = next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.is_dir())
-    folders = [existing.resolve(), *existing.resolve().parents]
+    path = path.resolve()  # of new/../x too, where new is not there yet and x elsewhere than it seems
+    existing = next(folder for folder in (path, *path.parents) if folder.is_dir())
+    folders = [existing, *existing.parents]
     for folder in folders:
         if (folder / ".git").exists():
             return f"it is in the git work tree {folder}"

@@ -30,7 +30,7 @@ from platformdirs import user_cache_path
 from pipeline.artifact import Artifact, ArtifactWriter, publish
 from pipeline.bucket import Bucket
 from pipeline.canonical import Json
-from pipeline.errors import CorruptArtifact, RemoteError
+from pipeline.errors import CommandError, CorruptArtifact, RemoteError
 from pipeline.history import History
 from pipeline.pins import Pins
 from pipeline.record import RECORD, Record, read_record
@@ -38,7 +38,7 @@ from pipeline.remote_artifacts import RemoteArtifacts
 from pipeline.remote_history import RemoteHistory
 from pipeline.remote_pins import RemotePins
 from pipeline.sealed import write_text_whole
-from pipeline.store import Store, Young
+from pipeline.store import LOCKS, Store, Young, is_store
 
 CACHE = "GS_HIDER_CACHE"
 SPARED = 86400.0  # seconds for which `gc` spares what was put: no lock tells of runs on other machines
@@ -46,10 +46,29 @@ ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 
 
 def open_store(address: str | Path) -> Store:
-    """The store at an address: a folder, or `s3://BUCKET/PREFIX`. Raises CommandError for what is no address."""
-    if "://" not in str(address):
-        return Store(Path(address))
-    return RemoteStore(Bucket(str(address)))
+    """The store at an address: a folder, or `s3://BUCKET/PREFIX`. Raises CommandError for what is no address.
+
+    A folder that is missing or empty becomes a store. Raises CommandError for one that holds something else.
+    """
+    if "://" in str(address):
+        return RemoteStore(Bucket(str(address)))
+    root = Path(address)
+    if not str(address):
+        raise CommandError("the address of the store is empty", expected="a folder, or s3://BUCKET/PREFIX")
+    if is_store(root):
+        return Store(root)
+    found = sorted(entry.name for entry in root.iterdir()) if root.is_dir() else []
+    if set(found) - {LOCKS}:  # locks alone: another run is just making it
+        raise CommandError(
+            "a folder of something else",
+            where=root,
+            found=", ".join(found[:5]),
+            expected="a store, or a folder that is empty or not there yet",
+            remedy="Say with --store, or in $GS_HIDER_STORE, where results are to be kept.",
+        )
+    store = Store(root)
+    store.mark()
+    return store
 
 
 def mirror_folder(address: str) -> Path:

@@ -43,6 +43,7 @@ from pipeline.sealed import read_sealed, sealed, write_text_whole
 from pipeline.temporary import OwnFolder, sweep
 
 KEY = re.compile(r"[0-9a-f]{64}")
+LOCKS, IN_USE = "locks", "in_use"
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,14 @@ class Young:
 
     actions: frozenset[str] = frozenset()
     objects: frozenset[str] = frozenset()
+
+
+def is_store(root: Path) -> bool:
+    """Whether a folder is a store, of this or an earlier version, or a copy of one without its locks.
+
+    `gc` deletes what nobody needs, `verify` sets aside what is damaged: in another folder that would be all there is.
+    """
+    return (root / LOCKS / IN_USE).is_file() or any((root / "actions").glob(f"*/{RECORD}"))
 
 
 class Store:
@@ -69,6 +78,10 @@ class Store:
     def address(self) -> str:
         """By which another process opens this store."""
         return str(self.root)
+
+    def mark(self) -> None:
+        """Makes the folder one that `is_store` knows."""
+        (self.folder(LOCKS) / IN_USE).touch()
 
     def object(self, digest: str) -> Path:
         """Where the artifact of that digest is, or would be."""
@@ -158,7 +171,7 @@ class Store:
 
     def lock(self, key: str) -> FileLock:
         """The lock of an action; the kernel frees it when the process ends, however it ends."""
-        return FileLock(self.folder("locks") / f"{key}.lock")
+        return FileLock(self.folder(LOCKS) / f"{key}.lock")
 
     @contextmanager
     def in_use(self, alone: bool = False) -> Iterator[None]:
@@ -166,7 +179,7 @@ class Store:
 
         Raises CommandError where that cannot be had at once: another process deletes, or others work.
         """
-        path = self.folder("locks") / "in_use"
+        path = self.folder(LOCKS) / IN_USE
         descriptor = os.open(
             path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o666
         )  # a link would make a file elsewhere

@@ -23,6 +23,7 @@ from pipeline.located import Located, Problems, Scalar
 CELL = re.compile(r'[ \t]*(?:"(?P<quoted>[^"]*(?:""[^"]*)*)"[ \t]*|(?P<bare>[^,\r\n]*))(?=[,\r\n]|\Z)')
 JSON_SCALAR = re.compile(r"true|false|null|-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?")
 UNPRINTABLE = re.compile(r"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]")
+LONGEST_NUMBER = 300  # digits; what is longer is a text, as Python reads no number of thousands of them
 COLUMN = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 COLUMN_WORDS = "letters, digits, '_' and '-'"
 HEADER_WORDS = "a first row with the columns' names, such as cover,message"
@@ -40,7 +41,7 @@ class Cell:
             return self.text
         if not self.text:
             return None
-        if JSON_SCALAR.fullmatch(self.text):
+        if JSON_SCALAR.fullmatch(self.text) and len(self.text) <= LONGEST_NUMBER:
             value: Scalar = json.loads(self.text)
             return value
         return self.text

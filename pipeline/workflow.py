@@ -29,6 +29,7 @@ WORKFLOW_KEYS = ("name", "vars", "stages")
 STAGE_KEYS = ("uses", "in", "with", "foreach", "matrix", "private", "resources")
 INPUT_KEYS = ("all", "without_failed")
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
+COMMENT = re.compile(r"^[^'\"]*(?<!\S)#")  # of YAML, in a value without quotes
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,11 @@ def _settings(settings: Sequence[str], problems: Problems) -> dict[str, Located]
         if not equals or not name:
             problems.add(Place(f"--set {setting}"), "expected NAME=VALUE or STAGE.PARAMETER=VALUE")
             continue
+        comment = COMMENT.search(text)
+        if comment:
+            found = f"{text[comment.end() - 1 :]!r} would be taken for a comment"
+            problems.add(place, f"""{found}; quote the value: --set '{name}="{text}"'""")
+            continue
         value = read_yaml(text, place.file, Path.cwd(), problems, fixed=place)
         if value is not None:
             values[name] = value
@@ -197,7 +203,7 @@ class _Parser:
     def entry(self, name: str, place: Place, body: Located, variables: Scope, settings: dict[str, Located]) -> Entry:
         fields = self.mapping(body, f"stage {name!r}", STAGE_KEYS)
         uses = fields.get("uses")
-        if uses is None:
+        if uses is None or uses.value is None:
             if isinstance(body.value, Mapping):
                 self.problems.add(place, f"stage {name!r} does not say what it uses")
             uses = Located(None, place, body.base)
@@ -257,10 +263,11 @@ class _Parser:
         resources: Mapping[str, Located],
         scope: Scope,
     ) -> Instance:
-        uses = substitute(uses, scope, self.problems) or replace(uses, value=None)
-        if not isinstance(uses.value, str) and uses.value is not None:
-            self.problems.add(uses.place, f"uses is {uses.found}; expected the name of a stage")
-            uses = replace(uses, value=None)
+        used = substitute(uses, scope, self.problems)
+        if used is not None and uses.value is not None and not isinstance(used.value, str):
+            self.problems.add(uses.place, f"uses is {used.found}; expected the name of a stage")
+            used = None
+        uses = used or replace(uses, value=None)
         flag = substitute(private, scope, self.problems) or private
         if not isinstance(flag.value, bool):
             self.problems.add(flag.place, f"private is {flag.found}; expected true or false")

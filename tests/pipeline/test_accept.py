@@ -158,6 +158,53 @@ def test_what_never_ran_is_refused(session: Session) -> None:
     assert (status, "no result" in said) == (2, True)
 
 
+STAGE = """
+from pydantic import Field
+from pipeline.stage import Context, Output, Parameters, stage
+
+class Inner(Parameters):
+    zeta: int = Field(5, description="Before alpha.")
+    alpha: int = Field(2, description="After zeta.")
+
+class StageParameters(Parameters):
+    inner: Inner = Field(Inner(), description="Nested.")
+
+@stage(inputs={}, outputs={"old": Output("numbers")}, version=1)
+def base(context: Context, parameters: StageParameters) -> None:
+    context.output("old").attributes["one"] = 1
+"""
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "said"),
+    [
+        ('"old"', '"new"', "base cannot be accepted: its outputs are new now; its result has old"),
+        ('"numbers")', '"numbers", privacy="private")', "its output old is private now; its result is public"),
+        ('"numbers")', '"letters")', "its output old is of kind letters now; its result is of kind numbers"),
+        ('"one"] = 1', '"one"] = 1  # the same', ""),
+    ],
+)
+def test_outputs_that_are_no_longer_those_of_the_stage_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, was: str, now: str, said: str
+) -> None:
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.syspath_prepend(tmp_path)
+    module = tmp_path / "own_stages" / "base.py"
+    module.parent.mkdir()
+    (module.parent / "__init__.py").write_text("")
+    module.write_text(STAGE)
+    workspace = Workspace(tmp_path, "own_stages").write("stages:\n  base: {uses: base}\n")
+    workspace.run()
+    module.write_text(STAGE.replace(was, now) + "ADDED = 1\n")
+    forget("own_stages")
+    where = ["--store", str(tmp_path / "store"), "--stages", "own_stages"]
+    done = CliRunner().invoke(app, ["accept", str(workspace.file), "base", *where])
+    assert (done.exit_code, said in done.output) == (2 if said else 0, True), done.output
+    forget("own_stages")
+    assert workspace.plan()["base"].state == ("run" if said else "cached")
+    forget("own_stages")
+
+
 def test_an_item_that_cannot_be_kept_holds_up_no_other(session: Session, tmp_path: Path) -> None:
     workspace: Workspace = session.workspace
     text = "stages:\n  s: {foreach: {base: [1, %d]}, uses: source, with: {base: '${item.base}'}}\n"

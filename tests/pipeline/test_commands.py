@@ -196,6 +196,24 @@ def test_a_store_that_is_not_there_is_not_made(tmp_path: Path, arguments: list[s
     assert not (tmp_path / "nowhere").exists()
 
 
+@pytest.mark.parametrize("command", [("gc",), ("verify",), ("run",), ("status",)])
+@pytest.mark.parametrize("address", ["", "mine"])
+def test_a_folder_of_something_else_is_left_alone(
+    workspace: Workspace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str], address: str
+) -> None:
+    """An empty address is what an unset variable of the shell leaves."""
+    files = [tmp_path / "mine" / folder / "file" for folder in ("code", "logs", "objects", "temporary", "cache")]
+    for file in files:
+        file.parent.mkdir(parents=True)
+        file.write_text("mine")
+    workspace.write(CHAIN)
+    monkeypatch.chdir(tmp_path / "mine" if not address else tmp_path)
+    workflow = [workspace.file, "--stages", TOYS] if command[0] in ("run", "status") else []
+    result = call(*command, *workflow, "--store", address)
+    assert result.exit_code == 2, result.output
+    assert sorted(path for path in (tmp_path / "mine").rglob("*") if path.is_file()) == sorted(files)
+
+
 def test_a_run_of_stages_on_the_command_line_does_not_count(chain: Workspace) -> None:
     """That a run is of a part reaches its journal."""
     shutil.rmtree(chain.folder / "store")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import stat
 import zipfile
 from pathlib import Path
@@ -53,6 +54,20 @@ def test_a_zip_of_the_same_layout(tmp_path: Path, private: bool) -> None:
     with zarr.storage.ZipStore(tmp_path / "a.zip", mode="r") as zipped:
         group = zarr.open_group(zipped, path="arrays.zarr", mode="r")
         np.testing.assert_array_equal(group["poses"][...], np.eye(4))
+
+
+@pytest.mark.parametrize("stands", ["pipe", "link"])
+def test_what_is_no_file_is_never_opened(tmp_path: Path, stands: str) -> None:
+    original = artifact(tmp_path)
+    file = original.path / "notes" / "read.txt"
+    file.unlink()
+    if stands == "pipe":
+        os.mkfifo(file)  # to open it waits for ever
+    else:
+        file.symlink_to("/dev/zero")  # to copy it ends when the disk is full
+    with pytest.raises(CorruptArtifact):
+        export_artifact(original, tmp_path / "copy", zipped=False)
+    assert not (tmp_path / "copy").exists()
 
 
 def test_nothing_is_replaced(tmp_path: Path) -> None:

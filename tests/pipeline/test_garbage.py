@@ -15,6 +15,7 @@ import pytest
 from pipeline.errors import CommandError, UserError
 from pipeline.garbage import CHECKPOINT_DAYS, JOURNALS_KEPT, Collection, Rules, collect
 from pipeline.pins import Pin
+from pipeline.remote import open_store
 from pipeline.store import Store
 from pipeline.temporary import left_behind
 from pipeline.verification import verify_store
@@ -30,7 +31,7 @@ def chain(workspace: Workspace) -> Workspace:
 
 
 def store_of(workspace: Workspace) -> Store:
-    return Store(workspace.folder / "store")
+    return open_store(workspace.folder / "store")
 
 
 def collected(workspace: Workspace, **rules: object) -> Collection:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -156,6 +157,24 @@ def test_what_is_wrong_with_rows(key: str, value: str, problem: str) -> None:
     assert located is not None
     assert expand(key, located, problems) is None
     assert any(str(found).partition(": ")[2].startswith(problem) for found in problems), list(map(str, problems))
+
+
+def test_paths_that_are_spelt_alike_and_lead_elsewhere_are_two(workspace: Workspace, tmp_path: Path) -> None:
+    """`--set` is relative to the current directory, the workflow to its file."""
+    (workspace.folder / "n.txt").write_text("1")
+    here = Path.cwd()
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "n.txt").write_text("2")
+    os.chdir(tmp_path / "other")
+    try:
+        ran = workspace.write("""
+            vars: {mine: null}
+            stages:
+              a: {foreach: [{file: "${mine}", n: 1}, {file: n.txt, n: 2}], uses: numbers, with: {file: "${item.file}"}}
+            """).run("mine=n.txt")
+    finally:
+        os.chdir(here)
+    assert sorted(float(ran.values(name)[0]) for name in ran.ended) == [1, 2]
 
 
 def test_a_matrix_has_its_bounds() -> None:

@@ -50,6 +50,16 @@ def test_names_in_latest(folder: Path, text: str, name: str) -> None:
     assert artifact.path == (folder / "latest" / name).resolve()
 
 
+def test_a_whole_name_means_itself(workspace: Workspace) -> None:
+    """Of a stage that was an item of a foreach in between, the items are there still."""
+    plain = "name: each\nstages:\n  pair: {uses: numbers}\n"
+    workspace.write(plain).run()
+    workspace.write(EACH).run()
+    workspace.write(plain).run()
+    artifact, _ = find_artifact("each/pair.numbers", workspace.folder / "store")
+    assert artifact.path == (workspace.folder / "store" / "latest" / "each" / "pair.numbers").resolve()
+
+
 def test_digests_and_paths(folder: Path, tmp_path: Path) -> None:
     artifact, _ = find_artifact("twice", folder)
     for text in (artifact.digest, artifact.digest[:12], str(artifact.path), str(folder / "latest/chain/twice.numbers")):

@@ -55,6 +55,13 @@ def test_a_git_work_tree_is_public_however_closed(open_folder: Path) -> None:
     assert why_public(tree / "results") == f"it is in the git work tree {tree}"
 
 
+def test_dots_count_as_where_they_lead_once_the_folder_before_them_is_there(open_folder: Path) -> None:
+    closed = open_folder / "closed"
+    closed.mkdir(mode=0o700)
+    assert why_public(closed / "new" / ".." / ".." / "copy") == f"others can enter {open_folder}"
+    assert why_public(closed / "new" / ".." / "copy") is None
+
+
 def test_a_link_counts_as_where_it_leads(open_folder: Path, tmp_path: Path) -> None:
     closed = tmp_path / "closed"
     closed.mkdir(mode=0o700)

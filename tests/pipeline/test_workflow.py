@@ -19,6 +19,12 @@ from tests.pipeline.helpers import Workspace
             "a: {uses: numbrs}",
             "2:13: no stage 'numbrs'; there are environment, equipped, fail, flaky, gate, measure,",
         ),
+        ("a: {uses: }", "2:3: stage 'a' does not say what it uses"),
+        ("a: {uses: ~}\n  b: {uses: total, in: {numbers: [a]}}", "2:3: stage 'a' does not say what it uses"),
+        (
+            "a: {foreach: {kind: [numbers, null]}, uses: '${item.kind}'}",
+            "2:47: uses is nothing; expected the name of a stage",
+        ),
         ("a: {uses: 3}", "2:13: uses is the number 3; expected the name of a stage"),
         (
             "a: {uses: numbers, with: {cuont: 3}}",
@@ -80,6 +86,15 @@ from tests.pipeline.helpers import Workspace
         ),
         ("a: {uses: numbers, with: {count: '${count}'}}", "2:36: ${count} is not known; known are none"),
         ("a: [1,", "3:1: not YAML"),
+        ("a: " + "[" * 500 + "]" * 500, " not YAML 1.2, or nested more than 50 levels deep"),
+        ("a: {uses: numbers, private: !!bool maybe}", "2:31: 'maybe' is neither text, a number, true, false nor null"),
+        ("a: {uses: numbers, with: {count: !!int ''}}", "2:36: '' is neither text, a number, true, false nor null"),
+        (
+            f"a: {{uses: numbers, with: {{count: 0x{'f' * 4000}}}}}",
+            "2:36: a number of more than 1024 bits",
+        ),
+        ('a: {uses: numbers, with: {file: "a\\0b"}}', "2:35: parameter 'file': there is no file or folder"),
+        (f"a: {{uses: numbers, with: {{file: {'x' * 5000}}}}}", "2:35: parameter 'file': there is no file or folder"),
     ],
 )
 def test_one_problem(workspace: Workspace, text: str, problem: str) -> None:
@@ -128,6 +143,11 @@ def test_a_circle_is_reported_once(workspace: Workspace) -> None:
         ("width=three", "--set width: parameter 'count' should be a valid integer"),
         ("width", "--set width: expected NAME=VALUE or STAGE.PARAMETER=VALUE"),
         ("width=[", "--set width: not YAML"),
+        (
+            "base.note=holiday #2",
+            """--set base.note: '#2' would be taken for a comment; quote the value: --set 'base""",
+        ),
+        ("base.note=#ffffff", "--set base.note: '#ffffff' would be taken for a comment"),
         ("base.file=nowhere.txt", "--set base.file: parameter 'file': there is no file or folder"),
     ],
 )
@@ -135,6 +155,20 @@ def test_settings_are_checked_and_blamed(workspace: Workspace, setting: str, pro
     workspace.write("vars: {width: 3}\nstages:\n  base: {uses: numbers, with: {count: '${width}'}}\n")
     found = workspace.problems(setting)
     assert any(line.startswith(problem) for line in found), found
+
+
+@pytest.mark.parametrize(
+    ("setting", "note"), [("'holiday #2'", "holiday #2"), ('"#fff"', "#fff"), ("a#b", "a#b"), ("it's", "it's")]
+)
+def test_what_is_no_comment_in_a_setting_is_kept(workspace: Workspace, setting: str, note: str) -> None:
+    workspace.write("stages:\n  a: {uses: numbers}\n")
+    assert workspace.open(f"a.note={setting}").graph.nodes["a"].parameters["note"] == note
+
+
+def test_a_path_that_is_a_link_to_itself_is_told(workspace: Workspace) -> None:
+    (workspace.folder / "loop").symlink_to("loop")
+    workspace.write("stages:\n  a: {uses: numbers, with: {file: loop}}\n")
+    assert workspace.problems()[0].startswith("2:35: parameter 'file': there is no file or folder")
 
 
 def test_substitution_keeps_types(workspace: Workspace) -> None:
