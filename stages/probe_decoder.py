@@ -5,14 +5,16 @@ from __future__ import annotations
 import torch
 from pydantic import Field
 
+from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.analysis.probes import probes
+from stages.analysis.probes import RawFeatures, probes
 from stages.analysis.probing import probe_rows
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.imaging.metric_table import write_rows
+from stages.scene.attributes import strings
 from stages.scene.message_views import read_messages
 from stages.scene.scene import read_scene
 
@@ -43,8 +45,18 @@ def probe_decoder(context: Context, parameters: ProbeDecoderParameters) -> None:
     container, other = context.input("container"), context.input_optional("other")
     check_method(container, parameters.method)
     scene = read_scene(context.input("cover"))
-    messages = read_messages(context.input_many("messages"), scene.cameras.names)
-    gaussians, method = read_gaussians(container), read_method(container, context.input("secret"))
+    secret = context.input("secret")
+    given = read_messages(context.input_many("messages"), scene.cameras.names)
+    messages = {name: views for name, views in given.items() if name in strings(secret, "messages")}
+    if not messages:
+        raise UserError(
+            "there is no message to probe for",
+            where=str(secret.path),
+            found=f"a secret of {', '.join(strings(secret, 'messages')) or 'no message'}",
+            expected=f"one of {', '.join(given)}",
+            remedy="give probe_decoder the container and the secret of one training, and its messages",
+        )
+    gaussians, method = read_gaussians(container), read_method(container, secret)
     if FEATURES not in gaussians.parameters:
         raise UserError(
             "this container has no features to probe",
@@ -52,7 +64,21 @@ def probe_decoder(context: Context, parameters: ProbeDecoderParameters) -> None:
             found=f"method {parameters.method}",
             expected="a method with coupled features, such as gs_hider",
         )
-    foreign = None if other is None else read_gaussians(other)[FEATURES]
+    foreign = None if other is None else _features_of(other, gaussians[FEATURES].shape[1])
     features = probes(gaussians[FEATURES], foreign, parameters.seed)
     rows = probe_rows(gaussians, method, parameters.method, scene, messages, features, context.stop_if_requested)
     write_rows(context.output("scores"), rows)
+
+
+def _features_of(other: Artifact, channels: int) -> RawFeatures:
+    """Those of the other container, which must be as many for a Gaussian."""
+    features = read_gaussians(other).parameters.get(FEATURES)
+    if features is None or features.shape[1] != channels:
+        raise UserError(
+            "the other container's features cannot be read by this decoder",
+            where=str(other.path),
+            found="none" if features is None else f"{features.shape[1]} for each Gaussian",
+            expected=f"{channels}",
+            remedy="give probe_decoder as `other` a container of the same method and feature_dim, or none",
+        )
+    return features

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 
-import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
@@ -29,14 +29,14 @@ def picture_figures(picture: Picture, truth: Picture, perceptual: Perceptual) ->
 def covered_figures(picture: Picture, truth: Picture, coverage: Float[Tensor, "H W"]) -> dict[str, float]:
     """PSNR and SSIM over the covered pixels, and the PSNR there of the best picture of one colour: the floor.
 
-    All are NaN where the message covers nothing.
+    All are NaN where the message covers nothing, the floor also where what it shows is of one colour.
     """
     mask = coverage >= COVERED
     picture = picture.clamp(0, 1)
     return {
         "psnr_covered": psnr(picture, truth, mask),
         "ssim_covered": _mean_over(ssim_map(picture, truth), mask),
-        "psnr_constant": psnr(_best_constant(truth, mask), truth, mask),
+        "psnr_constant": one_colour_psnr(truth, mask),
         "coverage": float(coverage.mean()),
     }
 
@@ -45,7 +45,13 @@ def _mean_over(values: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"]) -> flo
     return float(values[mask].mean())
 
 
-def _best_constant(truth: Picture, mask: Bool[Tensor, "H W"]) -> Picture:
-    """The constant with the least squared error is the mean."""
-    color = truth[mask].mean(dim=0) if bool(mask.any()) else torch.zeros(3)
-    return color.expand_as(truth)
+def one_colour_psnr(truth: Picture, mask: Bool[Tensor, "H W"] | None = None) -> float:
+    """PSNR of the best picture of one colour, over the pixels of the mask: what shows nothing is no better.
+
+    NaN where the truth itself is of one colour there, as a view is in which nothing of a message is seen: its floor
+    would be infinite, and with it the mean over all views. The constant with the least squared error is the mean.
+    """
+    colors = truth.reshape(-1, 3) if mask is None else truth[mask]
+    if len(colors) == 0 or bool((colors == colors[0]).all()):
+        return math.nan
+    return psnr(colors.mean(dim=0).expand_as(truth), truth, mask)

@@ -24,11 +24,18 @@ def residual_correlations(
     """For each view, |correlation| of the cover's residual with the message of that view, and with the other views'.
 
     The second is the matched control: a residual that knows nothing of its own view's message correlates with it no
-    more than with the others. It is the mean over all other views, NaN where there is none.
+    more than with the others. It is the mean over all other views that show something of the message, NaN where there
+    is none.
     """
     own, others = [], []
     for view, residual in enumerate(residuals):
         values = [abs(correlation(residual, message)) for message in messages]
         own.append(values.pop(view))
-        others.append(sum(values) / len(values) if values else math.nan)
+        others.append(mean_of_known(values))
     return own, others
+
+
+def mean_of_known(values: Sequence[float]) -> float:
+    """The mean of what is not NaN; NaN where nothing is."""
+    known = [value for value in values if not math.isnan(value)]
+    return math.fsum(known) / len(known) if known else math.nan

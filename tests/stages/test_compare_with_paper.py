@@ -123,7 +123,7 @@ def test_other_tables(everything: dict[str, Artifact]) -> None:
     times = table(text, "Time a frame (ms)")
     assert times["GS-Hider", "Frame", "paper"]["Average"] == "22.2"
     assert times["Homogeneous GS-Hider", "Feature map", "here"]["fox"] == "7.3 (+6.0)"
-    assert times["GS-Hider, M = 32, 7 layers", "Frame", "here"]["fox"] == "35.0 (+31.0)"
+    assert times["GS-Hider, M = 32, 7 layers, without a message", "Frame", "here"]["fox"] == "35.0 (+31.0)"
     assert "Measured, and in none of these tables" not in text
     image = table(text, "One image at one view: PSNR (dB)")
     assert image["3DGS+Decoder", "Cover, the view that hides it · boat", "here"]["fox"] == "12.10"

@@ -43,17 +43,24 @@ def dotted_message(folder: Path, cover: Artifact) -> Artifact:
     return load(folder)
 
 
-def probed(tmp_path: Path, method: str = "gs_hider", **settings: object) -> dict[str, float]:
+def probed(
+    tmp_path: Path, method: str = "gs_hider", other_dim: int | None = None, **settings: object
+) -> dict[str, float]:
+    """With `other_dim` the other container is one of so many channels, and else the same."""
     cover = scene(tmp_path / "cover")
     views = dotted_message(tmp_path / "views", cover)
     parameters = HideScenesParameters.model_validate({**SETTINGS, "method": method, **settings})
     made = run_stage(hide_scenes, parameters, {"cover": cover, "messages": (views,)}, tmp_path / "made")
+    other = made
+    if other_dim is not None:
+        wider = parameters.model_copy(update={"feature_dim": other_dim})
+        other = run_stage(hide_scenes, wider, {"cover": cover, "messages": (views,)}, tmp_path / "other")
     inputs: dict[str, Artifact | tuple[Artifact, ...]] = {
         "container": made["container"],
         "secret": made["secret"],
         "cover": cover,
         "messages": (views,),
-        "other": made["container"],
+        "other": other["container"],
     }
     scores = run_stage(probe_decoder, ProbeDecoderParameters(method=method), inputs, tmp_path / "probed")["scores"]
     assert scores.private
@@ -72,6 +79,16 @@ def test_only_the_containers_own_features_show_the_message(tmp_path: Path, metho
 def test_a_method_without_features_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no features"):
         probed(tmp_path, "decoder", iterations=1)
+
+
+def test_a_container_that_hides_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no message to probe for"):
+        probed(tmp_path, iterations=1, hidden=0)
+
+
+def test_another_container_of_more_channels_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="found 9 for each Gaussian; expected 8"):
+        probed(tmp_path, iterations=1, other_dim=9)
 
 
 def test_probes_change_what_they_say() -> None:

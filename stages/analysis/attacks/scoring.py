@@ -10,7 +10,7 @@ import torch
 
 from stages.analysis.attacks.catalogue import ONE_COLOUR
 from stages.analysis.attacks.target import Picture, Target
-from stages.analysis.fidelity import Perceptual, covered_figures, picture_figures
+from stages.analysis.fidelity import Perceptual, covered_figures, one_colour_psnr, picture_figures
 from stages.hiding.decoders import Decoder, decode
 from stages.hiding.method import Method
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
@@ -38,7 +38,10 @@ class Scorer:
         return _mean([psnr(shown[COVER], self._truth(row)) for row, shown in zip(self.rows, pictures, strict=True)])
 
     def figures(self, attacked: Target, perceptual: Perceptual | None = None) -> Figures:
-        """PSNR and SSIM of cover and messages, PSNR over the messages' covered pixels, LPIPS of the cover if asked."""
+        """PSNR and SSIM of cover and messages, PSNR over the messages' covered pixels, LPIPS of the cover if asked.
+
+        Views in which nothing of a message is seen do not count for it, as for `one_colour`.
+        """
         found: dict[tuple[str | None, str], list[float]] = {}
         for row, shown in zip(self.rows, self._pictures(attacked, (COVER, *self.messages)), strict=True):
             for quantity, value in picture_figures(shown[COVER], self._truth(row), perceptual or {}).items():
@@ -47,8 +50,9 @@ class Scorer:
                 truth = picture_to_tensor(message.pictures[row])
                 covered = covered_figures(shown[name], truth, torch.from_numpy(message.coverage[row]))
                 figures = picture_figures(shown[name], truth, {}) | {"psnr_covered": covered["psnr_covered"]}
+                seen = not math.isnan(one_colour_psnr(truth))
                 for quantity, value in figures.items():
-                    found.setdefault((name, quantity), []).append(value)
+                    found.setdefault((name, quantity), []).append(value if seen else math.nan)
         return {key: _mean(values) for key, values in found.items()}
 
     def one_colour(self) -> Figures:
@@ -56,7 +60,7 @@ class Scorer:
         found: dict[tuple[str | None, str], float] = {}
         for name, message in self.messages.items():
             truths = [picture_to_tensor(message.pictures[row]) for row in self.rows]
-            found[name, ONE_COLOUR] = _mean([psnr(truth.mean(dim=(0, 1)).expand_as(truth), truth) for truth in truths])
+            found[name, ONE_COLOUR] = _mean([one_colour_psnr(truth) for truth in truths])
         return found
 
     def pictures(self, attacked: Target, view: str) -> dict[str, Picture]:
@@ -82,15 +86,16 @@ class Scorer:
             if attacked.on_pictures is not None:
                 pictures[COVER] = attacked.on_pictures(pictures[COVER].clamp(0, 1))
                 if attacked.shows_message_in_renders and len(wanted) > 1:
-                    pictures |= self._read_off(pictures[COVER])
+                    hidden = [name for name in pictures if name != COVER]  # in the order of the decoder's channels
+                    pictures |= zip(hidden, self._read_off(pictures[COVER]), strict=True)
             yield pictures
 
-    def _read_off(self, picture: Picture) -> dict[str, Picture]:
-        """The messages as the secret decoder reads them in the cover's picture (3DGS+Decoder)."""
+    def _read_off(self, picture: Picture) -> Sequence[Picture]:
+        """All messages as the secret decoder reads them in the cover's picture (3DGS+Decoder)."""
         decoder = self.owner.networks[SECRET_NETWORKS[0]]
         assert isinstance(decoder, Decoder)
         channels = decode(decoder, picture, getattr(torch, str(self.owner.settings["precision"])))
-        return dict(zip(self.messages, channels.split(3, dim=-1), strict=True))
+        return channels.split(3, dim=-1)
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -9,7 +9,7 @@ from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.paper.chapter import title_of
 from stages.analysis.paper.detection import ByMethod
 from stages.analysis.paper.grid import Cell, Grid, Line
-from stages.analysis.paper.measuring import Spread
+from stages.analysis.paper.measuring import Spread, mean
 from stages.analysis.paper.runs import Experiment, capture_title
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
 
@@ -89,17 +89,16 @@ def _quantities(experiments: Sequence[Experiment]) -> list[tuple[str, str, str]]
 
 
 def _cell(experiments: Sequence[Experiment], quantity: str, capture: str, form: str) -> Cell:
-    found = {
-        row.condition: row.value
-        for experiment in experiments
-        if experiment.capture == capture
-        for row in experiment.rows
-        if row.quantity == quantity
-    }
+    """The mean over the seeds of a capture."""
+    found: dict[str, list[float]] = {}
+    for experiment in experiments:
+        for row in experiment.rows:
+            if (experiment.capture, row.quantity) == (capture, quantity):
+                found.setdefault(row.condition, []).append(row.value)
     if HIDDEN not in found:
         return Cell("")
-    note = form.format(found[CLEAN_AGAIN]) if CLEAN_AGAIN in found else ""
-    return Cell(form.format(found[HIDDEN]), note, Spread(found[HIDDEN]))
+    note = form.format(mean(found[CLEAN_AGAIN])) if CLEAN_AGAIN in found else ""
+    return Cell(form.format(mean(found[HIDDEN])), note, Spread(mean(found[HIDDEN])))
 
 
 def _histogram(experiment: Experiment, quantity: str, condition: str) -> tuple[tuple[float, float], ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 from stages.analysis.page.material import GS_HIDER, OURS, PLAIN
 from stages.analysis.paper.chapter import Chapter, blocks, of_method, title_of, usual
@@ -19,7 +20,7 @@ from stages.analysis.paper.grid import (
 from stages.analysis.paper.measuring import cover, measure
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation
-from stages.analysis.paper.runs import Study
+from stages.analysis.paper.runs import Run, Study
 
 PARTS = {"seconds_per_frame": "Frame", "seconds_per_feature_map": "Feature map"}
 SLOWEST = 1.2
@@ -28,10 +29,9 @@ NOTE = "The paper's on a GPU, at the sizes of 3DGS; these on the device and at t
 
 def frame_time(study: Study, tables: Published) -> Chapter:
     """What one picture of the cover takes."""
-    runs = study.timings
-    captures = study.captures
+    runs, captures = study.timings, study.captures
     lines: list[Line] = []
-    for method, title, group in blocks(runs, tables.seconds_per_frame):
+    for method, title, group in _kinds(study, tables):
         for quantity, part in PARTS.items():
             figure = cover(quantity, None)
             reference = None if method == PLAIN else of_method(runs, PLAIN, figure)
@@ -44,7 +44,7 @@ def frame_time(study: Study, tables: Published) -> Chapter:
                     Line((title, part, PAPER), tuple(published_cells(quantity, row, None, captures, tables)), True)
                 )
     grid = Grid("Time a frame (ms)", ("Method", "Part", "Figures"), headings(captures), tuple(lines), (NOTE,))
-    frame, as_usual = cover("seconds_per_frame", None), usual(runs)
+    frame, as_usual = cover("seconds_per_frame", None), usual([run for run in runs if not _hides_nothing(run, study)])
     relation = Relation(
         f"{title_of(OURS)}'s time a frame over that of {title_of(GS_HIDER)}",
         "ratio",
@@ -54,3 +54,20 @@ def frame_time(study: Study, tables: Published) -> Chapter:
         math.nan,
     )
     return Chapter("Rendering time", (without_empty_columns(grid),), (relation,), runs)
+
+
+def _kinds(study: Study, tables: Published) -> Iterator[tuple[str, str, tuple[Run, ...]]]:
+    """As `blocks`, with containers that hide nothing under a title of their own."""
+    for method, title, group in blocks(study.timings, tables.seconds_per_frame):
+        nothing = tuple(run for run in group if _hides_nothing(run, study))
+        if len(nothing) < len(group) or not group:
+            yield method, title, tuple(run for run in group if run not in nothing)
+        if nothing:
+            yield method, f"{title}, without a message", nothing
+
+
+def _hides_nothing(timed: Run, study: Study) -> bool:
+    """Times name no message: only the score of the same training tells."""
+    training = (timed.capture, timed.method, timed.settings, timed.seed, timed.other)
+    scored = study.select(lambda run: training == (run.capture, run.method, run.settings, run.seed, run.other))
+    return timed.method != PLAIN and bool(scored) and not any(run.messages for run in scored)

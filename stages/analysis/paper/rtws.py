@@ -85,7 +85,9 @@ def rtws(study: Study, tables: Published) -> Chapter:
     for each in study.experiments:
         if any(row.condition == EVERY_NEGATIVE for row in each.rows):
             variant = _variant(each.stage, str(each.values.get("variant", PAPERS)))
-            detections.setdefault((each.method, variant), []).append(each)
+            group = detections.setdefault((each.method, variant), [])
+            if not any(_measured(each) == _measured(other) for other in group):
+                group.append(each)
     grids = [
         _fidelity(before, after, detections, tables),
         _negatives(detections),
@@ -98,6 +100,11 @@ def rtws(study: Study, tables: Published) -> Chapter:
         tuple(_relations(before, after, detections, tables)),
         tuple(run for group in (before, after) for runs in group.values() for run in runs),
     )
+
+
+def _measured(each: Experiment) -> tuple[object, ...]:
+    """Equal for what is one measurement: rows of a workflow that differ in what it does not depend on share one."""
+    return each.capture, each.seed, each.rows
 
 
 def _images(runs: Iterable[Run], word: str) -> dict[Key, list[Run]]:
@@ -141,8 +148,13 @@ def _value(rows: Iterable[Measurement], quantity: str, condition: str, severity:
 
 
 def _by_capture(detections: Iterable[Experiment], quantity: str, condition: str) -> Measured:
-    found = {each.capture: _value(each.rows, quantity, condition) for each in detections}
-    return Measured({capture: Spread(value) for capture, value in found.items() if not math.isnan(value)})
+    """The mean over the seeds of each capture."""
+    found: dict[str, list[float]] = {}
+    for each in detections:
+        value = _value(each.rows, quantity, condition)
+        if not math.isnan(value):
+            found.setdefault(each.capture, []).append(value)
+    return Measured({capture: Spread(mean(values), count=len(values)) for capture, values in found.items()})
 
 
 def _fidelity(

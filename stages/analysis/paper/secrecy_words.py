@@ -32,13 +32,13 @@ def _of_the_container_alone(experiments: Sequence[Experiment]) -> list[str]:
         return []
     related, others = _related(experiments, blind, None)
     chances = [figure(experiments, "correlation", each).mean for each in (NOTHING_HIDDEN.format(blind), COVER_ITSELF)]
-    control = max([others, *(chance for chance in chances if not math.isnan(chance))])
-    if not related - control > RECOGNISABLE:
+    known = [chance for chance in (others, *chances) if not math.isnan(chance)]
+    if not known or not related - max(known) > RECOGNISABLE:
         return []
     way = blind.removeprefix(BLIND.format(""))
     return [
         f"whoever has the container alone: three channels of its feature map, by {way!r}, show the message "
-        f"(r = {related:.2f}, control {control:.2f}) to a reader who has seen nothing of it"
+        f"(r = {related:.2f}, control {max(known):.2f}) to a reader who has seen nothing of it"
     ]
 
 

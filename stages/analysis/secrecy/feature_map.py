@@ -15,10 +15,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from stages.analysis.leakage import mean_of_known
 from stages.analysis.secrecy.blind import principal_directions
 from stages.analysis.secrecy.conditions import ALL, CHANNEL, CHANNELS, COMPONENT, COMPONENTS, SHOWN
 from stages.analysis.secrecy.linear import multiple_correlations, neighbourhoods
-from stages.analysis.secrecy.measuring import edges, luminance, matched, mean_of_others
+from stages.analysis.secrecy.measuring import edges, luminance, matched
 from stages.analysis.secrecy.observing import Observed
 
 
@@ -92,5 +93,5 @@ def _of_several(
         regressors = neighbourhoods(channels, 1)
         with_cover, *values = multiple_correlations(regressors, torch.stack([luminance(seen.cover), *truths], dim=-1))
         own = values.pop(view)
-        found.append(Correlated(line, view, message, with_cover, own, mean_of_others(values)))
+        found.append(Correlated(line, view, message, with_cover, own, mean_of_known(values)))
     return found

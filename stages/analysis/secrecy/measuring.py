@@ -7,16 +7,14 @@ message, and, as the control, with the message of the other views.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from stages.analysis.fidelity import COVERED, covered_figures
-from stages.analysis.leakage import correlation
+from stages.analysis.leakage import correlation, mean_of_known
 from stages.analysis.secrecy.linear import least_squares, multiple_correlations, neighbourhoods
 from stages.analysis.secrecy.observing import Observed
 from stages.imaging.psnr import psnr
@@ -65,7 +63,7 @@ def picture_readings(
                     "psnr_constant": covered["psnr_constant"],
                     "psnr_coloured": psnr(coloured, truth, coverage >= COVERED),
                     "correlation": own,
-                    "correlation_others": mean_of_others(values),
+                    "correlation_others": mean_of_known(values),
                 },
             )
 
@@ -97,10 +95,5 @@ def matched(
     for view, (reading, _) in enumerate(arrays):
         values = [abs(correlation(reading, truth)) for _, truth in arrays]
         own = values.pop(view)
-        found.append((own, mean_of_others(values)))
+        found.append((own, mean_of_known(values)))
     return found
-
-
-def mean_of_others(values: Sequence[float]) -> float:
-    """NaN where there are none."""
-    return float(np.mean(values)) if values else math.nan

@@ -24,6 +24,7 @@ from stages.hiding.decoders import Decoder, decode
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER, Rendering
 from stages.scene.cameras import Camera, pixel_directions
+from stages.scene.gaussians import Gaussians
 from stages.scene.spherical_harmonics import harmonics, harmonics_count
 
 SETTINGS = COUPLED_SETTINGS

@@ -37,6 +37,17 @@ def test_nothing_covered_is_not_a_number() -> None:
     assert math.isnan(figures["psnr_constant"])
 
 
+@pytest.mark.parametrize("pixels", [1, 300])
+def test_what_shows_one_colour_has_no_floor(pixels: int) -> None:
+    """Its floor would be infinite, and with it the mean over views: of a sky, of a single pixel, of nothing at all."""
+    picture, coverage = torch.rand(20, 20, 3, generator=torch.Generator().manual_seed(0)), torch.zeros(20, 20)
+    truth = torch.full_like(picture, 249 / 255)
+    coverage.view(-1)[:pixels] = 1
+    figures = covered_figures(picture, truth, coverage)
+    assert math.isnan(figures["psnr_constant"])
+    assert math.isfinite(figures["psnr_covered"])
+
+
 def test_pictures_are_clamped_before_they_are_measured() -> None:
     truth = torch.ones(16, 16, 3)
     assert picture_figures(truth * 1.7, truth, {})["psnr"] == math.inf

@@ -32,6 +32,15 @@ def test_a_constant_picture_has_no_correlation() -> None:
     assert math.isnan(correlation(np.ones((4, 4, 3)), np.arange(48.0).reshape(4, 4, 3)))
 
 
+@pytest.mark.parametrize("blank", [1, 2])
+def test_views_that_show_nothing_of_the_message_are_no_control(blank: int) -> None:
+    residuals, messages = pictures(2), pictures(3)
+    _, without = residual_correlations(residuals[blank:], messages[blank:])
+    own, others = residual_correlations(residuals, [np.zeros((16, 16, 3))] * blank + messages[blank:])
+    assert others[blank:] == pytest.approx(without)
+    assert all(math.isnan(value) for value in own[:blank])
+
+
 def test_a_single_view_has_no_control() -> None:
     _, others = residual_correlations(pictures(0, 1), pictures(1, 1))
     assert math.isnan(others[0])

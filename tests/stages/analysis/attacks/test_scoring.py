@@ -14,6 +14,7 @@ from stages.analysis.attacks.curves import Assay
 from stages.analysis.attacks.registry import attacks
 from stages.analysis.attacks.renders import jpeg, resizing
 from stages.analysis.attacks.scoring import Scorer
+from stages.hiding.method import build_method
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.imaging.pictures import picture_to_tensor, tensor_to_picture
@@ -129,6 +130,32 @@ def test_one_colour_is_the_best_one() -> None:
     best = [-10 * np.log10(float(truth.double().var(dim=(0, 1), correction=0).mean())) for truth in truths]
     assert value == pytest.approx(np.mean(best), abs=1e-4)
     assert [row.value for row in each.unattacked() if row.quantity == ONE_COLOUR] == [value]
+
+
+def test_a_view_that_shows_nothing_of_the_message_does_not_count_for_it() -> None:
+    each = assay("gs_hider")
+    blank, coverage = pictures(1).copy(), np.ones((VIEWS, HEIGHT, WIDTH), np.float32)
+    blank[1], coverage[1] = 0, 0
+    message = replace(views()[MESSAGE], pictures=blank, coverage=coverage)
+    both = Scorer(each.scorer.owner, each.scorer.scene, {MESSAGE: message}, NAMES[:2])
+    first = Scorer(each.scorer.owner, each.scorer.scene, {MESSAGE: message}, NAMES[:1])
+    assert both.one_colour() == first.one_colour()
+    assert both.figures(each.target)[MESSAGE, "psnr"] == first.figures(each.target)[MESSAGE, "psnr"]
+
+
+def test_messages_are_read_off_renders_in_the_order_of_the_secret() -> None:
+    """Whatever order they are given in, and however many of them."""
+    target, _ = target_and_owner("decoder")
+    torch.manual_seed(0)
+    owner = build_method("decoder", {**target.method.settings, "messages": ("b", "a")})
+    hurt = jpeg(target, 95)
+    both = {name: replace(views()[MESSAGE], name=name, pictures=pictures(seed)) for name, seed in (("a", 1), ("b", 2))}
+    found = [
+        Scorer(owner, scene(), {name: both[name] for name in names}, NAMES[:2]).figures(hurt)
+        for names in (("a", "b"), ("b", "a"), ("a",))
+    ]
+    assert found[0] == found[1]
+    assert found[0]["a", "psnr"] == found[2]["a", "psnr"]
 
 
 def test_what_has_no_chance_is_measured_once() -> None:

@@ -106,7 +106,8 @@ def bare_items(folder: Path) -> Iterator[Item]:
     """Nothing hidden, with the paper's features and with larger ones."""
     for capture in PLAIN_PSNR:
         for feature_dim, layers, gain in ((16, 5, 0.65), (32, 7, 0.9)):
-            values = {"capture": capture, "method": "gs_hider", "feature_dim": feature_dim, "layers": layers}
+            sizes = {"feature_dim": feature_dim, "layers": layers}
+            values = {"capture": capture, "method": "gs_hider", "hidden": 0, **sizes}
             label = f"{capture}_{feature_dim}"
             rows = scene_rows(capture, "gs_hider", cover=gain)
             yield Item(label, values, f"bare_scores[{label}]", metrics(folder, f"bare_{label}", rows))
@@ -174,7 +175,7 @@ def timing_items(folder: Path) -> Iterator[Item]:
             artifact = metrics(folder, f"time_{label}", rows, private=False)
             yield Item(label, {"capture": capture, "method": method}, f"timings[{label}]", artifact)
     rows = [Row("seconds_per_frame", 0.035, "s")]
-    values = {"capture": "fox", "method": "gs_hider", "feature_dim": 32, "layers": 7}
+    values = {"capture": "fox", "method": "gs_hider", "hidden": 0, "feature_dim": 32, "layers": 7}
     yield Item("large", values, "timings[large]", metrics(folder, "time_large", rows, private=False))
 
 

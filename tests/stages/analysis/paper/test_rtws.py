@@ -102,6 +102,21 @@ def test_every_distortion_and_the_codec_have_a_line(chapter: Chapter) -> None:
     assert [cell.text for cell in codec.lines[0].cells] == ["36.50", "33.50"]
 
 
+def test_seeds_of_a_capture_are_averaged() -> None:
+    found = [detection("paper", "gs_hider", wrong) for wrong in (0, 900)]
+    for experiments in ((found[0], replace(found[1], seed="1")), (replace(found[1], seed="1"), found[0])):
+        chapter = rtws(Study((), experiments=experiments), read_published())
+        bounds = [relation.measured.on("fox") for relation in chapter.relations if "upper bound" in relation.text]
+        assert bounds == pytest.approx([100 * (903 + 3) / 4000 / 2])
+
+
+def test_one_measurement_that_two_rows_share_stands_once() -> None:
+    grain = replace(detection("paper", "gs_hider", 0), stage="detection_grain[fox]")
+    twice = (grain, replace(grain, values={"variant": "clean"}))
+    once, both = (rtws(Study((), experiments=each), read_published()).grids for each in (twice[:1], twice))
+    assert str(both) == str(once)  # NaN is not equal to itself
+
+
 def test_nothing_measured_is_an_empty_chapter() -> None:
     assert rtws(Study(()), read_published()).grids == ()
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -153,6 +155,24 @@ def test_what_is_not_secure_is_said_in_words(made: dict[str, Artifact]) -> None:
     assert "whoever has the container alone: three channels" in text
     assert "show the message (r = 0.50, control 0.31)" in text
     assert "whoever guesses the seed of a training without a key" in text
+
+
+def test_with_a_single_test_view_other_controls_are_enough(tmp_path: Path) -> None:
+    rows = [
+        replace(row, value=math.nan) if row.quantity == "correlation_others" else row
+        for row in rows_of(8, 6.0)
+        if row.view != "8.png"
+    ]
+    each = item(tmp_path, "gs_hider", 8, rows)
+    assert each.artifact is not None
+    made = run_stage(
+        compare_with_paper,
+        CompareWithPaperParameters(tables=("secrecy",), capture_column="cover"),
+        {"experiments": (each.artifact,)},
+        tmp_path / "page",
+        items={"experiments": (each,)},
+    )
+    assert "show the message (r = 0.49, control 0.30)" in markdown(made)
 
 
 def test_the_feature_map_has_its_controls(made: dict[str, Artifact]) -> None:
