@@ -9,6 +9,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from stages.hiding.convolution import Convolution
+
 
 class Decoder(torch.nn.Sequential):
     """Convolutions from `feature_dim` channels over `width` ones to `channels`, zero padding, ReLU between.
@@ -28,7 +30,7 @@ class Decoder(torch.nn.Sequential):
         sizes = [feature_dim, *[width] * (layers - 1), channels]
         modules: list[torch.nn.Module] = []
         for inputs, outputs in pairwise(sizes):
-            modules += [torch.nn.Conv2d(inputs, outputs, kernel_size, padding=kernel_size // 2), torch.nn.ReLU()]
+            modules += [Convolution(inputs, outputs, kernel_size), torch.nn.ReLU()]
         super().__init__(*modules[:-1])
 
     def pass_through(self, rows: Float[Tensor, "C M"], neutral: float = 0.5) -> None:
@@ -58,7 +60,7 @@ def decode(
     """D(F_coup) of Eq. 5, unclamped float32, channels last.
 
     `precision` bfloat16 runs the convolutions between the first and the last in it, with float32 weights, gradients and
-    sums: 0.6 of the time on CPUs that have the instructions, 1.3 times on others (`_through_rounded`). The last stays
+    sums: 0.6 of the time on CPUs that have the instructions, 1.1 times on others (`_through_rounded`). The last stays
     in float32, since pictures rounded to eight bits are wrong about the sign of small residuals: on a trained container
     that put a bias of up to 30 % on gradients of the weights. So does the first, which would read rounded features; it
     costs no time. What is left: fox hiding kitchen, 600 iterations, shows the message 0.15 (homogeneous) and 0.08 dB
@@ -87,7 +89,7 @@ def _through_rounded(modules: Sequence[torch.nn.Module], values: Tensor) -> Tens
     """What bfloat16 modules give, by float32 convolutions of values and weights that are rounded to bfloat16.
 
     Products of bfloat16 are exact in float32, so that both ways differ by the order of sums alone, forward and
-    backward. Without AVX-512 torch's own way takes 14 times as long as float32, this one 1.3 (Zen 3, 64 channels).
+    backward. Without AVX-512 torch's own way takes many times as long as float32, this one 1.1 (Zen 3, 64 channels).
     """
     values = _rounded(values)
     for module in modules:
