@@ -34,7 +34,9 @@ def find_artifact(text: str, address: str | Path) -> tuple[Artifact, Store | Non
         found = {digest: _names_of(digest, names) for digest in store.objects if digest.startswith(text)}
         if found:
             return store.artifact(_only(text, found)), store
-    found_names = {name: [name] for name in ([text] if text in names else names) if text in forms_of(name)}
+    if text in names:
+        return store.artifact(names[text]), store
+    found_names = {name: [name] for name in names if text in forms_of(name)}
     if not found_names:
         raise CommandError(f"no artifact {text!r}", where=store.address, expected=_expected(text, names))
     return store.artifact(names[_only(text, found_names)]), store

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from stages.imaging.metric_table import mean_of_known
+
 
 def correlation(first: Float[np.ndarray, ...], second: Float[np.ndarray, ...]) -> float:
     """Pearson's correlation of two pictures' values; NaN where one of them is constant or empty."""
@@ -33,9 +35,3 @@ def residual_correlations(
         own.append(values.pop(view))
         others.append(mean_of_known(values))
     return own, others
-
-
-def mean_of_known(values: Sequence[float]) -> float:
-    """The mean of what is not NaN; NaN where nothing is."""
-    known = [value for value in values if not math.isnan(value)]
-    return math.fsum(known) / len(known) if known else math.nan

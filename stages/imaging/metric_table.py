@@ -107,5 +107,10 @@ def _from_line(line: str, where: str) -> MetricRow:
 
 def mean_value(rows: Sequence[MetricRow]) -> float:
     """The mean of the measured values; NaN if there are none."""
-    values = [row.value for row in rows if not math.isnan(row.value)]
-    return math.fsum(values) / len(values) if values else math.nan
+    return mean_of_known(row.value for row in rows)
+
+
+def mean_of_known(values: Iterable[float]) -> float:
+    """The mean of what is not NaN; NaN where nothing is."""
+    known = [value for value in values if not math.isnan(value)]
+    return math.fsum(known) / len(known) if known else math.nan

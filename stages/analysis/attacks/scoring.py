@@ -15,6 +15,7 @@ from stages.hiding.decoders import Decoder, decode
 from stages.hiding.method import Method
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.rendering import COVER
+from stages.imaging.metric_table import mean_of_known
 from stages.imaging.pictures import picture_to_tensor
 from stages.imaging.psnr import psnr
 from stages.scene.cameras import single_cameras
@@ -35,7 +36,9 @@ class Scorer:
     def cover_psnr(self, attacked: Target) -> float:
         """PSNR of the cover: all that an attack's severity is set by."""
         pictures = self._pictures(attacked, (COVER,))
-        return _mean([psnr(shown[COVER], self._truth(row)) for row, shown in zip(self.rows, pictures, strict=True)])
+        return mean_of_known(
+            [psnr(shown[COVER], self._truth(row)) for row, shown in zip(self.rows, pictures, strict=True)]
+        )
 
     def figures(self, attacked: Target, perceptual: Perceptual | None = None) -> Figures:
         """PSNR and SSIM of cover and messages, PSNR over the messages' covered pixels, LPIPS of the cover if asked.
@@ -53,14 +56,14 @@ class Scorer:
                 seen = not math.isnan(one_colour_psnr(truth))
                 for quantity, value in figures.items():
                     found.setdefault((name, quantity), []).append(value if seen else math.nan)
-        return {key: _mean(values) for key, values in found.items()}
+        return {key: mean_of_known(values) for key, values in found.items()}
 
     def one_colour(self) -> Figures:
         """PSNR of the best picture of one colour for each view of each message: what reads worse shows none of it."""
         found: dict[tuple[str | None, str], float] = {}
         for name, message in self.messages.items():
             truths = [picture_to_tensor(message.pictures[row]) for row in self.rows]
-            found[name, ONE_COLOUR] = _mean([one_colour_psnr(truth) for truth in truths])
+            found[name, ONE_COLOUR] = mean_of_known([one_colour_psnr(truth) for truth in truths])
         return found
 
     def pictures(self, attacked: Target, view: str) -> dict[str, Picture]:
@@ -96,9 +99,3 @@ class Scorer:
         assert isinstance(decoder, Decoder)
         channels = decode(decoder, picture, getattr(torch, str(self.owner.settings["precision"])))
         return channels.split(3, dim=-1)
-
-
-def _mean(values: Sequence[float]) -> float:
-    """Of what was measured; NaN without any."""
-    known = [value for value in values if not math.isnan(value)]
-    return math.fsum(known) / len(known) if known else math.nan

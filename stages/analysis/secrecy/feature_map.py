@@ -15,12 +15,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.analysis.leakage import mean_of_known
 from stages.analysis.secrecy.blind import principal_directions
 from stages.analysis.secrecy.conditions import ALL, CHANNEL, CHANNELS, COMPONENT, COMPONENTS, SHOWN
 from stages.analysis.secrecy.linear import multiple_correlations, neighbourhoods
 from stages.analysis.secrecy.measuring import edges, luminance, matched
 from stages.analysis.secrecy.observing import Observed
+from stages.imaging.metric_table import mean_of_known
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from stages.analysis.fidelity import COVERED, covered_figures
-from stages.analysis.leakage import correlation, mean_of_known
+from stages.analysis.leakage import correlation
 from stages.analysis.secrecy.linear import least_squares, multiple_correlations, neighbourhoods
 from stages.analysis.secrecy.observing import Observed
+from stages.imaging.metric_table import mean_of_known
 from stages.imaging.psnr import psnr
 
 LUMINANCE = (0.299, 0.587, 0.114)
