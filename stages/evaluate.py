@@ -15,13 +15,14 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
 from stages.analysis.fidelity import Perceptual
 from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score, views_for_the_public
+from stages.hiding.hidden_image import view_that_hides
 from stages.hiding.method import module_of
 from stages.hiding.storage import bytes_of, check_method, read_gaussians, read_method
 from stages.imaging.image import filling, read_image
 from stages.imaging.lpips import Lpips, load_lpips
 from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network, weights_installed
 from stages.imaging.metric_table import MetricRow, write_rows
-from stages.scene.attributes import string, strings
+from stages.scene.attributes import strings
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
 
@@ -118,15 +119,8 @@ def _hidden_messages(messages: Mapping[str, MessageViews], secret: Artifact | No
 def _hidden_image(image: Artifact | None, secret: Artifact | None, scene: Scene) -> HiddenImage | None:
     if image is None:
         return None
-    if secret is None or "image_view" not in secret.attributes:
-        raise UserError(
-            "the hidden image cannot be scored",
-            found="no secret" if secret is None else "the secret of hidden scenes",
-            expected="the secret of hide_image",
-            remedy="give evaluate the input secret: hide.secret",
-        )
     name, picture = read_image(image)
-    view = string(secret, "image_view")
+    view = view_that_hides(name, secret, scene, "evaluate")
     return HiddenImage(name, view, filling(picture, scene.cameras.width, scene.cameras.height))
 
 

@@ -9,15 +9,15 @@ from pydantic import Field
 
 from opencl.device import choose_device
 from pipeline.artifact import Artifact
-from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.hidden_image import view_that_hides
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.storage import read_codec
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import picture_to_tensor
-from stages.scene.attributes import string, strings
+from stages.scene.attributes import strings
 from stages.scene.cameras import single_cameras
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
@@ -101,14 +101,8 @@ def _hidden_image(
 ) -> Sequence[FixedView]:
     if image is None:
         return ()
-    if secret is None or "image_view" not in secret.attributes:
-        raise UserError(
-            "the hidden image cannot be held on to",
-            found="no secret" if secret is None else "the secret of hidden scenes",
-            expected="the secret of hide_image",
-            remedy="give finetune_rtws the input secret: hide.secret",
-        )
     name, picture = read_image(image)
-    camera = single_cameras(scene.cameras.select([string(secret, "image_view")]))[0]
+    view = view_that_hides(name, secret, scene, "finetune_rtws")
+    camera = single_cameras(scene.cameras.select([view]))[0]
     truth = torch.from_numpy(filling(picture, camera.width, camera.height))
     return (FixedView(PictureTerm(name, parameters.lambda_message, parameters.ssim_weight), camera, truth),)

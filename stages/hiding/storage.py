@@ -14,6 +14,9 @@ from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.scene.attributes import mapping, string, strings
 from stages.scene.gaussians import Gaussians
 
+IMAGE_VIEW = "image_view"
+"""What a secret calls the view that hides an image."""
+
 
 def write_container(writer: ArtifactWriter, gaussians: Gaussians, method: Method) -> None:
     """Write Gaussians, the method's name and settings, and its public networks: all that a renderer needs.
@@ -35,7 +38,7 @@ def write_secret(
 
     `image_view` is the view that hides the message, where that is an image.
     """
-    writer.attributes.update(messages=list(messages), **({"image_view": image_view} if image_view else {}))
+    writer.attributes.update(messages=list(messages), **({IMAGE_VIEW: image_view} if image_view else {}))
     _write_networks(writer, method, SECRET_NETWORKS)
 
 

@@ -21,19 +21,22 @@ RESET_OPACITY = 0.01
 
 @dataclass(frozen=True)
 class DensitySettings:
-    """3DGS's thresholds.
+    """3DGS's thresholds, as its code acts.
 
     `gradient_threshold`: mean screen-space gradient, in normalised device coordinates, above which a Gaussian is
     refined; `dense_fraction`: of the rig's extent, below which it is cloned and above which it is split;
-    `smallest_opacity`: pruned below; `largest_fraction` of the extent and `largest_radius` in pixels: pruned above,
-    once an opacity reset has passed; `maximum_gaussians`: no more than these, the strongest gradients first.
+    `smallest_opacity`: pruned below; `largest_fraction` of the extent: pruned above, once an opacity reset has passed;
+    `maximum_gaussians`: no more than these, the strongest gradients first.
+
+    Its code also compares radii on the screen with 20 pixels, but has just set them to zero: nothing was ever pruned by
+    that, in its paper neither, as its authors say (issues 123 and 643 of their repository). To do it costs a scene
+    most of its Gaussians.
     """
 
     gradient_threshold: float = 2e-4
     dense_fraction: float = 0.01
     smallest_opacity: float = 0.005
     largest_fraction: float = 0.1
-    largest_radius: int = 20
     maximum_gaussians: int = 1_000_000
 
 
@@ -48,7 +51,6 @@ class DensityControl:
     def _forget(self, count: int) -> None:
         self.gradient_sums = torch.zeros(count)
         self.views_seen = torch.zeros(count)
-        self.largest_radii = torch.zeros(count, dtype=torch.int32)
 
     def observe(self, rendering: Rendering, width: int, height: int) -> None:
         """Add one view's screen-space gradients (after backward); 3DGS measures them in device coordinates."""
@@ -59,7 +61,6 @@ class DensityControl:
         norms = torch.hypot(gradient[:, 0] * (width / 2), gradient[:, 1] * (height / 2))
         self.gradient_sums += torch.where(visible, norms, 0)
         self.views_seen += visible
-        self.largest_radii = torch.maximum(self.largest_radii, rendering.radii.to(torch.int32))
 
     def refine(self, optimizer: GaussianOptimizer, prune_large: bool, generator: torch.Generator) -> None:
         """Clone small and split large Gaussians with strong gradients, prune transparent and overgrown ones.
@@ -103,7 +104,6 @@ class DensityControl:
     def _doomed(self, gaussians: Gaussians, prune_large: bool) -> Bool[Tensor, " N"]:
         doomed = gaussians.opacities < self.settings.smallest_opacity
         if prune_large:
-            doomed |= self.largest_radii > self.settings.largest_radius
             doomed |= gaussians.scales.max(dim=1).values > self.settings.largest_fraction * self.extent
         return doomed
 

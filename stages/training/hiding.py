@@ -105,7 +105,8 @@ def hiding_training(
     """A training from the first iteration: Gaussians at the cover's sparse points and at `message_points` of each
     message that is `placed` in its world. Those of other messages are grey at first.
 
-    Raises `UserError` where `initial_features` are zeros and the method has no features.
+    Raises `UserError` where `initial_features` are zeros and the method has no features, and for decoders that are too
+    narrow for the messages.
     """
     method = parameters.build_method(messages)
     points, colors = starting_points(cover, placed or {}, parameters.start(message_points))
@@ -121,6 +122,17 @@ def hiding_training(
     return Training(gaussians_at(points, attributes), method, views, terms, settings, fixed)
 
 
+def _check_width(parameters: HidingParameters, method: Method, messages: int) -> None:
+    """Decoders start by passing the colours of their pictures through every layer."""
+    needed = 3 * max(1, messages)
+    if FEATURES in method.learning_rates and parameters.decoder_width < needed:
+        raise UserError(
+            "the decoders are too narrow for so many messages",
+            found=f"decoder_width: {parameters.decoder_width}, {messages} messages",
+            expected=f"a decoder_width of at least {needed}, 3 for each message",
+        )
+
+
 def _initial_attributes(
     parameters: HidingParameters,
     method: Method,
@@ -129,6 +141,7 @@ def _initial_attributes(
     key: Artifact | None,
 ) -> dict[str, Tensor]:
     if parameters.initial_features == "colors":
+        _check_width(parameters, method, len(colors) - 1)
         known = {name: np.full_like(points, GREY) if shown is None else shown for name, shown in colors.items()}
         return method.initial_attributes(known, key_generator(key, parameters.seed))
     if FEATURES not in method.learning_rates:

@@ -10,7 +10,7 @@ SHORTEST_INTERVAL = 50
 
 SHORTEST_RESET_INTERVAL = 1_500
 """Opacities climb back from a reset in 500 iterations, and the picture more slowly: one every 600 cost plain 3DGS up to
-0.9 dB, one every 1,200 0.5 dB (workflows/figures/relations.md)."""
+0.9 dB, one every 1,200 0.5 dB, both with a pruning that is no more (workflows/figures/relations.md)."""
 
 
 @dataclass(frozen=True)

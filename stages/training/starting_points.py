@@ -53,7 +53,8 @@ def starting_points(
     """Positions [N, 3] in world units of the first Gaussians, and their colour [N, 3] in every picture, by its name.
 
     A point of the cover is grey in the messages, and the other way round; random points are grey everywhere. Raises
-    `UserError` for a scene without sparse points: without them nothing says how far from the cameras its things are.
+    `UserError` for a scene without sparse points, without which nothing says how far from the cameras its things are,
+    and where no point is asked for.
     """
     if len(scene.points) == 0:
         raise UserError(
@@ -72,6 +73,13 @@ def starting_points(
     scattered = points_before_cameras(scene, start.random_points, generator)
     clouds.append((RANDOM, scattered, np.full_like(scattered, GREY)))
     positions = np.concatenate([points for _, points, _ in clouds])
+    if len(positions) == 0:
+        raise UserError(
+            "there is nothing to start from: Gaussians are only added where some are",
+            found="no sparse, random or message points",
+            expected="at least one Gaussian",
+            remedy="leave sparse_points on, or give random_points",
+        )
     return positions, {
         picture: np.concatenate(
             [colors if name == picture else np.full_like(colors, GREY) for name, _, colors in clouds]

@@ -20,7 +20,7 @@ from stages.training.density_control import DensityControl
 from stages.training.loop import Training
 
 Arrays = dict[str, np.ndarray]
-STATISTICS = ("gradient_sums", "views_seen", "largest_radii")
+STATISTICS = ("gradient_sums", "views_seen")
 
 
 def state_of(training: Training) -> State:

@@ -84,6 +84,23 @@ def test_a_view_that_is_not_trained_on_is_refused(tmp_path: Path, cover: Artifac
         hidden(tmp_path / "made", cover, emblem, view=NAMES[0])  # a test view
 
 
+def test_an_image_that_is_not_the_hidden_one_is_refused(tmp_path: Path, cover: Artifact, emblem: Artifact) -> None:
+    made = hidden(tmp_path / "made", cover, emblem, iterations=1)
+    with create(tmp_path / "other", "image", private=True) as writer:
+        write_image(writer, "other", emblem.read("picture"))
+    with pytest.raises(UserError, match="another than the one that is hidden; found an image called 'other'"):
+        scores(tmp_path / "scores", made, cover, load(tmp_path / "other"), "gs_hider")
+
+
+@pytest.mark.parametrize("method", ["gs_hider", "homogeneous"])
+def test_decoders_too_narrow_for_their_start_are_refused(
+    tmp_path: Path, cover: Artifact, emblem: Artifact, method: str
+) -> None:
+    with pytest.raises(UserError, match="decoder_width of at least 3"):
+        hidden(tmp_path / "narrow", cover, emblem, method=method, decoder_width=2)
+    hidden(tmp_path / "made", cover, emblem, method=method, decoder_width=3, iterations=1)
+
+
 def test_the_image_fills_the_view_unstretched() -> None:
     wide = np.zeros((10, 40, 3), np.uint8)
     wide[:, 15:25] = 255

@@ -53,6 +53,15 @@ def test_transparent_ones_go() -> None:
     assert len(refined(optimizer_with([0.01], opacity=0.004), seen_with_gradients([0]))) == 0
 
 
+def test_what_is_large_in_the_world_goes_and_on_the_screen_stays() -> None:
+    """Once an opacity reset has passed; the screen is what 3DGS means to look at, and never does."""
+    optimizer = optimizer_with([0.01, 1.1])
+    control = DensityControl(DensitySettings(), EXTENT, 2)
+    control.observe(seen_with_gradients([0, 0], radii=[500, 3]), 2, 2)
+    control.refine(optimizer, prune_large=True, generator=torch.Generator().manual_seed(0))
+    torch.testing.assert_close(optimizer.gaussians.scales.detach(), torch.full((1, 3), 0.01))
+
+
 def test_never_more_than_the_maximum_and_the_strongest_first() -> None:
     optimizer = optimizer_with([0.01, 0.01, 0.01])
     gaussians = refined(optimizer, seen_with_gradients([2e-3, 5e-3, 3e-3]), maximum_gaussians=4)

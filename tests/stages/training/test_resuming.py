@@ -35,9 +35,7 @@ HIDDEN = "homogeneous"
 
 def fresh(method: str) -> Training:
     """Refined six times, twice with its opacities reset; a point of the curves every seven iterations."""
-    density = DensitySettings(
-        gradient_threshold=1e-7, dense_fraction=0.2, largest_fraction=2, largest_radius=12, maximum_gaussians=70
-    )
+    density = DensitySettings(gradient_threshold=1e-7, dense_fraction=0.2, largest_fraction=2, maximum_gaussians=70)
     training = prepared(method, ITERATIONS, density=density, precision="bfloat16")
     training.schedule = SCHEDULE
     training.averages = Averages(0.7, ITERATIONS)

@@ -80,6 +80,11 @@ def test_a_scene_without_points_is_refused() -> None:
         starting_points(scene_with(np.empty((0, 3))), {}, Start(True, 0, 0, seed=0))
 
 
+def test_a_start_without_any_gaussian_is_refused() -> None:
+    with pytest.raises(UserError, match="nothing to start from"):
+        starting_points(scene_with(cloud()), {}, Start(sparse_points=False, message_points=0, random_points=0, seed=0))
+
+
 def test_no_point_of_a_message_stands_right_before_a_training_camera() -> None:
     """The cover's nearest things are 3 units away; a test camera does not count."""
     scene = scene_with(cloud())
