@@ -82,7 +82,7 @@ def test_decoders_and_the_message_stay(tmp_path: Path, inputs: Inputs) -> None:
     hidden = {"cover": inputs["cover"], "image": inputs["watermark"]}
     made = run_stage(hide_image, parameters, hidden, tmp_path / "hidden")
     given = inputs | {"container": made["container"], "image": inputs["watermark"]}
-    with pytest.raises(UserError, match="held on to"):
+    with pytest.raises(UserError, match="nothing says which view hides the image; found no secret"):
         finetuned(tmp_path / "refused", given, method="gs_hider")
     after = finetuned(tmp_path / "made", given | {"secret": made["secret"]}, method="gs_hider")
     for name in made["container"].names:
