@@ -28,6 +28,22 @@ class Contents:
         return digest_of({"file": name, "bytes": content}, "the file")
 
 
+def resolved(path: Path) -> Path:
+    """Absolute, links followed; as far as that goes for what is no path: too long, a zero byte, a link to itself."""
+    try:
+        return path.resolve()
+    except (OSError, ValueError, RuntimeError):
+        return path.absolute()
+
+
+def is_there(path: str | Path) -> bool:
+    """Whether a file or folder is there; what is no path leads nowhere."""
+    try:
+        return Path(path).exists()
+    except (OSError, ValueError):
+        return False
+
+
 def contents_of(path: Path, digest_file: Callable[[Path], str] = digest_of_file) -> Contents:
     """What is at `path`; links are followed. Raises UserError for what cannot be read."""
     try:

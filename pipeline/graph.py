@@ -10,6 +10,7 @@ from pathlib import Path
 from pipeline.canonical import Json
 from pipeline.declaration import Catalogue, Completed, Declaration
 from pipeline.errors import CommandError, Place, UserError, nearest
+from pipeline.external import is_there, resolved
 from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
 from pipeline.located import Located, Problems
@@ -365,13 +366,13 @@ class _Builder:
         for name in declaration.external:
             value = arguments.get(name)
             for path in value if isinstance(value, list) else [value]:
-                if isinstance(path, str) and not _is_there(path):
+                if isinstance(path, str) and not is_there(path):
                     message = f"parameter {name!r}: there is no file or folder {path!r}"
                     self.problems.add(instance.parameters[name].place, message)
 
     def digest(self, path: Path, name: str, place: Place) -> str:
         if str(path) not in self.digests:
-            if not _is_there(path):
+            if not is_there(path):
                 return ""  # check_paths has said so
             try:
                 self.digests[str(path)] = self.outside.digest(path)
@@ -386,16 +387,5 @@ def _absolute(value: Located) -> Json:
     if isinstance(value.value, tuple):
         return [_absolute(item) for item in value.value]
     if isinstance(value.value, str):
-        path = value.base / value.value
-        try:
-            return str(path.resolve())
-        except (OSError, ValueError, RuntimeError):  # too long, a character that no path has, a link to itself
-            return str(path.absolute())
+        return str(resolved(value.base / value.value))
     return value.plain
-
-
-def _is_there(path: str | Path) -> bool:
-    try:
-        return Path(path).exists()
-    except (OSError, ValueError):
-        return False

@@ -56,6 +56,14 @@ class Located:
             return {name: item.plain for name, item in self.value.items()}
         return self.value
 
+    def texts(self) -> Iterator[Located]:
+        """Every text in the value, at any depth."""
+        if isinstance(self.value, str):
+            yield self
+        elif isinstance(self.value, tuple | Mapping):
+            for item in self.value.values() if isinstance(self.value, Mapping) else self.value:
+                yield from item.texts()
+
     @property
     def found(self) -> str:
         """The value as an error message shows it.

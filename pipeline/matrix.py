@@ -13,10 +13,9 @@ import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 
 from pipeline.canonical import Json, canonical_json, digest_of
 from pipeline.errors import Place, nearest
@@ -58,7 +57,7 @@ class Rows:
         Texts of different bases are different where they are the same: as paths they lead elsewhere.
         """
         spelt = [canonical_json([row[column] for column in columns]) for row in self.plain]
-        bases = [[str(base) for column in columns for base in _bases(row[column])] for row in self.values]
+        bases = [[str(text.base) for column in columns for text in row[column].texts()] for row in self.values]
         found: dict[bytes, list[list[str]]] = {}
         for spelling, where in zip(spelt, bases, strict=True):
             found.setdefault(spelling, []).append(where)
@@ -218,18 +217,6 @@ def _extra_rows(
             problems.add(row.keys.get(name, row.place), message)
         if not unknown:
             yield row.place, row.value
-
-
-def _bases(located: Located) -> Iterator[Path]:
-    """The bases of all texts in a value."""
-    if isinstance(located.value, tuple):
-        for item in located.value:
-            yield from _bases(item)
-    elif isinstance(located.value, Mapping):
-        for item in located.value.values():
-            yield from _bases(item)
-    elif isinstance(located.value, str):
-        yield located.base
 
 
 def _check_name(name: str, place: Place, problems: Problems) -> None:

@@ -14,6 +14,7 @@ from typing import IO
 
 from pipeline.artifact import Artifact
 from pipeline.errors import CommandError
+from pipeline.external import resolved
 
 
 def why_public(path: Path) -> str | None:
@@ -21,7 +22,7 @@ def why_public(path: Path) -> str | None:
 
     Looks at the folders above `path`, and at `path` itself, as far as they exist.
     """
-    path = path.resolve()  # of new/../x too, where new is not there yet and x elsewhere than it seems
+    path = resolved(path)  # of new/../x too, where new is not there yet and x elsewhere than it seems
     existing = next(folder for folder in (path, *path.parents) if folder.is_dir())
     folders = [existing, *existing.parents]
     for folder in folders:

@@ -40,14 +40,8 @@ def substitute(located: Located, scope: Scope, problems: Problems) -> Located | 
 
 def references(located: Located) -> Iterator[str]:
     """The name in every `${name}` of a value, at any depth."""
-    if isinstance(located.value, tuple):
-        for item in located.value:
-            yield from references(item)
-    elif isinstance(located.value, Mapping):
-        for item in located.value.values():
-            yield from references(item)
-    elif isinstance(located.value, str):
-        yield from (match[2] for match in REFERENCE.finditer(located.value) if match[2] is not None)
+    for text in located.texts():
+        yield from (match[2] for match in REFERENCE.finditer(str(text.value)) if match[2] is not None)
 
 
 def _interpolate(located: Located, scope: Scope, problems: Problems) -> Located | None:

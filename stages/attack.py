@@ -9,7 +9,6 @@ import torch
 from pydantic import Field, field_validator
 
 from opencl.device import choose_device
-from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName
 from stages.analysis.attacks.curves import Assay
@@ -21,9 +20,9 @@ from stages.analysis.fidelity import Perceptual
 from stages.analysis.measurements import KIND, write_measurements
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.what_is_hidden import at_least_one_hidden
 from stages.imaging.lpips import load_lpips
 from stages.imaging.lpips_weights import weights_installed
-from stages.scene.attributes import strings
 from stages.scene.cameras import rig_extent
 from stages.scene.message_views import read_messages
 from stages.scene.scene import Scene, read_scene
@@ -77,15 +76,7 @@ def attack(context: Context, parameters: AttackParameters) -> None:
     check_method(container, parameters.method)
     scene = read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
-    hidden = {name: views for name, views in messages.items() if name in strings(secret, "messages")}
-    if not hidden:
-        raise UserError(
-            "there is no message to attack",
-            where=str(secret.path),
-            found=f"a secret of {', '.join(strings(secret, 'messages')) or 'no message'}",
-            expected=f"one of {', '.join(messages)}",
-            remedy="give attack the container and the secret of one training, and its messages",
-        )
+    hidden = at_least_one_hidden(messages, secret, "attack")
     assay = Assay(
         Target(read_gaussians(container), read_method(container)),
         Scorer(read_method(container, secret), scene, hidden, _measured_views(scene, parameters.test_views)),

@@ -15,14 +15,13 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
 from stages.analysis.fidelity import Perceptual
 from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score, views_for_the_public
-from stages.hiding.hidden_image import view_that_hides
 from stages.hiding.method import module_of
 from stages.hiding.storage import bytes_of, check_method, read_gaussians, read_method
+from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
 from stages.imaging.image import filling, read_image
 from stages.imaging.lpips import Lpips, load_lpips
 from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network, weights_installed
 from stages.imaging.metric_table import MetricRow, write_rows
-from stages.scene.attributes import strings
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
 
@@ -112,8 +111,7 @@ def _hidden_messages(messages: Mapping[str, MessageViews], secret: Artifact | No
             expected="the message decoder",
             remedy="give evaluate the input secret: hide.secret",
         )
-    hidden = strings(secret, "messages") if secret is not None else ()
-    return {name: views for name, views in messages.items() if name in hidden}
+    return hidden_messages(messages, secret)
 
 
 def _hidden_image(image: Artifact | None, secret: Artifact | None, scene: Scene) -> HiddenImage | None:

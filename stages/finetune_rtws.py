@@ -10,16 +10,15 @@ from pydantic import Field
 from opencl.device import choose_device
 from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.hiding.hidden_image import view_that_hides
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.storage import read_codec
+from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import picture_to_tensor
-from stages.scene.attributes import strings
 from stages.scene.cameras import single_cameras
-from stages.scene.message_views import MessageViews, read_messages
+from stages.scene.message_views import read_messages
 from stages.scene.scene import Scene, read_scene
 from stages.training.feature_tuning import FeatureRates, feature_training, half_watermarked
 from stages.training.objectives import FixedView, PictureTerm, hiding_terms
@@ -71,7 +70,7 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     check_method(container, parameters.method)
     scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec"))
     watermark = filling(read_image(context.input("watermark"))[1], scene.cameras.width, scene.cameras.height)
-    messages = _messages(context, scene, secret)
+    messages = hidden_messages(read_messages(context.input_many("messages"), scene.cameras.names), secret)
     views, marked = half_watermarked(
         training_views(scene, {name: message.pictures for name, message in messages.items()}),
         codec,
@@ -87,13 +86,6 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     write_container(context.output("container"), training.gaussians, method)
     write_rows(context.output("curves"), curves)
     context.record(device=choose_device().describe(), watermarked_views=len(marked))
-
-
-def _messages(context: Context, scene: Scene, secret: Artifact | None) -> dict[str, MessageViews]:
-    """Those that the container hides, of those that are given."""
-    hidden = strings(secret, "messages") if secret is not None else ()
-    given = read_messages(context.input_many("messages"), scene.cameras.names)
-    return {name: message for name, message in given.items() if name in hidden}
 
 
 def _hidden_image(

@@ -13,8 +13,8 @@ from stages.analysis.probing import probe_rows
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.what_is_hidden import at_least_one_hidden
 from stages.imaging.metric_table import write_rows
-from stages.scene.attributes import strings
 from stages.scene.message_views import read_messages
 from stages.scene.scene import read_scene
 
@@ -46,16 +46,8 @@ def probe_decoder(context: Context, parameters: ProbeDecoderParameters) -> None:
     check_method(container, parameters.method)
     scene = read_scene(context.input("cover"))
     secret = context.input("secret")
-    given = read_messages(context.input_many("messages"), scene.cameras.names)
-    messages = {name: views for name, views in given.items() if name in strings(secret, "messages")}
-    if not messages:
-        raise UserError(
-            "there is no message to probe for",
-            where=str(secret.path),
-            found=f"a secret of {', '.join(strings(secret, 'messages')) or 'no message'}",
-            expected=f"one of {', '.join(given)}",
-            remedy="give probe_decoder the container and the secret of one training, and its messages",
-        )
+    messages = read_messages(context.input_many("messages"), scene.cameras.names)
+    messages = at_least_one_hidden(messages, secret, "probe_decoder")
     gaussians, method = read_gaussians(container), read_method(container, secret)
     if FEATURES not in gaussians.parameters:
         raise UserError(

@@ -52,6 +52,12 @@ def one_colour_psnr(truth: Picture, mask: Bool[Tensor, "H W"] | None = None) -> 
     would be infinite, and with it the mean over all views. The constant with the least squared error is the mean.
     """
     colors = truth.reshape(-1, 3) if mask is None else truth[mask]
-    if len(colors) == 0 or bool((colors == colors[0]).all()):
+    if not shows_something(colors):
         return math.nan
     return psnr(colors.mean(dim=0).expand_as(truth), truth, mask)
+
+
+def shows_something(colors: Float[Tensor, "*pixels 3"]) -> bool:
+    """Whether there are two colours among these pixels."""
+    colors = colors.reshape(-1, 3)
+    return len(colors) > 0 and not bool((colors == colors[0]).all())

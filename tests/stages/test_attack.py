@@ -58,7 +58,7 @@ def test_every_attack_that_applies_is_measured(tmp_path: Path, method: str, with
 
 
 def test_a_secret_without_a_message_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="no message to attack"):
+    with pytest.raises(UserError, match="the container hides none of the messages"):
         run_stage(attack, AttackParameters(method="gs_hider"), inputs(tmp_path, "gs_hider", 0), tmp_path / "attacked")
 
 

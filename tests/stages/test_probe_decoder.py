@@ -82,7 +82,7 @@ def test_a_method_without_features_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_container_that_hides_nothing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="no message to probe for"):
+    with pytest.raises(UserError, match="the container hides none of the messages"):
         probed(tmp_path, iterations=1, hidden=0)
 
 

@@ -10,7 +10,7 @@ import torch
 
 from stages.analysis.attacks.catalogue import ONE_COLOUR
 from stages.analysis.attacks.target import Picture, Target
-from stages.analysis.fidelity import Perceptual, covered_figures, one_colour_psnr, picture_figures
+from stages.analysis.fidelity import Perceptual, covered_figures, one_colour_psnr, picture_figures, shows_something
 from stages.hiding.decoders import Decoder, decode
 from stages.hiding.method import Method
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
@@ -53,7 +53,7 @@ class Scorer:
                 truth = picture_to_tensor(message.pictures[row])
                 covered = covered_figures(shown[name], truth, torch.from_numpy(message.coverage[row]))
                 figures = picture_figures(shown[name], truth, {}) | {"psnr_covered": covered["psnr_covered"]}
-                seen = not math.isnan(one_colour_psnr(truth))
+                seen = shows_something(truth)
                 for quantity, value in figures.items():
                     found.setdefault((name, quantity), []).append(value if seen else math.nan)
         return {key: mean_of_known(values) for key, values in found.items()}

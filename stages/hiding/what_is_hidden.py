@@ -1,0 +1,64 @@
+"""What a container hides, which its secret alone says: some of the given messages, or an image in one view.
+
+Errors name neither messages nor images: they are printed and logged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pipeline.artifact import Artifact
+from pipeline.errors import UserError
+from stages.hiding.storage import IMAGE_VIEW
+from stages.scene.attributes import string, strings
+from stages.scene.message_views import MessageViews
+from stages.scene.scene import Scene
+
+
+def hidden_messages(given: Mapping[str, MessageViews], secret: Artifact | None) -> dict[str, MessageViews]:
+    """Those of the messages that the container hides: a workflow may give more. None are, without a secret."""
+    hidden = strings(secret, "messages") if secret is not None else ()
+    return {name: views for name, views in given.items() if name in hidden}
+
+
+def at_least_one_hidden(given: Mapping[str, MessageViews], secret: Artifact, stage: str) -> dict[str, MessageViews]:
+    """The same for `stage`, which can do nothing without a message. Raises `UserError` where there is none."""
+    hidden = hidden_messages(given, secret)
+    if not hidden:
+        names = strings(secret, "messages")
+        raise UserError(
+            "the container hides none of the messages",
+            where=str(secret.path),
+            found=f"a secret of {len(names)} others" if names else "a secret of no message",
+            expected=f"one of the {len(given)} that were given",
+            remedy=f"give {stage} the container and the secret of one training, and its messages",
+        )
+    return hidden
+
+
+def view_that_hides(name: str, secret: Artifact | None, scene: Scene, stage: str) -> str:
+    """The view of the scene that hides the image of this name, for `stage`, which was given both.
+
+    Raises `UserError` for a secret of hidden scenes or of another image, and where the view is none of the scene's.
+    """
+    if secret is None or IMAGE_VIEW not in secret.attributes:
+        raise UserError(
+            "nothing says which view hides the image",
+            found="no secret" if secret is None else "the secret of hidden scenes",
+            expected="the secret of hide_image",
+            remedy=f"give {stage} the input secret: hide.secret",
+        )
+    view = string(secret, IMAGE_VIEW)
+    if name not in strings(secret, "messages"):
+        raise UserError(
+            "the image is another than the one that is hidden",
+            found="an image of another name",
+            remedy=f"give {stage} the secret and the image of one hide_image",
+        )
+    if view not in scene.cameras.names:
+        raise UserError(
+            "the view that hides the image is none of this cover's",
+            found=f"{len(scene.cameras)} other views",
+            remedy=f"give {stage} the cover and the secret of one hide_image",
+        )
+    return view
