@@ -172,7 +172,10 @@ def test_with_a_single_test_view_other_controls_are_enough(tmp_path: Path) -> No
         tmp_path / "page",
         items={"experiments": (each,)},
     )
-    assert "show the message (r = 0.49, control 0.30)" in markdown(made)
+    text = markdown(made)
+    assert "show the message (r = 0.49, control 0.30)" in text
+    assert "with 20% of them 60% of the way (r = 0.79, control 0.29)" in text
+    assert "whoever guesses the seed of a training without a key" in text
 
 
 def test_the_feature_map_has_its_controls(made: dict[str, Artifact]) -> None:
