@@ -31,7 +31,9 @@ from stages.training.starting_points import GREY, Points, starting_points
 class HidingParameters(TrainingParameters):
     """The paper's symbols: M is `feature_dim`, λ `lambda_message`, γ and β the two SSIM weights.
 
-    What is null or left out is the method's own: of `presets`, and else the default, which is the paper's.
+    What is null or left out is the method's own: of `presets`, and else the default. Defaults of λ, M, layers, γ and β
+    are the paper's; those of rates and of how features start are ours, and `workflows/profiles/released_code.yaml` has
+    the released code's.
     """
 
     presets: ClassVar[tuple[Presets, ...]] = (HIDING,)

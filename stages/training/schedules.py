@@ -34,8 +34,9 @@ class DensitySchedule:
 def density_schedule(iterations: int, opacity_resets: bool = True) -> DensitySchedule:
     """3DGS's schedule (500 to 15,000 every 100, reset every 3,000), scaled from 30,000 to `iterations`.
 
-    Deviation: the interval is never under 50, since a mean gradient over a handful of views decides nothing, and a run
-    in which opacity resets would follow each other too soon, one of under 15,000 iterations, has none at all.
+    Deviations: Gaussians are refined once more, at 15,000 itself, where 3DGS ends at 14,900; the interval is never
+    under 50, since a mean gradient over a handful of views decides nothing; and a run in which opacity resets would
+    follow each other too soon, one of under 15,000 iterations, has none at all.
 
     Without `opacity_resets` there is none either, and overgrown Gaussians stay, as they do before the first of them.
     """

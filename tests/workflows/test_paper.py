@@ -50,6 +50,20 @@ def test_all_pairs_are_planned_and_what_they_share_once(data: Path) -> None:
     assert counts == {"cover": 9, "message": 5, "hide": 45}
 
 
+def test_the_released_codes_constants_are_taken(data: Path) -> None:
+    command = [sys.executable, "-m", "pipeline", "run", str(WORKFLOW), "--dry-run", "--store", str(data / "store")]
+    constants = REPOSITORY / "workflows" / "profiles" / "released_code.yaml"
+    row = "{cover: bonsai, images: images_2, message: counter, message_images: images_2, method: gs_hider, hidden: 1}"
+    planned = subprocess.run(
+        [*command, f"--set=data={data}", f"--vars={constants}", f"--set=rows=[{row}]"],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert planned.returncode == 0, planned.stderr
+
+
 @pytest.mark.skipif(not TEX.is_file(), reason="the paper is not at hand")
 def test_the_pairs_are_the_papers() -> None:
     table = TEX.read_text().split("label{correspondence}")[0].rpartition("Original Scene")[2]

@@ -14,14 +14,17 @@ from stages.training.objectives import cover_term
 SSIM_WEIGHT = 0.2
 """γ of Eq. 6."""
 
+NETWORK_RATE = 1e-4
+"""With which a hiding's decoders end: at the rate with which they begin, the first steps cost the cover over a dB."""
+
 
 def reoptimisation(iterations: int, frozen: bool) -> Callable[[Target, int, Knowledge], Attacker]:
     """Train the container for up to so many iterations by Eq. 6 alone: the cover's loss on its training photos.
 
     The attacker knows the photos, and builds the method from the container without the secret. Rates are those at the
-    end of a training of 3DGS, and 3DGS's at all times for scales, rotations and opacities; no Gaussian is added or
-    removed. `frozen`: whether the scene decoder stays as it is. The severity is the number of iterations: snapshots of
-    one run. Attributes that the cover does not show, such as a message's harmonics, get no gradient and stay.
+    end of a training, and 3DGS's at all times for scales, rotations and opacities; no Gaussian is added or removed.
+    `frozen`: whether the scene decoder stays as it is. The severity is the number of iterations: snapshots of one run.
+    Attributes that the cover does not show, such as a message's harmonics, get no gradient and stay.
     """
 
     def prepare(target: Target, seed: int, knowledge: Knowledge) -> Attacker:
@@ -40,7 +43,13 @@ class _Run:
             network.requires_grad_(not frozen)
         untouched = dict.fromkeys(gaussians.attributes.keys() - method.learning_rates.keys(), 0.0)
         settings = TrainingSettings(
-            iterations, knowledge.extent, seed, schedule_share=0.0, attribute_rates=untouched, density=None
+            iterations,
+            knowledge.extent,
+            seed,
+            schedule_share=0.0,
+            attribute_rates=untouched,
+            network_rate=NETWORK_RATE,
+            density=None,
         )
         self.knowledge = knowledge
         self.training = Training(gaussians, method, knowledge.views, [cover_term(SSIM_WEIGHT)], settings)

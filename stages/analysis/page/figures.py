@@ -18,7 +18,11 @@ WORDING: Mapping[str, tuple[str, str]] = {
         "SSIM",
         "Structural similarity: local means, contrasts and correlation in an 11 x 11 window of sigma 1.5.",
     ),
-    "lpips_vgg": ("LPIPS", "Learned perceptual distance, version 0.1, between features of VGG16."),
+    "lpips_vgg": (
+        "LPIPS",
+        "Learned perceptual distance, version 0.1, between features of VGG16, colours from -1 to 1 as it is defined. "
+        "The script of 3DGS gives it colours from 0 to 1, and the paper's may be by that: up to a tenth more or less.",
+    ),
     "lpips_alex": ("LPIPS (AlexNet)", "Learned perceptual distance, version 0.1, between features of AlexNet."),
     "psnr_covered": ("PSNR, covered", "PSNR over those pixels only that the message fills."),
     "ssim_covered": ("SSIM, covered", "SSIM averaged over those pixels only that the message fills."),

@@ -36,8 +36,12 @@ ORDERS: tuple[tuple[Ablated, float, float, Subject], ...] = (
     ("lambda_message", 0.5, 0.25, "message"),
     ("lambda_message", 1.0, 0.5, "message"),
     ("layers", 5, 3, "message"),
+    ("layers", 5, 7, "cover"),
+    ("layers", 5, 7, "message"),
     ("feature_dim", 16, 8, "cover"),
     ("feature_dim", 16, 32, "cover"),
+    ("feature_dim", 16, 8, "message"),
+    ("feature_dim", 16, 32, "message"),
 )
 """What the paper finds: with the first value the picture is better than with the second."""
 

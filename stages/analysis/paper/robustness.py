@@ -23,6 +23,9 @@ from stages.analysis.paper.runs import Experiment, Study
 COMPARED = (OURS, GS_HIDER)
 """The widths of curves are those that both of these reach."""
 
+WRITTEN = 0.005
+"""dB: differences below it are not seen in the tables."""
+
 VIEW_WEIGHTS: tuple[AttackName, AttackName] = ("view_weight_pruning", "view_weight_clustering")
 
 CURVE_NOTE = (
@@ -68,6 +71,13 @@ class Attacked:
         """The area under the method's curve, over its width: the message's mean PSNR, in dB."""
         width = self.width(attack)
         return measured(self.by_method.get(method, ()), attack, reading, lambda curve: curve.message_left(width))
+
+    def message_lost(self, method: str, attack: AttackName, reading: Reading) -> Measured:
+        """What `message_left` is under the message as it was before the attack, in dB."""
+        width, experiments = self.width(attack), self.by_method.get(method, ())
+        return measured(
+            experiments, attack, reading, lambda curve: curve.unattacked.message - curve.message_left(width)
+        )
 
     def gain(self, method: str, attack: AttackName, reading: Reading) -> Measured:
         """What the attacker gains: the message's loss less the cover's, in dB."""
@@ -119,7 +129,11 @@ def _attacked(study: Study) -> Attacked:
 def _areas(attacked: Attacked, reading: Reading, sources: str) -> Grid:
     lines = []
     for attack in attacked.attacks:
-        cells = [_cell(attack, method, attacked.message_left(method, attack, reading)) for method in attacked.by_method]
+        cells = []
+        for method in attacked.by_method:
+            lost = attacked.message_lost(method, attack, reading).average.mean
+            note = "" if math.isnan(lost) else f"{-lost:+.2f}"
+            cells.append(_cell(attack, method, attacked.message_left(method, attack, reading), note))
         width = attacked.width(attack)
         lines.append(Line((ATTACKS[attack].title,), (*cells, Cell(f"{width:.2f} dB", "", Spread(width)))))
     cells = [
@@ -133,6 +147,9 @@ def _areas(attacked: Attacked, reading: Reading, sources: str) -> Grid:
         (Line(("Nothing",), (*cells, Cell(""))), *lines),
         (
             CURVE_NOTE,
+            "Small figures: to what was read before the attack. Who begins with a better message can lose more of it "
+            "and still have more left.",
+            *_lost_by_ours(attacked, reading),
             *_notes(reading),
             f"All figures: means over test views, from the measurements of {sources}.",
         ),
@@ -143,16 +160,26 @@ def _notes(reading: Reading) -> tuple[str, ...]:
     return (REGISTERED_NOTE,) if reading == "registered" else ()
 
 
+def _lost_by_ours(attacked: Attacked, reading: Reading) -> tuple[str, ...]:
+    """Under how many attacks our message loses more of itself than GS-Hider's, by more than is written."""
+    both = [[attacked.message_lost(method, attack, reading) for method in COMPARED] for attack in attacked.attacks]
+    excess = [ours.minus(hider).average.mean for ours, hider in both if ours.minus(hider).by_capture]
+    if not excess:
+        return ()
+    more = sum(each > WRITTEN for each in excess)
+    return (f"Of what it was, {title_of(OURS)} loses more than {title_of(GS_HIDER)} under {more} of {len(excess)}.",)
+
+
 def _unattacked(experiments: Sequence[Experiment]) -> Spread:
     found = average_curve(experiments, UNATTACKED)
     return Spread(found.unattacked.message if found is not None else math.nan)
 
 
-def _cell(attack: AttackName, method: str, figure: Measured) -> Cell:
+def _cell(attack: AttackName, method: str, figure: Measured, note: str = "") -> Cell:
     """A figure, or why there is none."""
     if not figure.by_capture:
         return Cell(ATTACKS[attack].needs if _is_spared(attack, method) else MISSING)
-    return figure_cell("psnr", figure.average)
+    return figure_cell("psnr", figure.average, note)
 
 
 def _is_spared(attack: AttackName, method: str) -> bool:

@@ -177,7 +177,7 @@ def _fidelity(
         figures = (
             _by_capture(group, "psnr", COVER_AFTER),
             measure(_later(after, key), image_psnr),
-            _by_capture(group, PSNR_WATERMARK, RENDERS),
+            Measured({}) if key[1] == GRAINED else _by_capture(group, PSNR_WATERMARK, RENDERS),
         )
         lines.append(Line((_title(key), HERE), _decibels(figures)))
         if is_paper:
@@ -189,7 +189,8 @@ def _fidelity(
         tuple(lines),
         (
             "Cover and watermark: test views. The image: the one view that hides it. The paper: nine captures. A "
-            f"watermark that is shown to the last bit counts as {EXACT:g} dB.",
+            f"watermark that is shown to the last bit counts as {EXACT:g} dB. Grain carries no picture: what its owner "
+            "is shown is his own, as bright as he may be sure, and has no place in this column.",
         ),
     )
 
@@ -321,9 +322,10 @@ def _relations(
                 yield Relation(
                     f"{title}: {picture}, to before", "difference", "at least", -most, losses[picture], published
                 )
-        published = paper["with"]["watermark"] if is_paper else math.nan
-        shown = _by_capture(group, PSNR_WATERMARK, RENDERS)
-        yield Relation(f"{title}: watermark", "figure", "at least", LEAST_OF_THE_WATERMARK, shown, published)
+        if key[1] != GRAINED:
+            published = paper["with"]["watermark"] if is_paper else math.nan
+            shown = _by_capture(group, PSNR_WATERMARK, RENDERS)
+            yield Relation(f"{title}: watermark", "figure", "at least", LEAST_OF_THE_WATERMARK, shown, published)
         detected, bound = _percents(group, DETECTED, CLEAN_CHANNEL), _percents(group, BOUND, EVERY_NEGATIVE)
         yield Relation(f"{title}: renders that are found, in %", "ratio", "at least", LEAST_DETECTED, detected)
         yield Relation(

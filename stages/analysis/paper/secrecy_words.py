@@ -66,6 +66,6 @@ def _of_the_seed(experiments: Sequence[Experiment]) -> list[str]:
 
 
 def _related(experiments: Sequence[Experiment], condition: str, share: float | None) -> tuple[float, float]:
-    """The correlation with the message, and its control: that with other views', or the cover's where there are none."""
+    """The correlation with the message, and its control: that with other views', or the cover's if there is none."""
     own, others = (figure(experiments, name, condition, share).mean for name in ("correlation", "correlation_others"))
     return own, figure(experiments, "correlation", COVER_ITSELF).mean if math.isnan(others) else others

@@ -103,6 +103,14 @@ def test_areas_are_over_what_both_reach(chapter: Chapter) -> None:
     assert unread["3DGS+SH"] == ATTACKS["unread_directions"].needs
 
 
+def test_what_a_message_loses_stands_beside_what_is_left_of_it(chapter: Chapter) -> None:
+    [grid] = [grid for grid in chapter.grids if grid.caption.startswith(f"What is left of the message {FOUND}")]
+    [unread] = [line for line in grid.lines if line.names == ("Unread directions removed",)]
+    ours = dict(zip(grid.headings, unread.cells, strict=True))["Homogeneous GS-Hider"]
+    assert (ours.text, ours.note) == ("17.00", "-8.00")
+    assert any("loses more than GS-Hider under 2 of 5" in note for note in grid.notes), grid.notes
+
+
 def test_the_owner_keeps_the_better_of_both_readings(chapter: Chapter) -> None:
     found = written(chapter, f"What is left of the message {FOUND}")
     registered = written(chapter, f"What is left of the message {REGISTERED}")
