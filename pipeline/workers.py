@@ -42,12 +42,17 @@ TOLD = {kind.__name__: kind for kind in (Noted, StageProgressed, StageStarted)}
 
 
 def start_workers(number: int) -> LocalCluster:
-    """Processes on this machine, each doing one piece of work at a time, and a scheduler for them."""
+    """Processes on this machine, each doing one piece of work at a time, and a scheduler for them.
+
+    Whoever can talk to them can have anything done in this user's name. So they talk with certificates made for this
+    one run and held by its processes alone: other users of this machine reach the port, and are refused.
+    """
     with _without_signals():
         return LocalCluster(
             n_workers=number,
             threads_per_worker=1,
             processes=True,
+            security=True,
             memory_limit=0,  # dask would kill a worker that takes more
             dashboard_address="127.0.0.1:0",  # no dashboard, and no quarrel over its port with another run
             scheduler_kwargs={"dashboard": False},

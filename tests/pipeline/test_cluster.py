@@ -9,10 +9,13 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import dask
 import pytest
+from distributed import Client, Security
 
 from pipeline.cluster import DaskExecutor
 from pipeline.events import Noted
+from pipeline.workers import SETTINGS, start_workers
 from tests.pipeline.dask_cluster import ROOT, Cluster, wait_until
 from tests.pipeline.helpers import Ran, Workspace
 from tests.pipeline.test_cli import start
@@ -187,3 +190,14 @@ def test_without_workers_or_scheduler_a_run_ends(workspace: Workspace, tmp_path:
         assert ran.states == {"a": "failed", "b": "failed"}
         assert "the connection to the dask scheduler broke off" in str(ran.ended["a"].cause)
         assert f"the dask scheduler at {cluster.address} no longer answers" in str(ran.ended["b"].cause)
+
+
+def test_other_users_of_this_machine_are_refused() -> None:
+    with dask.config.set(SETTINGS), start_workers(1) as cluster:
+        address = cluster.scheduler_address
+        assert address.startswith("tls://")
+        with Client(cluster, set_as_default=False) as owner:
+            assert owner.submit(os.getpid).result(timeout=60) != os.getpid()
+        for security in (None, Security.temporary()):
+            with pytest.raises((OSError, TypeError)):
+                Client(address, security=security, timeout="2s", set_as_default=False).close()

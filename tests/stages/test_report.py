@@ -90,7 +90,8 @@ def videos(path: Path, listed: list[Video], private: bool) -> Artifact:
 
 
 def record(name: str, uses: str, /, *inputs: str, private: bool = False, **parameters: str | float) -> LineageRecord:
-    facts = {"device": "PoCL on a test", "host": "machine-of-ours"}
+    changed = f"2026-11-25 although code changed: stages.{PLANTED}"
+    facts = {"device": "PoCL on a test", "host": "machine-of-ours", "accepted": changed}
     return LineageRecord(name, uses, 12.5, inputs, facts, {"torch": "9.8.7"}, parameters, private)
 
 
@@ -101,7 +102,7 @@ LINEAGE = (
     record(f"views[{PLANTED}]", "render_hidden", f"photos[{PLANTED}]", "town", private=True, name=PLANTED),
     record("hiding", "hide_scenes", "town", f"views[{PLANTED}]", private=True, lambda_message=0.654),
     record("scores", "evaluate", "hiding", "town", f"views[{PLANTED}]", private=True),
-    record("timings", "time_frames", "hiding", "town", method="gs_hider"),
+    record(f"timings[town,{PLANTED}]", "time_frames", "hiding", "town", method="gs_hider"),
 )
 
 

@@ -7,10 +7,12 @@ they lead to. Even a method's name is replaced, since some methods say what they
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pipeline.artifact import Artifact
+from pipeline.canonical import Json
 from pipeline.stage import LineageRecord
 from stages.analysis.comparisons import Comparison, read_comparisons
 from stages.analysis.videos import Video, read_videos
@@ -20,7 +22,8 @@ PUBLIC_QUANTITIES = frozenset(
     {"psnr", "ssim", "lpips_vgg", "lpips_alex", "container_bytes", "gaussians", "seconds_per_frame", "loss"}
 )
 PUBLIC_ROLES = frozenset({"cover"})
-PUBLIC_FACTS = frozenset({"device", "accepted"})
+PUBLIC_FACTS = frozenset({"device"})
+ACCEPTED, PUBLICLY_ACCEPTED = "accepted", "kept after a change of code"
 
 PLAIN, SECOND_HARMONICS, DECODER, GS_HIDER = "plain", "sh", "decoder", "gs_hider"
 OURS = "homogeneous"
@@ -83,23 +86,46 @@ def public_lineage(lineage: Sequence[LineageRecord]) -> tuple[LineageRecord, ...
 
     A stage that makes anything private is left out, and so is a public one that served such stages only: the photos
     of what was made private later are as telling as the stage that did it. What a stage was told about something that
-    it took from one left out, its parameters, is left out as well.
+    it took from one left out, its parameters, is left out as well. So are the columns of its row, which its name ends
+    with, and the modules that had changed where its result was accepted: either may tell of a message.
     """
     kept: dict[str, LineageRecord] = {}
     for record in reversed(lineage):
         consumers = [later.name for later in lineage if record.name in later.inputs]
         if not record.private and (not consumers or any(name in kept for name in consumers)):
             kept[record.name] = record
+    names = _names_without_rows([record.name for record in lineage if record.name in kept])
     return tuple(
         replace(
             record,
-            inputs=tuple(name for name in record.inputs if name in kept),
-            facts={name: value for name, value in record.facts.items() if name in PUBLIC_FACTS},
+            name=names[record.name],
+            inputs=tuple(names[name] for name in record.inputs if name in kept),
+            facts=_public_facts(record),
             parameters=record.parameters if all(name in kept for name in record.inputs) else {},
         )
         for record in lineage
         if record.name in kept
     )
+
+
+def _names_without_rows(names: Sequence[str]) -> dict[str, str]:
+    """What stages are called to the public: by their entries in the workflow, with a number from the second on.
+
+    >>> _names_without_rows(["town", "timings[town,reef]", "timings[town,moon]"])
+    {'town': 'town', 'timings[town,reef]': 'timings', 'timings[town,moon]': 'timings 2'}
+    """
+    count = Counter[str]()
+    found = {}
+    for name in names:
+        entry = name.partition("[")[0]
+        count[entry] += 1
+        found[name] = entry if count[entry] == 1 else f"{entry} {count[entry]}"
+    return found
+
+
+def _public_facts(record: LineageRecord) -> dict[str, Json]:
+    facts = {name: value for name, value in record.facts.items() if name in PUBLIC_FACTS}
+    return facts | ({ACCEPTED: PUBLICLY_ACCEPTED} if ACCEPTED in record.facts else {})
 
 
 def _gathered(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Material:
