@@ -9,8 +9,8 @@ REFERENCE_ITERATIONS = 30_000
 SHORTEST_INTERVAL = 50
 
 SHORTEST_RESET_INTERVAL = 1_500
-"""Opacities climb back from a reset in 500 iterations, and the picture more slowly: one every 600 cost plain 3DGS 0.5 dB
-on bonsai, and as good as nothing on the fox and kitchen (workflows/figures/relations.md)."""
+"""Opacities climb back from a reset in 500 iterations, and the picture more slowly: one every 600 cost plain 3DGS 0.5
+dB on bonsai, and as good as nothing on the fox and kitchen (workflows/figures/relations.md)."""
 
 
 @dataclass(frozen=True)
