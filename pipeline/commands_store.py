@@ -30,9 +30,11 @@ def verify(store: StoreAddress = "store", dry_run: DryRun = False, as_json: Json
     python -m pipeline verify
     python -m pipeline verify --store /scratch/store --dry-run
 
-    Looked at are artifacts, the records of how they were made, pins, and the links in `latest`. What is set aside is
-    gone with the next `gc`. Of a store in a bucket all is fetched to be looked at and none of it kept; a sound copy on
-    this machine takes the place of what is damaged there. Exit status: 0 all is sound, 1 something was damaged.
+    Looked at are artifacts, the records of how they were made, pins, and the links in `latest`. What is set aside
+    lies in the store's folder `damaged` until the next `gc`. A file that is no part of the artifact in which it lies is
+    moved there too, and the artifact stays. Of a store in a bucket all is fetched to be looked at and none of
+    it kept; a sound copy on this machine takes the place of what is damaged there. Exit status: 0 all is sound, 1
+    something was damaged.
     """
     with reported(store):
         from pipeline.naming import open_existing
@@ -47,7 +49,7 @@ def verify(store: StoreAddress = "store", dry_run: DryRun = False, as_json: Json
                     progress(checked)
                     if checked.damage:
                         print(json.dumps(verified_as_json(checked)) if as_json else verified_words(checked))
-        print(json.dumps(total.as_json()) if as_json else total.words(dry_run))
+        print(json.dumps(total.as_json()) if as_json else total.words(dry_run, opened.damaged.folder))
         if total.damaged:
             raise typer.Exit(1)
 
@@ -83,7 +85,8 @@ def gc(
     Kept are the results that the last N runs of each workflow used, the last result of each of their stages with all
     that it was made from, and what is pinned. Only runs of a whole workflow that came to their end count; results of a
     part, and of interrupted runs, are kept besides. So are the checkpoints of runs that are kept, and those younger
-    than 14 days. No run may use the store meanwhile. A gc that is interrupted leaves a valid store.
+    than 14 days, and what is damaged and needed and was not made again. No run may use the store meanwhile. A gc that
+    is interrupted leaves a valid store.
 
     Of runs on other machines that use a store in a bucket gc knows nothing, so it spares all that was put there within
     a day; what such a run took that is older may be deleted under it, and is then made again.

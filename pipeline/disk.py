@@ -12,6 +12,7 @@ import math
 import os
 import shutil
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +75,28 @@ def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
 def bytes_below(folder: Path) -> int:
     """What the files in a folder hold together, as far as they can be seen."""
     return sum(size_of_plain_file(path) or 0 for path in folder.rglob("*")) if folder.is_dir() else 0
+
+
+def size_of(path: Path) -> int:
+    """Bytes of a file or a link, or of all files under a folder; 0 where there is nothing."""
+    if path.is_symlink() or not path.is_dir():
+        return path.lstat().st_size if os.path.lexists(path) else 0
+    return sum(file.lstat().st_size for file in path.rglob("*") if file.is_symlink() or not file.is_dir())
+
+
+def remove(path: Path) -> None:
+    """Deletes a file, or a folder with all that is in it, if it is there."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def close_to_others(folder: Path) -> None:
+    """Takes from all but the owner what they may do with a folder; another user's is left as it is."""
+    if stat.S_IMODE(folder.stat().st_mode) & 0o077:
+        with suppress(PermissionError):
+            folder.chmod(0o700)
 
 
 def size_words(size: float) -> str:

@@ -5,7 +5,8 @@ Kept is what a rerun of the kept runs would look up, so that it finds everything
 - of each workflow the results of its last N whole runs, and of all runs since the oldest of these; a run of some stages
   only, or one that was interrupted, is kept besides and never counts;
 - the last result of each stage of these runs, with all that it was made from, however long ago that was;
-- pinned results, and those younger than a given age.
+- pinned results, and those younger than a given age;
+- what is damaged and was set aside, as long as a kept run needs it and it was not made again.
 
 Checkpoints are kept as long as a kept run may go on from them, and otherwise for `CHECKPOINT_DAYS`.
 
@@ -25,9 +26,11 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 
+from pipeline.damaged import ACTIONS, FOREIGN, OBJECTS, name_in_damaged
+from pipeline.disk import size_of
 from pipeline.errors import UserError
 from pipeline.record import Record, newest_makers
-from pipeline.store import Store, size_of
+from pipeline.store import Store
 from pipeline.temporary import left_behind
 
 CHECKPOINT_DAYS = 14.0
@@ -98,6 +101,7 @@ class _Collector:
         self.makers = newest_makers(self.records.values())
         self.links = store.latest_digests()
         self.workflows = [name for name in store.history.workflows() if name not in rules.forgotten]
+        self.wanted: frozenset[str] = frozenset()
         self.gone: set[str] = set()
         self.begun: set[str] = set()
         self.old_journals: dict[str, int] = {}
@@ -132,6 +136,7 @@ class _Collector:
             wanted |= set(pin.keys.values())
         wanted |= {key for key, record in self.records.items() if self.age(record) < self.rules.younger_than * DAY}
         wanted |= self.young.actions
+        self.wanted = frozenset(wanted)
         if self.young.actions or self.young.objects:
             self.remarks.append("what was put within a day: a run on another machine may be about to use it")
         return self.with_what_made(self.linked(), wanted & self.records.keys())
@@ -239,11 +244,34 @@ class _Collector:
         known = {*self.workflows, *(name.partition("/")[0] for name in self.links)}
         codes = {str(self.records[key].parts.get("code")) for key in kept}
         self.drop_leftovers()
+        self.drop("damaged, and made again or needed no more", self.damaged(kept))
         self.drop("journals of old runs", self.old_journals)
         self.drop("workflows' histories", self.entries("runs", lambda name: name in self.rules.forgotten))
         self.drop("workflows' logs", self.entries("logs", lambda name: name not in known - self.rules.forgotten))
         self.drop("lists of code", self.entries("code", lambda name: name.removesuffix(".json") not in codes))
         self.drop("broken uploads and copies of what is deleted", self.store.abandoned())
+
+    def damaged(self, kept: set[str]) -> dict[str, int]:
+        """What goes of that which was set aside: of what is needed, a copy may be found, or something may be read."""
+        records = self.entries(f"damaged/{ACTIONS}", lambda name: self.is_done_with(name_in_damaged(name)))
+        left = {name_in_damaged(name) for name in self.store.entries(f"damaged/{ACTIONS}").keys() - records.keys()}
+        told = [self.store.damaged.record(key) for key in left]
+        needed = {digest for record in told if record for digest in record.outputs.values()}
+        needed |= {digest for key in kept for digest in self.records[key].outputs.values()}
+
+        def goes(name: str) -> bool:
+            digest = name_in_damaged(name)
+            return digest in self.objects or (digest not in needed and None not in told)
+
+        objects = self.entries(f"damaged/{OBJECTS}", goes)
+        stays = len(left) + len(self.store.entries(f"damaged/{OBJECTS}")) - len(objects)
+        if stays:
+            self.remarks.append(f"{stays} damaged in {self.store.damaged.folder}: needed, and not made again")
+        return records | objects | self.store.entries(f"damaged/{FOREIGN}")
+
+    def is_done_with(self, key: str) -> bool:
+        """Whether an action whose record is damaged was done again, or nothing needs it."""
+        return key in self.actions or key not in self.wanted
 
     def entries(self, folder: str, goes: Callable[[str], bool]) -> dict[str, int]:
         """What of a folder of the store goes: names and bytes."""
@@ -254,7 +282,7 @@ class _Collector:
         """What processes left in `temporary` that have ended; every run removes it, too."""
         left = left_behind(self.store.root / "temporary")
         if left:
-            self.waste.append(Waste("leftovers of interrupted and damaged work", len(left), sum(map(size_of, left))))
+            self.waste.append(Waste("leftovers of interrupted work", len(left), sum(map(size_of, left))))
             self.steps.append(self.store.sweep)
 
     def drop(self, what: str, entries: Mapping[str, int]) -> None:

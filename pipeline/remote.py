@@ -209,6 +209,10 @@ class RemoteStore(Store):
             shutil.rmtree(aside, ignore_errors=True)
         return sum(file.size for file in artifact.manifest.files.values())
 
+    def foreign(self, digest: str) -> tuple[str, ...]:
+        """Nothing: whoever fetches an artifact from a bucket fetches what its manifest names."""
+        return ()
+
     def is_sound(self, digest: str) -> bool:
         """Of the copy here, every byte of it; a damaged one is dropped, so that it is fetched when next asked for."""
         if super().is_sound(digest):

@@ -327,7 +327,8 @@ class Run:
         for digest in made_again:
             self.store.set_aside(digest)
         for maker in makers:
-            self.tell(Noted(f"{maker}: its result was damaged on the disk and is made again"))
+            aside = f"the damaged one is in {self.store.damaged.folder}"
+            self.tell(Noted(f"{maker}: its result was damaged on the disk and is made again; {aside}"))
             del self._done[maker], self._ended[maker]
         again = [*makers, name]
         self._waiting |= dict.fromkeys(again)

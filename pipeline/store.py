@@ -11,6 +11,7 @@
     locks/<key>.lock                 held by the kernel for the process that works on an action
     external/<digest>.json           names and digests of the files behind a digest, for `explain`
     cache/                           what can be computed again: of stages, their sources and external files
+    damaged/                         what is not what was written, until the next `gc`: see `damaged`
     temporary/<id>/                  what a process is writing; everything else appears by renaming, whole
 
 Two processes may use one store: a lock lets one of them do an action, and whoever comes second finds it done. All who
@@ -35,6 +36,8 @@ from filelock import FileLock, Timeout
 
 from pipeline.artifact import Artifact, ArtifactWriter, flush, load, publish
 from pipeline.canonical import Json
+from pipeline.damaged import ACTIONS, FOREIGN, OBJECTS, Damaged
+from pipeline.disk import remove, size_of
 from pipeline.errors import CommandError, CorruptArtifact
 from pipeline.history import History
 from pipeline.pins import Pins
@@ -127,6 +130,10 @@ class Store:
         """What a run that no lock tells of may be about to use, though nothing names it yet; nothing in a folder."""
         return Young()
 
+    @property
+    def damaged(self) -> Damaged:
+        return Damaged(self.root / "damaged")
+
     def holds(self, digest: str) -> bool:
         """Whether there is an artifact of that digest, whole or not."""
         return os.path.lexists(self.object(digest))
@@ -207,7 +214,7 @@ class Store:
     def check_object(self, digest: str) -> int:
         """Reads every byte of an artifact where it is kept, and returns their number.
 
-        Raises CorruptArtifact where it is missing, not what was written, or holds what is not its own.
+        Raises CorruptArtifact where it is missing or not what was written. What is not its own does not count.
         """
         artifact = self.artifact(digest)
         artifact.verify()
@@ -221,8 +228,19 @@ class Store:
             return False
         return True
 
+    def foreign(self, digest: str) -> tuple[str, ...]:
+        """Names of what lies in an artifact and is no part of it; none where that cannot be seen."""
+        try:
+            return self.artifact(digest).foreign()
+        except (CorruptArtifact, OSError):
+            return ()
+
+    def set_foreign_aside(self, digest: str, name: str) -> None:
+        """Moves something of `foreign` out of an artifact, which stays."""
+        self.damaged.take(self.object(digest) / name, FOREIGN, digest, *name.split("/"))
+
     def set_aside(self, digest: str) -> None:
-        """Takes a damaged artifact out of the store, so that a whole one can take its place; a sound one stays."""
+        """Moves a damaged artifact to `damaged`, so that a whole one can take its place; a sound one stays."""
         with self.lock(digest):  # else a whole one that another process has just put there could be taken
             self._clear_damaged(digest)
 
@@ -242,9 +260,8 @@ class Store:
                 yield record
 
     def set_record_aside(self, key: str) -> None:
-        """Takes a damaged record out of the store, so that its action is done again."""
-        with suppress(FileNotFoundError):
-            (self.root / "actions" / key).rename(self.temporary())
+        """Moves a damaged record to `damaged`, so that its action is done again."""
+        self.damaged.take(self.root / "actions" / key, ACTIONS, key)
 
     def delete_record(self, key: str) -> None:
         """Deletes a record, at once or not at all; what it told of stays until `delete_object`."""
@@ -321,7 +338,7 @@ class Store:
         flush(file)
         flush(aside)
         if os.path.lexists(target) and self.find(record.key) is None:
-            target.rename(self.temporary())
+            self.damaged.take(target, ACTIONS, record.key)
         try:
             aside.rename(target)
         except OSError:
@@ -332,7 +349,7 @@ class Store:
 
     def _clear_damaged(self, digest: str) -> None:
         if os.path.lexists(self.object(digest)) and not self.is_sound(digest):
-            self.object(digest).rename(self.temporary())
+            self.damaged.take(self.object(digest), OBJECTS, digest)
 
     def link_latest(self, workflow: str, name: str, outputs: Mapping[str, str]) -> None:
         """Points `latest/<workflow>/<stage>.<output>` to the objects of a result."""
@@ -378,18 +395,3 @@ class Store:
 
     def _code(self, digest: str) -> Path:
         return self.root / "code" / f"{digest}.json"
-
-
-def size_of(path: Path) -> int:
-    """Bytes of a file, or of all files under a folder; 0 where there is nothing."""
-    if not path.is_dir():
-        return path.lstat().st_size if path.exists() else 0
-    return sum(file.lstat().st_size for file in path.rglob("*") if not file.is_dir())
-
-
-def remove(path: Path) -> None:
-    """Deletes a file, or a folder with all that is in it, if it is there."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 
 from pipeline.garbage import Collection as Garbage
 from pipeline.pins import Pin
@@ -43,12 +44,14 @@ class Verified:
 
             yield count
 
-    def words(self, dry_run: bool) -> str:
+    def words(self, dry_run: bool, damaged: Path) -> str:
+        """All in a line; `damaged` is the folder to which what is damaged was moved."""
         counted = ", ".join(f"{number} {what}{'s' * (number != 1)}" for what, number in self.numbers.items())
         found = f"{counted or 'nothing to look at'}; {size_words(self.size)} read in {self._duration()}"
         if not self.damaged:
             return f"All is sound: {found}"
-        remedy = "nothing was changed" if dry_run else "what was damaged is set aside, and the next run makes it again"
+        aside = f"it was moved to {damaged}, and the next run makes again what it needs"
+        remedy = "nothing was changed" if dry_run else aside
         return f"{self.damaged} damaged of {found}; {remedy}"
 
     def as_json(self) -> dict[str, object]:

@@ -1,8 +1,9 @@
 """Whether a store is what was written: every byte of every artifact, every record, pin and link.
 
-What is damaged is set aside, so that the next run makes it again: an artifact, with the records that name it, or a
-record alone. In a bucket a sound copy on this machine takes its place, if there is one. Other processes may run
-meanwhile; what they add is looked at or not.
+What is damaged is moved to `damaged`, so that the next run makes it again: an artifact, with the records that name it,
+or a record alone. A file that something else put into a sound artifact is moved there too, and costs nothing. In a
+bucket a sound copy on this machine takes its place, if there is one. Other processes may run meanwhile; what they add
+is looked at or not.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class Checked:
     `stages` are the names `<workflow>/<stage>.<output>` that an artifact was made under, as far as records tell.
     """
 
-    what: Literal["artifact", "record", "pin", "link"]
+    what: Literal["artifact", "foreign file", "record", "pin", "link"]
     name: str
     size: int = 0
     damage: str | None = None
@@ -49,7 +50,10 @@ def verify_store(store: Store, dry_run: bool = False) -> Iterator[Checked]:
                 store.set_aside(checked.name)
                 mended = f"; {MENDED}" if store.holds(checked.name) else ""
                 checked = replace(checked, damage=f"{checked.damage}{mended}")
-            yield replace(checked, stages=names.get(checked.name, ()))
+            stages = names.get(checked.name, ())
+            yield replace(checked, stages=stages)
+            if not checked.damage:
+                yield from _foreign(store, checked.name, stages, dry_run)
     keys = sorted(store.actions)  # ahead of the artifacts: those of a new record are there before it
     present = store.objects - lost
     with ThreadPoolExecutor(THREADS) as pool:
@@ -78,6 +82,14 @@ def _artifact(store: Store, digest: str) -> Checked:
             return Checked("artifact", digest)
         return Checked("artifact", digest, damage=str(error).replace(f"{place}/", "").replace(f"{place}: ", ""))
     return Checked("artifact", digest, size)
+
+
+def _foreign(store: Store, digest: str, stages: tuple[str, ...], dry_run: bool) -> Iterator[Checked]:
+    for name in store.foreign(digest):
+        if not dry_run:
+            store.set_foreign_aside(digest, name)
+        damage = "no part of the artifact, which is sound; something else put it there"
+        yield Checked("foreign file", f"{digest}/{name}", damage=damage, stages=stages)
 
 
 def _damage_of_record(key: str, record: Record | None, present: Collection[str]) -> str | None:

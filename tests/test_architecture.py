@@ -19,7 +19,7 @@ ENGINE = [
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
     "engine_code sealed",
     "arrays substitution table record",
-    "matrix artifact executor placement fingerprint history wording bucket",
+    "damaged matrix artifact executor placement fingerprint history wording bucket",
     "stage store remote_history remote_pins remote_artifacts workflow livetable loaded_code",
     "source_cache checkpoint remote external_cache privacy garbage verification workers progress",
     "declaration",

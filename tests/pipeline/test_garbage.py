@@ -260,6 +260,24 @@ def test_a_checkpoint_of_a_run_that_no_longer_counts_goes_when_it_is_old(chain: 
     assert not folder.exists()
 
 
+def test_what_is_damaged_goes_when_it_was_made_again_or_is_not_needed(chain: Workspace) -> None:
+    """And no sooner: it may be all that is left of something."""
+    chain.run("factor=2")
+    twice = chain.run("factor=3").ended["twice"].outputs["numbers"]
+    next(twice.glob("arrays.zarr/values/c/*")).write_bytes(b"")
+    (twice.parent / twice.name / ".DS_Store").write_text("?")
+    store = store_of(chain)
+    assert [checked for checked in verify_store(store) if checked.damage]
+    needed = collected(chain)
+    assert "2 damaged in" in "; ".join(needed.remarks)
+    assert {path.name for path in store.root.glob("damaged/objects/*")} == {twice.name}
+    chain.run("factor=3")
+    assert any("made again" in waste.what for waste in collect(store, Rules()).waste)
+    assert collected(chain).remarks
+    assert not list(store.root.glob("damaged/*/*"))
+    assert is_cached(chain, "factor=3")
+
+
 def test_leftovers_go(chain: Workspace) -> None:
     chain.run()
     store = store_of(chain)

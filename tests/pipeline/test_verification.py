@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import stat
 from collections.abc import Callable
 from pathlib import Path
 
@@ -40,11 +41,6 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
         "manifest.json: not a manifest",
     ),
     "no manifest": (lambda artifact: (artifact / "manifest.json").unlink(), "no readable manifest.json"),
-    "extra file": (lambda artifact: (artifact / "extra.txt").write_text("?"), "extra.txt: not a part of the artifact"),
-    "extra chunk": (
-        lambda artifact: (artifact / "arrays.zarr/values/c/7").write_text("?"),
-        "arrays.zarr/values/c/7: not a part of the artifact",
-    ),
 }
 
 
@@ -70,6 +66,37 @@ def test_a_damaged_artifact(workspace: Workspace, damage: str) -> None:
     assert again.states == {"base": "cached", "twice": "ran", "other": "cached", "sum": "cached"}
     assert again.ended["twice"].outputs == ran.ended["twice"].outputs
     assert damaged(store) == []
+
+
+@pytest.mark.parametrize("name", [".DS_Store", "arrays.zarr/values/c/7", "new/._file"])
+def test_a_foreign_file_costs_no_artifact(workspace: Workspace, name: str) -> None:
+    ran = workspace.write(CHAIN).run()
+    store = ran.project.store
+    artifact = ran.ended["twice"].outputs["numbers"]
+    (artifact / name).parent.mkdir(exist_ok=True)
+    (artifact / name).write_text("?")
+    found = damaged(store, dry_run=True)
+    assert [(checked.what, checked.name) for checked in found] == [("foreign file", f"{artifact.name}/{name}")]
+    assert damaged(store) == found
+    assert (store.damaged.folder / "foreign" / artifact.name / name).read_text() == "?"
+    assert damaged(store) == []
+    assert set(workspace.run().states.values()) == {"cached"}
+
+
+def test_what_is_damaged_is_kept_where_nobody_else_can_enter(workspace: Workspace) -> None:
+    """Also when it is damaged again, and after this process: what exists once is no rubbish for a blemish."""
+    ran = workspace.write(CHAIN).run()
+    artifact = ran.ended["twice"].outputs["numbers"]
+    for _ in range(2):
+        flip(chunk(artifact))
+        damaged(Store(ran.project.store.root))
+        workspace.run()
+    aside = ran.project.store.damaged.folder
+    assert stat.S_IMODE(aside.stat().st_mode) == 0o700
+    assert {path.name for path in (aside / "objects").iterdir()} == {artifact.name, f"{artifact.name}.2"}
+    assert all((path / "manifest.json").is_file() for path in (aside / "objects").iterdir())
+    key = str(ran.ended["twice"].key)
+    assert {path.name for path in (aside / "actions").iterdir()} == {key, f"{key}.2"}
 
 
 def edit(file: Path, change: Callable[[dict[str, dict[str, object]]], object]) -> None:

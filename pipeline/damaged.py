@@ -1,0 +1,56 @@
+"""What a store holds that is not what was written: kept apart, since nobody knows yet whether it can be made again.
+
+    damaged/objects/<digest>         artifacts
+    damaged/actions/<key>            records
+    damaged/foreign/<digest>/…       files that something else put into an artifact
+
+A number follows a name that is taken. Nobody else can enter the folder, and only `gc` deletes from it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from pathlib import Path
+
+from pipeline.disk import close_to_others
+from pipeline.record import RECORD, Record, read_record
+
+OBJECTS, ACTIONS, FOREIGN = "objects", "actions", "foreign"
+
+
+class Damaged:
+    """The damaged things of one store, in a folder that is made with the first."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def take(self, path: Path, *names: str) -> Path | None:
+        """Moves what lies at `path` under `names`, and returns where it is now; None where it is gone already."""
+        wanted = self.folder.joinpath(*names)
+        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        close_to_others(self.folder)
+        wanted.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            target = next(free for free in _numbered(wanted) if not os.path.lexists(free))
+            path.rename(target)
+        except FileNotFoundError:
+            return None
+        return target
+
+    def record(self, key: str) -> Record | None:
+        """What a damaged record says that is whole itself, and lacks its artifacts; None where it does not."""
+        return read_record(self.folder / ACTIONS / key / RECORD, key)
+
+
+def name_in_damaged(name: str) -> str:
+    """The digest or key of something damaged: its name without the folder, and the number that may follow.
+
+    >>> name_in_damaged("damaged/objects/abc.2"), name_in_damaged("abc")
+    ('abc', 'abc')
+    """
+    return name.rpartition("/")[2].partition(".")[0]
+
+
+def _numbered(path: Path) -> itertools.chain[Path]:
+    return itertools.chain([path], (path.with_name(f"{path.name}.{number}") for number in itertools.count(2)))
