@@ -20,7 +20,7 @@ from filelock import Timeout
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.canonical import Json
 from pipeline.checkpoint import discard_scratch, scratch_directory
-from pipeline.declaration import check_completed, import_stage, validate
+from pipeline.declaration import check_completed, import_stage, is_unrepeatable, validate
 from pipeline.disk import FULL, bytes_below, words_of
 from pipeline.errors import CorruptArtifact, Interrupted, PipelineError, TransientError, UserError
 from pipeline.events import Noted, StageProgressed, StageStarted
@@ -240,6 +240,7 @@ class _Action:
             "facts": context.facts,
             "commit": job.commit,
             "private": self.private or any(writer.private for writer in writers.values()),
+            **({"unrepeatable": True} if is_unrepeatable(declared, parameters) else {}),
             "from_accepted": from_accepted(self.store, {name: job.lineage[name].key for name in job.upstream}),
         }
         record = self.store.commit(job.key, job.parts, writers, provenance)

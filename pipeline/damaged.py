@@ -38,6 +38,10 @@ class Damaged:
             return None
         return target
 
+    def records(self, key: str) -> list[Path]:
+        """Where the damaged records of an action lie."""
+        return sorted(self.folder.glob(f"{ACTIONS}/{key}*"))
+
     def record(self, key: str) -> Record | None:
         """What a damaged record says that is whole itself, and lacks its artifacts; None where it does not."""
         return read_record(self.folder / ACTIONS / key / RECORD, key)

@@ -19,7 +19,7 @@ from typing import Any
 
 import pydantic
 
-from pipeline.canonical import Json, digest_of, plain
+from pipeline.canonical import Json, digest_of, digest_of_file, plain
 from pipeline.data_folder import data_files
 from pipeline.errors import UserError, nearest
 from pipeline.fingerprint import Code, SourceTree
@@ -28,7 +28,7 @@ from pipeline.source_cache import SourceCache
 from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
 from pipeline.store import Store
 
-FORMAT = 5
+FORMAT = 6
 DECLARATION = "declaration"
 MOST_ANSWERS = 20_000
 """Kept of one stage; beyond, those that the present workflow does not ask for are forgotten."""
@@ -50,11 +50,15 @@ class Declaration:
 
 @dataclass(frozen=True)
 class Completed:
-    """Parameters with their defaults; `external` holds the paths apart, `modules` what the parameters select."""
+    """Parameters with their defaults; `external` holds the paths apart, `modules` what the parameters select.
+
+    `unrepeatable`: what is made with them cannot be made again.
+    """
 
     parameters: Mapping[str, Json]
     external: Mapping[str, tuple[str, ...]]
     modules: tuple[str, ...]
+    unrepeatable: bool
 
 
 @dataclass(frozen=True)
@@ -127,7 +131,7 @@ class Catalogue:
                 return completed
             cached = self._keep(uses, question, asdict(completed))
         external = {name: tuple(paths) for name, paths in cached["external"].items()}
-        answer = Completed(cached["parameters"], external, tuple(cached["modules"]))
+        answer = Completed(cached["parameters"], external, tuple(cached["modules"]), cached["unrepeatable"])
         self._completed[uses, question] = answer
         return answer
 
@@ -162,7 +166,9 @@ class Catalogue:
 
     def _cache_file(self, uses: str) -> Path:
         engine = [FORMAT, pydantic.VERSION, *data_files()]
-        name = digest_of([engine, self.package, uses, self.code(uses).digest], f"stage {uses}")
+        module = self.sources.module(f"{self.package}.{uses}")
+        text = digest_of_file(module.path) if module else ""  # it also says what is no part of the code's digest
+        name = digest_of([engine, self.package, uses, self.code(uses).digest, text], f"stage {uses}")
         return self._store.root / "cache" / "declarations" / f"{name}.json"
 
 
@@ -199,6 +205,11 @@ def check_completed(declared: Stage, parameters: Parameters, planned: Mapping[st
                 expected=json.dumps(value),
                 remedy="Install here what is installed there, and run again.",
             )
+
+
+def is_unrepeatable(declared: Stage, parameters: Parameters) -> bool:
+    """Whether no run can make again what a stage makes with these parameters."""
+    return bool(declared.unrepeatable(parameters)) if declared.unrepeatable else False
 
 
 def external_fields(model: type[Parameters]) -> tuple[str, ...]:
@@ -238,9 +249,10 @@ def _complete(declared: Stage, arguments: Mapping[str, Json]) -> Completed | lis
     try:
         kept = _values(declared, parameters)
         selected = tuple(declared.modules(parameters)) if declared.modules else ()
+        unrepeatable = is_unrepeatable(declared, parameters)
     except Exception as error:
         return [Refusal((), f"{type(error).__name__}: {error}")]
-    return Completed(kept, external, selected)
+    return Completed(kept, external, selected, unrepeatable)
 
 
 def _values(declared: Stage, parameters: Parameters) -> dict[str, Json]:

@@ -253,7 +253,7 @@ class _Collector:
 
     def damaged(self, kept: set[str]) -> dict[str, int]:
         """What goes of that which was set aside: of what is needed, a copy may be found, or something may be read."""
-        records = self.entries(f"damaged/{ACTIONS}", lambda name: self.is_done_with(name_in_damaged(name)))
+        records = self.entries(f"damaged/{ACTIONS}", lambda name: self.is_done_with(name))
         left = {name_in_damaged(name) for name in self.store.entries(f"damaged/{ACTIONS}").keys() - records.keys()}
         told = [self.store.damaged.record(key) for key in left]
         needed = {digest for record in told if record for digest in record.outputs.values()}
@@ -269,9 +269,10 @@ class _Collector:
             self.remarks.append(f"{stays} damaged in {self.store.damaged.folder}: needed, and not made again")
         return records | objects | self.store.entries(f"damaged/{FOREIGN}")
 
-    def is_done_with(self, key: str) -> bool:
-        """Whether an action whose record is damaged was done again, or nothing needs it."""
-        return key in self.actions or key not in self.wanted
+    def is_done_with(self, name: str) -> bool:
+        """Whether an action whose record is damaged was done again, or nothing needs it, and it can be done again."""
+        key, record = name_in_damaged(name), self.store.damaged.record(name)
+        return key in self.actions or (key not in self.wanted and not (record and record.unrepeatable))
 
     def entries(self, folder: str, goes: Callable[[str], bool]) -> dict[str, int]:
         """What of a folder of the store goes: names and bytes."""

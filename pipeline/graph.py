@@ -44,7 +44,7 @@ class Node:
     without what failed.
     `arguments` are the parameters as the workflow gives them, external paths absolute; `parameters` are all but
     external ones, with their defaults; `external` holds the digests of external files and folders by parameter;
-    `resources` is what it needs while it runs.
+    `resources` is what it needs while it runs; `unrepeatable`: no run can make again what it makes.
     """
 
     name: str
@@ -58,6 +58,7 @@ class Node:
     code: Code
     private: bool
     resources: Mapping[str, float]
+    unrepeatable: bool
 
     @property
     def uses(self) -> str:
@@ -208,6 +209,7 @@ class _Builder:
             code=code,
             private=instance.private,
             resources={**declaration.resources, **self.resources(instance)},
+            unrepeatable=completed.unrepeatable,
         )
 
     def declared(self, instance: Instance) -> Declaration | None:

@@ -63,6 +63,11 @@ class Record:
         """Whether any output is private."""
         return bool(self.provenance.get("private"))
 
+    @property
+    def unrepeatable(self) -> bool:
+        """Whether no run can make its outputs again; records of earlier versions do not tell."""
+        return self.provenance.get("unrepeatable") is True
+
 
 def read_record(path: Path, key: str) -> Record | None:
     """The record of the action `key` in a file; None where it is missing or not what was written."""

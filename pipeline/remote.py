@@ -3,6 +3,7 @@
     actions/<key>.json               the record of an action
     manifests/ files/                artifacts: see `remote_artifacts`
     code/ runs/ logs/ pins/          as in a local store
+    damaged/                         records and manifests of what is damaged; its files stay where they are
 
 A bucket knows neither renaming nor locks. So an action is done when its record is there, which is put after its
 artifacts and only where there is none yet: whoever comes second takes the record of the first.
@@ -258,9 +259,16 @@ class RemoteStore(Store):
             elif self._listing:
                 self._listing.objects.discard(digest)
 
+    def remains(self, key: str) -> tuple[str, ...]:
+        names = (_record_name(key), _damaged_record_name(key))
+        return tuple(f"{self.address}/{name}" for name in names if self._bucket.get(name) is not None)
+
     def set_record_aside(self, key: str) -> None:
-        """Takes a damaged record out of the bucket; a sound copy takes its place, if one is here with its artifacts."""
+        """Moves a damaged record to `damaged`; a sound copy takes its place, if one is here with its artifacts."""
         altered = self.kept_record(key) is None
+        data = self._bucket.get(_record_name(key))
+        if data is not None:
+            self._bucket.put(_damaged_record_name(key), data)
         copy = self._mirror.record(key)
         self._bucket.delete([_record_name(key)])
         if altered and copy and all(map(self.holds, copy.outputs.values())):
@@ -363,6 +371,10 @@ class RemoteStore(Store):
 
 def _record_name(key: str) -> str:
     return f"actions/{key}.json"
+
+
+def _damaged_record_name(key: str) -> str:
+    return f"damaged/actions/{key}.json"
 
 
 def _code_name(digest: str) -> str:

@@ -19,6 +19,8 @@ from pipeline.bucket import Bucket
 from pipeline.errors import CorruptArtifact
 from pipeline.manifest import MANIFEST, read_manifest
 
+DAMAGED = "damaged/objects"
+
 
 class RemoteArtifacts:
     """The artifacts of the store in a bucket. Methods raise RemoteError where the bucket cannot be used."""
@@ -85,7 +87,10 @@ class RemoteArtifacts:
         self._bucket.put(_manifest_name(digest), data)
 
     def withdraw(self, digest: str) -> None:
-        """Takes a damaged artifact out of the store; its files are left to `gc`, or to whoever puts it anew."""
+        """Takes a damaged artifact out of the store; its files stay while its manifest is in `damaged`."""
+        data = self._bucket.get(_manifest_name(digest))
+        if data is not None:
+            self._bucket.put(f"{DAMAGED}/{digest}.json", data)
         self._bucket.delete([_manifest_name(digest)])
 
     def delete(self, digest: str) -> None:
@@ -106,9 +111,13 @@ class RemoteArtifacts:
         return frozenset(_stem(name) for name, entry in listing.items() if entry.age < seconds)
 
     def unfinished(self, seconds: float) -> dict[str, int]:
-        """Folders of files without a manifest, the last of which was put before so many seconds; and their bytes."""
+        """Folders of files without a manifest, the last of which was put before so many seconds; and their bytes.
+
+        A damaged manifest is one.
+        """
         files = self._bucket.listing("files")
-        whole = self.digests  # asked for last: else one that is finished meanwhile would count as unfinished
+        damaged = frozenset(map(_stem, self._bucket.names(DAMAGED)))
+        whole = damaged | self.digests  # asked for last: else one that is finished meanwhile would count as unfinished
         busy = {_digest_in(name) for name, entry in files.items() if entry.age < seconds}
         sizes: Counter[str] = Counter()
         for name, entry in files.items():

@@ -25,6 +25,7 @@ from pipeline.executor import Executor, Lost
 from pipeline.explain import key_of, key_parts
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import Journal, StageResult
+from pipeline.loss import words_of_loss
 from pipeline.provenance import git_commit
 from pipeline.record import Record
 from pipeline.store import Store
@@ -185,7 +186,13 @@ class Run:
             return False  # another stage is just doing the same
         if self._running and (node.declaration.alone or self._someone_is_alone()):
             return False
-        self._start(node, key, parts)
+        remains = self.store.remains(key) if node.unrepeatable else ()
+        if remains:
+            cause = words_of_loss(name, remains, self.graph, self.store)
+            self._causes[name] = self._lasting(name, cause)
+            self._end(StageResult(name, "failed", key, cause=cause))
+        else:
+            self._start(node, key, parts)
         return True
 
     def _found(self, name: str, key: str) -> Record | None:
@@ -327,8 +334,8 @@ class Run:
         for digest in made_again:
             self.store.set_aside(digest)
         for maker in makers:
-            aside = f"the damaged one is in {self.store.damaged.folder}"
-            self.tell(Noted(f"{maker}: its result was damaged on the disk and is made again; {aside}"))
+            aside = f"what is damaged is kept in {self.store.damaged.folder}"
+            self.tell(Noted(f"{maker}: its result was damaged on the disk and has to be made again; {aside}"))
             del self._done[maker], self._ended[maker]
         again = [*makers, name]
         self._waiting |= dict.fromkeys(again)

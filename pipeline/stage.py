@@ -229,6 +229,7 @@ class Stage:
     modules: Callable[[Any], list[str]] | None = None
     alone: bool = False
     resources: Mapping[str, float] = field(default_factory=dict)
+    unrepeatable: Callable[[Any], bool] | None = None
     name: str = field(init=False)
 
     def __post_init__(self) -> None:
@@ -248,6 +249,7 @@ def stage(
     modules: Callable[[Any], list[str]] | None = None,
     alone: bool = False,
     resources: Mapping[str, float | str] | None = None,
+    unrepeatable: Callable[[Any], bool] | None = None,
 ) -> Callable[[StageFunction], Stage]:
     """Declares a function `(context, parameters)` to be a stage; the type of its parameters comes from its annotation.
 
@@ -255,7 +257,10 @@ def stage(
     modules that the parameters select, which the stage imports dynamically: they join its code fingerprint. A stage
     that is to run `alone`, since it measures time, shares the run's machine with no other. `resources` is what it
     cannot do without while it runs, such as `{"memory": "8 GiB"}`, or `{"gpu": 1}` where there is no other way; a
-    workflow may say otherwise. Neither is in the key. Raises TypeError where the declaration itself is wrong.
+    workflow may say otherwise. Neither is in the key. `unrepeatable` says whether, with given parameters, the stage
+    draws what no run can draw again, such as a key: where such a result is damaged or gone, no run puts another in its
+    place unless a person has given it up. It is no part of the code's fingerprint. Raises TypeError where the
+    declaration itself is wrong.
     """
 
     def declare(function: StageFunction) -> Stage:
@@ -270,7 +275,7 @@ def stage(
         for name, port in inputs.items():
             if port.labelled and not port.many:
                 raise TypeError(f"stage {function.__name__}: the labelled input {name!r} is not declared many=True")
-        return Stage(function, model, dict(inputs), dict(outputs), version, modules, alone, needed)
+        return Stage(function, model, dict(inputs), dict(outputs), version, modules, alone, needed, unrepeatable)
 
     return declare
 

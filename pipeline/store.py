@@ -244,6 +244,11 @@ class Store:
         with self.lock(digest):  # else a whole one that another process has just put there could be taken
             self._clear_damaged(digest)
 
+    def remains(self, key: str) -> tuple[str, ...]:
+        """Where something is left of an action that was done once, whose result `find` does not find whole."""
+        places = (self.root / "actions" / key, *self.damaged.records(key))
+        return tuple(str(place) for place in places if os.path.lexists(place))
+
     def record(self, key: str) -> Record | None:
         """The record of an action, whether or not its outputs are still there."""
         return read_record(self.root / "actions" / key / RECORD, key)

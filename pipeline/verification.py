@@ -21,6 +21,7 @@ from pipeline.record import Record
 from pipeline.store import Store
 
 MENDED = "the sound copy that is here took its place"
+IRREPLACEABLE = "it cannot be made again, and the next run that needs it says what can be done"
 THREADS = min(4, os.cpu_count() or 1)  # hashing lets go of Python's lock; a disk is not read faster by more
 
 
@@ -41,6 +42,7 @@ class Checked:
 def verify_store(store: Store, dry_run: bool = False) -> Iterator[Checked]:
     """Looks at everything, the artifacts first; sets aside what is damaged, unless it is a `dry_run`."""
     names = _names(store.records())
+    irreplaceable = {digest for record in store.records() if record.unrepeatable for digest in record.outputs.values()}
     lost: set[str] = set()
     with ThreadPoolExecutor(THREADS) as pool:
         for checked in pool.map(partial(_artifact, store), sorted(store.objects)):
@@ -49,6 +51,7 @@ def verify_store(store: Store, dry_run: bool = False) -> Iterator[Checked]:
             elif checked.damage:
                 store.set_aside(checked.name)
                 mended = f"; {MENDED}" if store.holds(checked.name) else ""
+                mended = mended or (f"; {IRREPLACEABLE}" if checked.name in irreplaceable else "")
                 checked = replace(checked, damage=f"{checked.damage}{mended}")
             stages = names.get(checked.name, ())
             yield replace(checked, stages=stages)

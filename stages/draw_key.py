@@ -19,7 +19,12 @@ class DrawKeyParameters(Parameters):
     )
 
 
-@stage(inputs={}, outputs={"key": Output("key", privacy="private")}, version=1)
+@stage(
+    inputs={},
+    outputs={"key": Output("key", privacy="private")},
+    version=1,
+    unrepeatable=lambda given: given.seed is None,
+)
 def draw_key(context: Context, parameters: DrawKeyParameters) -> None:
     """Draw a key once; the store keeps it, so that a rerun hides with the same one."""
     drawn = (

@@ -24,7 +24,7 @@ ENGINE = [
     "source_cache checkpoint remote external_cache privacy garbage verification workers progress",
     "declaration",
     "graph action naming storewords cluster",
-    "explain changes description exporting urgency",
+    "explain changes description exporting urgency loss",
     "plan runner showing pictures",
     "explanation accept",
     "project planwords",

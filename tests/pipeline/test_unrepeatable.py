@@ -1,0 +1,144 @@
+"""What was drawn once and cannot be drawn again is never replaced unless a person has given it up."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from pipeline.errors import CorruptArtifact
+from pipeline.garbage import Rules, collect
+from pipeline.store import Store
+from pipeline.verification import verify_store
+from tests.pipeline.helpers import Ran, Workspace
+
+if TYPE_CHECKING:
+    from tests.pipeline.elsewhere import Elsewhere
+
+DRAWN = """
+    name: drawn
+    stages:
+      key:  {uses: draw}
+      hide: {uses: scale, in: {numbers: key}}
+      more: {uses: scale, in: {numbers: hide}}
+    """
+
+
+@pytest.fixture
+def drawn(workspace: Workspace) -> Ran:
+    return workspace.write(DRAWN).run()
+
+
+def cut(ran: Ran) -> None:
+    path = ran.ended["key"].outputs["numbers"] / "arrays.zarr/values/zarr.json"
+    path.write_bytes(path.read_bytes()[:-1])
+
+
+def flip(ran: Ran) -> None:
+    path = ran.ended["key"].outputs["numbers"] / "arrays.zarr/values/c/0"
+    data = path.read_bytes()
+    path.write_bytes(bytes([data[0] ^ 1]) + data[1:])
+
+
+def damage_record(ran: Ran) -> None:
+    (ran.project.store.root / "actions" / str(ran.ended["key"].key) / "record.json").write_text("{")
+
+
+def verify(ran: Ran) -> list[str]:
+    return [str(checked.damage) for checked in verify_store(ran.project.store) if checked.damage]
+
+
+@pytest.mark.parametrize("verified", [False, True])
+@pytest.mark.parametrize("damage", [cut, flip, damage_record])
+def test_it_is_not_drawn_again(workspace: Workspace, drawn: Ran, damage: Callable[[Ran], None], verified: bool) -> None:
+    key = drawn.ended["key"]
+    shutil.copytree(drawn.project.store.root, workspace.folder / "copy", symlinks=True)
+    damage(drawn)
+    if verified:
+        assert verify(drawn)
+    for _ in range(2):
+        again = workspace.run("hide.factor=3.0")
+        assert again.states == {"key": "failed", "hide": "skipped", "more": "skipped"}
+    cause = str(again.ended["key"].cause)
+    assert "the result of key is damaged or gone, and no run can make the same again; made from it: hide, more" in cause
+    assert str(drawn.project.store.damaged.folder) in cause
+    for name in (f"objects/{key.outputs['numbers'].name}", f"actions/{key.key}"):
+        shutil.rmtree(workspace.folder / "store" / name, ignore_errors=True)
+        shutil.copytree(workspace.folder / "copy" / name, workspace.folder / "store" / name)
+    assert workspace.run("hide.factor=3.0").states["key"] == "cached", "it was put back from a copy"
+
+
+def test_who_gives_it_up_gets_another(workspace: Workspace, drawn: Ran) -> None:
+    before = drawn.values("key")
+    cut(drawn)
+    verify(drawn)
+    cause = str(workspace.run().ended["key"].cause)
+    (remains,) = drawn.project.store.remains(str(drawn.ended["key"].key))
+    assert f"delete {remains}" in cause
+    shutil.rmtree(remains)
+    again = workspace.run()
+    assert set(again.states.values()) == {"ran"}
+    assert not np.array_equal(again.values("key"), before)
+
+
+def test_what_has_a_seed_is_drawn_again(workspace: Workspace) -> None:
+    ran = workspace.write(DRAWN).run("key.seed=1")
+    before = ran.values("key")
+    cut(ran)
+    with pytest.raises(CorruptArtifact):
+        ran.values("key")
+    again = workspace.run("key.seed=1")
+    assert again.states == {"key": "ran", "hide": "cached", "more": "cached"}
+    np.testing.assert_array_equal(again.values("key"), before)
+
+
+def test_verify_says_so(drawn: Ran) -> None:
+    cut(drawn)
+    assert "it cannot be made again" in verify(drawn)[0]
+
+
+def test_gc_keeps_what_is_left_of_it(workspace: Workspace, drawn: Ran) -> None:
+    """Although no run needs it any more: what was published may."""
+    cut(drawn)
+    verify(drawn)
+    workspace.write("name: drawn\nstages:\n  other: {uses: numbers}\n").run()
+    store = Store(workspace.folder / "store")
+    collect(store, Rules(keep_last=1)).delete()
+    assert [path.name for path in store.root.glob("damaged/*/*") if path.name != "record.json"]
+    assert workspace.write(DRAWN).run().states["key"] == "failed"
+
+
+def test_to_say_so_changes_no_key(tmp_path: Path) -> None:
+    """Else the version that protects keys would have drawn new ones."""
+    from pipeline.fingerprint import read_module
+
+    text = (Path(__file__).parent / "toys/draw.py").read_text()
+    note = ", unrepeatable=lambda given: given.seed is None"
+    assert note in text
+    files = [tmp_path / name for name in ("with.py", "without.py", "other.py")]
+    for file, content in zip(
+        files, (text, text.replace(note, ""), text.replace("randbits(64)", "randbits(32)")), strict=True
+    ):
+        file.write_text(content)
+    said, unsaid, other = (read_module("draw", file).digest for file in files)
+    assert said == unsaid != other
+
+
+@pytest.mark.parametrize("verified", [False, True])
+def test_in_a_bucket(remote: Elsewhere, monkeypatch: pytest.MonkeyPatch, verified: bool) -> None:
+    """On a machine without a copy: what is left in the bucket says on all machines that there was one."""
+    monkeypatch.setattr("pipeline.remote.SPARED", 0.0)
+    digest = remote.write(DRAWN).run().ended["key"].outputs["numbers"].name
+    bucket = remote.store()._bucket
+    files = bucket.names(f"files/{digest}")
+    bucket.put(next(iter(files)), b"?")
+    store = remote.machine("B").store()
+    if verified:
+        assert [checked for checked in verify_store(store) if checked.damage]
+        collect(store, Rules()).delete()
+    assert remote.machine("C").run("hide.factor=3.0").states["key"] == "failed"
+    assert bucket.names(f"files/{digest}").keys() == files.keys(), "what is whole of it is not deleted"
