@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, ImageColor
 
 from stages.imaging.orientation import upright
-from stages.imaging.pictures import Picture
+from stages.imaging.pictures import Picture, open_picture
 
 
 def over_background(path: Path, color: str) -> Picture | None:
@@ -17,7 +17,7 @@ def over_background(path: Path, color: str) -> Picture | None:
     The file is one that `read_picture` can read; `color` is a name or #rrggbb. Transparency is straight, not
     premultiplied, and mixed in sRGB, as the renderings of NeRF's synthetic scenes are by others.
     """
-    with Image.open(path) as image:
+    with open_picture(path) as image:
         if not image.has_transparency_data:
             return None
         image.load()

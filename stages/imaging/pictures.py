@@ -22,8 +22,26 @@ Picture = UInt8[np.ndarray, "height width 3"]
 # Pillow has no common ancestor for what a damaged file raises: its PNG reader even uses SyntaxError.
 _UNREADABLE = (
     *(OSError, SyntaxError, ValueError, TypeError, AttributeError, EOFError, RuntimeError, struct.error),
-    Image.DecompressionBombError,
+    *(MemoryError, Image.DecompressionBombError),
 )
+
+FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF", "GIF")
+"""All that Pillow may try, whatever a file is called: its reader of EPS starts Ghostscript. MPO is read as JPEG."""
+MOST_PIXELS = 120_000_000
+"""Phones and medium format take up to 108 million. A pixel takes up to 18 bytes while it is read, and a few bytes of
+PNG may claim any number of them."""
+
+
+def open_picture(path: Path) -> Image.Image:
+    """The picture in a file, not decoded yet; raises what `read_picture` turns into `UserError`.
+
+    `ValueError` for one of over `MOST_PIXELS`, before there is any room for them.
+    """
+    image = Image.open(path, formats=FORMATS)
+    if image.width * image.height > MOST_PIXELS:
+        image.close()
+        raise ValueError(f"{image.width} x {image.height} pixels, of which at most {MOST_PIXELS:,} are read")
+    return image
 
 
 def read_picture(path: Path) -> Picture:
@@ -33,7 +51,7 @@ def read_picture(path: Path) -> Picture:
     ignored: values count as sRGB. Raises ``UserError`` naming the file if it cannot be read to its last byte.
     """
     try:
-        with Image.open(path) as image:
+        with open_picture(path) as image:
             image.load()
             return _to_rgb(upright(image))
     except _UNREADABLE as error:
@@ -41,7 +59,7 @@ def read_picture(path: Path) -> Picture:
             "a picture cannot be read",
             where=str(path),
             found=str(error) or type(error).__name__,
-            expected="a complete picture file that Pillow can decode",
+            expected=f"a complete picture ({', '.join(FORMATS)}) of at most {MOST_PIXELS:,} pixels",
             remedy="Replace the file or take it out of the folder.",
         ) from error
 

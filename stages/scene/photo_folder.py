@@ -14,7 +14,7 @@ from PIL import Image
 from pipeline.errors import UserError
 from stages.imaging.names import can_be_written
 from stages.imaging.orientation import BROKEN_EXIF, SIDEWAYS, UPRIGHT, orientation_of
-from stages.imaging.pictures import read_picture
+from stages.imaging.pictures import open_picture, read_picture
 from stages.scene.capture import KnownPoses, PoseSource
 from stages.scene.colmap import PosedPhoto, find_colmap_model, read_colmap_model
 from stages.scene.lens import Lens
@@ -132,7 +132,7 @@ def read_facts(photo: Path, posed: bool = False) -> PhotoFacts:
     nothing of EXIF's orientation, so that their poses and lenses are of those. Other photos are upright.
     """
     height, width = read_picture(photo).shape[:2]
-    with Image.open(photo) as image:
+    with open_picture(photo) as image:
         turned = orientation_of(image) if posed else UPRIGHT
         equivalent = _equivalent_focal_length(image)
     size = (height, width) if turned in SIDEWAYS else (width, height)

@@ -2,22 +2,28 @@ from __future__ import annotations
 
 import io
 import struct
+import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from PIL import Image, ImageOps
+from PIL import EpsImagePlugin, Image, ImageFile, ImageOps, UnidentifiedImageError
 
 from pipeline.errors import UserError
+from stages.imaging.backgrounds import over_background
 from stages.imaging.pictures import (
+    MOST_PIXELS,
     encode_jpeg,
     encode_png,
+    open_picture,
     picture_to_tensor,
     read_picture,
     resize_picture,
     tensor_to_picture,
 )
+from stages.scene.photo_folder import SUFFIXES, read_facts
 
 
 @pytest.fixture
@@ -111,6 +117,74 @@ def test_floating_point_pictures_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "float.tiff"
     Image.fromarray(np.zeros((2, 2), dtype=np.float32)).save(path)
     with pytest.raises(UserError, match="no defined range"):
+        read_picture(path)
+
+
+@pytest.mark.parametrize("suffix", [*SUFFIXES, ".gif"])
+def test_every_format_that_is_called_a_photo_is_read(tmp_path: Path, gradient: np.ndarray, suffix: str) -> None:
+    path = tmp_path / f"picture{suffix}"
+    Image.fromarray(gradient).save(path)
+    assert read_picture(path).shape == gradient.shape
+
+
+def test_photos_of_phones_with_a_second_picture_in_them_are_read(tmp_path: Path, gradient: np.ndarray) -> None:
+    pictures = [Image.fromarray(gradient), Image.fromarray(gradient[::2, ::2])]
+    pictures[0].save(tmp_path / "phone.jpg", "MPO", save_all=True, append_images=pictures[1:])
+    assert read_picture(tmp_path / "phone.jpg").shape == gradient.shape
+
+
+@pytest.mark.parametrize("read", [read_picture, read_facts, open_picture, lambda path: over_background(path, "black")])
+def test_a_picture_never_starts_a_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read: Callable[[Path], object]
+) -> None:
+    """Pillow gives PostScript, whatever it is called, to the Ghostscript that it finds."""
+    started = tmp_path / "started"
+    (tmp_path / "gs").write_text(f"#!/bin/sh\n: > {started}\n")
+    (tmp_path / "gs").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.setattr(EpsImagePlugin, "gs_binary", None)
+    path = tmp_path / "photo.png"
+    path.write_text("%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\nshowpage\n")
+    with pytest.raises((UserError, UnidentifiedImageError), match=r"photo\.png"):
+        read(path)
+    assert not started.exists()
+
+
+def claiming(path: Path, width: int, height: int) -> Path:
+    """A PNG of a few bytes whose header claims this size."""
+    path.write_bytes(encode_png(np.zeros((1, 1, 3), np.uint8)))
+    header = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:12] + header + struct.pack(">I", zlib.crc32(header)) + whole[33:])
+    return path
+
+
+@pytest.mark.filterwarnings("ignore::PIL.Image.DecompressionBombWarning")
+def test_too_many_pixels_are_refused_before_there_is_room_for_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = claiming(tmp_path / "bomb.png", 13000, 13000)
+    decoded: list[Image.Image] = []
+    monkeypatch.setattr(Image.Image, "load", decoded.append)
+    monkeypatch.setattr(ImageFile.ImageFile, "load", decoded.append)
+    with pytest.raises(UserError, match=r"bomb\.png.*found 13000 x 13000 pixels.*at most 120,000,000 pixels"):
+        read_picture(path)
+    assert not decoded
+
+
+@pytest.mark.filterwarnings("ignore::PIL.Image.DecompressionBombWarning")
+def test_photos_of_the_largest_cameras_are_not_too_large(tmp_path: Path) -> None:
+    with open_picture(claiming(tmp_path / "phone.png", 12032, 9024)) as image:
+        assert 100_000_000 < image.width * image.height <= MOST_PIXELS
+
+
+def test_a_picture_for_which_there_is_no_memory_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def load(image: Image.Image) -> None:
+        raise MemoryError
+
+    path = claiming(tmp_path / "large.png", 10, 10)
+    monkeypatch.setattr(ImageFile.ImageFile, "load", load)
+    with pytest.raises(UserError, match=r"large\.png.*MemoryError"):
         read_picture(path)
 
 
