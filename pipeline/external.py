@@ -36,6 +36,14 @@ def resolved(path: Path) -> Path:
         return path.absolute()
 
 
+def from_home(path: str | Path) -> Path:
+    """With a ~ at its beginning replaced by a home folder; as it is where nobody of that name has one."""
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        return Path(path)
+
+
 def is_there(path: str | Path) -> bool:
     """Whether a file or folder is there; what is no path leads nowhere."""
     try:

@@ -10,7 +10,7 @@ from pathlib import Path
 from pipeline.canonical import Json
 from pipeline.declaration import Catalogue, Completed, Declaration
 from pipeline.errors import CommandError, Place, UserError, nearest
-from pipeline.external import is_there, resolved
+from pipeline.external import from_home, is_there, resolved
 from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
 from pipeline.located import Located, Problems
@@ -385,9 +385,12 @@ class _Builder:
 
 
 def _absolute(value: Located) -> Json:
-    """The value of an external path, or a list of them, made absolute; anything else as it is, for others to refuse."""
+    """The value of an external path, or a list of them, made absolute; anything else as it is, for others to refuse.
+
+    A shell leaves the ~ in `--set cover=~/photos` as it stands, and so does whoever writes a workflow.
+    """
     if isinstance(value.value, tuple):
         return [_absolute(item) for item in value.value]
     if isinstance(value.value, str):
-        return str(resolved(value.base / value.value))
+        return str(resolved(value.base / from_home(value.value)))
     return value.plain

@@ -123,7 +123,9 @@ class _Planner:
         """What the action `key` made, if all of it is in the store."""
         if key not in self.actions:
             return None
-        if made is not None and made.key == key and self.objects.issuperset(made.outputs.values()):
+        # What a later run found there took it no time: how long it was made stands in the record.
+        made_then = made is not None and made.state != "cached" and made.key == key
+        if made is not None and made_then and self.objects.issuperset(made.outputs.values()):
             return made
         record = self.store.record(key)
         if record is None or not self.objects.issuperset(record.outputs.values()):

@@ -39,6 +39,7 @@ from pipeline.canonical import Json
 from pipeline.damaged import ACTIONS, FOREIGN, OBJECTS, Damaged
 from pipeline.disk import remove, size_of
 from pipeline.errors import CommandError, CorruptArtifact
+from pipeline.external import from_home
 from pipeline.history import History
 from pipeline.pins import Pins
 from pipeline.record import RECORD, Record, read_record
@@ -69,7 +70,7 @@ class Store:
     """A store in the directory `root`, which is made where it is missing."""
 
     def __init__(self, root: Path) -> None:
-        self.root = root.absolute()
+        self.root = from_home(root).absolute()  # a shell leaves the ~ of --store=~/results
         self.root.mkdir(parents=True, exist_ok=True)
         self._own: OwnFolder | None = None
         self._making = threading.Lock()

@@ -7,6 +7,7 @@ import pytest
 from pipeline.history import StageResult
 from pipeline.plan import Step
 from pipeline.planwords import print_plan
+from tests.pipeline.helpers import Workspace
 
 
 def cached(name: str, key: str, seconds: float) -> Step:
@@ -29,3 +30,14 @@ def test_of_nothing_that_is_cached_no_time_is_told(capsys: pytest.CaptureFixture
     """A workflow that has never run."""
     print_plan({"hide": Step("hide", "run", "c")}, as_json=False)
     assert capsys.readouterr().out.splitlines()[-1] == "1 to run"
+
+
+def test_what_was_found_again_still_says_how_long_it_was_made(workspace: Workspace) -> None:
+    workspace.write("stages:\n  base: {uses: numbers}")
+    workspace.run()
+    result = workspace.plan()["base"].result
+    assert result is not None
+    workspace.run()
+    again = workspace.plan()["base"].result
+    assert again is not None
+    assert again.seconds == result.seconds > 0

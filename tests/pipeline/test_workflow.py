@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from pipeline.store import Store
 from tests.pipeline.helpers import Workspace
 
 
@@ -198,3 +201,13 @@ def test_any_shape_gives_a_message(workspace: Workspace, text: str) -> None:
 
 def test_an_alias_of_itself_ends(workspace: Workspace) -> None:
     assert workspace.write("stages: &a\n  x: *a\n").problems()
+
+
+def test_a_tilde_is_the_home_folder(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(workspace.folder / "home"))
+    (workspace.folder / "home").mkdir()
+    (workspace.folder / "home" / "given.txt").write_text("1")
+    workspace.write("stages:\n  base: {uses: numbers, with: {file: ~/given.txt}}")
+    assert workspace.problems() == []
+    assert Store(Path("~/results")).root == workspace.folder / "home" / "results"
+    assert "there is no file" in workspace.problems("base.file=~nobody-of-this-name/given.txt")[0]
