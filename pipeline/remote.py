@@ -39,7 +39,7 @@ from pipeline.remote_artifacts import RemoteArtifacts
 from pipeline.remote_history import RemoteHistory
 from pipeline.remote_pins import RemotePins
 from pipeline.sealed import write_text_whole
-from pipeline.store import LOCKS, Store, Young, is_store
+from pipeline.store import IGNORED, LOCKS, Store, Young, is_store
 
 CACHE = "GS_HIDER_CACHE"
 SPARED = 86400.0  # seconds for which `gc` spares what was put: no lock tells of runs on other machines
@@ -59,7 +59,7 @@ def open_store(address: str | Path) -> Store:
     if is_store(root):
         return Store(root)
     found = sorted(entry.name for entry in root.iterdir()) if root.is_dir() else []
-    if set(found) - {LOCKS}:  # locks alone: another run is just making it
+    if set(found) - {LOCKS, IGNORED}:  # these alone: another run is just making it, or it was emptied
         raise CommandError(
             "a folder of something else",
             where=root,

@@ -1,5 +1,6 @@
 """The store: every result once, under the hash of what it is, and every action under the hash of what it depends on.
 
+    .gitignore                       has git pass over all of this
     actions/<key>/record.json        what an action was made of, what came out, and how it went
     objects/<digest>/                artifacts, immutable
     latest/<workflow>/<stage>.<output>   links to the objects of the last run, for people
@@ -48,6 +49,7 @@ from pipeline.temporary import OwnFolder, sweep
 
 KEY = re.compile(r"[0-9a-f]{64}")
 LOCKS, IN_USE = "locks", "in_use"
+IGNORED = ".gitignore"
 
 
 @dataclass(frozen=True)
@@ -84,8 +86,16 @@ class Store:
         return str(self.root)
 
     def mark(self) -> None:
-        """Makes the folder one that `is_store` knows."""
+        """Makes the folder one that `is_store` knows, and that git passes over."""
         (self.folder(LOCKS) / IN_USE).touch()
+        self._hide_from_git()
+
+    def _hide_from_git(self) -> None:
+        """In a work tree, secrets would be committed with all that is new. What a user says there instead stays."""
+        with suppress(OSError):
+            descriptor = os.open(self.root / IGNORED, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(b"# Results, private ones among them.\n*\n")
 
     def object(self, digest: str) -> Path:
         """Where the artifact of that digest is, or would be."""
@@ -197,6 +207,7 @@ class Store:
             except BlockingIOError:
                 others = "runs are using the store" if alone else "results are being deleted from the store"
                 raise CommandError(others, where=self.root, remedy="Try again when that has ended.") from None
+            self._hide_from_git()
             yield
 
     def find(self, key: str) -> Record | None:

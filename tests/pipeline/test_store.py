@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,8 @@ from pipeline.errors import UserError
 from pipeline.external import contents_of
 from pipeline.record import Record
 from pipeline.store import Store
+from tests.pipeline.helpers import Workspace
+from tests.pipeline.test_runner import CHAIN
 
 KEY = "ab" * 32
 
@@ -52,6 +56,32 @@ def test_a_damaged_record_is_none(tmp_path: Path, damage: str) -> None:
     assert store.find(KEY) is None
     assert commit(store, 1.0) == first
     assert store.find(KEY) == first
+
+
+def test_git_passes_over_a_store(workspace: Workspace) -> None:
+    """One in a work tree, also of an earlier version; what a user says there stays."""
+    git = ["git", "-C", str(workspace.folder)]
+    subprocess.run([*git, "init", "-q"], check=True)
+    store = workspace.write(CHAIN).run().project.store
+    for _ in range(2):
+        subprocess.run([*git, "add", "--all"], check=True)
+        listed = subprocess.run([*git, "ls-files"], check=True, capture_output=True, text=True).stdout
+        assert "workflow.yaml" in listed
+        assert "store/" not in listed
+        (store.root / ".gitignore").unlink()
+        assert set(workspace.run().states.values()) == {"cached"}
+    (store.root / ".gitignore").write_text("!latest\n")
+    workspace.run()
+    assert (store.root / ".gitignore").read_text() == "!latest\n"
+
+
+def test_what_git_passes_over_is_no_folder_of_something_else(workspace: Workspace) -> None:
+    """As `rm -r store/*` leaves it."""
+    store = workspace.write(CHAIN).run().project.store
+    for path in store.root.iterdir():
+        if path.is_dir():
+            shutil.rmtree(path)
+    assert set(workspace.run().states.values()) == {"ran"}
 
 
 def test_external_digest_is_of_names_and_bytes(tmp_path: Path) -> None:
