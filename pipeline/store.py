@@ -3,7 +3,7 @@
     .gitignore                       has git pass over all of this
     actions/<key>/record.json        what an action was made of, what came out, and how it went
     objects/<digest>/                artifacts, immutable
-    latest/<workflow>/<stage>.<output>   links to the objects of the last run, for people
+    latest/<workflow>/<stage>.<output>   links to the objects of the last run, for their owner: names tell of messages
     code/<digest>.json               the digests of the modules behind a stage and of what they define, for `explain`
     runs/<workflow>/<time>-<id>.jsonl    how the stages of a run ended: see `history`
     pins/<name>.json                 results that `gc` keeps: see `pins`
@@ -38,7 +38,7 @@ from filelock import FileLock, Timeout
 from pipeline.artifact import Artifact, ArtifactWriter, flush, load, publish
 from pipeline.canonical import Json
 from pipeline.damaged import ACTIONS, FOREIGN, OBJECTS, Damaged
-from pipeline.disk import remove, size_of
+from pipeline.disk import close_to_others, remove, size_of
 from pipeline.errors import CommandError, CorruptArtifact
 from pipeline.external import from_home
 from pipeline.history import History
@@ -332,8 +332,7 @@ class Store:
                 self._clear_damaged(artifact.digest)
                 publish(artifact, self.object(artifact.digest))
         record = Record(key, parts, outputs, provenance)
-        private = any(writer.private for writer in writers.values())
-        self._write_record(record, private)
+        self._write_record(record, record.private or any(writer.private for writer in writers.values()))
         return self.find(key) or record
 
     def add(self, record: Record) -> None:
@@ -371,6 +370,7 @@ class Store:
     def link_latest(self, workflow: str, name: str, outputs: Mapping[str, str]) -> None:
         """Points `latest/<workflow>/<stage>.<output>` to the objects of a result."""
         folder = self.folder("latest", workflow)
+        close_to_others(folder)
         for output, digest in outputs.items():
             link = folder / f"{name}.{output}"
             target = os.path.relpath(self.object(digest), folder)

@@ -8,10 +8,14 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from pipeline.artifact import ArtifactWriter
+from pipeline.store import Store
 from tests.pipeline.durability.commands import TOYS
 from tests.pipeline.helpers import Workspace
+from tests.pipeline.test_runner import CHAIN
 
 
 @pytest.fixture(params=[0o000, 0o022, 0o077])
@@ -37,6 +41,7 @@ def test_modes(tmp_path: Path, mask: int, monkeypatch: pytest.MonkeyPatch) -> No
     store = tmp_path / "store"
     private = [
         *(hidden, *hidden.rglob("*")),
+        store / "latest/modes",
         *(store / "runs", *(store / "runs").rglob("*")),
         *(store / "logs/modes/private", store / "logs/modes/private/a.log"),
         *(store / "actions" / str(ran.ended["a"].key)).rglob("*"),
@@ -47,3 +52,21 @@ def test_modes(tmp_path: Path, mask: int, monkeypatch: pytest.MonkeyPatch) -> No
     for path in (shown, *shown.rglob("*")):
         assert mode(path) == (0o777 if path.is_dir() else 0o666) & ~mask, path
     assert os.umask(mask) == mask, "the mask is the user's again"
+
+
+def test_links_of_an_earlier_version_are_closed_to_others(workspace: Workspace) -> None:
+    """The names of stages tell of messages."""
+    latest = workspace.write(CHAIN).run().project.store.root / "latest/chain"
+    latest.chmod(0o755)
+    assert set(workspace.run().states.values()) == {"cached"}
+    assert mode(latest) == 0o700
+
+
+def test_a_record_tells_of_what_was_private(tmp_path: Path) -> None:
+    """Although all that came of it is public: its parameters, for one."""
+    store = Store(tmp_path / "store")
+    writer = ArtifactWriter(store.temporary() / "out", "numbers")
+    writer.write("values", np.zeros(3))
+    store.commit("ab" * 32, {}, {"out": writer}, {"private": True})
+    folder = store.root / "actions" / ("ab" * 32)
+    assert (mode(folder), mode(folder / "record.json")) == (0o700, 0o600)
