@@ -6,6 +6,7 @@ input that turns out to be damaged is no failure of the stage's: the outcome nam
 
 from __future__ import annotations
 
+import errno
 import shutil
 import time
 from collections.abc import Mapping
@@ -21,7 +22,7 @@ from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.canonical import Json
 from pipeline.checkpoint import discard_scratch, scratch_directory
 from pipeline.declaration import check_completed, import_stage, is_unrepeatable, validate
-from pipeline.disk import FULL, bytes_below, words_of
+from pipeline.disk import FULL, bytes_below, leads_elsewhere, words_of
 from pipeline.errors import CorruptArtifact, Interrupted, PipelineError, TransientError, UserError
 from pipeline.events import Noted, StageProgressed, StageStarted
 from pipeline.executor import Tell
@@ -171,6 +172,8 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
     work = store.temporary()
     private = action.private or job.private_log
     path = store.log(job.workflow, job.name, private)
+    if leads_elsewhere(store.root, "logs", job.workflow, "private"):
+        raise OSError(errno.ELOOP, "a link; expected a folder", str(path.parent))
     store.log(job.workflow, job.name, not private).unlink(missing_ok=True)
     log = StageLog(path, private)
     log.line(f"{job.name} ({job.uses}), key {job.key}, commit {job.commit or 'unknown'}")

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.arrays import check_array
 from pipeline.canonical import Json, digest_of_file
-from pipeline.disk import is_link, size_of_plain_file
+from pipeline.disk import flush, is_link, size_of_plain_file
 from pipeline.errors import ArtifactError, CorruptArtifact
 from pipeline.manifest import (
     ARRAYS,
@@ -316,12 +316,3 @@ def user_mask() -> int:
     mask = os.umask(0o077)  # it can only be asked for by setting it
     os.umask(mask)
     return mask
-
-
-def flush(path: Path) -> None:
-    """Makes a file's content, or a directory's entries, survive a power cut."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

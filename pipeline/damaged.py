@@ -13,7 +13,8 @@ import itertools
 import os
 from pathlib import Path
 
-from pipeline.disk import close_to_others
+from pipeline.disk import close_to_others, leads_elsewhere
+from pipeline.errors import UserError
 from pipeline.record import RECORD, Record, read_record
 
 OBJECTS, ACTIONS, FOREIGN = "objects", "actions", "foreign"
@@ -26,8 +27,13 @@ class Damaged:
         self.folder = folder
 
     def take(self, path: Path, *names: str) -> Path | None:
-        """Moves what lies at `path` under `names`, and returns where it is now; None where it is gone already."""
+        """Moves what lies at `path` under `names`, and returns where it is now; None where it is gone already.
+
+        Raises UserError where a folder on the way is a link.
+        """
         wanted = self.folder.joinpath(*names)
+        if leads_elsewhere(self.folder.parent, self.folder.name, *names[:-1]):
+            raise UserError("a link; expected a folder", where=wanted.parent, remedy="Remove it, and try again.")
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         close_to_others(self.folder)
         wanted.parent.mkdir(parents=True, exist_ok=True)

@@ -54,6 +54,26 @@ def size_of_plain_file(path: Path) -> int | None:
     return found.st_size if stat.S_ISREG(found.st_mode) else None
 
 
+def entries_of(root: Path, *names: str, links: bool = False) -> list[os.DirEntry[str]]:
+    """What is in the folder `names` under `root`, sorted, `links` too if wanted; nothing in a folder that is a link.
+
+    A store may come from a stranger: a link in it could lead to anyone's files.
+    """
+    if leads_elsewhere(root, *names):
+        return []
+    try:
+        with os.scandir(root.joinpath(*names)) as found:
+            return sorted((entry for entry in found if links or not entry.is_symlink()), key=lambda entry: entry.name)
+    except OSError:
+        return []
+
+
+def leads_elsewhere(root: Path, *names: str) -> bool:
+    """Whether the way from `root` along the folders `names` could leave it: over a link, or a name that is none."""
+    ways = [root.joinpath(*names[: number + 1]) for number in range(len(names))]
+    return any(name in ("", ".", "..") for name in names) or any(map(is_link, ways))
+
+
 def is_link(path: Path) -> bool:
     """Whether there is a symbolic link; False for names that no file can have."""
     try:
@@ -90,6 +110,25 @@ def remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
+
+
+def flush(path: Path) -> None:
+    """Makes a file's content, or a directory's entries, survive a power cut."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def make_folder(root: Path, *names: str) -> Path:
+    """The folder `names` under `root`, made where it is missing; it survives a power cut."""
+    path = root.joinpath(*names)
+    if not path.is_dir():
+        path.mkdir(parents=True, exist_ok=True)
+        for parent in (path, *path.parents[: len(names)]):
+            flush(parent)
+    return path
 
 
 def close_to_others(folder: Path) -> None:

@@ -27,7 +27,7 @@ from functools import partial
 from pathlib import Path
 
 from pipeline.damaged import ACTIONS, FOREIGN, OBJECTS, name_in_damaged
-from pipeline.disk import size_of
+from pipeline.disk import entries_of, size_of
 from pipeline.errors import UserError
 from pipeline.record import Record, newest_makers
 from pipeline.store import Store
@@ -227,8 +227,7 @@ class _Collector:
 
     def drop_checkpoints(self) -> None:
         dropped: dict[str, int] = {}
-        scratch = self.store.root / "scratch"
-        for folder in sorted(scratch.iterdir()) if scratch.is_dir() else []:
+        for folder in [Path(entry.path) for entry in entries_of(self.store.root, "scratch")]:
             done = folder.name in self.records
             days = (self.now - _newest(folder)) / DAY
             if not done and folder.name in self.begun:

@@ -11,6 +11,7 @@ nobody else can read these files.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -22,7 +23,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, cast, get_args
 
-from pipeline.disk import parse_json, read_plain_file
+from pipeline.disk import entries_of, leads_elsewhere, parse_json, read_plain_file
 from pipeline.events import State
 
 
@@ -110,6 +111,8 @@ class History:
 
     def begin(self, workflow: str, **facts: object) -> Journal:
         """The journal of a run that begins now; `facts` are written first. Raises OSError where there can be none."""
+        if leads_elsewhere(self._runs.parent, self._runs.name, workflow):
+            raise OSError(errno.ELOOP, "a link; expected a folder", str(self._runs / workflow))
         self._runs.mkdir(parents=True, exist_ok=True, mode=0o700)
         return self._journal(self._runs / workflow, **facts)
 
@@ -118,11 +121,12 @@ class History:
 
     def workflows(self) -> list[str]:
         """Names of the workflows that ever ran."""
-        return sorted(path.name for path in self._runs.iterdir()) if self._runs.is_dir() else []
+        return [entry.name for entry in entries_of(self._runs.parent, self._runs.name)]
 
     def journals(self, workflow: str) -> list[Path]:
         """The files of a workflow's runs, the newest first."""
-        return sorted((self._runs / workflow).glob("*.jsonl"), reverse=True)
+        found = entries_of(self._runs.parent, self._runs.name, workflow)
+        return [Path(entry.path) for entry in reversed(found) if entry.name.endswith(".jsonl")]
 
     def results(self, journal: Path) -> dict[str, StageResult]:
         """How the stages of one run ended, by name."""

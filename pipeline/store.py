@@ -21,7 +21,6 @@ run hold `locks/in_use` together; `gc` holds it alone.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import shutil
@@ -38,10 +37,12 @@ from filelock import FileLock, Timeout
 from pipeline.artifact import Artifact, ArtifactWriter, flush, load, publish
 from pipeline.canonical import Json
 from pipeline.damaged import ACTIONS, FOREIGN, OBJECTS, Damaged
-from pipeline.disk import close_to_others, remove, size_of
-from pipeline.errors import CommandError, CorruptArtifact
+from pipeline.disk import entries_of, leads_elsewhere, make_folder, remove, size_of
+from pipeline.errors import CorruptArtifact, UserError
 from pipeline.external import from_home
 from pipeline.history import History
+from pipeline.in_use import held
+from pipeline.latest import Latest
 from pipeline.pins import Pins
 from pipeline.record import RECORD, Record, read_record
 from pipeline.sealed import read_sealed, sealed, write_text_whole
@@ -76,6 +77,7 @@ class Store:
         self.root.mkdir(parents=True, exist_ok=True)
         self._own: OwnFolder | None = None
         self._making = threading.Lock()
+        self._latest = Latest(self.root, self.temporary)
 
     def __repr__(self) -> str:
         return f"Store({str(self.root)!r})"
@@ -162,12 +164,7 @@ class Store:
 
     def folder(self, *names: str) -> Path:
         """A folder of the store, made where it is missing; it survives a power cut."""
-        path = self.root.joinpath(*names)
-        if not path.is_dir():
-            path.mkdir(parents=True, exist_ok=True)
-            for parent in (path, *path.parents[: len(names)]):
-                flush(parent)
-        return path
+        return make_folder(self.root, *names)
 
     def temporary(self) -> Path:
         """A new path to write to, on the file system of the store, that nobody else can reach.
@@ -182,7 +179,7 @@ class Store:
     def sweep(self) -> None:
         """Removes what processes left behind that were killed: what they wrote, and checkpoints of finished actions."""
         sweep(self.root / "temporary")
-        for key in self._names("scratch"):
+        for key in [entry.name for entry in entries_of(self.root, "scratch")]:
             with suppress(OSError, Timeout), self.lock(key).acquire(blocking=False):
                 if self.find(key):
                     shutil.rmtree(self.root / "scratch" / key)
@@ -197,16 +194,7 @@ class Store:
 
         Raises CommandError where that cannot be had at once: another process deletes, or others work.
         """
-        path = self.folder(LOCKS) / IN_USE
-        descriptor = os.open(
-            path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o666
-        )  # a link would make a file elsewhere
-        with os.fdopen(descriptor, "ab") as file:
-            try:
-                fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
-            except BlockingIOError:
-                others = "runs are using the store" if alone else "results are being deleted from the store"
-                raise CommandError(others, where=self.root, remedy="Try again when that has ended.") from None
+        with held(self.folder(LOCKS) / IN_USE, self.root, alone):
             self._hide_from_git()
             yield
 
@@ -303,13 +291,18 @@ class Store:
         return {digest: size_of(self.object(digest)) for digest in digests}
 
     def entries(self, folder: str) -> dict[str, int]:
-        """What is in a folder of the store, such as `logs`: names from the store's root on, and the bytes of each."""
-        path = self.root / folder
-        names = [f"{folder}/{entry.name}" for entry in os.scandir(path)] if path.is_dir() else []
-        return {name: size_of(self.root / name) for name in sorted(names)}
+        """What is in a folder of the store, such as `logs`: names from the store's root on, and the bytes of each.
+
+        Links are passed over: they may lead anywhere.
+        """
+        names = [f"{folder}/{entry.name}" for entry in entries_of(self.root, *folder.split("/"))]
+        return {name: size_of(self.root / name) for name in names}
 
     def delete_entry(self, name: str) -> None:
-        """Deletes what has a name of `entries`."""
+        """Deletes what has a name of `entries`. Raises UserError for a name that leads elsewhere."""
+        *folders, last = name.split("/")
+        if not folders or last in ("", ".", "..") or leads_elsewhere(self.root, *folders):
+            raise UserError("not the name of something in the store", where=self.root, found=name)
         remove(self.root / name)
 
     def abandoned(self) -> dict[str, int]:
@@ -368,20 +361,11 @@ class Store:
             self.damaged.take(self.object(digest), OBJECTS, digest)
 
     def link_latest(self, workflow: str, name: str, outputs: Mapping[str, str]) -> None:
-        """Points `latest/<workflow>/<stage>.<output>` to the objects of a result."""
-        folder = self.folder("latest", workflow)
-        close_to_others(folder)
-        for output, digest in outputs.items():
-            link = folder / f"{name}.{output}"
-            target = os.path.relpath(self.object(digest), folder)
-            if link.is_symlink() and os.readlink(link) == target:  # noqa: PTH115 — Path.readlink would normalise it
-                continue
-            aside = self.temporary()
-            aside.symlink_to(target)
-            aside.replace(link)
+        """Points `latest/<workflow>/<stage>.<output>` to the objects of a result. Raises OSError where it cannot."""
+        self._latest.link(workflow, name, outputs)
 
     def latest(self, workflow: str, name: str, output: str) -> Path:
-        return self.root / "latest" / workflow / f"{name}.{output}"
+        return self._latest.path(workflow, name, output)
 
     def keep_code(self, digest: str, modules: Mapping[str, str], definitions: Mapping[str, Mapping[str, str]]) -> None:
         """Keeps which modules a digest of code stands for, and the digests of what each of them defines.
@@ -395,12 +379,11 @@ class Store:
 
     def latest_digests(self) -> dict[str, str]:
         """The digest that each link `<workflow>/<stage>.<output>` in `latest` leads to, in the store or no longer."""
-        links = sorted((self.root / "latest").glob("*/*"))
-        return {f"{link.parent.name}/{link.name}": link.readlink().name for link in links if link.is_symlink()}
+        return self._latest.digests()
 
     def unlink_latest(self, name: str) -> None:
         """Removes a link of `latest_digests`."""
-        (self.root / "latest" / name).unlink(missing_ok=True)
+        self._latest.unlink(name)
 
     def knows_code(self, digest: str) -> bool:
         return self._code(digest).is_file()

@@ -14,6 +14,8 @@ import weakref
 from contextlib import suppress
 from pathlib import Path
 
+from pipeline.disk import entries_of
+
 LOCK = ".lock"
 
 
@@ -31,8 +33,7 @@ class OwnFolder:
 
 def sweep(temporary: Path) -> None:
     """Removes what processes left that have ended. What lives, in this process or any other, is not touched."""
-    names = {entry.name.removesuffix(LOCK) for entry in os.scandir(temporary)} if temporary.is_dir() else set()
-    for name in names:
+    for name in {entry.name.removesuffix(LOCK) for entry in entries_of(temporary.parent, temporary.name)}:
         with suppress(OSError):  # of another user, or another process sweeps too
             path = temporary / name
             descriptor = _hold(_lock_of(path), wait=False)
@@ -43,7 +44,7 @@ def sweep(temporary: Path) -> None:
 def left_behind(temporary: Path) -> list[Path]:
     """What `sweep` would remove."""
     left = []
-    for path in sorted(temporary.iterdir()) if temporary.is_dir() else []:
+    for path in [Path(entry.path) for entry in entries_of(temporary.parent, temporary.name)]:
         if not path.name.endswith(LOCK):
             descriptor = _hold(_lock_of(path), wait=False)
             if descriptor is not None:

@@ -15,11 +15,11 @@ ROOT = Path(__file__).parents[1]
 
 ENGINE = [
     "plain_text",
-    "errors canonical cause collection completion data_folder disk freed_memory look orphans temporary",
+    "errors canonical cause collection completion data_folder disk freed_memory look orphans",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
-    "engine_code sealed",
+    "engine_code sealed temporary in_use",
     "arrays substitution table record",
-    "damaged matrix artifact executor placement fingerprint history wording bucket",
+    "damaged latest matrix artifact executor placement fingerprint history wording bucket",
     "stage store remote_history remote_pins remote_artifacts workflow livetable loaded_code",
     "source_cache checkpoint remote external_cache privacy garbage verification workers progress",
     "declaration",

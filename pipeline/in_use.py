@@ -1,0 +1,24 @@
+"""The lock of a store: held together by all who work with results, and alone by who deletes some."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pipeline.errors import CommandError
+
+
+@contextmanager
+def held(lock: Path, store: Path, alone: bool) -> Iterator[None]:
+    """Holds a lock, which is made where it is missing. Raises CommandError where it cannot be had at once."""
+    descriptor = os.open(lock, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o666)  # a link would make a file elsewhere
+    with os.fdopen(descriptor, "ab") as file:
+        try:
+            fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+        except BlockingIOError:
+            others = "runs are using the store" if alone else "results are being deleted from the store"
+            raise CommandError(others, where=store, remedy="Try again when that has ended.") from None
+        yield
