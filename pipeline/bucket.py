@@ -55,6 +55,7 @@ class Bucket:
         self._bucket = match["bucket"]
         self._prefix = f"{match['prefix'].strip('/')}/".lstrip("/")
         self.address = f"s3://{self._bucket}{match['prefix']}"
+        self.odd: set[str] = set()  # names in listings that were passed over
 
     def get(self, name: str) -> bytes | None:
         """The bytes of an object; None where there is none."""
@@ -90,7 +91,10 @@ class Bucket:
         return {name: entry.size for name, entry in self.listing(folder).items()}
 
     def listing(self, folder: str) -> dict[str, Entry]:
-        """All objects under a folder, by name; a request for each thousand of them."""
+        """All objects under a folder, by name; a request for each thousand of them.
+
+        Names become paths of files here, so those that could lead out of a folder are passed over: see `odd`.
+        """
         found: dict[str, Entry] = {}
         page: dict[str, Any] = {"NextContinuationToken": None}
         with self._reported():
@@ -101,7 +105,11 @@ class Bucket:
                 now = _server_time(page)
                 for entry in page.get("Contents", ()):
                     age = (now - entry["LastModified"]).total_seconds()
-                    found[entry["Key"].removeprefix(self._prefix)] = Entry(entry["Size"], age)
+                    name = entry["Key"].removeprefix(self._prefix)
+                    if is_plain(name):
+                        found[name] = Entry(entry["Size"], age)
+                    else:
+                        self.odd.add(name)
         return found
 
     def upload(self, files: Mapping[str, Path]) -> None:
@@ -172,6 +180,15 @@ class Bucket:
             if told is None:
                 raise
             raise told from None  # what lies behind it may quote what was signed
+
+
+def is_plain(name: str) -> bool:
+    """Whether a name leads, as a path, to where it says.
+
+    >>> [is_plain(name) for name in ("logs/a/b.log", "logs/../x", "logs//x", "/etc/x", "logs/")]
+    [True, False, False, False, False]
+    """
+    return "\0" not in name and not {"", ".", ".."} & set(name.split("/"))
 
 
 class _Missing(Exception):

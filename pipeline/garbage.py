@@ -117,6 +117,7 @@ class _Collector:
         self.drop_objects(digests)
         self.drop_checkpoints()
         self.drop_the_rest(kept)
+        self.remarks += self.store.remarks
         return Collection(tuple(self.waste), len(kept), tuple(self.remarks), tuple(self.steps))
 
     def kept_keys(self) -> set[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from pipeline.canonical import Json
 from pipeline.sealed import read_sealed
 
 RECORD = "record.json"
+KEY = re.compile(r"[0-9a-f]{64}")  # of actions, and digests of artifacts
 
 
 @dataclass(frozen=True)
@@ -70,11 +72,19 @@ class Record:
 
 
 def read_record(path: Path, key: str) -> Record | None:
-    """The record of the action `key` in a file; None where it is missing or not what was written."""
+    """The record of the action `key` in a file; None where it is missing or not what was written.
+
+    Whoever can write to a bucket can seal a record, too, and the digests in it become paths.
+    """
     content = read_sealed(path)
-    if not content or content["key"] != key:
+    if not content or content["key"] != key or not _are_digests(content["outputs"]):
         return None
     return Record(content["key"], content["parts"], content["outputs"], content["provenance"])
+
+
+def _are_digests(outputs: object) -> bool:
+    digests = outputs.values() if isinstance(outputs, dict) else [outputs]
+    return all(isinstance(digest, str) and KEY.fullmatch(digest) for digest in digests)
 
 
 def newest_makers(records: Iterable[Record]) -> dict[str, Record]:

@@ -34,7 +34,7 @@ from pipeline.canonical import Json
 from pipeline.errors import CommandError, CorruptArtifact, RemoteError
 from pipeline.history import History
 from pipeline.pins import Pins
-from pipeline.record import RECORD, Record, read_record
+from pipeline.record import KEY, RECORD, Record, read_record
 from pipeline.remote_artifacts import RemoteArtifacts
 from pipeline.remote_history import RemoteHistory
 from pipeline.remote_pins import RemotePins
@@ -116,7 +116,7 @@ class RemoteStore(Store):
 
     @property
     def actions(self) -> frozenset[str]:
-        return frozenset(_stem(name) for name in self._bucket.names("actions"))
+        return frozenset(filter(None, map(_key_in, self._bucket.names("actions"))))
 
     @property
     def objects(self) -> frozenset[str]:
@@ -126,10 +126,16 @@ class RemoteStore(Store):
     def young(self) -> Young:
         """What was put within a day: a run on another machine may have put it, or have just found it there."""
         actions = self._bucket.listing("actions").items()
-        return Young(
-            frozenset(_stem(name) for name, entry in actions if entry.age < SPARED),
-            self._artifacts.younger_than(SPARED),
+        keys = frozenset(filter(None, (_key_in(name) for name, entry in actions if entry.age < SPARED)))
+        return Young(keys, self._artifacts.younger_than(SPARED))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        odd = sorted(self._bucket.odd)
+        words = (
+            f"{len(odd)} names in the bucket that could lead elsewhere, {odd[0]!r} for one: passed over" if odd else ""
         )
+        return (words,) if words else ()
 
     def holds(self, digest: str) -> bool:
         return self._artifacts.holds(digest)
@@ -365,7 +371,7 @@ class RemoteStore(Store):
         """Files of uploads that broke off, a day ago or longer, and copies here of what is no longer in the bucket."""
         actions, objects = self.actions, self.objects
         copies = self._mirror.entries("actions") | self._mirror.entries("objects")
-        lone = {name: size for name, size in copies.items() if _stem(name) not in actions | objects}
+        lone = {name: size for name, size in copies.items() if name.rpartition("/")[2] not in actions | objects}
         return self._artifacts.unfinished(SPARED) | lone
 
 
@@ -381,5 +387,7 @@ def _code_name(digest: str) -> str:
     return f"code/{digest}.json"
 
 
-def _stem(name: str) -> str:
-    return PurePosixPath(name).stem
+def _key_in(name: str) -> str | None:
+    """The key of the action whose record an object is; None for an object of something else."""
+    path = PurePosixPath(name)
+    return path.stem if path.parent.name == "actions" and path.suffix == ".json" and KEY.fullmatch(path.stem) else None

@@ -18,6 +18,7 @@ from pipeline.artifact import Artifact
 from pipeline.bucket import Bucket
 from pipeline.errors import CorruptArtifact
 from pipeline.manifest import MANIFEST, read_manifest
+from pipeline.record import KEY
 
 DAMAGED = "damaged/objects"
 
@@ -30,7 +31,7 @@ class RemoteArtifacts:
 
     @property
     def digests(self) -> frozenset[str]:
-        return frozenset(map(_stem, self._bucket.names("manifests")))
+        return frozenset(filter(None, map(_digest_of, self._bucket.names("manifests"))))
 
     def place(self, digest: str) -> str:
         return f"{self._bucket.address}/files/{digest}"
@@ -102,13 +103,14 @@ class RemoteArtifacts:
         """Bytes of all files of artifacts, damaged or not."""
         sizes = Counter(dict.fromkeys(digests, 0))
         for name, size in {**self._bucket.names("manifests"), **self._bucket.names("files")}.items():
-            sizes[_digest_in(name)] += size
+            sizes[_digest_in(name) or ""] += size
         return {digest: sizes[digest] for digest in digests}
 
     def younger_than(self, seconds: float) -> frozenset[str]:
         """Digests of the artifacts that were put within so many seconds."""
         listing = self._bucket.listing("manifests")
-        return frozenset(_stem(name) for name, entry in listing.items() if entry.age < seconds)
+        young = (_digest_of(name) for name, entry in listing.items() if entry.age < seconds)
+        return frozenset(filter(None, young))
 
     def unfinished(self, seconds: float) -> dict[str, int]:
         """Folders of files without a manifest, the last of which was put before so many seconds; and their bytes.
@@ -116,13 +118,14 @@ class RemoteArtifacts:
         A damaged manifest is one.
         """
         files = self._bucket.listing("files")
-        damaged = frozenset(map(_stem, self._bucket.names(DAMAGED)))
+        damaged = frozenset(map(_digest_of, self._bucket.names(DAMAGED)))
         whole = damaged | self.digests  # asked for last: else one that is finished meanwhile would count as unfinished
         busy = {_digest_in(name) for name, entry in files.items() if entry.age < seconds}
         sizes: Counter[str] = Counter()
         for name, entry in files.items():
-            if _digest_in(name) not in whole | busy:
-                sizes[f"files/{_digest_in(name)}"] += entry.size
+            digest = _digest_in(name)
+            if digest and digest not in whole | busy:
+                sizes[f"files/{digest}"] += entry.size
         return dict(sizes)
 
 
@@ -134,10 +137,13 @@ def _file_name(digest: str, sha256: str) -> str:
     return f"files/{digest}/{sha256}"
 
 
-def _digest_in(name: str) -> str:
-    """The digest of the artifact that an object is a part of."""
-    return name.split("/")[1].removesuffix(".json")
+def _digest_in(name: str) -> str | None:
+    """The digest of the artifact that an object is a part of; None for an object of something else."""
+    digest = name.split("/")[1].removesuffix(".json")
+    return digest if KEY.fullmatch(digest) else None
 
 
-def _stem(name: str) -> str:
-    return PurePosixPath(name).stem
+def _digest_of(name: str) -> str | None:
+    """The digest of the artifact whose manifest an object is; None for an object of something else."""
+    path = PurePosixPath(name)
+    return path.stem if path.suffix == ".json" and KEY.fullmatch(path.stem) else None

@@ -26,11 +26,12 @@ class RemoteHistory(History):
         self._bucket = bucket
 
     def workflows(self) -> list[str]:
-        return sorted({name.split("/")[1] for name in self._bucket.names("runs")})
+        return sorted({name.split("/")[1] for name in self._bucket.names("runs") if _is_journal(name)})
 
     def journals(self, workflow: str) -> list[Path]:
         """The files of a workflow's runs, the newest first; those that are not here, or not whole, are fetched."""
-        sizes = self._bucket.names(f"runs/{workflow}")
+        names = self._bucket.names(f"runs/{workflow}")
+        sizes = {name: size for name, size in names.items() if _is_journal(name)}
         paths = {name: self._runs / workflow / name.rpartition("/")[2] for name in sizes}
         lacking = {name: path for name, path in paths.items() if _size(path) < sizes[name]}
         for folder in (self._runs, self._runs / workflow) if lacking else ():
@@ -74,6 +75,11 @@ class RemoteJournal(Journal):
     def close(self) -> None:
         super().close()
         self._put(self.path)
+
+
+def _is_journal(name: str) -> bool:
+    """Whether an object is the journal of a run. A workflow may have any name that a file can have."""
+    return name.count("/") == 2 and name.endswith(".jsonl")
 
 
 def _size(path: Path) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import PurePosixPath
 
 from pipeline.bucket import Bucket
-from pipeline.pins import Pins
+from pipeline.pins import NAME, Pins
 
 
 class RemotePins(Pins):
@@ -17,7 +17,8 @@ class RemotePins(Pins):
     @property
     def names(self) -> list[str]:
         """Names of all pins, sorted."""
-        return sorted(PurePosixPath(name).stem for name in self._bucket.names("pins"))
+        found = [PurePosixPath(name) for name in self._bucket.names("pins")]
+        return sorted(path.stem for path in found if path.suffix == ".json" and NAME.fullmatch(path.stem))
 
     def _place(self, name: str) -> str:
         return f"{self._bucket.address}/{_pin_name(name)}"

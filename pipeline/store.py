@@ -22,7 +22,6 @@ run hold `locks/in_use` together; `gc` holds it alone.
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import threading
 import uuid
@@ -48,7 +47,6 @@ from pipeline.record import RECORD, Record, read_record
 from pipeline.sealed import read_sealed, sealed, write_text_whole
 from pipeline.temporary import OwnFolder, sweep
 
-KEY = re.compile(r"[0-9a-f]{64}")
 LOCKS, IN_USE = "locks", "in_use"
 IGNORED = ".gitignore"
 
@@ -146,6 +144,11 @@ class Store:
     @property
     def damaged(self) -> Damaged:
         return Damaged(self.root / "damaged")
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is strange about the store, as far as it was looked at."""
+        return ()
 
     def holds(self, digest: str) -> bool:
         """Whether there is an artifact of that digest, whole or not."""

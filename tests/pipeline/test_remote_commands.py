@@ -17,6 +17,7 @@ pytest.importorskip("s3fs", reason='stores in a bucket are tested with pip insta
 
 from pipeline.artifact import load
 from pipeline.cli import app
+from pipeline.sealed import sealed
 from tests.pipeline.elsewhere import Elsewhere
 from tests.pipeline.helpers import TOYS
 from tests.pipeline.model import StageNode
@@ -201,6 +202,41 @@ def test_gc_deletes_in_the_bucket(chain: Elsewhere, monkeypatch: pytest.MonkeyPa
     assert call(chain, "verify").startswith("All is sound")
     assert chain.machine("A").run().states == {"base": "cached", "twice": "ran", "other": "cached", "sum": "ran"}
     assert chain.is_valid()
+
+
+@pytest.mark.parametrize("name", ["logs/../x", "runs/../../x.jsonl", "logs//x", "code/./x.json", "files/.."])
+def test_names_that_lead_elsewhere(chain: Elsewhere, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Whoever can write to the bucket has nothing deleted on the machines that read it."""
+    monkeypatch.setattr("pipeline.remote.SPARED", 0.0)
+    chain.run()
+    bucket = chain.store()._bucket
+    bucket._call("put_object", Key=bucket._key(name), Body=b"?")
+    root = chain.store().root
+    strangers = [root.parent / "mine", root / "mine"]
+    for path in strangers:
+        path.write_text("mine")
+    before = sorted((root / "objects").iterdir())
+    assert "could lead elsewhere" in call(chain, "gc")
+    assert sorted((root / "objects").iterdir()) == before
+    assert [path.read_text() for path in strangers] == ["mine", "mine"]
+    assert chain.run().states == DONE
+
+
+def test_only_keys_and_digests_count(chain: Elsewhere) -> None:
+    store = chain.store()
+    actions, objects, workflows = store.actions, store.objects, store.history.workflows()
+    for name in ("actions/x.json", f"actions/{'a' * 64}", f"manifests/{'A' * 64}.json", "manifests/a/b.json", "runs/x"):
+        store._bucket.put(name, b"{}")
+    assert (store.actions, store.objects, store.history.workflows()) == (actions, objects, workflows)
+
+
+def test_a_sealed_record_with_paths_in_it(chain: Elsewhere) -> None:
+    store = chain.store()
+    record = next(iter(store.records()))
+    outputs = dict.fromkeys(record.outputs, "../../../x")
+    content = {"key": record.key, "parts": record.parts, "outputs": outputs, "provenance": record.provenance}
+    store._bucket.put(f"actions/{record.key}.json", sealed(content).encode())
+    assert store.kept_record(record.key) is None
 
 
 def test_gc_drops_copies_of_what_was_deleted_elsewhere(chain: Elsewhere, monkeypatch: pytest.MonkeyPatch) -> None:
