@@ -89,7 +89,7 @@ def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
         return f"{where}{error.strerror or error}"
     so_far = f", after {size_words(written)} were written" if written else ""
     kept = "What is done is kept; make room, then run again."
-    return f"no space left on the disk that holds {store}: {size_words(_free(store))} free{so_far}. {kept}"
+    return f"no space left on the disk that holds {store}: {_room_words(store)}{so_far}. {kept}"
 
 
 def bytes_below(folder: Path) -> int:
@@ -131,6 +131,13 @@ def make_folder(root: Path, *names: str) -> Path:
     return path
 
 
+def remove_where_it_lies(folder: Path, first: str) -> None:
+    """Deletes a folder that cannot be moved aside, for want of room; without its file `first` it counts for nothing."""
+    if folder.is_dir() and not folder.is_symlink():
+        (folder / first).unlink(missing_ok=True)
+    remove(folder)
+
+
 def close_to_others(folder: Path) -> None:
     """Takes from all but the owner what they may do with a folder; another user's is left as it is."""
     if stat.S_IMODE(folder.stat().st_mode) & 0o077:
@@ -149,8 +156,11 @@ def size_words(size: float) -> str:
     return f"{size / 1000**power:.1f} {'KMGT'[power - 1]}B"
 
 
-def _free(store: Path | str) -> int:
+def _room_words(store: Path | str) -> str:
     try:
-        return shutil.disk_usage(store).free
+        room = os.statvfs(store)
     except OSError:
-        return 0
+        return f"{size_words(0)} free"
+    free = f"{size_words(room.f_bavail * room.f_frsize)} free"
+    numbered = room.f_files > 0  # else the file system makes inodes as it needs them
+    return f"no free inodes, one of which each file takes ({free})" if numbered and room.f_favail == 0 else free

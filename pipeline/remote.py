@@ -32,6 +32,7 @@ from pipeline.artifact import Artifact, ArtifactWriter, publish
 from pipeline.bucket import Bucket
 from pipeline.canonical import Json
 from pipeline.errors import CommandError, CorruptArtifact, RemoteError
+from pipeline.hidden import IGNORED
 from pipeline.history import History
 from pipeline.pins import Pins
 from pipeline.record import KEY, RECORD, Record, read_record
@@ -39,7 +40,7 @@ from pipeline.remote_artifacts import RemoteArtifacts
 from pipeline.remote_history import RemoteHistory
 from pipeline.remote_pins import RemotePins
 from pipeline.sealed import write_text_whole
-from pipeline.store import IGNORED, LOCKS, Store, Young, is_store
+from pipeline.store import LOCKS, Store, Young, is_store
 
 CACHE = "GS_HIDER_CACHE"
 SPARED = 86400.0  # seconds for which `gc` spares what was put: no lock tells of runs on other machines

@@ -36,19 +36,20 @@ from filelock import FileLock, Timeout
 from pipeline.artifact import Artifact, ArtifactWriter, flush, load, publish
 from pipeline.canonical import Json
 from pipeline.damaged import ACTIONS, FOREIGN, OBJECTS, Damaged
-from pipeline.disk import entries_of, leads_elsewhere, make_folder, remove, size_of
+from pipeline.disk import FULL, entries_of, leads_elsewhere, make_folder, remove, remove_where_it_lies, size_of
 from pipeline.errors import CorruptArtifact, UserError
 from pipeline.external import from_home
+from pipeline.hidden import hide_from_git
 from pipeline.history import History
 from pipeline.in_use import held
 from pipeline.latest import Latest
+from pipeline.manifest import MANIFEST
 from pipeline.pins import Pins
 from pipeline.record import RECORD, Record, read_record
 from pipeline.sealed import read_sealed, sealed, write_text_whole
 from pipeline.temporary import OwnFolder, sweep
 
 LOCKS, IN_USE = "locks", "in_use"
-IGNORED = ".gitignore"
 
 
 @dataclass(frozen=True)
@@ -88,14 +89,7 @@ class Store:
     def mark(self) -> None:
         """Makes the folder one that `is_store` knows, and that git passes over."""
         (self.folder(LOCKS) / IN_USE).touch()
-        self._hide_from_git()
-
-    def _hide_from_git(self) -> None:
-        """In a work tree, secrets would be committed with all that is new. What a user says there instead stays."""
-        with suppress(OSError):
-            descriptor = os.open(self.root / IGNORED, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(b"# Results, private ones among them.\n*\n")
+        hide_from_git(self.root)
 
     def object(self, digest: str) -> Path:
         """Where the artifact of that digest is, or would be."""
@@ -198,7 +192,7 @@ class Store:
         Raises CommandError where that cannot be had at once: another process deletes, or others work.
         """
         with held(self.folder(LOCKS) / IN_USE, self.root, alone):
-            self._hide_from_git()
+            hide_from_git(self.root)
             yield
 
     def find(self, key: str) -> Record | None:
@@ -272,18 +266,24 @@ class Store:
         self.damaged.take(self.root / "actions" / key, ACTIONS, key)
 
     def delete_record(self, key: str) -> None:
-        """Deletes a record, at once or not at all; what it told of stays until `delete_object`."""
-        self._delete(self.root / "actions" / key)
+        """Deletes a record, at once or (but on a full disk) not at all; what it told of stays until `delete_object`."""
+        self._delete(self.root / "actions" / key, RECORD)
 
     def delete_object(self, digest: str) -> None:
-        """Deletes an artifact, at once or not at all. Its records must be deleted before."""
-        self._delete(self.object(digest))
+        """Deletes an artifact, at once or (but on a full disk) not at all. Its records must be deleted before."""
+        self._delete(self.object(digest), MANIFEST)
 
-    def _delete(self, path: Path) -> None:
-        aside = self.temporary()
-        with suppress(FileNotFoundError):
-            path.rename(aside)
-        remove(aside)
+    def _delete(self, path: Path, first: str) -> None:
+        try:
+            aside = self.temporary()
+            with suppress(FileNotFoundError):
+                path.rename(aside)
+        except OSError as error:
+            if error.errno not in FULL:
+                raise
+            remove_where_it_lies(path, first)  # to make room must be possible where there is none
+        else:
+            remove(aside)
 
     def sizes_of_records(self, keys: Collection[str]) -> dict[str, int]:
         """Bytes of records, by key."""

@@ -27,7 +27,11 @@ class OwnFolder:
         while descriptor is None:
             self.path = temporary / uuid.uuid4().hex
             descriptor = _hold(_lock_of(self.path), wait=True)
-        self.path.mkdir(mode=0o700)
+        try:
+            self.path.mkdir(mode=0o700)
+        except OSError:  # a full disk
+            _remove(self.path, descriptor)
+            raise
         weakref.finalize(self, _give_up, self.path, descriptor, os.getpid())
 
 

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 ENGINE = [
     "plain_text",
-    "errors canonical cause collection completion data_folder disk freed_memory look orphans",
+    "errors canonical cause collection completion data_folder disk freed_memory hidden look orphans",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
     "engine_code sealed temporary in_use",
     "arrays substitution table record",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import signal
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.disk import remove_where_it_lies
 from pipeline.errors import CommandError, UserError
 from pipeline.garbage import CHECKPOINT_DAYS, JOURNALS_KEPT, Collection, Rules, collect
 from pipeline.pins import Pin
@@ -307,6 +309,37 @@ def test_old_journals_go_but_not_the_last_word_on_a_stage(chain: Workspace) -> N
     assert len(history.journals("chain")) == JOURNALS_KEPT + 1
     assert history.journals("chain")[-1] == first
     assert is_cached(chain.write(text % "measure"))
+
+
+def test_a_full_disk_is_made_room_on(chain: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To move something aside takes a folder and a lock."""
+    for factor in (2, 3):
+        chain.run(f"factor={factor}")
+    store = store_of(chain)
+
+    def full(temporary: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("pipeline.store.OwnFolder", full)
+    collect(store, Rules(keep_last=1)).delete()
+    monkeypatch.undo()
+    assert len(store.actions) == 4
+    assert_sound(store)
+    assert [is_cached(chain, f"factor={factor}") for factor in (2, 3)] == [False, True]
+
+
+def test_broken_off_on_a_full_disk(chain: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is half deleted is nothing any more: it has lost what makes it whole first."""
+    store = chain.run().project.store
+    digest = next(iter(store.objects))
+
+    def broken_off(path: Path) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pipeline.disk.remove", broken_off)
+    with pytest.raises(KeyboardInterrupt):
+        remove_where_it_lies(store.object(digest), "manifest.json")
+    assert not store.is_whole(digest)
 
 
 def test_no_run_may_go_on_meanwhile(chain: Workspace) -> None:

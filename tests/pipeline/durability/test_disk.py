@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -10,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.disk import words_of
 from tests.pipeline.durability import small_disk
 from tests.pipeline.durability.commands import ROOT
 
@@ -40,3 +43,17 @@ def test_small_and_read_only_disks(tmp_path: Path, flags: str) -> None:
     assert "Read-only file system" in said["read-only: to run"]["printed"]
     assert len(said["read-only: to run"]["printed"].splitlines()) == 1
     assert "1 cached" in said["read-only: status"]["printed"]
+
+
+@pytest.mark.parametrize(
+    ("files", "left", "said"),
+    [(1000, 0, "no free inodes"), (1000, 5, "4.1 MB free"), (0, 0, "4.1 MB free")],
+    ids=["used up", "some left", "not numbered"],
+)
+def test_what_is_used_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, files: int, left: int, said: str) -> None:
+    """Who looks for large files to delete where inodes are lacking looks in vain."""
+    state = os.statvfs_result((4096, 4096, 10**6, 1000, 1000, files, left, left, 0, 255))
+    monkeypatch.setattr(os, "statvfs", lambda path: state)
+    words = words_of(OSError(errno.ENOSPC, "No space left on device"), tmp_path)
+    assert said in words
+    assert ("inodes" in words) == (said == "no free inodes")
