@@ -16,6 +16,8 @@ from pipeline.errors import Place, Problem, WorkflowError
 Scalar = str | int | float | bool | None
 LONGEST_NUMBER = 1024  # bits, as many as a float's range; longer ones Python does not even print
 DEEPEST = 50  # levels; an alias that holds itself would otherwise never end
+LARGEST = 1_000_000  # values; eight lines of aliases, ten on each, would otherwise fill any memory
+A_VALUE_OF_TEXT = 64  # characters that count as one value
 
 
 class Problems:
@@ -40,12 +42,31 @@ class Problems:
 
 @dataclass(frozen=True)
 class Located:
-    """A value with its place, and the directory that relative paths in it are relative to."""
+    """A value with its place, and the directory that relative paths in it are relative to.
+
+    `size` is the number of values in it, itself included, and one more for every 64 characters of text: what stands in
+    it twice counts twice, although it takes no more room before it is written out. `depth` is its number of levels.
+    """
 
     value: Scalar | tuple[Located, ...] | Mapping[str, Located]
     place: Place
     base: Path
     keys: Mapping[str, Place] = field(default_factory=dict)
+    size: int = field(init=False, compare=False, repr=False)
+    depth: int = field(init=False, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        texts = (self.value,) if isinstance(self.value, str) else self.value if isinstance(self.value, Mapping) else ()
+        length = sum(len(text) // A_VALUE_OF_TEXT for text in texts)
+        object.__setattr__(self, "size", 1 + length + sum(item.size for item in self.items))
+        object.__setattr__(self, "depth", 1 + max((item.depth for item in self.items), default=0))
+
+    @property
+    def items(self) -> tuple[Located, ...]:
+        """What a list or a mapping holds; nothing where the value is neither."""
+        if isinstance(self.value, Mapping):
+            return tuple(self.value.values())
+        return self.value if isinstance(self.value, tuple) else ()
 
     @property
     def plain(self) -> Json:
@@ -60,9 +81,8 @@ class Located:
         """Every text in the value, at any depth."""
         if isinstance(self.value, str):
             yield self
-        elif isinstance(self.value, tuple | Mapping):
-            for item in self.value.values() if isinstance(self.value, Mapping) else self.value:
-                yield from item.texts()
+        for item in self.items:
+            yield from item.texts()
 
     @property
     def found(self) -> str:
@@ -114,7 +134,17 @@ def read_yaml(text: str, file: str, base: Path, problems: Problems, fixed: Place
         return None
     if node is None:
         return Located(None, fixed or Place(file, 1, 1), base)
-    return _Reader(file, base, problems, fixed).located(node, 0)
+    try:
+        return _Reader(file, base, problems, fixed).located(node, 0)
+    except _TooLarge as error:
+        message = f"more than {LARGEST:,} values, which are allowed; what an alias (*name) stands for counts each time"
+        problems.add(error.place, message)
+        return None
+
+
+class _TooLarge(Exception):
+    def __init__(self, place: Place) -> None:
+        self.place = place
 
 
 class _Reader:
@@ -124,9 +154,14 @@ class _Reader:
         self.problems = problems
         self.fixed = fixed
         self.constructor = YAML(typ="safe", pure=True).constructor
+        self.read = 0
 
     def located(self, node: Node, depth: int) -> Located:
+        """The value of a node. Raises _TooLarge with the place where there are too many of them."""
         place = self.place(node)
+        self.read += 1 + (len(node.value) // A_VALUE_OF_TEXT if isinstance(node, ScalarNode) else 0)
+        if self.read > LARGEST:
+            raise _TooLarge(place)
         if depth > DEEPEST:
             self.problems.add(place, f"nested more than {DEEPEST} levels deep")
             return Located(None, place, self.base)

@@ -7,11 +7,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from pipeline.errors import nearest
-from pipeline.located import Located, Problems
+from pipeline.located import DEEPEST, LARGEST, Located, Problems
 
 Scope = Mapping[str, Located | None]
 """What `${name}` stands for; None for a name whose value is missing, which has been reported already."""
 
+LONGEST_TEXT = 2**20  # characters of a text with `${name}` in it
 REFERENCE = re.compile(r"\$(\$|\{([^{}]*)\})")
 
 
@@ -20,22 +21,36 @@ def substitute(located: Located, scope: Scope, problems: Problems) -> Located | 
 
     A text that is nothing but `${name}` becomes the named value itself, with its type, its place and its base; a text
     that begins with `${name}` keeps the base, so that `${folder}/photos` leads where `${folder}` does. `$$` stands for
-    a dollar sign.
+    a dollar sign. What grows too large or too deep, as lines do that each hold the one before ten times, is refused.
     """
     if isinstance(located.value, tuple):
         items = [substitute(item, scope, problems) for item in located.value]
-        return None if None in items else replace(located, value=tuple(item for item in items if item is not None))
+        if any(item is None for item in items):
+            return None
+        return _bounded(replace(located, value=tuple(item for item in items if item is not None)), problems)
     if isinstance(located.value, Mapping):
         values = {name: substitute(item, scope, problems) for name, item in located.value.items()}
-        if None in values.values():
+        if any(item is None for item in values.values()):
             return None
-        return replace(located, value={name: item for name, item in values.items() if item is not None})
+        kept = {name: item for name, item in values.items() if item is not None}
+        return _bounded(replace(located, value=kept), problems)
     if not isinstance(located.value, str) or "$" not in located.value:
         return located
     whole = REFERENCE.fullmatch(located.value)
     if whole and whole[2] is not None:
         return _look_up(whole[2], located, scope, problems)
     return _interpolate(located, scope, problems)
+
+
+def _bounded(located: Located, problems: Problems) -> Located | None:
+    if located.size > LARGEST:
+        message = f"{located.size:,} values once every ${{…}} is replaced; at most {LARGEST:,} are allowed"
+    elif located.depth > DEEPEST:
+        message = f"nested {located.depth} levels deep once every ${{…}} is replaced; at most {DEEPEST} are allowed"
+    else:
+        return located
+    problems.add(located.place, message)
+    return None
 
 
 def references(located: Located) -> Iterator[str]:
@@ -61,7 +76,13 @@ def _interpolate(located: Located, scope: Scope, problems: Problems) -> Located 
         if match.start() == 0:
             base = value.base
         pieces.append(str(value.value).lower() if isinstance(value.value, bool) else str(value.value))
-    return replace(located, value="".join([*pieces, text[end:]]), base=base)
+    pieces.append(text[end:])
+    length = sum(map(len, pieces))  # told before they are joined, which may be what there is no memory for
+    if length > LONGEST_TEXT:
+        message = f"a text of {length:,} characters once every ${{…}} is replaced; at most {LONGEST_TEXT:,} are allowed"
+        problems.add(located.place, message)
+        return None
+    return replace(located, value="".join(pieces), base=base)
 
 
 def _look_up(name: str, located: Located, scope: Scope, problems: Problems) -> Located | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -211,3 +212,32 @@ def test_a_tilde_is_the_home_folder(workspace: Workspace, monkeypatch: pytest.Mo
     assert workspace.problems() == []
     assert Store(Path("~/results")).root == workspace.folder / "home" / "results"
     assert "there is no file" in workspace.problems("base.file=~nobody-of-this-name/given.txt")[0]
+
+
+def bomb(line: str, levels: int = 10) -> str:
+    """A vars section of lines that each hold the one before ten times."""
+    names = "abcdefghijklmnop"[:levels]
+    grown = [f"  {name}: {line.format(before)}" for before, name in pairwise(names)]
+    return "\n".join(["vars:", "  a: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]" if "[" in line else "  a: abcdefghij", *grown])
+
+
+@pytest.mark.parametrize(
+    ("line", "problem"),
+    [
+        (
+            "[" + ", ".join(['"${{{0}}}"'] * 10) + "]",
+            "values once every ${…} is replaced; at most 1,000,000 are allowed",
+        ),
+        ("${{{0}}}" * 10, "characters once every ${…} is replaced; at most 1,048,576 are allowed"),
+    ],
+)
+def test_what_grows_tenfold_a_line_is_refused(workspace: Workspace, line: str, problem: str) -> None:
+    workspace.write(f"{bomb(line)}\nstages:\n  base: {{uses: numbers}}")
+    assert any(problem in each for each in workspace.problems())
+
+
+def test_aliases_count_each_time(workspace: Workspace) -> None:
+    lines = [f"  {name}: &{name} [{', '.join([f'*{before}'] * 10)}]" for before, name in pairwise("abcdefgh")]
+    text = ["vars:", "  a: &a [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]", *lines, "stages:", "  base: {uses: numbers}"]
+    workspace.write("\n".join(text))
+    assert any("more than 1,000,000 values" in each for each in workspace.problems())
