@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pipeline.artifact import Artifact
-from pipeline.canonical import Json
 from pipeline.stage import LineageRecord
 from stages.analysis.comparisons import Comparison, read_comparisons
 from stages.analysis.videos import Video, read_videos
@@ -97,10 +96,9 @@ def public_lineage(lineage: Sequence[LineageRecord]) -> tuple[LineageRecord, ...
     names = _names_without_rows([record.name for record in lineage if record.name in kept])
     return tuple(
         replace(
-            record,
+            _with_public_facts(record),
             name=names[record.name],
             inputs=tuple(names[name] for name in record.inputs if name in kept),
-            facts=_public_facts(record),
             parameters=record.parameters if all(name in kept for name in record.inputs) else {},
         )
         for record in lineage
@@ -123,9 +121,11 @@ def _names_without_rows(names: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _public_facts(record: LineageRecord) -> dict[str, Json]:
+def _with_public_facts(record: LineageRecord) -> LineageRecord:
     facts = {name: value for name, value in record.facts.items() if name in PUBLIC_FACTS}
-    return facts | ({ACCEPTED: PUBLICLY_ACCEPTED} if ACCEPTED in record.facts else {})
+    if ACCEPTED in record.facts:
+        facts[ACCEPTED] = PUBLICLY_ACCEPTED
+    return replace(record, facts=facts)
 
 
 def _gathered(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Material:
