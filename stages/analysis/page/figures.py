@@ -21,7 +21,7 @@ WORDING: Mapping[str, tuple[str, str]] = {
     "lpips_vgg": (
         "LPIPS",
         "Learned perceptual distance, version 0.1, between features of VGG16, colours from -1 to 1 as it is defined. "
-        "The script of 3DGS gives it colours from 0 to 1, and the paper's may be by that: up to a tenth more or less.",
+        "The script of 3DGS gives it colours from 0 to 1, which comes to up to a tenth more or less.",
     ),
     "lpips_alex": ("LPIPS (AlexNet)", "Learned perceptual distance, version 0.1, between features of AlexNet."),
     "psnr_covered": ("PSNR, covered", "PSNR over those pixels only that the message fills."),
