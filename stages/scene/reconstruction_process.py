@@ -18,12 +18,12 @@ import pycolmap
 from jaxtyping import Float64
 
 from pipeline.companion import end_with_stage, say
+from stages.scene.feature_database import DATABASE, UNFINISHED
 from stages.scene.lens import Lens
 from stages.scene.pairing import Pair, in_batches
 from stages.scene.reconstruction_job import PHASES, Job, Reconstruction, read_job, working_name
 from stages.scene.undistortion import LensView, corner_positions, shared_pinhole
 
-DATABASE = "database.db"
 SMALLEST_MODEL = 3  # photos
 SHORTEST_TRACK = 3  # photos that must see a point that is kept
 ENOUGH = 0.9  # share of photos placed below which the pairs in need are compared too
@@ -59,7 +59,7 @@ def reconstruct(job: Job, pairs: Sequence[Pair], seconds: dict[str, float]) -> p
 
 
 def extract(job: Job) -> None:
-    """SIFT features of every picture; those of an interrupted run are kept.
+    """SIFT features of every picture; those of an interrupted run are kept, whose database the stage has checked.
 
     Pictures enter the database one group of equal lenses after the other, in order, before any thread works on them:
     their numbers, on which mapping depends, are the same every time.
@@ -68,8 +68,8 @@ def extract(job: Job) -> None:
     options = pycolmap.FeatureExtractionOptions(num_threads=job.threads, use_gpu=False)
     options.sift.max_num_features = job.max_features
     if not path.exists():
-        enter_pictures(job, path.with_suffix(".new"))
-        path.with_suffix(".new").rename(path)
+        enter_pictures(job, job.folder / UNFINISHED)
+        (job.folder / UNFINISHED).rename(path)
     step = 4 * job.threads
     for start in range(0, len(names), step):
         say(phase="features", done=start, total=len(names))
@@ -79,7 +79,6 @@ def extract(job: Job) -> None:
 
 
 def enter_pictures(job: Job, path: Path) -> None:
-    path.unlink(missing_ok=True)
     pycolmap.Database.open(path).close()
     for lens, known in dict.fromkeys(zip(job.lenses, job.focal_known, strict=True)):
         group = [

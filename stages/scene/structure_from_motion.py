@@ -16,6 +16,7 @@ from pipeline.errors import Interrupted, UserError
 from stages.imaging.pictures import read_picture, resize_picture
 from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, KnownPoses, in_order_of_numbers
+from stages.scene.feature_database import drop_damaged_database
 from stages.scene.lens import MODELS, Lens
 from stages.scene.pairing import Matching, choose_pairs
 from stages.scene.reconstruction_job import ARRAYS, FACTS, Job, Reconstruction, read_reconstruction, working_name
@@ -149,6 +150,9 @@ def run_process(job: Job, watcher: Watcher) -> None:
     """Run the process to its end; it is killed where the watcher asks to stop."""
     for name in (FACTS, ARRAYS):
         (job.folder / name).unlink(missing_ok=True)
+    damage = drop_damaged_database(job.folder, len(job.lenses))
+    if damage is not None:
+        watcher.log(f"the features of an interrupted run are damaged and found anew: {damage}")
     at: tuple[str, float, float] = ("features", 0.0, 1.0)
 
     def heard(said: Said) -> None:

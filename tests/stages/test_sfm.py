@@ -180,6 +180,19 @@ def test_a_request_to_stop_ends_the_process_and_what_was_done_is_used_again(
     assert run(synthetic, tmp_path / "out").digest == estimated.digest
 
 
+def test_a_database_that_a_power_cut_damaged_is_made_anew_and_the_log_says_so(
+    synthetic: Artifact, estimated: Artifact, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out" / ".scratch" / "reconstruction"
+    folder.mkdir(parents=True)
+    (folder / "database.db").write_bytes(b"SQLite format 3\0" + bytes(10_000))
+    (folder / "database.db-wal").write_bytes(b"left over")
+    (folder / "database.new").write_bytes(b"left over")
+    log: list[str] = []
+    assert run(synthetic, tmp_path / "out", Services(log=log.append)).digest == estimated.digest
+    assert any("interrupted run are damaged and found anew: file is not a database" in line for line in log)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "least", "size"), [("kitchen", 22, 1600), ("fox", 48, 960)])
 def test_real_captures_are_placed(name: str, least: int, size: int, tmp_path: Path) -> None:
