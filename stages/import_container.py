@@ -12,6 +12,7 @@ from stages.hiding.bundle_files import read_container_bundle, read_secret_bundle
 from stages.hiding.fitting import fitted_method
 from stages.hiding.method import module_of
 from stages.hiding.storage import write_container, write_secret
+from stages.scene.garbage import refuse_garbage
 from stages.scene.gaussians import Gaussians
 
 
@@ -49,6 +50,7 @@ def import_container(context: Context, parameters: ImportContainerParameters) ->
     networks = {**bundle.networks, **secret.networks}
     where = parameters.bundle
     method = fitted_method(where, bundle.method, bundle.settings, secret.messages, bundle.shapes, networks)
+    refuse_garbage(where, bundle.attributes)
     gaussians = Gaussians({name: torch.from_numpy(values) for name, values in bundle.attributes.items()})
     write_container(context.output("container"), gaussians, method)
     write_secret(context.output("secret"), method, secret.messages)

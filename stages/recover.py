@@ -13,6 +13,8 @@ from stages.hiding.recovery import Recovery, recovered, unlike
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.scene.gaussians import Gaussians
 
+LISTED = 10  # rows
+
 
 class RecoverParameters(Parameters):
     """Whose container it is, and how a motion is looked for."""
@@ -49,6 +51,7 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
             remedy="give as `published` the container that the found one was made from; what was trained anew, or "
             "changed in places, sizes and opacities at once, cannot be registered",
         )
+    _refuse_infinite("what was moved back has values that are not numbers", found, recovery.gaussians)
     context.log(_said(recovery))
     write_container(context.output("container"), recovery.gaussians, read_method(published))
     context.record(
@@ -70,12 +73,22 @@ def _check_alike(found: Artifact, gaussians: Gaussians, originals: Gaussians) ->
             expected="attributes and shapes as published",
             remedy="give as `published` the container that the found one was made from",
         )
-    broken = [name for name, values in gaussians.parameters.items() if not values.isfinite().all()]
+    _refuse_infinite("the found container has values that are not numbers", found, gaussians)
+
+
+def _refuse_infinite(what: str, found: Artifact, gaussians: Gaussians) -> None:
+    finite = {
+        name: values.isfinite().flatten(1).all(dim=1) if values.ndim > 1 else values.isfinite()
+        for name, values in gaussians.parameters.items()
+    }
+    broken = [name for name, rows in finite.items() if not rows.all()]
     if broken:
+        wrong = (~torch.stack(list(finite.values())).all(dim=0)).nonzero().flatten().tolist()
+        rows = ", ".join(map(str, wrong[:LISTED])) + (", …" if len(wrong) > LISTED else "")
         raise UserError(
-            "the found container has values that are not numbers",
+            what,
             where=str(found.path),
-            found=f"NaN or infinity in {', '.join(broken)}",
+            found=f"NaN or infinity in {', '.join(broken)} of {len(wrong)} of {len(gaussians)} Gaussians, rows {rows}",
             expected="finite values",
             remedy="leave out the Gaussians that have them",
         )

@@ -19,6 +19,7 @@ from torch import Tensor
 from stages.hiding.coupled import FEATURES
 from stages.hiding.stored_features import stored
 from stages.hiding.unmixing import unmixing
+from stages.scene.garbage import LARGEST
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import moved
 from stages.scene.registration import Registration, register
@@ -85,7 +86,9 @@ def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | N
     registration = register(found, published, seed)
     if registration is None:
         return None
-    gaussians = moved(found, registration.motion.inverse()) if is_motion(registration.motion) else found
+    gaussians = found
+    if is_motion(registration.motion):
+        gaussians = moved(with_bounded_quaternions(found), registration.motion.inverse())
     change = 0.0
     if FEATURES in found.parameters:
         features, originals = _activated(found), _activated(published)
@@ -97,6 +100,17 @@ def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | N
             return None
     centre = np.median(published.means.detach().double().numpy(), axis=0)
     return Recovery(gaussians, registration.motion, registration.matched, change, centre)
+
+
+def with_bounded_quaternions(gaussians: Gaussians) -> Gaussians:
+    """The same rotations, by quaternions that are at most as long as `LARGEST` allows.
+
+    A thief may put one in that is as long as float32 can tell: turned, it would be infinite.
+    """
+    quats = gaussians.quats.detach().double()
+    lengths = quats.norm(dim=1, keepdim=True)
+    bounded = torch.where(lengths > LARGEST["quats"], quats / lengths, quats)
+    return Gaussians(gaussians.parameters | {"quats": bounded.to(gaussians.quats.dtype)})
 
 
 def unlike(found: Mapping[str, Tensor], published: Mapping[str, Tensor]) -> tuple[str, ...]:

@@ -72,15 +72,24 @@ def published(artifact: Artifact) -> bytes:
     return b"".join(path.read_bytes() for path in artifact.path.rglob("*") if path.is_file())
 
 
-@pytest.mark.parametrize("count", [20, 0])
 @pytest.mark.parametrize("name", ["gs_hider", "homogeneous", "sh", "decoder"])
-def test_container_and_secret_come_back_bit_for_bit(tmp_path: Path, name: str, count: int) -> None:
-    container, secret = stored(tmp_path, name, count, tuple(MESSAGES))
+def test_container_and_secret_come_back_bit_for_bit(tmp_path: Path, name: str) -> None:
+    container, secret = stored(tmp_path, name, messages=tuple(MESSAGES))
     files = exported(tmp_path, container, secret)
     again = imported(tmp_path, name, files["bundle"].path, files["secret_bundle"].path)
     assert again["container"].digest == container.digest
     assert again["secret"].digest == secret.digest
     assert again["secret"].private
+
+
+@pytest.mark.parametrize("name", ["gs_hider", "homogeneous", "sh", "decoder"])
+def test_a_container_without_gaussians_goes_into_files_and_is_told_when_it_comes_back(
+    tmp_path: Path, name: str
+) -> None:
+    container, _ = stored(tmp_path, name, 0, tuple(MESSAGES))
+    bundle = exported(tmp_path, container)["bundle"].path
+    with pytest.raises(UserError, match="a file without Gaussians; found 0; expected at least one"):
+        imported(tmp_path, name, bundle)
 
 
 @pytest.mark.parametrize("name", ["gs_hider", "homogeneous", "plain", "sh", "decoder"])

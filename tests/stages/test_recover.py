@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -132,3 +133,38 @@ def test_containers_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
     assert "other log_scales" in refused(tmp_path, flat, published)
     broken = stored(tmp_path / "broken", changed(target, "quats", lambda quats: quats / 0))
     assert "NaN or infinity in quats" in refused(tmp_path, broken, published)
+
+
+def with_row(target: Target, name: str, value: float) -> Target:
+    """One Gaussian of the many has these values alone."""
+
+    def change(values: torch.Tensor) -> torch.Tensor:
+        values = values.clone()
+        values[7] = value
+        return values
+
+    return changed(target, name, change)
+
+
+def test_a_quaternion_as_long_as_can_be_does_not_keep_the_owner_from_what_is_his(tmp_path: Path) -> None:
+    target, _ = target_and_owner("homogeneous")
+    moved = rigid_motion(target, 90.0, generator())
+    inputs = {
+        "found": stored(tmp_path / "found", with_row(moved, "quats", 3e38)),
+        "published": stored(tmp_path / "published", target),
+    }
+    outputs = run_stage(recover, RecoverParameters(method="homogeneous"), inputs, tmp_path / "outputs")
+    gaussians = read_gaussians(outputs["container"])
+    assert all(values.isfinite().all() for values in gaussians.parameters.values())
+    assert torch.allclose(gaussians.quats.norm(dim=1), torch.ones(len(gaussians)))
+
+
+def test_values_that_become_infinite_are_refused_with_their_rows(tmp_path: Path) -> None:
+    target, _ = target_and_owner("homogeneous")
+    published = stored(tmp_path / "published", target)
+    moved = rigid_motion(target, 90.0, generator())
+    said = refused(tmp_path, stored(tmp_path / "far", with_row(moved, "means", 3e38)), published)
+    assert "what was moved back has values that are not numbers" in said
+    assert re.search(r"NaN or infinity in means of 1 of 200 Gaussians, rows \d+;", said)
+    said = refused(tmp_path, stored(tmp_path / "broken", with_row(moved, "log_scales", float("nan"))), published)
+    assert re.search(r"NaN or infinity in log_scales of 1 of 200 Gaussians, rows \d+;", said)

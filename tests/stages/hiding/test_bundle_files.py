@@ -101,6 +101,12 @@ def change_column(folder: Path, name: str, values: np.ndarray | None) -> None:
     write_ply(path, {each: column for each, column in columns.items() if each != name or values is not None})
 
 
+def keep_rows(folder: Path, count: int) -> None:
+    path = folder / "bundle" / "container.ply"
+    rows = read_ply(path).rows("vertex")
+    write_ply(path, {each: rows[each][:count] for each in rows.dtype.names or ()})
+
+
 def change_weight(path: Path, name: str, values: np.ndarray | None) -> None:
     weights = {**read_weights(path)} | ({name: values} if values is not None else {})
     path.write_bytes(weights_file({each: kept for each, kept in weights.items() if each != name or values is not None}))
@@ -160,6 +166,11 @@ SCENE_DECODER, MESSAGE_DECODER = "bundle/scene_decoder.safetensors", "secret_bun
         (lambda folder: change_column(folder, "feature_4", None), "no feature_4 among"),
         (lambda folder: change_column(folder, "x", np.arange(9.0)), "'x' is of another type"),
         (lambda folder: change_column(folder, "x", np.full(9, np.nan, "f4")), "'x' of row 0 is not finite"),
+        (lambda folder: change_column(folder, "x", np.full(9, 3e38, "f4")), "absurd means; found 9 of 9, .* row 0: 3e"),
+        (lambda folder: change_column(folder, "scale_1", np.full(9, 1e38, "f4")), "absurd log_scales"),
+        (lambda folder: change_column(folder, "rot_3", np.full(9, 3e38, "f4")), "absurd quats"),
+        (lambda folder: change_column(folder, "rot_0", np.zeros(9, "f4")), "quaternions of no length; found 9 of 9"),
+        (lambda folder: keep_rows(folder, 0), "a file without Gaussians"),
         (lambda folder: change_weight(folder / SCENE_DECODER, "0.bias", None), r"expected '0.bias' \(12,\)"),
         (lambda folder: change_weight(folder / SCENE_DECODER, "0.bias", np.ones(13, "f4")), r"found '0.bias' \(13,\)"),
         (lambda folder: change_weight(folder / SCENE_DECODER, "../../x", np.ones(1, "f4")), "found '../../x'"),
