@@ -19,6 +19,9 @@ FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", ".")
 """Where a COLMAP model lies, relative to the folder of a capture."""
 PARTS = ("cameras", "images")
 NUMBERS_OF_AN_IMAGE = 10  # in a line of text: id, quaternion, translation, camera, and the name, which may have blanks
+LARGEST_TRANSLATION = 1e9
+"""As far as means of Gaussians may lie; products of what lies much farther are infinite."""
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -78,13 +81,26 @@ def _lens_of(lenses: dict[int, Lens], camera: int, name: str) -> Lens:
 
 
 def _pose(name: str, numbers: tuple[float, ...]) -> Float64[np.ndarray, "4 4"]:
-    w, x, y, z, *translation = numbers
-    if not np.isfinite(numbers).all() or not any((w, x, y, z)):
+    quaternion, translation = np.array(numbers[:4]), np.array(numbers[4:])
+    largest = np.abs(quaternion).max()
+    if not np.isfinite(numbers).all() or not largest:
         raise ValueError(f"the pose of {name} is not finite or no rotation: {numbers}")
+    refuse_far(f"the pose of {name}", translation)
+    exponent = np.frexp(largest)[1]
+    w, x, y, z = np.ldexp(quaternion, -exponent)  # of 1e200 the square is infinite; a power of two costs no bit
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_quat([x, y, z, w]).as_matrix()
     pose[:3, 3] = translation
+    if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > ROUNDING:
+        raise ValueError(f"the pose of {name} is no rotation: {numbers[:4]}")
     return pose
+
+
+def refuse_far(what: str, translation: Float64[np.ndarray, " 3"]) -> None:
+    """Raise `ValueError`, which calls the pose `what`, for a translation that no scene has."""
+    if np.abs(translation).max() > LARGEST_TRANSLATION:
+        found = ", ".join(f"{value:g}" for value in translation)
+        raise ValueError(f"{what} has a translation beyond {LARGEST_TRANSLATION:g}: {found}")
 
 
 class _Reader:

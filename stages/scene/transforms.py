@@ -13,7 +13,7 @@ from jaxtyping import Float64
 
 from pipeline.errors import UserError
 from pipeline.plain_text import in_a_line
-from stages.scene.colmap import PosedPhoto
+from stages.scene.colmap import PosedPhoto, refuse_far
 from stages.scene.lens import Lens
 
 FILE = "transforms.json"
@@ -104,6 +104,7 @@ def _pose(matrix: object) -> Float64[np.ndarray, "4 4"]:
         raise ValueError(f"a transform_matrix of shape {camera_to_world.shape}")
     if not np.isfinite(camera_to_world).all():
         raise ValueError("a transform_matrix with NaN or infinity")
+    refuse_far("a transform_matrix", camera_to_world[:3, 3])
     camera_to_world = np.vstack([camera_to_world[:3], [0, 0, 0, 1]]) @ OPENGL_TO_OPENCV
     left, stretch, right = np.linalg.svd(camera_to_world[:3, :3])
     if np.abs(stretch - 1).max() > ROTATION_TOLERANCE or np.linalg.det(left @ right) < 0:
@@ -111,10 +112,7 @@ def _pose(matrix: object) -> Float64[np.ndarray, "4 4"]:
     rotation = left @ right
     pose = np.eye(4)
     pose[:3, :3] = rotation.T
-    with np.errstate(over="ignore", invalid="ignore"):
-        pose[:3, 3] = -rotation.T @ camera_to_world[:3, 3]
-    if not np.isfinite(pose).all():
-        raise ValueError("a transform_matrix whose translation is too large")
+    pose[:3, 3] = -rotation.T @ camera_to_world[:3, 3]
     return pose
 
 

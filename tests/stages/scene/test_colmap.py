@@ -75,6 +75,23 @@ def test_poses_that_are_not_finite_are_refused_with_the_photo(tmp_path: Path) ->
         read_colmap_model(tmp_path)
 
 
+@pytest.mark.parametrize("length", [1e-200, 1e200, 1e308, 5e-324])
+def test_quaternions_of_any_length_are_the_same_rotation(tmp_path: Path, length: float) -> None:
+    quaternion = tuple(float(np.sign(value)) * length for value in QUATERNION)
+    write_text_model(tmp_path, (*quaternion, *TRANSLATION))
+    w, *xyz = QUATERNION
+    expected = Rotation.from_quat([*xyz, w]).as_matrix()
+    for photo in read_colmap_model(tmp_path):
+        np.testing.assert_allclose(photo.world_to_camera[:3, :3], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("far", [1e308, -2e9])
+def test_translations_that_no_scene_has_are_refused_with_the_photo(tmp_path: Path, far: float) -> None:
+    write_text_model(tmp_path, (*QUATERNION, 0.0, far, 0.0))
+    with pytest.raises(UserError, match=r"images\.txt.*b two\.jpg has a translation beyond 1e\+09: 0, -?[12]e"):
+        read_colmap_model(tmp_path)
+
+
 def test_an_unknown_lens_is_named(tmp_path: Path) -> None:
     write_text_model(tmp_path)
     (tmp_path / "cameras.txt").write_text("7 EQUIRECTANGULAR 640 480 640 480\n")
