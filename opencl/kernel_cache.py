@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import MutableMapping
+from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -21,14 +21,22 @@ def reserve_kernel_cache(environment: MutableMapping[str, str] = os.environ) -> 
     """
     if environment.get("POCL_CACHE_DIR"):
         return None
-    home = environment.get("XDG_CACHE_HOME") or "~/.cache"
-    for root in (Path(home).expanduser() / "gs-hider" / "kernels", Path(tempfile.mkdtemp(prefix="gs-hider-kernels-"))):
+    for folder in (_in_users_cache, _for_this_process):
         try:
-            root.mkdir(parents=True, exist_ok=True)
-            return _reserve_slot(root, environment)
+            return _reserve_slot(folder(environment), environment)
         except OSError:
             continue
     raise OSError("no directory for compiled kernels can be written; set POCL_CACHE_DIR to one")
+
+
+def _in_users_cache(environment: Mapping[str, str]) -> Path:
+    root = Path(environment.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "gs-hider" / "kernels"
+    root.mkdir(parents=True, exist_ok=True)
+    return root
+
+
+def _for_this_process(environment: Mapping[str, str]) -> Path:
+    return Path(tempfile.mkdtemp(prefix="gs-hider-kernels-"))
 
 
 def _reserve_slot(root: Path, environment: MutableMapping[str, str]) -> FileLock:

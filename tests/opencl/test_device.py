@@ -12,7 +12,7 @@ import pyopencl
 import pytest
 import torch
 
-from opencl import pocl_processor
+from opencl import kernel_cache, pocl_processor
 from opencl.__main__ import main
 from opencl.backend import default_backend
 from opencl.device import DEVICE_VARIABLE, choose_device, list_devices
@@ -80,6 +80,13 @@ def test_a_directory_of_the_user_s_is_respected():
     environment = {"POCL_CACHE_DIR": "/somewhere"}
     assert reserve_kernel_cache(environment) is None
     assert environment == {"POCL_CACHE_DIR": "/somewhere"}
+
+
+def test_no_directory_is_left_where_none_is_needed(tmp_path, monkeypatch):
+    made = []
+    monkeypatch.setattr(kernel_cache.tempfile, "mkdtemp", lambda prefix: made.append(prefix) or str(tmp_path / prefix))
+    assert reserve_kernel_cache({"XDG_CACHE_HOME": str(tmp_path)}) is not None
+    assert not made
 
 
 def test_an_unwritable_home_is_no_obstacle(tmp_path):
