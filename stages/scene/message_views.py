@@ -57,20 +57,25 @@ def write_message_views(writer: ArtifactWriter, views: MessageViews) -> None:
 def read_messages(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> dict[str, MessageViews]:
     """Messages by name, each with its views in the order of the cover's names, paired by name and never by position.
 
-    Raises `UserError` where a message lacks a view of the cover, or two messages have one name.
+    Raises `UserError` where a message lacks a view of the cover, or two messages have one name; it does not say which,
+    for errors are printed and logged.
     """
     messages: dict[str, MessageViews] = {}
     for artifact in artifacts:
         name = string(artifact, "message")
         if name in messages:
             raise UserError(
-                "two messages have the same name", found=name, remedy="give each render_hidden a name of its own"
+                "two messages have the same name",
+                where=str(artifact.path),
+                found=f"the name of message {list(messages).index(name) + 1} of {len(artifacts)} again",
+                remedy="give each render_hidden a name of its own",
             )
         index = {view: row for row, view in enumerate(strings(artifact, "names"))}
         missing = [view for view in cover_names if view not in index]
         if missing:
             raise UserError(
-                f"message {name} was not rendered for all of the cover's views",
+                "a message was not rendered for all of the cover's views",
+                where=str(artifact.path),
                 found=f"no picture for {', '.join(missing[:3])}",
                 expected=f"{len(cover_names)} views with the cover's names",
                 remedy="render the message from this very cover",
