@@ -67,7 +67,10 @@ def _files_under(folder: Path) -> list[Path]:
     for name, _, names in os.walk(folder, followlinks=True, onerror=_raise):
         directory = Path(name)
         above = list(takewhile(lambda parent: parent.is_relative_to(folder), directory.parents))
-        if above and directory.resolve() in [parent.resolve() for parent in above]:
+        here = (
+            directory.resolve()
+        )  # what leads above where it stands, as to /, comes round only after all that is there
+        if any(parent.resolve().is_relative_to(here) for parent in above):
             raise UserError("a link leads round in a circle", where=directory)
         files += [directory / file for file in names]
     for file in files:

@@ -1,0 +1,41 @@
+"""Folders of strangers: what their links lead to is listed, but never all that there is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from pipeline.errors import UserError
+from pipeline.external import contents_of
+
+
+@pytest.mark.parametrize("target", ["/", "..", "../..", "."])
+def test_a_link_that_leads_above_itself_is_told_before_all_that_is_there_is_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
+) -> None:
+    folder = tmp_path / "above" / "photos"
+    folder.mkdir(parents=True)
+    (tmp_path / "above" / "other" / "deeper").mkdir(parents=True)
+    (folder / "link").symlink_to(target, target_is_directory=True)
+    listed: list[Path] = []
+    scan = os.scandir
+
+    def scanned(path: str) -> object:
+        listed.append(Path(path))
+        return scan(path)
+
+    monkeypatch.setattr(os, "scandir", scanned)
+    with pytest.raises(UserError, match="photos/link: a link leads round in a circle"):
+        contents_of(folder)
+    assert set(listed) <= {folder, folder / "link"}
+
+
+def test_a_link_to_a_folder_elsewhere_is_followed(tmp_path: Path) -> None:
+    """Many keep photos on another disk."""
+    for name in ("photos", "elsewhere"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "elsewhere" / "a.png").write_bytes(b"a")
+    (tmp_path / "photos" / "images").symlink_to(tmp_path / "elsewhere")
+    assert list(contents_of(tmp_path / "photos").files) == ["images/a.png"]
