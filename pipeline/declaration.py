@@ -30,6 +30,7 @@ from pipeline.store import Store
 
 FORMAT = 6
 DECLARATION = "declaration"
+TEXT_WANTED = ("string_type", "path_type")  # pydantic's words
 MOST_ANSWERS = 20_000
 """Kept of one stage; beyond, those that the present workflow does not ask for are forgotten."""
 
@@ -276,4 +277,12 @@ def _refusal(model: type[Parameters], detail: Any) -> Refusal:
     if not path:
         return Refusal(path, message)
     found = json.dumps(detail["input"], default=str)
-    return Refusal(path, f"parameter {name!r} {message}; found {found if len(found) < 80 else found[:77] + '...'}")
+    shown = found if len(found) < 80 else found[:77] + "..."
+    return Refusal(path, f"parameter {name!r} {message}; found {shown}{_quoted(detail, shown)}")
+
+
+def _quoted(detail: Any, found: str) -> str:
+    """What to write where a text is wanted that YAML takes for something else, such as the folder 2024."""
+    if detail["type"] in TEXT_WANTED and (detail["input"] is None or isinstance(detail["input"], bool | int | float)):
+        return f"""; a text that looks so is to be quoted: '{found}' in a file, "'{found}'" after --set NAME="""
+    return ""

@@ -152,6 +152,13 @@ def test_a_circle_is_reported_once(workspace: Workspace) -> None:
             """--set base.note: '#2' would be taken for a comment; quote the value: --set 'base""",
         ),
         ("base.note=#ffffff", "--set base.note: '#ffffff' would be taken for a comment"),
+        (
+            "base.file=2024",
+            "--set base.file: parameter 'file' should be a valid string; found 2024; a text that looks so is to be "
+            """quoted: '2024' in a file, "'2024'" after --set NAME=""",
+        ),
+        ("base.note=true", """--set base.note: parameter 'note' should be a valid string; found true; a text that"""),
+        ("base.file='2024'", "--set base.file: parameter 'file': there is no file or folder"),
         ("base.file=nowhere.txt", "--set base.file: parameter 'file': there is no file or folder"),
     ],
 )
