@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.paper.drawing import drawing_file, write_drawing
 from stages.analysis.paper.grid import write_csv
 from stages.analysis.paper.markdown import write_markdown
 from stages.analysis.paper.page import owner_page, public_page, write_page
@@ -75,3 +76,7 @@ def compare_with_paper(context: Context, parameters: CompareWithPaperParameters)
         context.output(name).write_file(PAGE_FILE, write_page(page))
         context.output(name).write_file(MARKDOWN_FILE, write_markdown(page))
         context.output(name).write_file(TABLE_FILE, write_csv(page.grids))
+        for chapter in page.chapters:
+            if chapter.charts:
+                drawing = write_drawing(chapter.title, chapter.charts)
+                context.output(name).write_file(drawing_file(chapter.title), drawing)

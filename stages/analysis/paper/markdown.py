@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
+from stages.analysis.paper.drawing import drawing_file
 from stages.analysis.paper.grid import Cell, Grid
 from stages.analysis.paper.page import TablesPage
 
@@ -12,13 +13,18 @@ SPECIAL = re.compile(r"([\\`*_\[\]<>|#&])")
 
 
 def write_markdown(page: TablesPage) -> str:
-    """Title, command, tables, relations, remarks and definitions; names are text and never markup."""
+    """Title, command, tables, relations, remarks and definitions; names are text and never markup.
+
+    Charts are shown as `drawing_file` calls their file, beside this one.
+    """
     parts = [f"# {_text(page.title)}", _text(page.summary)]
     if page.command:
         parts.append(f"    {' '.join(page.command.split())}")
     for chapter in page.chapters:
         blocks = [block for grid in chapter.grids for block in _grid(grid)]
         parts += [f"## {_text(chapter.title)}", *(blocks or [page.nothing])]
+        if chapter.charts:
+            parts.append(f"![{_text(chapter.title)}]({drawing_file(chapter.title)})")
     if page.relations:
         parts += ["## What should be seen", *_grid(page.relations)]
     parts += ["## To read this", *map(_text, page.remarks)]

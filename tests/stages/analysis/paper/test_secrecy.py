@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -102,6 +103,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Artifact]:
 
 def markdown(made: dict[str, Artifact]) -> str:
     return made["owner"].file("tables.md").read_text(encoding="utf-8")
+
+
+def test_charts_stand_beside_the_markdown_which_shows_them(made: dict[str, Artifact]) -> None:
+    shown = re.findall(r"!\[[^]]*\]\((.*?)\)", markdown(made))
+    assert [file for file in made["owner"].files if file.endswith(".svg")] == shown
+    assert len(shown) == 1
+    assert "Correlation with the message" in made["owner"].file(shown[0]).read_text(encoding="utf-8")
 
 
 def test_wrong_decoders_stand_beside_the_owners(made: dict[str, Artifact]) -> None:

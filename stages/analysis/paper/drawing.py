@@ -1,0 +1,59 @@
+"""A chapter's charts in one SVG file, which the Markdown file shows: a repository shows no pages of HTML."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from stages.analysis.page.chart import HEIGHT, WIDTH, Chart
+from stages.analysis.page.html import fill
+
+RESOURCES = ("templates/*",)
+TEMPLATES = Path(__file__).parent / "templates"
+
+COLUMNS, GAP = 3, 24
+ABOVE, BELOW, LEGEND_LINE = 40, 24, 18
+"""Over a chart its title and what is upward; under it what is across, and a line for each name."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A chart, and the corner nearest the origin of the place that it has with all that is written around it."""
+
+    chart: Chart
+    x: int
+    y: int
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Charts in rows of three, each row as high as its longest legend asks for; in the charts' units."""
+
+    title: str
+    panels: tuple[Panel, ...]
+    width: int
+    height: int
+    above: int = ABOVE
+
+    @staticmethod
+    def legend_at(line: int) -> int:
+        """Where the line of a legend stands, beneath the top of its panel."""
+        return ABOVE + HEIGHT + BELOW + LEGEND_LINE * line + LEGEND_LINE // 2
+
+
+def drawing_file(title: str) -> str:
+    """The name of the file that holds the charts of a chapter with this title."""
+    return f"{re.sub(r'[^a-z0-9]+', '_', title.lower()).strip('_')}.svg"
+
+
+def write_drawing(title: str, charts: Sequence[Chart]) -> str:
+    """The charts as SVG, complete in itself; at least one."""
+    panels, y = [], GAP
+    for first in range(0, len(charts), COLUMNS):
+        row = charts[first : first + COLUMNS]
+        panels += [Panel(chart, GAP + place * (WIDTH + GAP), y) for place, chart in enumerate(row)]
+        y += Drawing.legend_at(max(len(chart.lines) for chart in row)) + GAP
+    width = GAP + min(COLUMNS, len(charts)) * (WIDTH + GAP)
+    return fill("charts.svg", Drawing(title, tuple(panels), width, y), TEMPLATES)

@@ -1,0 +1,55 @@
+"""A chapter's charts as SVG: every chart, every name, nothing out of the picture, and no markup from names."""
+
+from __future__ import annotations
+
+import re
+from xml.etree import ElementTree
+
+import pytest
+
+from stages.analysis.page.chart import Chart, Series, line_chart
+from stages.analysis.paper.drawing import drawing_file, write_drawing
+
+NAMES = ("3DGS+SH", "GS-Hider", "<script> & more")
+
+
+def chart(title: str, lines: int) -> Chart:
+    series = [Series(name, ((30.0, 20.0), (31.0, 22.0 + place))) for place, name in enumerate(NAMES[:lines])]
+    made = line_chart(title, series, from_zero=False, axes=("cover (dB)", "message (dB)"))
+    assert made is not None
+    return made
+
+
+def texts(drawing: str) -> list[str]:
+    return [element.text or "" for element in ElementTree.fromstring(drawing).iter("{http://www.w3.org/2000/svg}text")]
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 7])
+def test_every_chart_has_a_place_of_its_own_within_the_picture(count: int) -> None:
+    drawing = write_drawing("Robustness", [chart(f"attack {number}", 1 + number % 3) for number in range(count)])
+    found = texts(drawing)
+    assert [text for text in found if text.startswith("attack")] == [f"attack {number}" for number in range(count)]
+    root = ElementTree.fromstring(drawing)
+    width, height = float(root.get("width", 0)), float(root.get("height", 0))
+    places = [tuple(map(float, place)) for place in re.findall(r"<g transform=\"translate\((\d+) (\d+)\)\">", drawing)]
+    panels = places[::2]
+    assert len(set(panels)) == count
+    assert all(x + 420 <= width and y + 300 + 18 <= height for x, y in panels)
+
+
+def test_the_longest_legend_of_a_row_pushes_the_next_row_down() -> None:
+    short = write_drawing("", [chart("a", 1)] * 4)
+    long = write_drawing("", [chart("a", 1), chart("a", 3), chart("a", 1), chart("a", 1)])
+    rows = [re.findall(r"<g transform=\"translate\(24 (\d+)\)\">", drawing)[-1] for drawing in (short, long)]
+    assert int(rows[1]) - int(rows[0]) == 2 * 18
+
+
+def test_names_are_text_and_never_markup() -> None:
+    drawing = write_drawing("a & b", [chart("<b>", 3)])
+    assert "<script>" not in drawing
+    assert {"<b>", "<script> & more", "cover (dB) →", "message (dB) ↑"} <= set(texts(drawing))
+
+
+def test_the_files_name_is_the_chapters() -> None:
+    assert drawing_file("Robustness") == "robustness.svg"
+    assert drawing_file("../What a “decoder” shows") == "what_a_decoder_shows.svg"
