@@ -64,7 +64,10 @@ class DetectWatermarkParameters(Parameters):
     )
     grain_seed: int = Field(0, ge=0, description="That of add_grain, where there is no key.")
     renders: int = Field(
-        400, ge=2, description="New cameras along the rig; every other one sets the threshold, the rest are scored."
+        400,
+        ge=2,
+        description="New cameras along the rig. Every other one sets a decoder's threshold, the rest are scored; the "
+        "threshold of grain is known, and all are scored.",
     )
     negatives: int = Field(
         4000, ge=1, description="Pictures without the watermark, at least: as many of each source as of the others."
@@ -148,10 +151,11 @@ def _positives(context: Context, parameters: DetectWatermarkParameters, scene: S
     tests = _renders(container, scene.cameras.select(scene.test_names), context.stop_if_requested)
     path = camera_path(scene.cameras, scene.points, parameters.renders)
     new = _renders(container, path, context.stop_if_requested)
+    is_known = parameters.reader == "grain"
     return Positives(
         list(zip(scene.test_names, tests, strict=True)),
-        [*new[::2]],
-        [*new[1::2]],
+        [] if is_known else [*new[::2]],
+        [*new] if is_known else [*new[1::2]],
         [*_attacked(container, parameters.seed, path.select(path.names[1::2]), context.stop_if_requested)],
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -73,12 +72,12 @@ class Negative:
 class Detector:
     """A reader, and the watermark it looks for, at the size of the container's pictures; other sizes stretch it.
 
-    `least_share` of the watermark must be explained by a reader that knows what chance explains, even if the renders
-    that set the threshold reach less; the paper's decoder knows nothing of that.
+    A reader that knows what chance explains has a threshold of its own, `own_share` of the watermark, and finds what
+    its owner would; the paper's decoder knows nothing of that, and renders set its threshold.
     """
 
-    def __init__(self, shows: Shows, watermark: Picture, least_share: float = -math.inf):
-        self.shows, self.watermark, self.least_share = shows, watermark, least_share
+    def __init__(self, shows: Shows, watermark: Picture, own_share: float | None = None):
+        self.shows, self.watermark, self.own_share = shows, watermark, own_share
 
     def look(self, picture: Picture) -> Shown:
         """Of an 8-bit picture with even sides."""
@@ -100,7 +99,7 @@ def stretched(watermark: Picture, picture: Picture) -> Float[Tensor, "H W 3"]:
 @dataclass(frozen=True)
 class Positives:
     """Renders with the watermark: `tests` of the scene's test views by their names, `calibration` and `others` of new
-    cameras. The threshold is set on `calibration`, and all else measured on the rest. `attacked`: renders of the same
+    cameras. A threshold is set on `calibration`, and all else measured on the rest. `attacked`: renders of the same
     container after an attack on it, whose name and severity stand before them."""
 
     tests: Sequence[tuple[str, Picture]]
@@ -129,8 +128,9 @@ def trial_rows(
         shown = look(picture)
         for quantity, value in figures(shown).items():
             yield Measurement(quantity, value, RENDERS, view=view, split="test")
-    at_99_percent = threshold_at([look(picture).share for picture in positives.calibration])
-    threshold = min(HIGHEST_THRESHOLD, max(detector.least_share, at_99_percent))
+    threshold = detector.own_share
+    if threshold is None:
+        threshold = min(HIGHEST_THRESHOLD, threshold_at([look(picture).share for picture in positives.calibration]))
     yield Measurement(THRESHOLD, threshold, CLEAN_CHANNEL)
     held_out = [*(picture for _, picture in positives.tests), *positives.others]
     yield from _detected(CLEAN_CHANNEL, None, [look(picture).share for picture in held_out], threshold)

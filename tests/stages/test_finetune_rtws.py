@@ -22,6 +22,7 @@ from stages.analysis.watermark_trials import (
     PRUNING,
     PSNR_WATERMARK,
     QUANTISATION,
+    THRESHOLD,
     TRIALS,
     Detector,
     Positives,
@@ -33,6 +34,7 @@ from stages.draw_key import DrawKeyParameters, draw_key
 from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws
 from stages.hide_image import hide_image
 from stages.hiding.rendering import COVER
+from stages.hiding.watermark.reading import FOUND_SHARE
 from stages.imaging.metric_table import read_rows
 from stages.scene.gaussians import GEOMETRY
 from stages.scene.scene import read_scene
@@ -142,6 +144,8 @@ def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
         found[name] = {(row.quantity, row.condition): row.value for row in rows}
     owners = found["owner"]
     assert owners[DETECTED, CLEAN_CHANNEL] == 1
+    assert owners[TRIALS, CLEAN_CHANNEL] == len(read_scene(cover).test_names) + 4, "no render sets a threshold"
+    assert owners[THRESHOLD, CLEAN_CHANNEL] == FOUND_SHARE
     assert owners[PSNR_WATERMARK, PICTURES_WITH_IT] > 40
     assert owners[TRIALS, EVERY_NEGATIVE] == 8
     assert owners[FALSE_POSITIVES, EVERY_NEGATIVE] == 0
@@ -159,6 +163,16 @@ def test_every_look_is_counted() -> None:
     assert len(looks) == positives.looked_at
     [trials] = [row for row in rows if (row.quantity, row.condition) == (TRIALS, PRUNING)]
     assert (trials.severity, trials.value) == (0.25, 4)
+
+
+@pytest.mark.parametrize(("own_share", "found"), [(0.75, 1), (0.8, 0), (None, 1)])
+def test_a_threshold_that_is_known_is_kept_whatever_renders_reach(own_share: float | None, found: float) -> None:
+    picture = np.full((6, 8, 3), 200, np.uint8)
+    detector = Detector(lambda shown: torch.full(shown.shape, 0.55 * 200 / 255), picture, own_share)  # 0.7975 of it
+    rows = trial_rows(detector, Positives([("0.png", picture)], [picture], []), [], 0, lambda: None)
+    values = {(row.quantity, row.condition): row.value for row in rows}
+    assert values[DETECTED, CLEAN_CHANNEL] == found
+    assert values[THRESHOLD, CLEAN_CHANNEL] == (own_share or pytest.approx(0.7975))
 
 
 def test_a_decoder_is_asked_for_where_one_is_to_read(tmp_path: Path, inputs: Inputs) -> None:

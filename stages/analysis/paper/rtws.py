@@ -62,7 +62,8 @@ EXACT = 99.0
 """dB that a watermark counts as which is shown to the last bit: infinity has no mean."""
 
 SURVIVAL_NOTE = (
-    "Test views and new cameras along the rig, at the threshold that 99 % of other new cameras reach. Sigmas are true."
+    "Test views and new cameras along the rig. Of decoders at the threshold that 99 % of other new cameras reach, of "
+    "grain at its owner's, which one picture in a million and a half reaches by chance. Sigmas are true."
 )
 OWNERS_NOTE = (
     "Grain is read by an owner who has the container from before and knows how the coins fell: he finds the camera of "
