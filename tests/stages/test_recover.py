@@ -16,10 +16,12 @@ from stages.analysis.attacks.features import channel_permutation, compensated_ro
 from stages.analysis.attacks.pruning import random_pruning
 from stages.analysis.attacks.rigid_motion import rigid_motion
 from stages.analysis.attacks.target import Target
+from stages.analysis.measurements import read_measurements
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method, write_container, write_secret
-from stages.recover import RecoverParameters, recover
+from stages.recover import IS_YOURS, MAY_BE_YOURS, RecoverParameters, recover
 from stages.scene.cameras import single_cameras
+from stages.scene.registration import ENOUGH
 from tests.stages import small
 from tests.stages.analysis.attacks.containers import MESSAGE, METHODS, cameras, target_and_owner
 from tests.stages.test_stopping import Asking
@@ -110,6 +112,25 @@ def test_it_says_what_was_found(tmp_path: Path) -> None:
     assert "turned by 0.000 degrees, moved by 0, scaled by 1;" in second
     assert "features left as they are" in second
     assert load(tmp_path / "same" / "container").digest == published.digest
+
+
+def test_the_figures_say_whose_it_is_and_what_was_undone(tmp_path: Path) -> None:
+    target, _ = target_and_owner("homogeneous")
+    published = stored(tmp_path / "published", target)
+    places = target.gaussians.means
+    noise = 0.025 * torch.randn(places.shape, generator=generator())
+    for name, found, verdict in (
+        ("attacked", attacked(target), IS_YOURS),
+        ("shaken", changed(target, "means", lambda means: means + noise), MAY_BE_YOURS),
+    ):
+        inputs = {"found": stored(tmp_path / name, found), "published": published}
+        outputs = run_stage(recover, RecoverParameters(method="homogeneous"), inputs, tmp_path / f"{name} recovered")
+        figures = {row.quantity: row.value for row in read_measurements(outputs["figures"])}
+        assert figures[verdict] == 1
+        assert {IS_YOURS, MAY_BE_YOURS} & figures.keys() == {verdict}
+        assert (figures["matched"] < ENOUGH) == (verdict == MAY_BE_YOURS)
+        assert (figures["gaussians_found"], figures["gaussians_published"]) == (len(found.gaussians), 200)
+        assert figures["degrees"] == pytest.approx(90 if name == "attacked" else 0, abs=0.01)
 
 
 def test_what_was_not_made_from_it_is_refused(tmp_path: Path) -> None:
