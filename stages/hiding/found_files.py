@@ -1,0 +1,142 @@
+"""Containers that were found somewhere: read as the published one is described, whatever was made of the file since.
+
+Programs that save splats keep neither comments nor the order and type of columns, and thieves what they like. Names of
+columns are all that is asked for; whose the Gaussians are, registration tells.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float32, Shaped
+
+from pipeline.errors import UserError
+from stages.hiding.bundle import GAUSSIANS
+from stages.hiding.columns import VERTEX, attribute_of, layout_of
+from stages.hiding.coupled import FEATURES
+from stages.hiding.fitting import LARGEST_SETTING
+from stages.scene.garbage import LARGEST, SMALLEST_QUATERNION
+from stages.scene.ply.reading import ROWS_AT_ONCE, Ply, listed, read_ply
+from stages.scene.splat_files.values import LARGEST_LOGIT
+
+PLY_SUFFIX = ".ply"
+OPACITY = "opacity"
+LISTED = 5
+NUMBER = "(0|[1-9][0-9]{0,5})"
+
+Shapes = Mapping[str, tuple[int, ...]]
+
+
+@dataclass(frozen=True)
+class Found:
+    """Attributes [N, ...] of the Gaussians that were found, N > 0, and how many others were `left_out`."""
+
+    attributes: Mapping[str, Float32[np.ndarray, "N ..."]]
+    left_out: int
+
+
+def read_found(place: Path, published: Shapes) -> Found:
+    """Read a PLY, or the one in a folder, by the names of its columns: any order and type, others beside them.
+
+    `published` are the shapes of a Gaussian's attributes; features may be of any number up to 1024. Gaussians that no
+    scene has (NaN, infinity, absurd values) are left out, since a single one, which no viewer shows, would else keep
+    the owner from what is his. Raises `UserError` where there is no PLY or several, for a file that is broken, columns
+    that are missing, and where no Gaussian is left. Time and memory are in proportion to the file.
+    """
+    ply = read_ply(_ply_at(place))
+    rows = ply.rows(VERTEX)
+    channels = _channels(rows.dtype.names or ())
+    shapes = dict(published) | ({FEATURES: (max(len(channels), 1),)} if FEATURES in published else {})
+    columns = [column for name, shape in shapes.items() for column in layout_of(name).columns(math.prod(shape))]
+    numbered = dict(zip(layout_of(FEATURES).columns(len(channels)), channels, strict=True))
+    sources = {column: numbered.get(column, column) for column in columns}
+    _check_columns(ply, list(sources.values()))
+    table = _finite(rows, sources)
+    finite = Ply(ply.path, ply.comments, {VERTEX: table})
+    attributes = {name: attribute_of(finite, name, shape) for name, shape in shapes.items()}
+    sound = _sound(attributes)
+    if not sound.any():
+        raise UserError(
+            "a file without Gaussians that a scene may have",
+            where=ply.path,
+            found=f"{len(rows)}, of which none has finite values of magnitudes that a scene has" if len(rows) else "0",
+            expected="at least one",
+        )
+    kept = attributes if sound.all() else {name: values[sound] for name, values in attributes.items()}
+    return Found(kept, len(rows) - int(sound.sum()))
+
+
+def _ply_at(place: Path) -> Path:
+    if not place.is_dir():
+        return place
+    if (place / GAUSSIANS).is_file():
+        return place / GAUSSIANS
+    there = sorted(path.name for path in place.iterdir())
+    files = [name for name in there if name.lower().endswith(PLY_SUFFIX)]
+    if len(files) != 1:
+        shown = files or there
+        more = f" and {len(shown) - LISTED} more" if len(shown) > LISTED else ""
+        raise UserError(
+            "no container" if not files else "several files that may be the container",
+            where=place,
+            found=", ".join(shown[:LISTED]) + more if shown else "an empty folder",
+            expected=f"{GAUSSIANS}, or one other file {PLY_SUFFIX}",
+            remedy="give the file itself" if files else "give the folder or the PLY that was found",
+        )
+    return place / files[0]
+
+
+def _channels(names: Sequence[str]) -> list[str]:
+    """The columns of features, in the order of their numbers, whichever are missing; the first 1024."""
+    prefix = layout_of(FEATURES).names.removesuffix("*")
+    numbers = sorted(int(name.removeprefix(prefix)) for name in names if re.fullmatch(f"{prefix}{NUMBER}", name))
+    return [f"{prefix}{number}" for number in numbers[:LARGEST_SETTING]]
+
+
+def _check_columns(ply: Ply, columns: Sequence[str]) -> None:
+    names = ply.rows(VERTEX).dtype.names or ()
+    missing = [name for name in columns if name not in names]
+    if missing:
+        raise UserError(
+            "no container like the published one",
+            where=ply.path,
+            found=f"no columns {listed(missing)} among {listed(names) or 'none'}",
+            expected="those of the published container, in any order",
+            remedy="Check that it is the file that was found. Splats without what a container's Gaussians carry hide "
+            "no message, from whatever they were made.",
+        )
+
+
+def _finite(rows: Shaped[np.ndarray, " N"], sources: Mapping[str, str]) -> Shaped[np.ndarray, " K"]:
+    """Columns in float32 under the names of `sources`, of the rows that have finite values in all of them.
+
+    Opacities are logits, which programs that store bytes write as infinite for 0 and 1.
+    """
+    table = np.empty(len(rows), [(name, "<f4") for name in sources])
+    finite = np.ones(len(rows), bool)
+    for start in range(0, len(rows), ROWS_AT_ONCE):
+        block = slice(start, start + ROWS_AT_ONCE)
+        for name, source in sources.items():
+            with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite
+                values = rows[source][block].astype(np.float32)
+            if name == OPACITY:
+                values = np.where(np.isinf(values), np.copysign(np.float32(LARGEST_LOGIT), values), values)
+            table[name][block] = values
+            finite[block] &= np.isfinite(values)
+    return table if finite.all() else table[finite]
+
+
+def _sound(attributes: Mapping[str, Float32[np.ndarray, "N ..."]]) -> Bool[np.ndarray, " N"]:
+    """Which Gaussians have magnitudes that scenes have, and a rotation; that may be by a quaternion of any length."""
+    lengths = np.linalg.norm(attributes["quats"].astype(np.float64), axis=1)
+    sound = np.asarray(lengths >= SMALLEST_QUATERNION)
+    for name, values in attributes.items():
+        limit = next((limit for ending, limit in LARGEST.items() if name.endswith(ending)), np.inf)
+        if name != "quats":
+            sound &= (np.abs(values) <= limit).all(axis=tuple(range(1, values.ndim)))
+    return sound

@@ -1,0 +1,44 @@
+"""`import_found`: a container that was found somewhere, from whatever file was made of it since."""
+
+from __future__ import annotations
+
+import torch
+from pydantic import Field
+
+from pipeline.stage import Context, ExternalPath, Input, Output, Parameters, stage
+from stages.hiding.found_files import read_found
+from stages.hiding.method import module_of
+from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
+from stages.scene.gaussians import Gaussians
+
+
+class ImportFoundParameters(Parameters):
+    """Where it is."""
+
+    place: ExternalPath = Field(
+        description="The PLY that was found, or its folder; other files in that are not looked at."
+    )
+    method: str = Field("gs_hider", description="The published container's method.")
+
+
+@stage(
+    inputs={"published": Input("container or splats")},
+    outputs={"container": Output("container")},
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def import_found(context: Context, parameters: ImportFoundParameters) -> None:
+    """Read the Gaussians by the names of the published container's columns; `recover` makes a container of them.
+
+    What is made here has the published networks and features of any number: it is to be recovered, not to be rendered.
+    """
+    published = context.input("published")
+    check_method(published, parameters.method)
+    originals = read_gaussians(published)
+    shapes = {name: tuple(values.shape[1:]) for name, values in originals.parameters.items()}
+    found = read_found(parameters.place, shapes)
+    gaussians = Gaussians({name: torch.from_numpy(values) for name, values in found.attributes.items()})
+    write_container(context.output("container"), gaussians, read_method(published))
+    without = f"; {found.left_out} with values that no scene has are left out" if found.left_out else ""
+    context.log(f"{len(gaussians)} Gaussians, of {len(originals)} that were published{without}")
+    context.record(gaussians=len(gaussians), left_out=found.left_out)
