@@ -1,0 +1,97 @@
+"""`import_scene`: a scene from its copy, or from the folder in a store that `latest/` leads to: cameras and photos."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from pydantic import Field
+
+from pipeline.artifact import Artifact, load
+from pipeline.errors import CorruptArtifact, UserError
+from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
+from stages.scene.scene import Scene, read_scene, write_scene
+
+KIND = "scene"
+FORMS = {
+    "pictures": ("u1", (None, None, None, 3)),
+    "world_to_camera": ("f8", (None, 4, 4)),
+    "intrinsics": ("f8", (None, 3, 3)),
+    "points": ("f4", (None, 3)),
+    "point_colors": ("u1", (None, 3)),
+}
+"""Type and shape of each array; None for any size."""
+LARGEST = 2**34
+"""Bytes of all arrays: a file may unfold into far more than it has."""
+REMEDY = "give the folder to which `export` copied a scene, such as hide_photos/cover_scene.scene, unpacked if zipped"
+
+
+class ImportSceneParameters(Parameters):
+    """Where it is."""
+
+    folder: ExternalPath = Field(description="A scene as the command `export` copies it, or as it lies in a store.")
+
+
+@stage(inputs={}, outputs={"scene": Output(KIND)}, version=1)
+def import_scene(context: Context, parameters: ImportSceneParameters) -> None:
+    """Check every byte, and keep the scene as it was: the same artifact again, if it was public.
+
+    The cameras stand in the world of the container that was trained from them, which structure from motion would not
+    give again from other photos, nor in another version.
+    """
+    try:
+        copy = load(parameters.folder)
+        copy.verify()
+        _check_form(copy)
+        scene = read_scene(copy)
+    except CorruptArtifact as error:
+        raise UserError(
+            "no scene, or one that is broken", where=parameters.folder, found=error, remedy=REMEDY
+        ) from error
+    if copy.private and not context.output("scene").private:
+        raise UserError(
+            "a private scene would become public",
+            where=parameters.folder,
+            remedy="write `private: true` into the stage's entry in the workflow",
+        )
+    _check_views(copy, scene)
+    facts = {name: value for name, value in copy.attributes.items() if isinstance(value, str | int | float | None)}
+    write_scene(context.output("scene"), scene, **facts)
+    context.record(views=len(scene.cameras))
+
+
+def _check_form(copy: Artifact) -> None:
+    """Before any array is unfolded. Raises `UserError` for another kind, and arrays that no scene has."""
+    if copy.kind != KIND:
+        raise UserError("another kind of result", where=copy.path, found=copy.kind, expected=KIND, remedy=REMEDY)
+    records = copy.manifest.arrays
+    for name, (kind, shape) in FORMS.items():
+        record = records.get(name)
+        if record is None or record.dtype[1:] != kind or not _fits(record.shape, shape):
+            found = "nothing" if record is None else f"{record.dtype} {list(record.shape)}"
+            raise UserError(f"a scene whose {name} are none", where=copy.path, found=found, expected=f"{kind} {shape}")
+    size = sum(math.prod(records[name].shape) * np.dtype(kind).itemsize for name, (kind, _) in FORMS.items())
+    if size > LARGEST:
+        raise UserError("a scene of absurd size", where=copy.path, found=f"{size} bytes", expected=f"at most {LARGEST}")
+
+
+def _fits(found: Sequence[int], expected: Sequence[int | None]) -> bool:
+    return len(found) == len(expected) and all(
+        size in (None, there) for size, there in zip(expected, found, strict=True)
+    )
+
+
+def _check_views(copy: Artifact, scene: Scene) -> None:
+    names = scene.cameras.names
+    wrong = (
+        len(scene.pictures) != len(names) or len(scene.points) != len(scene.point_colors) or 0 in scene.pictures.shape
+    )
+    if not names or wrong or len(set(names)) != len(names) or not set(scene.test_names) <= set(names):
+        raise UserError(
+            "a scene whose parts do not belong together",
+            where=copy.path,
+            found=f"{len(names)} views, {len(scene.pictures)} pictures, {len(scene.points)} points and "
+            f"{len(scene.point_colors)} colours of theirs",
+            expected="a picture for each view, at least one, test views among them, and a colour for each point",
+        )
