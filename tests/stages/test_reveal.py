@@ -1,0 +1,61 @@
+"""What the secret shows of a recovered container is measured beside what it shows of the published one, in private."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.artifact import Artifact, create, load
+from pipeline.errors import UserError
+from pipeline.stage import run_stage
+from stages.analysis.attacks.features import channel_permutation
+from stages.analysis.comparisons import read_comparisons
+from stages.hiding.rendering import COVER
+from stages.hiding.storage import write_container, write_secret
+from stages.imaging.metric_table import read_rows
+from stages.reveal import RevealParameters, reveal
+from tests.stages import small
+from tests.stages.analysis.attacks.containers import MESSAGE, METHODS, target_and_owner
+
+
+def inputs_of(folder: Path, method: str, messages: tuple[str, ...] = (MESSAGE,)) -> dict[str, Artifact]:
+    """The recovered container is the published one, but for its order of channels where it has some."""
+    target, owner = target_and_owner(method)
+    harmed = channel_permutation(target, 16, torch.Generator().manual_seed(1)) if target.has_features else target
+    for name, each in (("published", target), ("container", harmed)):
+        with create(folder / name, "container") as writer:
+            write_container(writer, each.gaussians, each.method)
+    with create(folder / "secret", "secret", private=True) as writer:
+        write_secret(writer, owner, messages)
+    small.scene(folder / "cover")
+    return {name: load(folder / name) for name in ("container", "published", "secret", "cover")}
+
+
+def revealed(folder: Path, method: str, inputs: dict[str, Artifact]) -> dict[str, Artifact]:
+    return run_stage(reveal, RevealParameters(method=method, threads=1), inputs, folder)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_each_message_is_held_against_what_the_published_container_shows(tmp_path: Path, method: str) -> None:
+    inputs = inputs_of(tmp_path, method)
+    for name in ("published", "container"):
+        outputs = revealed(tmp_path / name / "outputs", method, {**inputs, "container": inputs[name]})
+        assert all(artifact.private for artifact in outputs.values())
+        rows = [row for row in read_rows(outputs["scores"]) if row.quantity == "psnr"]
+        of_message = [row.value for row in rows if row.message == MESSAGE]
+        assert len(of_message) == len([row for row in rows if row.message is None]) == small.VIEWS
+        same = name == "published" or not any(each == "raw_features" for each in inputs[name].names)
+        assert min(of_message) > 50 if same else max(of_message) < 40
+    by_title = {each.title: each for each in read_comparisons(outputs["pictures"])}
+    assert {COVER, MESSAGE} <= by_title.keys()
+    np.testing.assert_array_equal(by_title[COVER].truth[0], small.pictures(0)[0])
+    assert by_title[MESSAGE].truth.std() > 1
+
+
+def test_a_secret_of_no_message_is_told(tmp_path: Path) -> None:
+    inputs = inputs_of(tmp_path, "homogeneous", messages=())
+    with pytest.raises(UserError, match=r"nothing can be revealed.*a secret of no message"):
+        revealed(tmp_path / "outputs", "homogeneous", inputs)
