@@ -144,13 +144,19 @@ class History:
         return PastRun(results, keys, whole=began and ended)
 
     def latest_digests(self) -> dict[str, str]:
-        """The digest of the last result of every output `<workflow>/<stage>.<output>`, as far as journals tell."""
+        """The digest of the last result of every output `<workflow>/<stage>.<output>`, as far as journals tell.
+
+        A stage that failed since has none.
+        """
         found: dict[str, str] = {}
         for workflow in self.workflows():
+            told: set[str] = set()
             for journal in self.journals(workflow):
                 for name, result in self.results(journal).items():
-                    for output, digest in result.outputs.items():
-                        found.setdefault(f"{workflow}/{name}.{output}", digest)
+                    if name not in told:
+                        found |= {f"{workflow}/{name}.{output}": digest for output, digest in result.outputs.items()}
+                    if result.outputs or result.state == "failed":
+                        told.add(name)
         return found
 
     def forget(self, workflow: str) -> None:

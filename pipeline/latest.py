@@ -1,5 +1,7 @@
 """The links in `latest`: what the last run of each workflow made, by the names of its stages, for people.
 
+A stage that failed in it, or lacked what it needs, has none; one that the run did not come to keeps those it had.
+
 A store may come from a stranger. So no folder that is a link is entered, and what is no link of ours is left alone.
 """
 

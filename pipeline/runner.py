@@ -360,10 +360,18 @@ class Run:
     def _end(self, result: StageResult, log: Path | None = None) -> None:
         self._waiting.pop(result.name, None)
         self._ended[result.name] = result.state
+        if result.state == "failed" or (result.state == "skipped" and self._stopped_at is None):
+            self._forget_latest(result.name)
         if self._journal:
             self._journal.add(result)
         paths = {output: self.store.object(digest) for output, digest in result.outputs.items()}
         self.tell(StageEnded(result.name, result.state, result.key, result.seconds, paths, result.cause, log))
+
+    def _forget_latest(self, name: str) -> None:
+        """What a stage made in a run before, of other inputs, is not taken for the result of this one."""
+        for output in self.graph.nodes[name].declaration.outputs:
+            with suppress(OSError):
+                self.store.unlink_latest(f"{self.graph.workflow}/{name}.{output}")
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:

@@ -254,6 +254,20 @@ def test_latest_points_to_the_last_results(workspace: Workspace) -> None:
     assert link.resolve() != ran.ended["sum"].outputs["total"]
 
 
+def test_what_failed_leaves_no_result_of_a_run_before_in_latest(workspace: Workspace) -> None:
+    """A page of other inputs would be taken for this run's."""
+    store = workspace.write(CHAIN).run().project.store
+    twice = 'twice: {uses: scale, in: {numbers: base}, with: {factor: "${factor}"}}'
+    failing = workspace.write(CHAIN.replace(twice, "twice: {uses: fail, in: {numbers: base}}"))
+    assert failing.run().states == {"base": "cached", "twice": "failed", "other": "cached", "sum": "skipped"}
+    for names in (store.latest_digests(), store.history.latest_digests()):
+        assert not {name for name in names if name.startswith("chain/twice.")}
+    assert set(store.latest_digests()) == {"chain/base.numbers", "chain/other.numbers"}
+    again = workspace.write(CHAIN).run()
+    assert set(again.states.values()) == {"cached"}
+    assert "chain/sum.total" in store.latest_digests(), "a run that made it gives it back"
+
+
 def test_a_result_that_lost_an_object_is_made_again(workspace: Workspace) -> None:
     ran = workspace.write(CHAIN).run()
     ran.ended["twice"].outputs["numbers"].rename(workspace.folder / "gone")
