@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from pipeline.graph import Graph
     from pipeline.project import Project
     from pipeline.resources import Resources
+    from pipeline.store import Store
 
 COMMAND = "gs-hider"  # the same program under a name of its own, which is what a shell can complete
 
@@ -115,10 +116,12 @@ def run(
         from pipeline.resources import read_resources
 
         stated = read_resources(resources)
-        project = open_project(workflow, store, settings or [], package, vars_files or [])
+        project = open_project(workflow, store, settings or [], package, vars_files or [], make=not dry_run)
         graph = project.graph.needed_for(stages) if stages else project.graph
         if dry_run:
             print_plan(make_plan(graph, project.store), as_json)
+            if not as_json:
+                print(_store_words(project.store))
             return
         summary = _run(project, graph, _executor_maker(workers, scheduler, stated, serial), not serial, as_json)
         if summary.interrupted:
@@ -148,8 +151,10 @@ def status(
         from pipeline.planwords import print_plan
         from pipeline.project import open_project
 
-        project = open_project(workflow, store, settings or [], package, vars_files or [])
+        project = open_project(workflow, store, settings or [], package, vars_files or [], make=False)
         print_plan(make_plan(project.graph, project.store), as_json)
+        if not as_json:
+            print(_store_words(project.store))
 
 
 @app.command()
@@ -182,7 +187,7 @@ def explain(
         from pipeline.project import open_project
         from pipeline.wording import duration
 
-        project = open_project(workflow, store, settings or [], package, vars_files or [])
+        project = open_project(workflow, store, settings or [], package, vars_files or [], make=False)
         part = project.graph.needed_for([stage])
         steps = make_plan(part, project.store)
         names = [name for name in steps if stage in (name, name.partition("[")[0])]
@@ -220,7 +225,7 @@ def accept(
         from pipeline.project import open_project
         from pipeline.provenance import git_commit
 
-        project = open_project(workflow, store, settings or [], package, vars_files or [])
+        project = open_project(workflow, store, settings or [], package, vars_files or [], make=False)
         found, refused = acceptances(project.graph, project.store, stage, git_commit(project.package_folder))
         if not dry_run and found:
             keep(found, project.graph, project.store)
@@ -266,7 +271,7 @@ def graph(
         from pipeline.planwords import box, node_as_json
         from pipeline.project import open_project
 
-        project = open_project(workflow, store, settings or [], package, vars_files or [])
+        project = open_project(workflow, store, settings or [], package, vars_files or [], make=False)
         nodes = project.graph.nodes.values()
         if svg:
             steps = make_plan(project.graph, project.store)
@@ -299,9 +304,15 @@ def _run(
         say(summary_words(graph.workflow, summary))
         for path in work.reports():
             print(f"Open {near(path)}")
-        address = project.store.address
-        print(f"The store is {address if '://' in address else near(project.store.root)}")
+        print(_store_words(project.store))
     return summary
+
+
+def _store_words(store: Store) -> str:
+    from pipeline.absent_store import AbsentStore
+
+    where = store.address if "://" in store.address else near(store.root)
+    return f"The store is {where}{', which does not exist yet' if isinstance(store, AbsentStore) else ''}"
 
 
 def _executor_maker(workers: int, scheduler: str | None, resources: Resources, serial: bool) -> Callable[[], Executor]:

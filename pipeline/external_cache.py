@@ -58,8 +58,9 @@ class ExternalCache:
 
     def _write(self, path: Path, content: Mapping[str, object]) -> None:
         with suppress(OSError):  # a store that nobody can write to can be read, and a full disk is no reason to fail
+            aside = self._store.temporary()
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            write_text_whole(path, sealed(content), self._store.temporary(), mode=0o600)
+            write_text_whole(path, sealed(content), aside, mode=0o600)
 
 
 def _digest(path: Path, before: Memory, after: Memory) -> str:

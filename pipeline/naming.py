@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pipeline.artifact import Artifact, load
 from pipeline.errors import CommandError, nearest
+from pipeline.external import from_home
 from pipeline.manifest import MANIFEST
 from pipeline.remote import open_store
 from pipeline.store import Store, is_store
@@ -64,7 +65,7 @@ def check_workflows(store: Store, names: Iterable[str]) -> None:
 
 def open_existing(address: str | Path) -> Store:
     """The store at an address. Raises CommandError where there is none: looking must not make one."""
-    if "://" not in str(address) and not (str(address) and is_store(Path(address))):
+    if "://" not in str(address) and not (str(address) and is_store(from_home(address))):
         raise CommandError(
             "no store there", where=address, remedy="Say with --store, or in $GS_HIDER_STORE, where results are kept."
         )

@@ -34,10 +34,14 @@ def open_project(
     settings: Sequence[str] = (),
     package: str = "stages",
     vars_files: Sequence[Path] = (),
+    make: bool = True,
 ) -> Project:
-    """Reads and checks a workflow. Raises WorkflowError with all that is wrong, CommandError for a bad store."""
+    """Reads and checks a workflow. Unless `make`, a store that is missing is not made, and an empty one stands for it.
+
+    Raises WorkflowError with all that is wrong, CommandError for a bad store.
+    """
     try:
-        opened = open_store(store)
+        opened = open_store(store, make)
     except OSError as error:
         raise CommandError("cannot be a store", where=store, found=error.strerror) from error
     catalogue = Catalogue(package, LIBRARIES, opened)

@@ -28,10 +28,12 @@ from typing import Any
 
 from platformdirs import user_cache_path
 
+from pipeline.absent_store import AbsentStore
 from pipeline.artifact import Artifact, ArtifactWriter, publish
 from pipeline.bucket import Bucket
 from pipeline.canonical import Json
 from pipeline.errors import CommandError, CorruptArtifact, RemoteError
+from pipeline.external import from_home
 from pipeline.hidden import IGNORED
 from pipeline.history import History
 from pipeline.pins import Pins
@@ -47,14 +49,15 @@ SPARED = 86400.0  # seconds for which `gc` spares what was put: no lock tells of
 ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 
 
-def open_store(address: str | Path) -> Store:
+def open_store(address: str | Path, make: bool = True) -> Store:
     """The store at an address: a folder, or `s3://BUCKET/PREFIX`. Raises CommandError for what is no address.
 
-    A folder that is missing or empty becomes a store. Raises CommandError for one that holds something else.
+    A folder that is missing or empty becomes a store; unless `make`, it is left so and an empty store stands for it.
+    Raises CommandError for a folder that holds something else.
     """
     if "://" in str(address):
         return RemoteStore(Bucket(str(address)))
-    root = Path(address)
+    root = from_home(address)
     if not str(address):
         raise CommandError("the address of the store is empty", expected="a folder, or s3://BUCKET/PREFIX")
     if is_store(root):
@@ -68,6 +71,8 @@ def open_store(address: str | Path) -> Store:
             expected="a store, or a folder that is empty or not there yet",
             remedy="Say with --store, or in $GS_HIDER_STORE, where results are to be kept.",
         )
+    if not make and (root.is_dir() or not os.path.lexists(root)):
+        return AbsentStore(root)
     store = Store(root)
     store.mark()
     return store

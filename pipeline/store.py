@@ -69,11 +69,10 @@ def is_store(root: Path) -> bool:
 
 
 class Store:
-    """A store in the directory `root`, which is made where it is missing."""
+    """A store in the directory `root`, which is made by what is first written to it, where it is missing."""
 
     def __init__(self, root: Path) -> None:
         self.root = from_home(root).absolute()  # a shell leaves the ~ of --store=~/results
-        self.root.mkdir(parents=True, exist_ok=True)
         self._own: OwnFolder | None = None
         self._making = threading.Lock()
         self._latest = Latest(self.root, self.temporary)

@@ -21,6 +21,7 @@ ENGINE = [
     "arrays substitution table record",
     "damaged latest matrix artifact executor placement fingerprint history wording bucket",
     "stage store remote_history remote_pins remote_artifacts workflow livetable loaded_code",
+    "absent_store",
     "source_cache checkpoint remote external_cache privacy garbage verification workers progress",
     "declaration",
     "graph action naming storewords cluster",

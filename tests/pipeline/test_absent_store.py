@@ -1,0 +1,99 @@
+"""Looking makes no store: a command that only reads answers as for an empty one, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.remote import open_store
+from tests.pipeline.helpers import TOYS, Workspace
+from tests.pipeline.test_runner import CHAIN
+
+ABSENT = "The store is store, which does not exist yet"
+
+
+@pytest.fixture
+def here(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> Workspace:
+    """In a folder with a workflow that takes a file and never ran."""
+    monkeypatch.delenv("GS_HIDER_STORE", raising=False)
+    monkeypatch.chdir(workspace.folder)
+    (workspace.folder / "five.txt").write_text("5\n")
+    return workspace.write(CHAIN.rstrip() + "\n      read: {uses: numbers, with: {file: five.txt}}\n")
+
+
+def call(command: str, *arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [command, "workflow.yaml", *arguments, "--stages", TOYS])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, result.output
+
+
+def files(folder: Path) -> list[Path]:
+    return sorted(folder.rglob("*"))
+
+
+@pytest.mark.parametrize("empty", [False, True])
+@pytest.mark.parametrize(
+    ("command", "arguments", "status", "said"),
+    [
+        ("status", (), 0, ABSENT),
+        ("run", ("--dry-run",), 0, ABSENT),
+        ("run", ("twice", "--dry-run"), 0, ABSENT),
+        ("status", ("--json",), 0, "it has never run"),
+        ("explain", ("twice",), 0, "it has never run"),
+        ("graph", (), 0, "total"),
+        ("accept", ("twice", "--dry-run"), 2, "it has no result that is whole in the store"),
+        ("accept", ("twice",), 2, "it has no result that is whole in the store"),
+        ("pin", (), 2, "not all of this is in the store"),
+    ],
+)
+def test_a_store_that_is_not_there_is_not_made(
+    here: Workspace, command: str, arguments: tuple[str, ...], status: int, said: str, empty: bool
+) -> None:
+    if empty:
+        (here.folder / "store").mkdir()
+    before = files(here.folder)
+    code, output = call(command, *arguments)
+    assert (code, said in output) == (status, True), output
+    assert files(here.folder) == before
+
+
+def test_a_picture_of_the_graph_is_all_that_is_made(here: Workspace) -> None:
+    before = files(here.folder)
+    assert call("graph", "--svg", "graph.svg")[0] == 0
+    assert files(here.folder) == sorted([*before, here.folder / "graph.svg"])
+
+
+def test_the_store_that_was_read_is_named(here: Workspace) -> None:
+    here.run()
+    for arguments in (("status",), ("run", "--dry-run")):
+        assert call(*arguments)[1].splitlines()[-1] == "The store is store"
+    assert [json.loads(line)["state"] for line in call("status", "--json")[1].splitlines()] == ["cached"] * 5
+    assert call("status", "--store", "elsewhere")[1].splitlines()[-1] == (
+        "The store is elsewhere, which does not exist yet"
+    )
+
+
+def test_a_store_in_the_home_folder_is_found(here: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shell leaves the ~ of `--store=~/store` as it stands."""
+    monkeypatch.setenv("HOME", str(here.folder))
+    here.run()
+    assert "5 cached" in call("status", "--store=~/store")[1]
+    result = CliRunner().invoke(app, ["verify", "--store=~/store"])
+    assert result.output.startswith("All is sound")
+
+
+def test_what_can_be_no_store_is_refused_all_the_same(here: Workspace) -> None:
+    code, output = call("status", "--store", "five.txt")
+    assert (code, "five.txt: cannot be a store" in output) == (2, True)
+
+
+def test_it_is_empty_and_cannot_be_written(tmp_path: Path) -> None:
+    store = open_store(tmp_path / "nowhere", make=False)
+    assert (store.actions, store.objects, store.history.workflows(), store.pins.names) == (set(), set(), [], [])
+    with store.in_use(alone=True), pytest.raises(OSError, match="no store there yet"):
+        store.temporary()
+    assert not store.root.exists()
