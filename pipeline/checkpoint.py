@@ -98,7 +98,7 @@ class Checkpoints:
         self._folder = context.scratch
         self._log = context.log
         self._made_with = versions_of(libraries) | dict(circumstances or {})
-        self._every = every if every is not None else _wished_seconds()
+        self._every = every if every is not None else wished_seconds()
         self._clock = clock
         self._due_at = clock() + (EVERY if self._every is None else self._every)
 
@@ -179,7 +179,8 @@ def _number(path: Path) -> int:
     return int(path.name.partition("-")[2])
 
 
-def _wished_seconds() -> float | None:
+def wished_seconds() -> float | None:
+    """What `EVERY_VARIABLE` says; None where it is not set. Raises UserError where it is no number of seconds."""
     text = os.environ.get(EVERY_VARIABLE)
     if not text:
         return None
@@ -188,7 +189,13 @@ def _wished_seconds() -> float | None:
     except ValueError:
         seconds = math.nan
     if not seconds >= 0:
-        raise UserError("not a number of seconds", where=EVERY_VARIABLE, found=text, expected="such as 600")
+        raise UserError(
+            "not a number of seconds",
+            where=EVERY_VARIABLE,
+            found=text,
+            expected="such as 600, or 0 for a checkpoint at every chance",
+            remedy=f"Unset it to have one about every {EVERY:.0f} seconds.",
+        )
     return seconds
 
 

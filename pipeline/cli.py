@@ -123,7 +123,10 @@ def run(
             if not as_json:
                 print(_store_words(project.store))
             return
-        summary = _run(project, graph, _executor_maker(workers, scheduler, stated, serial), not serial, as_json)
+        make_executor = _executor_maker(workers, scheduler, stated, serial)
+        if serial or not scheduler:
+            make_executor = _checked_first(make_executor, graph, project.store)
+        summary = _run(project, graph, make_executor, not serial, as_json)
         if summary.interrupted:
             say(f"Interrupted; what is done is kept. To go on: {command_line()}")
             raise typer.Exit(130)
@@ -326,6 +329,19 @@ def _executor_maker(workers: int, scheduler: str | None, resources: Resources, s
         return DaskExecutor(workers, scheduler, resources)
 
     return make
+
+
+def _checked_first(make: Callable[[], Executor], graph: Graph, store: Store) -> Callable[[], Executor]:
+    """As `make`, for workers on this machine: it is asked when there is something to do, and before it is done."""
+
+    def make_checked() -> Executor:
+        from pipeline.project import LIBRARIES
+        from pipeline.readiness import check_readiness
+
+        check_readiness(graph, store, LIBRARIES)
+        return make()
+
+    return make_checked
 
 
 for command in (show, export, verify, gc, pin, unpin, pins):

@@ -27,7 +27,7 @@ ENGINE = [
     "graph action naming storewords cluster",
     "explain changes description exporting urgency loss",
     "plan runner showing pictures",
-    "explanation accept",
+    "explanation accept readiness",
     "project planwords",
     "commands_results commands_store",
     "cli",
