@@ -191,15 +191,15 @@ def explain(
         from pipeline.wording import duration
 
         project = open_project(workflow, store, settings or [], package, vars_files or [], make=False)
-        part = project.graph.needed_for([stage])
-        steps = make_plan(part, project.store)
-        names = [name for name in steps if stage in (name, name.partition("[")[0])]
-        for explanation in explained(part, steps, project.store, names):
+        steps = make_plan(project.graph, project.store)
+        nodes = project.graph.needed_for([stage]).nodes
+        names = [name for name, node in nodes.items() if stage in (name, node.entry)]
+        for explanation in explained(project.graph, steps, project.store, names):
             if as_json:
                 print(json.dumps(fields_of(explanation)))
             else:
                 took = duration(explanation.record.seconds) if explanation.record else ""
-                print("\n".join(in_words(explanation, part, took)))
+                print("\n".join(in_words(explanation, project.graph, took)))
 
 
 @app.command()

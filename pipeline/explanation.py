@@ -134,6 +134,8 @@ def in_words(explanation: Explanation, graph: Graph, duration: str) -> list[str]
         lines = [f"{step.name}: cached", *_made_of(explanation, graph, duration)]
     elif step.state == "depends":
         lines = [f"{step.name}: to run if what it takes comes out differently"]
+    elif step.state == "lost":
+        lines = [f"{step.name}: lost"]
     else:
         lines = [f"{step.name}: to run, because"]
     lines += [f"  {reason}" for reason in step.reasons]

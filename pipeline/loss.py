@@ -15,7 +15,8 @@ def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store)
     """The error of a stage whose result is damaged or gone and cannot be made again, with what is made from it."""
     behind = _behind(name, graph)
     more = f" and {len(behind) - SHOWN} more" if len(behind) > SHOWN else ""
-    depending = f"{', '.join(behind[:SHOWN])}{more}" if behind else "nothing in this workflow"
+    nothing = "nothing in this workflow" if graph.whole else "nothing in this part of the workflow"
+    depending = f"{', '.join(behind[:SHOWN])}{more}" if behind else nothing
     error = UserError(
         f"the result of {name} is damaged or gone, and no run can make the same again; made from it: {depending}",
         where=store.address,

@@ -2,7 +2,7 @@
 
 A plan takes one look at the folders of the store and at what the last runs told, and opens a record only where these do
 not know a stage: thousands of finished stages are planned in a second. Whether an artifact is whole is not asked here;
-a run asks, and makes again what is not.
+a run asks, and makes again what is not. Only of what no run can make again it is asked here, too.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from pipeline.external import Contents
 from pipeline.external_cache import ExternalCache
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import LastResult, StageResult
+from pipeline.loss import words_of_loss
 from pipeline.store import Store
 
-PlanState = Literal["cached", "run", "depends", "shared"]
+PlanState = Literal["cached", "run", "depends", "shared", "lost"]
 
 
 @dataclass(frozen=True)
@@ -28,9 +29,10 @@ class Step:
     """A node in the plan.
 
     `cached`: done already, as `result` tells. `run`: to be done, for `reasons`. `depends`: to be done if what is made
-    before it comes out differently. `shared`: to be done by a stage before it that does the same. `key` is None as long
-    as an input is not made. `changes` are what differs from the last result, and part of the reasons. `failed` is the
-    cause of a failure since the last result.
+    before it comes out differently. `shared`: to be done by a stage before it that does the same. `lost`: damaged or
+    gone, and a run refuses to put another in its place. `key` is None as long as an input is not made. `changes` are
+    what differs from the last result, and part of the reasons. `failed` is the cause of a failure since the last
+    result.
     """
 
     name: str
@@ -104,6 +106,9 @@ class _Planner:
         parts = key_parts(node, digests)
         known = all(digests[source] is not None for sources in node.sources.values() for source in sources)
         key = key_of(parts) if known else None
+        lost = self.loss(node, key) if key else None
+        if lost:
+            return Step(node.name, "lost", key, (lost,))
         result = self.result(node.name, key, last.made) if key else None
         if result:
             return Step(node.name, "cached", key, result=result, failed=last.failed)
@@ -118,6 +123,11 @@ class _Planner:
         waits_only = all(change.part == "input" and _waits(change) for change in changed)
         state: PlanState = "depends" if waits_only else "run"
         return Step(node.name, state, key, tuple(change.text for change in changed), changed, failed=last.failed)
+
+    def loss(self, node: Node, key: str) -> str | None:
+        """Why a run would fail that cannot make again what is gone; None where nothing is."""
+        remains = self.store.remains(key) if node.unrepeatable and self.store.find(key) is None else ()
+        return words_of_loss(node.name, remains, self.graph, self.store) if remains else None
 
     def result(self, name: str, key: str, made: StageResult | None) -> StageResult | None:
         """What the action `key` made, if all of it is in the store."""

@@ -6,12 +6,12 @@ import json
 from collections import Counter
 from collections.abc import Mapping
 
-from pipeline.drawing import Box
+from pipeline.drawing import Box, Tone
 from pipeline.graph import Node
 from pipeline.plan import Step
 from pipeline.wording import duration
 
-STATES = {"cached": "cached", "run": "to run", "depends": "depends", "shared": "shared"}
+STATES = {"cached": "cached", "run": "to run", "depends": "depends", "shared": "shared", "lost": "lost"}
 
 
 def print_plan(steps: Mapping[str, Step], as_json: bool) -> None:
@@ -67,4 +67,5 @@ def node_as_json(node: Node) -> dict[str, object]:
 def box(node: Node, step: Step) -> Box:
     lines = (node.uses, duration(step.result.seconds)) if step.result else (node.uses,)
     private = node.private or (step.result is not None and step.result.private)
-    return Box(node.name, node.upstream, lines, "private" if private else "done" if step.result else "plain")
+    tone: Tone = "private" if private else "done" if step.result else "failed" if step.state == "lost" else "plain"
+    return Box(node.name, node.upstream, lines, tone)

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from pipeline.cli import app
 from pipeline.errors import CorruptArtifact
 from pipeline.garbage import Rules, collect
 from pipeline.store import Store
 from pipeline.verification import verify_store
-from tests.pipeline.helpers import Ran, Workspace
+from tests.pipeline.helpers import TOYS, Ran, Workspace
 
 if TYPE_CHECKING:
     from tests.pipeline.elsewhere import Elsewhere
@@ -52,6 +54,15 @@ def verify(ran: Ran) -> list[str]:
     return [str(checked.damage) for checked in verify_store(ran.project.store) if checked.damage]
 
 
+def remove(ran: Ran) -> None:
+    shutil.rmtree(ran.ended["key"].outputs["numbers"])
+
+
+def flip_and_verify(ran: Ran) -> None:
+    flip(ran)
+    assert verify(ran)
+
+
 @pytest.mark.parametrize("verified", [False, True])
 @pytest.mark.parametrize("damage", [cut, flip, damage_record])
 def test_it_is_not_drawn_again(workspace: Workspace, drawn: Ran, damage: Callable[[Ran], None], verified: bool) -> None:
@@ -83,6 +94,34 @@ def test_who_gives_it_up_gets_another(workspace: Workspace, drawn: Ran) -> None:
     again = workspace.run()
     assert set(again.states.values()) == {"ran"}
     assert not np.array_equal(again.values("key"), before)
+
+
+@pytest.mark.parametrize("lose", [cut, remove, damage_record, flip_and_verify])
+def test_what_a_run_refuses_is_told_before(workspace: Workspace, drawn: Ran, lose: Callable[[Ran], None]) -> None:
+    lose(drawn)
+    steps = workspace.plan()
+    assert (steps["key"].state, steps["key"].key) == ("lost", drawn.ended["key"].key)
+    assert steps["hide"].reasons == ("input numbers waits for key",)
+    where = (str(workspace.file), "--stages", TOYS, "--store", str(workspace.folder / "store"))
+    status, dry, explained = (
+        CliRunner().invoke(app, [command, *where, *more]).stdout
+        for command, *more in (("status",), ("run", "--dry-run"), ("explain", "key"))
+    )
+    refusal = str(workspace.run().ended["key"].cause)
+    assert status.splitlines()[0] == f"key   lost  {refusal}"
+    assert "1 lost" in status
+    assert dry == status
+    assert explained == f"key: lost\n  {refusal}\n"
+    of_key_alone = str(workspace.run(stages=["key"]).ended["key"].cause)
+    assert "made from it: nothing in this part of the workflow" in of_key_alone
+    assert workspace.plan("key.seed=1")["key"].state == "run", "what anybody can draw again is not lost"
+
+
+def test_what_was_given_up_is_to_run(workspace: Workspace, drawn: Ran) -> None:
+    cut(drawn)
+    for path in drawn.project.store.remains(str(drawn.ended["key"].key)):
+        shutil.rmtree(path)
+    assert workspace.plan()["key"].state == "run"
 
 
 def test_what_has_a_seed_is_drawn_again(workspace: Workspace) -> None:
