@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 import typing
 from collections.abc import Mapping
 from contextlib import suppress
@@ -30,6 +31,7 @@ from pipeline.store import Store
 
 FORMAT = 6
 DECLARATION = "declaration"
+LITERAL = re.compile("'([^']*)'")
 TEXT_WANTED = ("string_type", "path_type")  # pydantic's words
 MOST_ANSWERS = 20_000
 """Kept of one stage; beyond, those that the present workflow does not ask for are forgotten."""
@@ -69,6 +71,11 @@ class Refusal:
     path: tuple[str | int, ...]
     message: str
     missing: bool = False
+
+    @property
+    def name(self) -> str:
+        """The path as its message has it."""
+        return ".".join(map(str, self.path))
 
 
 class Catalogue:
@@ -278,7 +285,14 @@ def _refusal(model: type[Parameters], detail: Any) -> Refusal:
         return Refusal(path, message)
     found = json.dumps(detail["input"], default=str)
     shown = found if len(found) < 80 else found[:77] + "..."
-    return Refusal(path, f"parameter {name!r} {message}; found {shown}{_quoted(detail, shown)}")
+    return Refusal(path, f"parameter {name!r} {message}; found {shown}{_quoted(detail, shown)}{_alike(detail)}")
+
+
+def _alike(detail: Any) -> str:
+    """Which of a few words was meant."""
+    if detail["type"] == "literal_error" and isinstance(detail["input"], str):
+        return nearest(detail["input"], LITERAL.findall(detail["ctx"]["expected"]))
+    return ""
 
 
 def _quoted(detail: Any, found: str) -> str:

@@ -10,13 +10,15 @@ from pathlib import Path
 from pipeline.canonical import Json
 from pipeline.declaration import Catalogue, Completed, Declaration
 from pipeline.errors import CommandError, Place, UserError, nearest
-from pipeline.external import from_home, is_there, resolved
+from pipeline.external import is_there
 from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
-from pipeline.located import Located, Problems
+from pipeline.located import Problems
+from pipeline.outside_paths import absolute
 from pipeline.resources import amount
 from pipeline.stage import Input
 from pipeline.workflow import Entry, Instance, Reference, Workflow
+from pipeline.wrong_values import WrongValue, misnamed_module, report
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,7 @@ class _Builder:
         self.problems = problems
         self.declarations: dict[str, Declaration | None] = {}
         self.digests: dict[str, str] = {}
+        self.wrong: list[WrongValue] = []
 
     def build(self) -> Graph:
         nodes: dict[str, Node] = {}
@@ -151,6 +154,7 @@ class _Builder:
                 node = self.node(entry, instance, rows[number])
                 if node:
                     nodes[node.name] = node
+        report(self.wrong, self.problems)
         return Graph(self.workflow.name, nodes)
 
     def order(self) -> list[str]:
@@ -190,7 +194,7 @@ class _Builder:
         completed = self.completed(entry, instance, arguments)
         if completed is None:
             return None
-        code = self.code(instance, declaration, completed)
+        code = self.code(entry, instance, declaration, completed)
         if code is None:
             return None
         return Node(
@@ -307,7 +311,7 @@ class _Builder:
 
     def arguments(self, instance: Instance, declaration: Declaration) -> dict[str, Json]:
         return {
-            name: _absolute(value) if name in declaration.external else value.plain
+            name: absolute(value) if name in declaration.external else value.plain
             for name, value in instance.parameters.items()
         }
 
@@ -329,10 +333,19 @@ class _Builder:
                 value = instance.parameters[first]
                 known = len(refusal.path) > 1 or not refusal.message.startswith("unknown")
                 place = value.at(refusal.path[1:]) if known else entry.parameter_places.get(first, value.place)
-            self.problems.add(place, f"{refusal.message} [{entry.name}]" if refusal.missing else refusal.message)
+            if refusal.path and not refusal.missing:
+                self.wrong.append(WrongValue(place, entry.name, refusal.name, refusal.message))
+            else:
+                self.problems.add(place, f"{refusal.message} [{entry.name}]" if refusal.missing else refusal.message)
         return None
 
-    def code(self, instance: Instance, declaration: Declaration, completed: Completed) -> Code | None:
+    def code(self, entry: Entry, instance: Instance, declaration: Declaration, completed: Completed) -> Code | None:
+        misnamed = misnamed_module(completed.modules, completed.parameters, self.catalogue.sources)
+        if misnamed:
+            name, message = misnamed
+            place = instance.parameters[name].place if name in instance.parameters else instance.uses.place
+            self.wrong.append(WrongValue(place, entry.name, name, message, selects=True))
+            return None
         try:
             code = self.catalogue.code(declaration.uses, completed.modules)
         except UserError as error:
@@ -382,15 +395,3 @@ class _Builder:
                 self.problems.add(place, f"parameter {name!r}: {error}")
                 return ""
         return self.digests[str(path)]
-
-
-def _absolute(value: Located) -> Json:
-    """The value of an external path, or a list of them, made absolute; anything else as it is, for others to refuse.
-
-    A shell leaves the ~ in `--set cover=~/photos` as it stands, and so does whoever writes a workflow.
-    """
-    if isinstance(value.value, tuple):
-        return [_absolute(item) for item in value.value]
-    if isinstance(value.value, str):
-        return str(resolved(value.base / from_home(value.value)))
-    return value.plain

@@ -1,0 +1,92 @@
+"""A mistake that reaches many stages is one message, which names them, and what was probably meant."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from tests.pipeline.helpers import Workspace
+
+STAGE = '''
+"""A stage."""
+from typing import Literal
+from pydantic import Field
+from pipeline.stage import Context, Output, Parameters, stage
+
+class GivenParameters(Parameters):
+    method: {kind} = Field("plain", description="Which method.")
+
+@stage(inputs={{}}, outputs={{"made": Output("text")}}, version=1{modules})
+def {name}(context: Context, parameters: GivenParameters) -> None:
+    context.output("made").write_file("text", parameters.method)
+'''
+HIDES = """
+    vars: {way: null}
+    stages:
+      hide:   {uses: hide, with: {method: "${way}"}}
+      scores: {uses: score, with: {method: "${way}"}}
+      path:   {uses: score, foreach: {method: ["${way}", fancy]}, with: {method: "${item.method}"}}
+    """
+SCORES = "\n".join(line for line in HIDES.splitlines() if "hide:" not in line)
+
+
+@pytest.fixture
+def methods(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> Iterator[Workspace]:
+    """Stages that take a method: one says which there are, one only which module a method is."""
+    package = workspace.folder / "of_methods"
+    (package / "methods").mkdir(parents=True)
+    for name in ("plain", "fancy", "sh", "__init__"):
+        (package / "methods" / f"{name}.py").touch()
+    selecting = ", modules=lambda given: [f'of_methods.methods.{given.method}']"
+    for name, kind, modules in (("hide", "Literal['plain', 'fancy']", ""), ("score", "str", selecting)):
+        (package / f"{name}.py").write_text(STAGE.format(name=name, kind=kind, modules=modules))
+    (package / "__init__.py").touch()
+    monkeypatch.syspath_prepend(workspace.folder)
+    workspace.package = package.name
+    yield workspace
+    for name in [name for name in sys.modules if name.partition(".")[0] == package.name]:
+        del sys.modules[name]
+
+
+def test_a_mistyped_method_is_one_message(methods: Workspace) -> None:
+    assert methods.write(HIDES).problems("way=fency") == [
+        "--set way: parameter 'method' of hide, scores and path should be 'plain' or 'fancy'; found \"fency\"; "
+        "did you mean 'fancy'?"
+    ]
+    assert methods.write(SCORES).problems("way=fency") == [
+        "--set way: parameter 'method' of scores and path should be 'fancy', 'plain' or 'sh'; found \"fency\"; "
+        "did you mean 'fancy'?"
+    ]
+    assert methods.problems("way=3") == [
+        "--set way: parameter 'method' of scores and path should be a valid string; found 3; a text that looks so is "
+        """to be quoted: '3' in a file, "'3'" after --set NAME="""
+    ]
+    assert methods.problems("way=sh") == []
+
+
+def test_of_one_stage_it_needs_no_name(methods: Workspace) -> None:
+    (problem,) = methods.write(HIDES).problems("way=fancy", "scores.method=x.y")
+    assert problem == "--set scores.method: parameter 'method' should be 'fancy', 'plain' or 'sh'; found \"x.y\""
+    (problem,) = methods.problems("way=fancy", "hide.method=plane")
+    assert problem.endswith("should be 'plain' or 'fancy'; found \"plane\"; did you mean 'plain'?")
+
+
+def test_each_place_is_told_that_is_to_be_mended(methods: Workspace) -> None:
+    methods.write(HIDES.replace('"${way}"', "fency"))
+    places = [problem.split(": ")[0] for problem in methods.problems("way=plain")]
+    assert places == ["4:39", "5:40", "6:44"]
+
+
+def test_each_reason_is_told(workspace: Workspace) -> None:
+    workspace.write("""
+        vars: {many: 1}
+        stages:
+          a: {uses: numbers, with: {count: "${many}"}}
+          b: {uses: numbers, with: {count: "${many}", first: "${many}"}}
+        """)
+    assert workspace.problems("many=x") == [
+        "--set many: parameter 'count' of a and b should be a valid integer; found \"x\"",
+        "--set many: parameter 'first' should be a valid number; found \"x\"",
+    ]
