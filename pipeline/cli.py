@@ -11,11 +11,13 @@ import os
 import shlex
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.bash_words import whole_words
 from pipeline.commands_results import export, show
 from pipeline.commands_store import gc, pin, pins, unpin, verify
 from pipeline.console import (
@@ -68,7 +70,9 @@ app = typer.Typer(
 def main() -> None:
     set_thread_policy()
     by_name = Path(sys.argv[0]).name == COMMAND or any(word.endswith("-completion") for word in sys.argv[1:2])
-    app(prog_name=COMMAND if by_name else "python -m pipeline")
+    asked_by_bash = os.environ.get(f"_{COMMAND.replace('-', '_').upper()}_COMPLETE") == "complete_bash"
+    with whole_words(os.environ) if asked_by_bash else nullcontext():
+        app(prog_name=COMMAND if by_name else "python -m pipeline")
 
 
 @app.command()

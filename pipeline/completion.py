@@ -6,14 +6,15 @@ it offers nothing and stays silent: what is wrong with a workflow is told by the
 
 from __future__ import annotations
 
-import ast
 import functools
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import typer
+
+from pipeline.declared_parameters import declared_parameters
 
 Completer = Callable[[typer.Context, list[str], str], list[str]]
 DEFAULT_STORE = "store"
@@ -63,15 +64,32 @@ def complete_stage(ctx: typer.Context, args: list[str], incomplete: str) -> list
 
 @_silent
 def complete_setting(ctx: typer.Context, args: list[str], incomplete: str) -> list[str]:
-    """Vars with their values, and the parameters of stages."""
-    document = _document(ctx)
-    stage, dot, _ = incomplete.partition(".")
+    """Vars and the parameters of stages, and the values that these can have where they are a few words."""
+    document, package = _document(ctx), _package(ctx)
+    stage, dot, _ = incomplete.partition("=")[0].partition(".")
     if dot:
-        body = document["stages"][stage]
-        names = {**dict.fromkeys(body.get("with", {})), **dict.fromkeys(_parameters(_package(ctx), body["uses"]))}
-        return [f"{stage}.{name}=" for name in names]
-    settings = [f"{name}={_shown(value)}" for name, value in document.get("vars", {}).items()]
-    return [*settings, *(f"{name}." for name in document["stages"])]
+        settings = _settings_of_stage(stage, document["stages"][stage], package, incomplete)
+    else:
+        settings = _settings_of_vars(document, package, incomplete)
+    return [text for text in settings if text != incomplete]
+
+
+def _settings_of_stage(stage: str, body: Mapping[str, Any], package: str, incomplete: str) -> list[str]:
+    """Its parameters, or of one that is typed so far that no other can be meant the values."""
+    parameters = _parameters(body, package)
+    name = incomplete.partition("=")[0].removeprefix(f"{stage}.")
+    meant = [name] if "=" in incomplete else [parameter for parameter in parameters if parameter.startswith(name)]
+    if len(meant) == 1 and parameters[meant[0]]:
+        return [f"{stage}.{meant[0]}={value}" for value in parameters[meant[0]]]
+    return [f"{stage}.{parameter}=" for parameter in parameters]
+
+
+def _settings_of_vars(document: Mapping[str, Any], package: str, incomplete: str) -> list[str]:
+    """Vars as they are, and stages, which lead to their parameters; after `=` what else a var can be."""
+    name, equals, _ = incomplete.partition("=")
+    values = _values_of_var(name, document["stages"], package) if equals else []
+    settings = [f"{var}={_shown(value)}" for var, value in document.get("vars", {}).items()]
+    return [f"{name}={value}" for value in values] or [*settings, *(f"{stage}." for stage in document["stages"])]
 
 
 @_silent
@@ -106,6 +124,22 @@ def _store(ctx: typer.Context) -> Path:
     return Path(ctx.params.get("store") or os.environ.get("GS_HIDER_STORE") or DEFAULT_STORE)
 
 
+def _parameters(body: Mapping[str, Any], package: str) -> dict[str, list[str]]:
+    """The names of a stage's parameters, with the values that each can have where these are a few words."""
+    declared = declared_parameters(package, body["uses"])
+    return {name: declared[name].choices if name in declared else [] for name in [*body.get("with", {}), *declared]}
+
+
+def _values_of_var(name: str, stages: Mapping[str, Any], package: str) -> list[str]:
+    """The values that a var can have, by the first parameter that it is given to and that has but a few."""
+    for body in stages.values():
+        for parameter, value in body.get("with", {}).items():
+            choices = _parameters(body, package)[parameter] if value == f"${{{name}}}" else []
+            if choices:
+                return choices
+    return []
+
+
 def _package(ctx: typer.Context) -> str:
     return str(ctx.params.get("package") or "stages")
 
@@ -115,37 +149,3 @@ def _shown(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return str(value) if isinstance(value, str | int | float) else ""
-
-
-def _parameters(package: str, uses: str) -> list[str]:
-    """The names of a stage's parameters, read from its source: importing it would take seconds."""
-    module = f"{package}.{uses}"
-    tree = _parsed(module)
-    functions = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == uses]
-    annotation = functions[0].args.args[1].annotation
-    return list(_fields(module, annotation.id)) if isinstance(annotation, ast.Name) else []
-
-
-def _fields(module: str, name: str) -> Iterator[str]:
-    """The annotated names in a class, those of its bases first, wherever these are defined."""
-    tree = _parsed(module)
-    for node in tree.body:
-        if isinstance(node, ast.ClassDef) and node.name == name:
-            for base in node.bases:
-                if isinstance(base, ast.Name):
-                    yield from _fields(module, base.id)
-            for field in node.body:
-                if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
-                    yield field.target.id
-        elif isinstance(node, ast.ImportFrom) and node.module and node.module != "pipeline.stage":
-            for alias in node.names:
-                if (alias.asname or alias.name) == name:
-                    yield from _fields(node.module, alias.name)
-
-
-def _parsed(module: str) -> ast.Module:
-    for folder in (Path.cwd(), Path(__file__).resolve().parents[1]):
-        path = folder.joinpath(*module.split(".")).with_suffix(".py")
-        if path.is_file():
-            return ast.parse(path.read_bytes())
-    raise FileNotFoundError(module)

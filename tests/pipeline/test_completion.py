@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import pty
+import select
 import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -12,11 +15,20 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.declared_parameters import declared_parameters
 from tests.pipeline.helpers import TOYS, Workspace
 from tests.pipeline.test_runner import CHAIN
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = "import sys; sys.argv = ['gs-hider']; from pipeline.cli import main; main()"
+
+METHODS = ("gs_hider", "homogeneous", "sh", "decoder")
+CHOICE = """
+    vars: {count: 3, way: user, cover: null}
+    stages:
+      base: {uses: numbers, with: {count: "${count}", file: "${cover}"}}
+      bad:  {uses: fail, in: {numbers: base}, with: {how: "${way}"}}
+    """
 
 
 @pytest.fixture
@@ -82,7 +94,43 @@ def test_parameters_of_a_base_class_too(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.chdir(ROOT)
     found = offered("run workflows/hide_multi.yaml --set hide.")
     assert {"hide.lambda_message=", "hide.iterations=", "hide.threads="} <= set(found)
-    assert "hide.model_config=" not in found
+    assert {"hide.model_config=", "hide.presets="}.isdisjoint(found)
+
+
+@pytest.mark.parametrize(
+    ("annotation", "choices"),
+    [
+        ("bool", ["true", "false"]),
+        ("Literal[1, 4] | None", ["1", "4"]),
+        ("Depth", ["shallow", "deep"]),
+        ("Depth | bool", ["shallow", "deep", "true", "false"]),
+        ("float", []),
+        ("dict[str, Literal['a', 'b']]", []),
+        ("Nowhere", []),
+    ],
+)
+def test_values_of_an_annotation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, annotation: str, choices: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/names.py").write_text("Depth = Literal['shallow', 'deep']\n")
+    (tmp_path / "mine/dig.py").write_text(
+        f"from mine.names import Depth\nclass P(Parameters):\n    depth: {annotation}\ndef dig(context, p: P): ...\n"
+    )
+    assert declared_parameters("mine", "dig")["depth"].choices == choices
+
+
+def test_values_where_there_are_a_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the stages that there are: named in place, or under a name of their own."""
+    monkeypatch.chdir(ROOT)
+    run = "run workflows/hide_photos.yaml --set"
+    assert offered(f"{run} hide.method=") == [f"hide.method={name}" for name in METHODS]
+    assert offered(f"{run} hide.method=s") == ["hide.method=sh"]
+    assert offered(f"{run} method=") == [f"method={name}" for name in METHODS]
+    assert offered(f"{run} scores.lpips=") == [f"scores.lpips={name}" for name in ("vgg", "alex", "both", "none")]
+    assert offered(f"{run} hide.iterations=") == []
+    assert offered(f"{run} cover=.") == []
 
 
 def test_artifacts_pins_and_workflows_that_ran(here: Workspace) -> None:
@@ -110,7 +158,7 @@ def test_as_bash_calls_it(here: Workspace) -> None:
     )
     done = subprocess.run(
         [sys.executable, "-c", script],
-        env={**os.environ, "PYTHONPATH": str(ROOT), "COMP_WORDS": "gs-hider run workflow.yaml tw", "COMP_CWORD": "3"}
+        env={**os.environ, "PYTHONPATH": str(ROOT), "COMP_WORDS": "gs-hider\nrun\nworkflow.yaml\ntw", "COMP_CWORD": "3"}
         | {"_GS_HIDER_COMPLETE": "complete_bash"},
         capture_output=True,
         text=True,
@@ -135,23 +183,84 @@ def test_the_script_for_a_shell(shell: str) -> None:
     assert "python -m" not in done.stdout
 
 
-def test_in_a_real_bash(here: Workspace, tmp_path: Path) -> None:
-    """The script as bash runs it: the words of a line go in, completions come out."""
-    program = tmp_path / "bin" / "gs-hider"
+@pytest.fixture
+def program(here: Workspace, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A command `gs-hider` on the PATH, which completes, and else only says what it was called with."""
+    program = here.folder / "bin" / "gs-hider"
     program.parent.mkdir()
-    program.write_text(f"#!/bin/sh\nexec {shlex.quote(sys.executable)} -c {shlex.quote(PROGRAM)}\n")
+    program.write_text(
+        '#!/bin/sh\nif [ -z "$_GS_HIDER_COMPLETE" ]; then echo "called: $*"; exit; fi\n'
+        f"exec {shlex.quote(sys.executable)} -c {shlex.quote(PROGRAM)}\n"
+    )
     program.chmod(0o755)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
+    return program
+
+
+def in_bash(*words: str) -> list[str]:
+    """What bash is offered for the last of the words into which it parts a line."""
     script = (
         'eval "$(_GS_HIDER_COMPLETE=source_bash gs-hider)"\n'
-        "COMP_WORDS=(gs-hider explain workflow.yaml tw); COMP_CWORD=3\n"
+        'COMP_WORDS=(gs-hider "$@"); COMP_CWORD=$#\n'
         "$(complete -p gs-hider | sed 's/.*-F \\([^ ]*\\).*/\\1/') gs-hider\n"
-        'echo "${COMPREPLY[@]}"\n'
+        'printf "%s\\n" "${COMPREPLY[@]}"\n'
     )
-    done = subprocess.run(
-        ["bash", "--norc", "-c", script],
-        env={**os.environ, "PYTHONPATH": str(ROOT), "PATH": f"{program.parent}:{os.environ['PATH']}"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert (done.stdout, done.stderr) == ("twice\n", "")
+    done = subprocess.run(["bash", "--norc", "-c", script, "bash", *words], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    return done.stdout.split()
+
+
+def test_in_a_real_bash(program: Path) -> None:
+    """The script as bash runs it: the words of a line go in, completions come out."""
+    assert in_bash("explain", "workflow.yaml", "tw") == ["twice"]
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (["--set", "bad.how", "="], ["user", "defect", "death", "silence"]),
+        (["--set", "bad.how", "=", "de"], ["defect", "death"]),
+        (["--set", "=", "bad.how", "=", "us"], ["user"]),
+        (["--set", "bad.ho"], ["bad.how=user", "bad.how=defect", "bad.how=death", "bad.how=silence"]),
+        (["--set", "bad.how=us"], ["bad.how=user"]),  # without = among COMP_WORDBREAKS
+        (["--set", "way", "="], ["user", "defect", "death", "silence"]),
+        (["--set", "count", "="], ["3"]),
+        (["--set", "cover", "="], []),
+        (["--set", "bad.how", "=", "user", ""], ["base", "bad"]),
+        (["--set", "count", "=", "3", "--set", "bad.how", "=", "us"], ["user"]),
+        (["--store", "=", "s3", ":", "//bucket/a", "--set", "bad.how", "=", "us"], ["user"]),
+        (["--set", "nosuch.how", "="], []),
+    ],
+)
+def test_bash_parts_words_at_some_signs(here: Workspace, program: Path, words: list[str], offered: list[str]) -> None:
+    """And replaces the last part alone."""
+    here.write(CHOICE)
+    assert in_bash("run", "workflow.yaml", "--stages", TOYS, *words) == offered
+
+
+def test_at_a_terminal(here: Workspace, program: Path) -> None:
+    """What a person types, with Tab, and what the program is called with then."""
+    here.write(CHOICE)
+    typed = f"gs-hider run workflow.yaml --stages {TOYS} --set bad.ho\tus\t --set count=\t\n"
+    screen = typed_into_bash('eval "$(_GS_HIDER_COMPLETE=source_bash gs-hider)"\n' + typed, until="called: ")
+    assert f"called: run workflow.yaml --stages {TOYS} --set bad.how=user --set count=3" in screen
+
+
+def typed_into_bash(text: str, until: str) -> str:
+    """What is on the screen of a terminal in which bash runs, once a whole line on it begins with `until`."""
+    process, terminal = pty.fork()
+    if process == 0:
+        os.environ["TERM"] = "dumb"
+        os.execvp("bash", ["bash", "--norc", "--noprofile"])
+    try:
+        os.write(terminal, text.encode())
+        screen = ""
+        while "\n" not in screen.partition(f"\n{until}")[2]:
+            assert select.select([terminal], [], [], 60)[0], screen
+            screen += os.read(terminal, 4096).decode().replace("\r", "")
+        return screen
+    finally:
+        os.close(terminal)
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
