@@ -1,0 +1,124 @@
+"""`gc`: wherever it breaks off, and on a full disk, the store is valid."""
+
+from __future__ import annotations
+
+import errno
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipeline.disk import remove_where_it_lies
+from pipeline.errors import CommandError
+from pipeline.garbage import Rules, collect
+from pipeline.store import Store
+from pipeline.temporary import left_behind
+from tests.pipeline.collecting import assert_sound, collected, is_cached, store_of
+from tests.pipeline.helpers import Workspace
+from tests.pipeline.test_runner import CHAIN
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def chain(workspace: Workspace) -> Workspace:
+    return workspace.write(CHAIN)
+
+
+def test_a_full_disk_is_made_room_on(chain: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To move something aside takes a folder and a lock."""
+    for factor in (2, 3):
+        chain.run(f"factor={factor}")
+    store = store_of(chain)
+
+    def full(temporary: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("pipeline.store.OwnFolder", full)
+    collect(store, Rules(keep_last=1)).delete()
+    monkeypatch.undo()
+    assert len(store.actions) == 4
+    assert_sound(store)
+    assert [is_cached(chain, f"factor={factor}") for factor in (2, 3)] == [False, True]
+
+
+def test_broken_off_on_a_full_disk(chain: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is half deleted is nothing any more: it has lost what makes it whole first."""
+    store = chain.run().project.store
+    digest = next(iter(store.objects))
+
+    def broken_off(path: Path) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pipeline.disk.remove", broken_off)
+    with pytest.raises(KeyboardInterrupt):
+        remove_where_it_lies(store.object(digest), "manifest.json")
+    assert not store.is_whole(digest)
+
+
+def test_no_run_may_go_on_meanwhile(chain: Workspace) -> None:
+    chain.run()
+    store = store_of(chain)
+    with store.in_use(), pytest.raises(CommandError, match="runs are using the store"):
+        collected(chain)
+    with store.in_use(alone=True), pytest.raises(CommandError, match="being deleted"):
+        chain.run()
+
+
+def test_broken_off_at_any_step_the_store_is_valid(chain: Workspace, tmp_path: Path) -> None:
+    """Before each step, and within it: what is to be deleted has been moved aside, and is not deleted yet."""
+    for factor in (2, 3, 4):
+        chain.run(f"factor={factor}")
+    original = tmp_path / "original"
+    shutil.copytree(store_of(chain).root, original, symlinks=True)
+    steps = len(collect(Store(original), Rules(keep_last=1))._steps)
+    assert steps > 8
+    for number in range(steps):
+        root = store_of(chain).root
+        shutil.rmtree(root)
+        shutil.copytree(original, root, symlinks=True)
+        store = Store(root)
+        for step in collect(store, Rules(keep_last=1))._steps[:number]:
+            step()
+        assert_sound(store)
+        assert is_cached(chain, "factor=4")
+        collected(chain, keep_last=1)
+        assert len(store.actions) == 4
+        assert_sound(store)
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+import pipeline.store
+from pipeline.garbage import Rules, collect
+left = [int(sys.argv[2])]
+def remove(path, real=pipeline.store.remove):
+    left[0] -= 1
+    if left[0] < 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    real(path)
+pipeline.store.remove = remove
+store = pipeline.store.Store(Path(sys.argv[1]))
+with store.in_use(alone=True):
+    collect(store, Rules(keep_last=1)).delete()
+"""
+
+
+@pytest.mark.parametrize("number", [0, 3])
+def test_killed_while_it_deletes(chain: Workspace, number: int) -> None:
+    """What it was deleting lies in `temporary`, and the lock died with the process."""
+    for factor in (2, 3, 4):
+        chain.run(f"factor={factor}")
+    store = store_of(chain)
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(store.root), str(number)], cwd=ROOT, check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert len(left_behind(store.root / "temporary")) == 1
+    assert_sound(store)
+    assert is_cached(chain, "factor=4")
+    collected(chain, keep_last=1)
+    assert not left_behind(store.root / "temporary")
+    assert len(store.actions) == 4

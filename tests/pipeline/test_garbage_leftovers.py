@@ -1,0 +1,103 @@
+"""`gc`: checkpoints, damaged things, journals and what else lies about go when they are worth nothing any more."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+
+import pytest
+
+from pipeline.garbage import CHECKPOINT_DAYS, JOURNALS_KEPT, Rules, collect
+from pipeline.verification import verify_store
+from tests.pipeline.collecting import assert_sound, collected, is_cached, store_of
+from tests.pipeline.helpers import Workspace
+from tests.pipeline.test_runner import CHAIN
+
+
+@pytest.fixture
+def chain(workspace: Workspace) -> Workspace:
+    return workspace.write(CHAIN)
+
+
+def test_checkpoints_that_may_be_worth_something_stay(chain: Workspace) -> None:
+    ran = chain.run()
+    store = store_of(chain)
+    done, begun, young, old = str(ran.ended["sum"].key), "a" * 64, "b" * 64, "c" * 64
+    journal = store.history.begin("chain", whole=True)
+    journal.begin(begun)
+    journal.close()
+    long_ago = time.time() - (CHECKPOINT_DAYS + 1) * 86400
+    for key in (done, begun, young, old):
+        folder = store.folder("scratch", key)
+        (folder / "checkpoint").write_text("half")
+        if key != young:
+            for path in (folder / "checkpoint", folder):
+                os.utime(path, (long_ago, long_ago))
+    collection = collected(chain)
+    assert sorted(path.name for path in (store.root / "scratch").iterdir()) == [begun, young]
+    assert len([remark for remark in collection.remarks if "checkpoint" in remark]) == 2
+
+
+def test_a_checkpoint_of_a_run_that_no_longer_counts_goes_when_it_is_old(chain: Workspace) -> None:
+    store = store_of(chain)
+    journal = store.history.begin("chain", whole=True)
+    journal.begin("a" * 64)
+    journal.close()
+    folder = store.folder("scratch", "a" * 64)
+    os.utime(folder, (0, 0))
+    for factor in (2, 3, 4):
+        chain.run(f"factor={factor}")
+    collected(chain, keep_last=4)
+    assert folder.exists()
+    collected(chain, keep_last=3)
+    assert not folder.exists()
+
+
+def test_what_is_damaged_goes_when_it_was_made_again_or_is_not_needed(chain: Workspace) -> None:
+    """And no sooner: it may be all that is left of something."""
+    chain.run("factor=2")
+    twice = chain.run("factor=3").ended["twice"].outputs["numbers"]
+    next(twice.glob("arrays.zarr/values/c/*")).write_bytes(b"")
+    (twice.parent / twice.name / ".DS_Store").write_text("?")
+    store = store_of(chain)
+    assert [checked for checked in verify_store(store) if checked.damage]
+    needed = collected(chain)
+    assert "2 damaged in" in "; ".join(needed.remarks)
+    assert {path.name for path in store.root.glob("damaged/objects/*")} == {twice.name}
+    chain.run("factor=3")
+    assert any("made again" in waste.what for waste in collect(store, Rules()).waste)
+    assert collected(chain).remarks
+    assert not list(store.root.glob("damaged/*/*"))
+    assert is_cached(chain, "factor=3")
+
+
+def test_leftovers_go(chain: Workspace) -> None:
+    chain.run()
+    store = store_of(chain)
+    (store.root / "temporary" / "of-a-dead-process").mkdir()
+    shutil.copytree(store.object(next(iter(store.objects))), store.object("f" * 64))
+    store.folder("code").joinpath("0.json").write_text("{}")
+    store.folder("logs", "gone").joinpath("a.log").write_text("said")
+    collected(chain)
+    assert not list((store.root / "temporary").glob("*dead*"))
+    assert not (store.root / "code" / "0.json").exists()
+    assert not (store.root / "logs" / "gone").exists()
+    assert (store.root / "logs" / "chain").exists()
+    assert_sound(store)
+    assert is_cached(chain)
+
+
+def test_old_journals_go_but_not_the_last_word_on_a_stage(chain: Workspace) -> None:
+    """A stage that failed ever since has its last result far back."""
+    text = "name: chain\nstages:\n  late: {uses: %s}\n  base: {uses: numbers}\n"
+    chain.write(text % "measure").run()
+    chain.write("name: chain\nstages:\n  late: {uses: fail, in: {numbers: base}}\n  base: {uses: numbers}\n")
+    for _ in range(JOURNALS_KEPT + 3):
+        chain.run()
+    history = store_of(chain).history
+    first = history.journals("chain")[-1]
+    collected(chain, keep_last=1)
+    assert len(history.journals("chain")) == JOURNALS_KEPT + 1
+    assert history.journals("chain")[-1] == first
+    assert is_cached(chain.write(text % "measure"))
