@@ -8,7 +8,8 @@ Kept is what a rerun of the kept runs would look up, so that it finds everything
 - pinned results, and those younger than a given age;
 - what is damaged and was set aside, as long as a kept run needs it and it was not made again.
 
-Checkpoints are kept as long as a kept run may go on from them, and otherwise for `CHECKPOINT_DAYS`.
+Checkpoints are kept as long as a kept run may go on from them, and otherwise for `CHECKPOINT_DAYS`. The folder of an
+action that left nothing in it is none.
 
 Deleted is in an order that leaves a valid store wherever it breaks off: links first, then records, then the artifacts
 that no record names any more. What breaks off half way is left over, and goes the next time.
@@ -228,7 +229,11 @@ class _Collector:
 
     def drop_checkpoints(self) -> None:
         dropped: dict[str, int] = {}
+        empty: dict[str, int] = {}
         for folder in [Path(entry.path) for entry in entries_of(self.store.root, "scratch")]:
+            if _is_empty(folder):
+                empty[f"scratch/{folder.name}"] = 0
+                continue
             done = folder.name in self.records
             days = (self.now - _newest(folder)) / DAY
             if not done and folder.name in self.begun:
@@ -239,6 +244,7 @@ class _Collector:
             else:
                 dropped[f"scratch/{folder.name}"] = size_of(folder)
         self.drop("checkpoints that nothing goes on from", dropped)
+        self.drop("empty folders of work that left no checkpoint", empty)
 
     def drop_the_rest(self, kept: set[str]) -> None:
         known = {*self.workflows, *(name.partition("/")[0] for name in self.links)}
@@ -298,6 +304,14 @@ class _Collector:
             return self.now - datetime.fromisoformat(str(record.provenance["started"])).timestamp()
         except (KeyError, ValueError):
             return float("inf")
+
+
+def _is_empty(folder: Path) -> bool:
+    """Whether a stage that had this folder has left nothing in it; no for what cannot be looked into."""
+    try:
+        return not any(folder.iterdir())
+    except OSError:
+        return False
 
 
 def _newest(folder: Path) -> float:

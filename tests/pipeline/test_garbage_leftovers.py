@@ -45,13 +45,30 @@ def test_a_checkpoint_of_a_run_that_no_longer_counts_goes_when_it_is_old(chain: 
     journal.begin("a" * 64)
     journal.close()
     folder = store.folder("scratch", "a" * 64)
-    os.utime(folder, (0, 0))
+    (folder / "checkpoint").write_text("half")
+    for path in (folder / "checkpoint", folder):
+        os.utime(path, (0, 0))
     for factor in (2, 3, 4):
         chain.run(f"factor={factor}")
     collected(chain, keep_last=4)
     assert folder.exists()
     collected(chain, keep_last=3)
     assert not folder.exists()
+
+
+def test_a_folder_with_nothing_in_it_is_no_checkpoint(workspace: Workspace) -> None:
+    """Every stage is given one, and whoever fails or is interrupted before it saves anything leaves it empty."""
+    workspace.write("stages:\n  base: {uses: numbers}\n  bad: {uses: fail, in: {numbers: base}}\n").run()
+    store = store_of(workspace)
+    (left,) = (store.root / "scratch").iterdir()
+    store.folder("scratch", "b" * 64).joinpath("checkpoint").write_text("half")
+    collection = collected(workspace)
+    assert [waste.number for waste in collection.waste if "left no checkpoint" in waste.what] == [1]
+    (remark,) = [remark for remark in collection.remarks if "checkpoint" in remark]
+    assert remark.startswith("checkpoint bbbbbbbb: of unfinished work")
+    assert not left.exists()
+    assert (store.root / "scratch" / ("b" * 64)).is_dir()
+    assert not collected(workspace).waste
 
 
 def test_what_is_damaged_goes_when_it_was_made_again_or_is_not_needed(chain: Workspace) -> None:
