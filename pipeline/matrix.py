@@ -89,10 +89,13 @@ class Rows:
         ]
 
 
-def expand(key: str, located: Located, problems: Problems) -> Rows | None:
-    """The rows of a `foreach` or a `matrix`; None, with every reason among `problems`, where it has none."""
+def expand(key: str, located: Located, problems: Problems, wanted: Sequence[str] = ()) -> Rows | None:
+    """The rows of a `foreach` or a `matrix`; None, with every reason among `problems`, where it has none.
+
+    `wanted` are the columns that a table is to have.
+    """
     before = len(problems)
-    values = _combinations(located, problems) if key == "matrix" else _foreach(located, problems)
+    values = _combinations(located, problems) if key == "matrix" else _foreach(located, problems, wanted)
     if values is None or len(problems) > before:
         return None
     rows = Rows(tuple(values[0]), tuple(values))
@@ -102,9 +105,9 @@ def expand(key: str, located: Located, problems: Problems) -> Rows | None:
     return rows if len(problems) == before else None
 
 
-def _foreach(located: Located, problems: Problems) -> Sequence[Mapping[str, Located]] | None:
+def _foreach(located: Located, problems: Problems, wanted: Sequence[str]) -> Sequence[Mapping[str, Located]] | None:
     if isinstance(located.value, str):
-        table = read_table(located.base / located.value, located.place, problems)
+        table = read_table(located.base / located.value, located.place, problems, wanted)
         return None if table is None else _listed("foreach", table, problems)
     if isinstance(located.value, tuple) and located.value:
         return _listed("foreach", located.value, problems)

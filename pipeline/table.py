@@ -4,8 +4,10 @@
     photos/kitchen,photos/fox
     photos/garden,"photos/2024"
 
-The first row names the columns. A cell is a number, `true`, `false` or nothing as JSON spells them, and else a text;
-in quotes it is always a text. Cells are parted by commas, blanks around them do not count, and neither do empty lines.
+The first row names the columns; `Cover` names `cover` where that alone is wanted. A cell is a number, `true`, `false`
+or nothing as JSON spells them, and else a text; in quotes it is always a text. Cells are parted by commas, or where the
+first row is so by semicolons or tabs, as spreadsheets write them in many countries. Blanks around cells do not count,
+and neither do empty lines.
 """
 
 from __future__ import annotations
@@ -19,11 +21,20 @@ from pathlib import Path
 
 from pipeline.errors import Place
 from pipeline.located import Located, Problems, Scalar
+from pipeline.plain_text import in_a_line
 
-CELL = re.compile(r'[ \t]*(?:"(?P<quoted>[^"]*(?:""[^"]*)*)"[ \t]*|(?P<bare>[^,\r\n]*))(?=[,\r\n]|\Z)')
+DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab"}
+CELLS = {
+    delimiter: re.compile(
+        rf'[{blanks}]*(?:"(?P<quoted>[^"]*(?:""[^"]*)*)"[{blanks}]*|(?P<bare>[^{delimiter}\r\n]*))(?=[{delimiter}\r\n]|\Z)'
+    )
+    for delimiter, blanks in ((",", " \t"), (";", " \t"), ("\t", " "))
+}
+LINE_END = re.compile("\r\n|\r|\n")
 JSON_SCALAR = re.compile(r"true|false|null|-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?")
 UNPRINTABLE = re.compile(r"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]")
 LONGEST_NUMBER = 300  # digits; what is longer is a text, as Python reads no number of thousands of them
+LONGEST_HEADER = 200  # characters of a first row that is told
 COLUMN = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 COLUMN_WORDS = "letters, digits, '_' and '-'"
 HEADER_WORDS = "a first row with the columns' names, such as cover,message"
@@ -47,9 +58,10 @@ class Cell:
         return self.text
 
 
-def read_table(path: Path, asked: Place, problems: Problems) -> tuple[Located, ...] | None:
+def read_table(path: Path, asked: Place, problems: Problems, wanted: Sequence[str] = ()) -> tuple[Located, ...] | None:
     """The rows under the header, each a mapping of the columns' names to scalars; paths are relative to the file.
 
+    `wanted` are the columns that it is to have, beside any others.
     None, with the reason among `problems`, where there is no such table; `asked` is the place that named it.
     """
     shown = str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
@@ -66,16 +78,18 @@ def read_table(path: Path, asked: Place, problems: Problems) -> tuple[Located, .
         place = Place(shown, before.count("\n") + 1, len(before) - before.rfind("\n"))
         problems.add(place, f"not UTF-8: found the byte 0x{content[error.start]:02x}; save the table as UTF-8 text")
         return None
-    return _Table(text, shown, path.parent, problems).rows()
+    return _Table(text, shown, path.parent, problems, wanted).rows()
 
 
 class _Table:
-    def __init__(self, text: str, file: str, base: Path, problems: Problems) -> None:
+    def __init__(self, text: str, file: str, base: Path, problems: Problems, wanted: Sequence[str]) -> None:
         self.text = text
+        self.delimiter = _delimiter_of(text)
         self.file = file
         self.base = base
         self.problems = problems
-        self.lines = [0, *(match.end() for match in re.finditer("\r\n|\r|\n", text))]
+        self.wanted = wanted
+        self.lines = [0, *(match.end() for match in LINE_END.finditer(text))]
 
     def rows(self) -> tuple[Located, ...] | None:
         before = len(self.problems)
@@ -91,21 +105,33 @@ class _Table:
         return tuple(rows) if len(self.problems) == before else None
 
     def names(self, header: Sequence[Cell]) -> list[str]:
-        names: list[str] = []
-        for cell in header:
-            if not COLUMN.fullmatch(cell.text):
+        texts = [cell.text.strip() for cell in header]
+        names = [self.meant(text, texts) for text in texts]
+        lacking = [name for name in self.wanted if name not in names]
+        sound = len(set(names)) == len(names) and all(map(COLUMN.fullmatch, names))
+        if lacking and (sound or len(lacking) == len(self.wanted)):
+            found = f"the first row is {in_a_line(', '.join(texts), LONGEST_HEADER)}"
+            expected = f"expected the names of columns {', '.join(self.wanted)}, as the workflow has them"
+            self.problems.add(header[0].place, f"{found}; {expected}")
+            return names
+        for index, (name, cell) in enumerate(zip(names, header, strict=True)):
+            if not COLUMN.fullmatch(name):
                 hint = "; part the columns with commas" if re.search("[;\t|]", cell.text) else ""
                 self.problems.add(cell.place, f"{cell.text!r} cannot name a column; expected {COLUMN_WORDS}{hint}")
-            elif cell.text in names:
-                self.problems.add(cell.place, f"the column {cell.text!r} is there twice; give each a name of its own")
-            names.append(cell.text)
+            elif name in names[:index]:
+                self.problems.add(cell.place, f"the column {name!r} is there twice; give each a name of its own")
         return names
+
+    def meant(self, text: str, texts: Sequence[str]) -> str:
+        """The wanted column that a name in the first row differs from in capitals alone; else the name itself."""
+        alike = [name for name in self.wanted if name.casefold() == text.casefold()]
+        return alike[0] if len(alike) == 1 and alike[0] not in texts else text
 
     def is_whole(self, names: Sequence[str], row: Sequence[Cell]) -> bool:
         if len(row) == len(names):
             return True
         place = row[len(names)].place if len(row) > len(names) else row[0].place
-        hint = "; a cell with a comma needs quotes" if len(row) > len(names) else ""
+        hint = f"; a cell with a {DELIMITERS[self.delimiter]} needs quotes" if len(row) > len(names) else ""
         found = f"{len(row)} cell{'s' * (len(row) != 1)}"
         self.problems.add(place, f"this row has {found}; expected {len(names)} ({', '.join(names)}){hint}")
         return False
@@ -120,15 +146,15 @@ class _Table:
         row: list[Cell] = []
         position = 0
         while position < len(self.text):
-            match = CELL.match(self.text, position)
-            assert match, "a bare cell goes on to the next comma or line, whatever it holds"
+            match = CELLS[self.delimiter].match(self.text, position)
+            assert match, "a bare cell goes on to the next delimiter or line, whatever it holds"
             row.append(self.cell(match))
             position = match.end()
             delimiter = self.text[position : position + 1]
             position += 2 if self.text.startswith("\r\n", position) else 1
-            if delimiter == "," and position >= len(self.text):
+            if delimiter == self.delimiter and position >= len(self.text):
                 row.append(Cell("", False, self.place(len(self.text))))
-            if delimiter != "," or position >= len(self.text):
+            if delimiter != self.delimiter or position >= len(self.text):
                 if len(row) > 1 or row[0].text or row[0].quoted:
                     yield row
                 row = []
@@ -146,3 +172,10 @@ class _Table:
     def place(self, offset: int) -> Place:
         line = bisect_right(self.lines, offset)
         return Place(self.file, line, offset - self.lines[line - 1] + 1)
+
+
+def _delimiter_of(text: str) -> str:
+    """What parts the cells of the first line that is not empty: no name of a column has any of these in it."""
+    header = next((line for line in LINE_END.split(text) if line.strip()), "")
+    found = [delimiter for delimiter in DELIMITERS if delimiter in header]
+    return found[0] if len(found) == 1 else ","

@@ -24,6 +24,7 @@ from pipeline.errors import CommandError, Place, nearest
 from pipeline.located import Located, Problems, read_yaml
 from pipeline.matrix import Rows, expand
 from pipeline.substitution import Scope, references, substitute
+from pipeline.wanted_columns import wanted_columns
 
 WORKFLOW_KEYS = ("name", "vars", "stages")
 STAGE_KEYS = ("uses", "in", "with", "foreach", "matrix", "private", "resources")
@@ -137,6 +138,7 @@ class _Parser:
         self.path = path
         self.problems = problems
         self.expanded: dict[tuple[object, ...], tuple[Located, Rows | None]] = {}
+        self.wanted: Mapping[str, tuple[str, ...]] = {}
 
     def workflow(self, root: Located, settings: dict[str, Located], files: Sequence[Located]) -> Workflow:
         top = self.mapping(root, "the workflow", WORKFLOW_KEYS)
@@ -145,6 +147,7 @@ class _Parser:
         if stages is None and isinstance(root.value, Mapping):
             self.problems.add(root.place, "the workflow has no 'stages'")
         bodies = dict(self.mapping(stages, "'stages'")) if stages is not None else {}
+        self.wanted = wanted_columns(bodies, settings)
         variables = self.variables(top.get("vars"), files, settings, bodies)
         entries = {}
         for stage, body in bodies.items():
@@ -247,9 +250,10 @@ class _Parser:
             given = substitute(fields[key], variables, self.problems) if key in fields else None
             if given is not None:
                 # Stages that share a var or name one table get the same rows, read and checked once.
-                shared = (key, given.base, given.value) if isinstance(given.value, str) else (key, id(given))
+                wanted = self.wanted.get(str(fields[key].value), ())
+                shared = (key, given.base, given.value, wanted) if isinstance(given.value, str) else (key, id(given))
                 if shared not in self.expanded:
-                    self.expanded[shared] = given, expand(key, given, self.problems)
+                    self.expanded[shared] = given, expand(key, given, self.problems, wanted)
                 return self.expanded[shared][1]
         return None
 

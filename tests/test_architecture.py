@@ -19,7 +19,7 @@ ENGINE = [
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
     "engine_code sealed temporary in_use",
     "arrays substitution outside_paths table record",
-    "damaged latest matrix artifact executor placement fingerprint history wording bucket",
+    "damaged latest wanted_columns matrix artifact executor placement fingerprint history wording bucket",
     "stage store remote_history remote_pins remote_artifacts workflow wrong_values livetable loaded_code",
     "absent_store",
     "source_cache checkpoint remote external_cache privacy garbage verification workers progress",
