@@ -26,6 +26,7 @@ from pipeline.manifest import FileRecord, Manifest
 from pipeline.project import open_project
 from pipeline.provenance import machine
 from pipeline.record import RECORD, Record
+from pipeline.remote import open_store
 from pipeline.sealed import sealed
 from pipeline.stage import output_is_private
 from pipeline.store import Store
@@ -50,6 +51,7 @@ def main() -> None:
         folder = Path(name)
         table = write_pairs(folder, pairs)
         small = write_pairs(folder / "one", 1)
+        open_store(folder / "store")  # made, since a plan makes none, and without one remembers nothing
         for pairs_file in (small, table):  # imports the stages, which costs what torch costs, and remembers them
             cost("run", folder / "store", pairs_file, "--dry-run")
         nothing = cost("run", folder / "store", small, "--dry-run")
