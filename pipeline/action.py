@@ -11,7 +11,7 @@ import shutil
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -32,8 +32,20 @@ from pipeline.loaded_code import LoadedCode
 from pipeline.process import nobody_else_reads
 from pipeline.provenance import machine, now, versions_of
 from pipeline.record import Record
+from pipeline.remarks import remarks_on
 from pipeline.remote import open_store
-from pipeline.stage import Context, InputValue, Item, LineageRecord, Services, Stage, bind_inputs, output_is_private
+from pipeline.stage import (
+    Context,
+    Finished,
+    InputValue,
+    Item,
+    LineageRecord,
+    Remark,
+    Services,
+    Stage,
+    bind_inputs,
+    output_is_private,
+)
 from pipeline.stagelog import StageLog, printed_to_stderr
 from pipeline.store import Store
 
@@ -103,7 +115,7 @@ class Outcome:
     """How an action ended. `outputs` are digests; `cause` says in one line why it did not end well.
 
     `damaged` are digests of inputs that are not what was written; `private` whether an output is private; `transient`
-    whether what failed may succeed if it is tried again.
+    whether what failed may succeed if it is tried again; `remarks` what a person should know of what was made.
     """
 
     state: Literal["ran", "cached", "failed", "stopped", "damaged"]
@@ -114,6 +126,7 @@ class Outcome:
     private: bool = False
     log: Path | None = None
     transient: bool = False
+    remarks: tuple[Remark, ...] = ()
 
 
 def perform(job: Job, tell: Tell) -> Outcome:
@@ -183,7 +196,8 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         with log.captured() if job.captures else printed_to_stderr():
             record = action.run(work, log, tell)
         log.line(f"done in {record.seconds:.1f} s")
-        return Outcome("ran", record.seconds, record.outputs, private=record.private, log=path)
+        made = Outcome("ran", record.seconds, record.outputs, private=record.private, log=path)
+        return replace(made, remarks=action.remarks(record, log))
     except Interrupted as interrupted:
         cause = str(interrupted) or "stopped"
         log.line(cause)
@@ -258,6 +272,19 @@ class _Action:
             if artifacts or name in self.job.items
         }
         return bind_inputs(declared, given)
+
+    def remarks(self, record: Record, log: StageLog) -> tuple[Remark, ...]:
+        """What is to be said of the result, which the log gets in full. It is kept even where that is defective."""
+        try:
+            declared = import_stage(self.job.package, self.job.uses)
+            outputs = {name: self.store.artifact(digest) for name, digest in record.outputs.items()}
+            said = remarks_on(declared, Finished(self.inputs(declared), outputs, record.provenance["facts"]))
+        except Exception:
+            log.traceback()
+            return ()
+        for remark in said:
+            log.line(" ".join(filter(None, (remark.text, remark.details))))
+        return said
 
     def check_external(self) -> None:
         """Raises UserError where a file that the stage may have read is not as it was when the run was planned."""

@@ -42,6 +42,15 @@ class StageEnded:
 
 
 @dataclass(frozen=True)
+class Remarked:
+    """What a person should know of a result that a stage just made; `log` is where to read more, if there is more."""
+
+    name: str
+    text: str
+    log: Path | None = None
+
+
+@dataclass(frozen=True)
 class Noted:
     """Something that a person should know: what the run waits for, where something is."""
 
@@ -57,7 +66,7 @@ class Summary:
     interrupted: bool = False
 
 
-Event = StageStarted | StageProgressed | StageEnded | Noted | Summary
+Event = StageStarted | StageProgressed | StageEnded | Remarked | Noted | Summary
 
 
 def as_json(event: Event) -> str | None:

@@ -5,8 +5,8 @@ scope (what most tools hash) misses an edited helper, and a silently stale resul
 The whole tree is safe, but then a line changed in the report repeats hours of training. Modules are safe, since Python
 cannot run code of a module that nobody imports, and as precise as the files are small. So:
 
-- a module counts by its syntax tree, without comments, docstrings, layout, and what `@stage(unrepeatable=…)` says,
-  which changes no bit;
+- a module counts by its syntax tree, without comments, docstrings, layout, and what `@stage(unrepeatable=…)` and
+  `@stage(remarks=…)` say, which changes no bit;
 - imports count wherever they stand, inside functions and under `TYPE_CHECKING` too, and so do the packages that they
   pass through: keep `__init__.py` thin;
 - `RESOURCES = ("kernels/*.cl",)` at the top of a module adds the bytes of files beside it;
@@ -32,7 +32,7 @@ ENGINE = "pipeline"
 DYNAMIC = ("import_module", "__import__", "run_module", "run_path", "spec_from_file_location")
 IMPORTS = "its imports"
 STATEMENTS = "its other statements"
-NOTE = "unrepeatable"  # the argument of `@stage` that says how to treat a result, not what it is
+NOTES = ("unrepeatable", "remarks")  # arguments of `@stage` that say how to treat a result, not what it is
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ def spell(node: object) -> str:
     True
     """
     if isinstance(node, ast.FunctionDef):
-        node.decorator_list = [_without_note(decorator) for decorator in node.decorator_list]
+        node.decorator_list = [_without_notes(decorator) for decorator in node.decorator_list]
     if isinstance(node, ast.AST):
         fields = [(name, spell(value)) for name, value in ast.iter_fields(node) if name not in ("ctx", "type_comment")]
         return f"{type(node).__name__}({','.join(f'{name}={text}' for name, text in fields if text)})"
@@ -196,10 +196,10 @@ def spell(node: object) -> str:
     return "" if node is None else f"{type(node).__name__} {node!r}"
 
 
-def _without_note(decorator: ast.expr) -> ast.expr:
+def _without_notes(decorator: ast.expr) -> ast.expr:
     if not (isinstance(decorator, ast.Call) and _called(decorator) == "stage"):
         return decorator
-    return ast.Call(decorator.func, decorator.args, [said for said in decorator.keywords if said.arg != NOTE])
+    return ast.Call(decorator.func, decorator.args, [said for said in decorator.keywords if said.arg not in NOTES])
 
 
 def _is_bare_text(node: object) -> bool:

@@ -1,7 +1,7 @@
 """A run on a terminal: what runs, how far it is and how good so far; what failed, and counts of all else.
 
 The table has a row for each running stage, however many stages there are. What has ended scrolls away above it, or, of
-many, is only counted; failures stay in sight, and are said once more when the table goes.
+many, is only counted; failures stay in sight; they and remarks on results are said once more when the table goes.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from pipeline.events import Event, Noted, StageEnded, StageProgressed, StageStarted, State
-from pipeline.wording import Pace, clock_words, ending, figures_words
+from pipeline.events import Event, Noted, Remarked, StageEnded, StageProgressed, StageStarted, State
+from pipeline.wording import Pace, clock_words, ending, figures_words, remark_words
 
 MANY = 100  # stages; of more, those that ended well are only counted
 SHOWN_FAILURES = 5
@@ -29,6 +29,7 @@ LAST_ENDED = 3
 OTHER_LINES = SHOWN_FAILURES + 5  # besides those of running stages
 REFRESHES = 5  # a second
 STYLES: Mapping[State, str] = {"ran": "green", "failed": "bold red", "skipped": "yellow", "cached": "dim"}
+REMARK = "bold yellow"
 WIDE, NARROW = 100, 60  # columns of the terminal: with all there is; without bars
 
 
@@ -54,6 +55,7 @@ class LiveTable:
         self._running: dict[str, Running] = {}
         self._ended: dict[str, State] = {}
         self._failed: dict[str, StageEnded] = {}
+        self._remarks: list[Remarked] = []
         self._last: deque[str] = deque(maxlen=LAST_ENDED)
         self._changing = threading.Lock()  # the table is drawn by a thread of its own
         self._live = Live(
@@ -68,6 +70,8 @@ class LiveTable:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._live.stop()
+        for remark in self._remarks:
+            self._console.print(Text(remark_words(remark), REMARK))
         for event in self._failed.values():
             self._console.print(Text(ending(event), STYLES["failed"]))
 
@@ -87,6 +91,9 @@ class LiveTable:
             row.pace.note(time.monotonic(), event.done)
         elif isinstance(event, StageEnded):
             return self._end(event)
+        elif isinstance(event, Remarked):
+            self._remarks.append(event)
+            return Text(remark_words(event), REMARK)
         elif isinstance(event, Noted):
             return Text(event.text, "yellow")
         return None

@@ -9,9 +9,9 @@ from typing import Protocol, Self, TextIO
 
 from rich.console import Console
 
-from pipeline.events import Event, Noted, StageEnded, StageProgressed, StageStarted, as_json
+from pipeline.events import Event, Noted, Remarked, StageEnded, StageProgressed, StageStarted, as_json
 from pipeline.livetable import LiveTable
-from pipeline.wording import Pace, ending, progress_words
+from pipeline.wording import Pace, ending, progress_words, remark_words
 
 SAY_EVERY = 10.0  # seconds between two plain lines about one stage
 
@@ -60,12 +60,13 @@ class JsonLines:
 
 
 class PlainLines:
-    """A line when a stage starts and ends, and at most one each ten seconds in between."""
+    """A line when a stage starts and ends, and at most one each ten seconds in between; remarks once more at last."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self._paces: dict[str, Pace] = {}
         self._said: dict[str, float] = {}
+        self._remarks: list[Remarked] = []
 
     def __enter__(self) -> Self:
         return self
@@ -73,6 +74,8 @@ class PlainLines:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        for event in self._remarks:
+            self._say(remark_words(event))
         self._stream.flush()
 
     def __call__(self, event: Event) -> None:
@@ -88,6 +91,9 @@ class PlainLines:
                 self._say(f"{event.name}: {progress_words(event, self._paces[event.name].left(event.total))}")
         elif isinstance(event, StageEnded) and event.state != "cached":
             self._say(ending(event))
+        elif isinstance(event, Remarked):
+            self._remarks.append(event)
+            self._say(remark_words(event))
         elif isinstance(event, Noted):
             self._say(event.text)
 

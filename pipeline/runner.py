@@ -20,7 +20,7 @@ from pipeline.canonical import Json
 from pipeline.cause import lasting_words
 from pipeline.changes import FAILED
 from pipeline.disk import words_of
-from pipeline.events import Event, Noted, StageEnded, State, Summary
+from pipeline.events import Event, Noted, Remarked, StageEnded, State, Summary
 from pipeline.executor import Executor, Lost
 from pipeline.explain import key_of, key_parts
 from pipeline.graph import Graph, Node, Source
@@ -284,6 +284,8 @@ class Run:
             state: State = "ran" if outcome.state == "ran" else "cached"
             result = StageResult(name, state, key, outcome.outputs, outcome.seconds, outcome.private)
             self._finish(result, outcome.log)
+            for remark in outcome.remarks:
+                self.tell(Remarked(name, remark.text, outcome.log if remark.details else None))
         return self._dependents[name]
 
     def _lost(self, name: str, key: str, lost: Lost, begun: bool) -> Outcome:

@@ -115,6 +115,30 @@ class LineageRecord:
 
 
 @dataclass(frozen=True)
+class Finished:
+    """A stage that has just been done: what it took, what it made, and the facts that it recorded."""
+
+    inputs: Mapping[str, InputValue]
+    outputs: Mapping[str, Artifact]
+    facts: Mapping[str, Json]
+
+    def input(self, name: str) -> Artifact:
+        """The artifact of an input that takes one. Raises TypeError where it was given none, or takes many."""
+        return _one(name, self.inputs[name])
+
+
+@dataclass(frozen=True)
+class Remark:
+    """What a person should know of a result although nothing failed: on the screen, and once more when the run ends.
+
+    `details` go to the stage's log alone: they may be long, or nobody else's affair.
+    """
+
+    text: str
+    details: str = ""
+
+
+@dataclass(frozen=True)
 class Services:
     """What the engine does for a running stage; the defaults do nothing."""
 
@@ -147,10 +171,7 @@ class Context:
 
     def input(self, name: str) -> Artifact:
         """The one artifact of an input that is neither `many` nor `optional`, or of an optional one that is given."""
-        value = self.inputs[name]
-        if not isinstance(value, Artifact):
-            raise TypeError(f"input {name!r} is not one artifact; use input_many or input_optional")
-        return value
+        return _one(name, self.inputs[name])
 
     def input_many(self, name: str) -> tuple[Artifact, ...]:
         """The artifacts of a `many` input, in order; empty where it is optional and not given."""
@@ -214,6 +235,12 @@ class Context:
         return self._services.lineage()
 
 
+def _one(name: str, value: InputValue) -> Artifact:
+    if not isinstance(value, Artifact):
+        raise TypeError(f"input {name!r} is not one artifact; use input_many or input_optional")
+    return value
+
+
 StageFunction = Callable[[Context, Any], None]
 
 
@@ -230,6 +257,7 @@ class Stage:
     alone: bool = False
     resources: Mapping[str, float] = field(default_factory=dict)
     unrepeatable: Callable[[Any], bool] | None = None
+    remarks: str | None = None
     name: str = field(init=False)
 
     def __post_init__(self) -> None:
@@ -250,6 +278,7 @@ def stage(
     alone: bool = False,
     resources: Mapping[str, float | str] | None = None,
     unrepeatable: Callable[[Any], bool] | None = None,
+    remarks: str | None = None,
 ) -> Callable[[StageFunction], Stage]:
     """Declares a function `(context, parameters)` to be a stage; the type of its parameters comes from its annotation.
 
@@ -259,8 +288,9 @@ def stage(
     cannot do without while it runs, such as `{"memory": "8 GiB"}`, or `{"gpu": 1}` where there is no other way; a
     workflow may say otherwise. Neither is in the key. `unrepeatable` says whether, with given parameters, the stage
     draws what no run can draw again, such as a key: where such a result is damaged or gone, no run puts another in its
-    place unless a person has given it up. It is no part of the code's fingerprint. Raises TypeError where the
-    declaration itself is wrong.
+    place unless a person has given it up. `remarks`, such as "stages.scene.remarks:photos_left_out", names the function
+    that makes a tuple of `Remark` out of what is `Finished`. The last two are no part of the code's fingerprint. Raises
+    TypeError where the declaration itself is wrong.
     """
 
     def declare(function: StageFunction) -> Stage:
@@ -275,7 +305,8 @@ def stage(
         for name, port in inputs.items():
             if port.labelled and not port.many:
                 raise TypeError(f"stage {function.__name__}: the labelled input {name!r} is not declared many=True")
-        return Stage(function, model, dict(inputs), dict(outputs), version, modules, alone, needed, unrepeatable)
+        ports = dict(inputs), dict(outputs)
+        return Stage(function, model, *ports, version, modules, alone, needed, unrepeatable, remarks)
 
     return declare
 

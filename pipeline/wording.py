@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 
-from pipeline.events import StageEnded, StageProgressed, State, Summary
+from pipeline.events import Remarked, StageEnded, StageProgressed, State, Summary
 
 RECENT = 60.0  # seconds over which a pace is measured
 
@@ -52,6 +52,14 @@ def ending(event: StageEnded) -> str:
         return f"{event.name}: cached"
     log = f" (log: {event.log})" if event.state == "failed" and event.log else ""
     return f"{event.name}: {event.state}: {event.cause}{log}"
+
+
+def remark_words(event: Remarked) -> str:
+    """
+    >>> remark_words(Remarked("cover", "15 of 25 photos placed"))
+    'cover: 15 of 25 photos placed'
+    """
+    return f"{event.name}: {event.text}" + (f" (log: {event.log})" if event.log else "")
 
 
 def summary_words(workflow: str, summary: Summary) -> str:

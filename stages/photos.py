@@ -58,7 +58,12 @@ class PhotosParameters(Parameters):
     )
 
 
-@stage(inputs={}, outputs={"capture": Output("capture")}, version=1)
+@stage(
+    inputs={},
+    outputs={"capture": Output("capture")},
+    version=1,
+    remarks="stages.scene.remarks:photos_without_poses",
+)
 def photos(context: Context, parameters: PhotosParameters) -> None:
     """Read every photo once, so that damage shows here, and keep them as they came."""
     place = find_poses(parameters.folder) if parameters.poses is None else poses_at(parameters.poses)

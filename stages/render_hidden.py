@@ -55,6 +55,7 @@ class RenderHiddenParameters(Parameters):
     outputs={"views": Output("views")},
     version=3,
     modules=lambda parameters: [module_of(METHOD)],
+    remarks="stages.scene.remarks:message_hardly_seen",
 )
 def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     """Place the message so that the cover's cameras see as much of it as possible, then take their pictures.

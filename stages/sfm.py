@@ -44,6 +44,7 @@ class SfmParameters(Parameters):
     outputs={"scene": Output("scene")},
     version=1,
     modules=lambda parameters: [PROCESS],
+    remarks="stages.scene.remarks:photos_not_placed",
 )
 def sfm(context: Context, parameters: SfmParameters) -> None:
     """Estimate cameras and points, or keep the poses that came with the photos and triangulate points."""

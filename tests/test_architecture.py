@@ -22,7 +22,7 @@ ENGINE = [
     "damaged latest wanted_columns matrix artifact executor placement fingerprint history wording bucket",
     "stage store remote_history remote_pins remote_artifacts workflow wrong_values livetable loaded_code",
     "absent_store",
-    "source_cache checkpoint remote external_cache privacy garbage verification workers progress",
+    "remarks source_cache checkpoint remote external_cache privacy garbage verification workers progress",
     "declaration",
     "graph action naming storewords cluster",
     "explain changes description exporting urgency loss",

@@ -1,0 +1,64 @@
+"""What is said of captures and scenes when nothing failed and yet something is amiss."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from pipeline.artifact import Artifact, create, load
+from pipeline.canonical import Json
+from pipeline.stage import Finished, Remark
+from stages.scene.remarks import message_hardly_seen, photos_not_placed, photos_without_poses
+
+
+def artifact(path: Path, kind: str, **attributes: Json) -> Artifact:
+    with create(path, kind) as writer:
+        writer.attributes |= attributes
+        writer.write_file("note.txt", "something")
+    return load(path)
+
+
+def finished(inputs: Mapping[str, Artifact], outputs: Mapping[str, Artifact], **facts: Json) -> Finished:
+    return Finished(inputs, outputs, facts)
+
+
+def test_photos_that_structure_from_motion_could_not_place(tmp_path: Path) -> None:
+    capture = artifact(tmp_path / "capture", "capture", names=["a.jpg", "b.jpg", "c.jpg"])
+    scene = artifact(tmp_path / "scene", "scene", names=["b.jpg"])
+    (remark,) = photos_not_placed(finished({"capture": capture}, {"scene": scene}))
+    assert remark.text.startswith("1 of 3 photos placed;")
+    assert ".jpg" not in remark.text
+    assert remark.details == "Not placed: a.jpg, c.jpg"
+
+
+def test_nothing_is_said_where_all_are_placed(tmp_path: Path) -> None:
+    capture, scene = (artifact(tmp_path / kind, kind, names=["a.jpg"]) for kind in ("capture", "scene"))
+    assert photos_not_placed(finished({"capture": capture}, {"scene": scene})) == ()
+
+
+@pytest.mark.parametrize(("left", "said"), [(0, ()), (10, ("15 of 25 photos came with a pose; the others",))])
+def test_photos_without_poses(left: int, said: tuple[str, ...]) -> None:
+    remarks: tuple[Remark, ...] = photos_without_poses(finished({}, {}, photos=15, without_pose=left))
+    assert len(remarks) == len(said)
+    assert all(remark.text.startswith(text) for remark, text in zip(remarks, said, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("test_names", "legal", "said"),
+    [
+        (["a.jpg"], [False, True], True),
+        (["a.jpg"], [True, False], False),
+        (["a.jpg", "b.jpg"], [False, True], False),
+        ([], [False, False], False),  # nothing would be scored
+    ],
+)
+def test_a_message_that_no_test_view_shows(
+    tmp_path: Path, test_names: list[str], legal: list[bool], said: bool
+) -> None:
+    cover = artifact(tmp_path / "cover", "scene", names=["a.jpg", "b.jpg"], test_names=[*test_names])
+    views = artifact(tmp_path / "views", "views", names=["a.jpg", "b.jpg"], legal=[*legal], message="Zebraquartz")
+    remarks = message_hardly_seen(finished({"cover": cover}, {"views": views}))
+    assert bool(remarks) is said
+    assert not any("Zebraquartz" in remark.text for remark in remarks)
