@@ -19,6 +19,7 @@ INPUTS = {
     "videos": Input("videos", many=True, optional=True),
     "public_videos": Input("videos", many=True, optional=True),
 }
+SCENES = Input("scene", many=True, optional=True, labelled=True)
 
 
 class ReportParameters(Parameters):
@@ -28,7 +29,7 @@ class ReportParameters(Parameters):
 
 
 @stage(
-    inputs=INPUTS,
+    inputs={**INPUTS, "scenes": SCENES},
     outputs={"owner": Output("report", privacy="private"), "public": Output("report", privacy="public")},
     version=1,
 )
@@ -36,11 +37,11 @@ def report(context: Context, parameters: ReportParameters) -> None:
     """Each page is one HTML file, about the method whose scores come first.
 
     What is private goes to the owner's page only: the public one is made from nothing but public artifacts and the
-    stages that lead to them.
+    stages that lead to them. Of `scenes` the pages say how many photos were placed.
     """
     inputs = {name: context.input_many(name) for name in INPUTS}
-    lineage = context.lineage()
-    owner = owner_page(owner_material(inputs, lineage), context.workflow_name, parameters.views)
-    public = public_page(public_material(inputs, lineage), parameters.views)
+    lineage, scenes = context.lineage(), context.items("scenes")
+    owner = owner_page(owner_material(inputs, lineage, scenes), context.workflow_name, parameters.views)
+    public = public_page(public_material(inputs, lineage, scenes), parameters.views)
     context.output("owner").write_file(REPORT_FILE, write_page(owner))
     context.output("public").write_file(REPORT_FILE, write_page(public))

@@ -1,7 +1,7 @@
 """What to say of captures and scenes though nothing failed: photos that were left out, messages that are hardly seen.
 
-The engine calls these when a result was made, and shows what they say. No stage imports them: their words are not in
-the key of any result.
+The engine calls these when a result was made, and shows what they say. The stages that they are about do not import
+them: better words make no result of theirs again.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from pipeline.artifact import Artifact, create, load
-from pipeline.stage import LineageRecord, Services, run_stage
+from pipeline.stage import Item, LineageRecord, Services, run_stage
 from stages.analysis.comparisons import Comparison, write_comparisons
 from stages.analysis.page import gallery
 from stages.analysis.videos import Video, write_videos
@@ -212,6 +212,56 @@ def test_the_owner_sees_everything(inputs: dict, tmp_path: Path) -> None:
     difference = np.abs(COVER.rendered[0].astype(int) - COVER.truth[0])
     assert shows(text, np.minimum(difference * 8, 255).astype(np.uint8))
     assert owner.private
+
+
+def scenes(folder: Path, **made: tuple[int, int, bool]) -> dict[str, tuple[Item, ...]]:
+    """Scenes by the stages that made them: how many photos were placed of how many, and whether they are private."""
+    items = []
+    for number, (stage, (registered, total, private)) in enumerate(made.items()):
+        with create(folder / str(number), "scene", private) as writer:
+            writer.attributes |= {"registered": registered, "total": total}
+            writer.write_file("points.txt", "none")
+        items.append(Item(stage, {}, stage, load(folder / str(number))))
+    return {"scenes": tuple(items)}
+
+
+def top_of(text: str) -> str:
+    return text[text.index("<header>") : text.index("</header>")]
+
+
+def with_scenes(inputs: dict, items: dict[str, tuple[Item, ...]], folder: Path) -> dict[str, Artifact]:
+    given = {**inputs, **{name: tuple(item.artifact for item in group) for name, group in items.items()}}
+    services = Services(lineage=lambda: LINEAGE)
+    return run_stage(report, ReportParameters(), given, folder, services=services, items=items)
+
+
+def test_how_many_photos_were_placed_stands_at_the_top(inputs: dict, tmp_path: Path) -> None:
+    items = scenes(tmp_path / "scenes", town=(15, 25, False), **{f"scene[{PLANTED}]": (8, 8, True)})
+    made = with_scenes(inputs, items, tmp_path / "made")
+    owner = top_of(text_of(made["owner"]))
+    assert "town: 15 of 25 photos could be placed" in owner
+    assert "<strong>8 of 8</strong>" in owner
+    assert f"scene[{PLANTED}]: 8" not in owner, "nothing is amiss there"
+    public = top_of(text_of(made["public"]))
+    assert '<span class="label">Photos placed</span> <strong>15 of 25</strong>' in public
+    assert "8 of 8" not in public
+    assert "town" not in public
+
+
+def test_the_public_is_not_told_of_a_scene_that_nobody_said_was_private(inputs: dict, tmp_path: Path) -> None:
+    """What leads to something private alone is left out, whatever its artifact says."""
+    items = scenes(tmp_path / "scenes", **{f"photos[{PLANTED}]": (7, 9, False)})
+    made = with_scenes(inputs, items, tmp_path / "made")
+    assert "7 of 9" in top_of(text_of(made["owner"]))
+    assert "7 of 9" not in text_of(made["public"])
+
+
+def test_a_scene_that_no_photos_were_placed_in_is_passed_over(inputs: dict, tmp_path: Path) -> None:
+    """Such as one made by a stage of one's own."""
+    with create(tmp_path / "scene", "scene") as writer:
+        writer.write_file("points.txt", "none")
+    items = {"scenes": (Item("town", {}, "town", load(tmp_path / "scene")),)}
+    assert "placed" not in text_of(with_scenes(inputs, items, tmp_path / "made")["owner"])
 
 
 def test_the_owner_sees_what_moves_side_by_side(inputs: dict, tmp_path: Path) -> None:

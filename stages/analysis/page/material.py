@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pipeline.artifact import Artifact
-from pipeline.stage import LineageRecord
+from pipeline.stage import Item, LineageRecord
 from stages.analysis.comparisons import Comparison, read_comparisons
+from stages.analysis.page.placed import Placed, public_scenes, read_placed
 from stages.analysis.videos import Video, read_videos
 from stages.imaging.metric_table import MetricRow, read_rows
 
@@ -47,6 +48,7 @@ class Material:
     pictures: tuple[Comparison, ...]
     lineage: tuple[LineageRecord, ...]
     videos: tuple[Video, ...] = ()
+    placed: tuple[Placed, ...] = ()
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -59,12 +61,13 @@ class Material:
         return tuple(dict.fromkeys(row.message for row in self.scores if row.message is not None))
 
 
-def owner_material(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Material:
-    """All that the stage was given, once."""
-    return _named(_gathered(inputs, lineage), lambda methods: {name: METHOD_TITLES.get(name, name) for name in methods})
+def owner_material(inputs: Inputs, lineage: Sequence[LineageRecord], scenes: Sequence[Item] = ()) -> Material:
+    """All that the stage was given, once; `scenes` are those of which it is told how many photos were placed."""
+    material = replace(_gathered(inputs, lineage), placed=read_placed(scenes))
+    return _named(material, lambda methods: {name: METHOD_TITLES.get(name, name) for name in methods})
 
 
-def public_material(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Material:
+def public_material(inputs: Inputs, lineage: Sequence[LineageRecord], scenes: Sequence[Item] = ()) -> Material:
     """The public parts of the same inputs."""
     public = {name: [artifact for artifact in given if not artifact.private] for name, given in inputs.items()}
     material = _gathered(public, public_lineage(lineage))
@@ -75,6 +78,7 @@ def public_material(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Materia
             curves=tuple(row for row in material.curves if is_public(row)),
             pictures=tuple(each for each in material.pictures if each.role in PUBLIC_ROLES),
             videos=tuple(each for each in material.videos if each.role in PUBLIC_ROLES),
+            placed=read_placed(public_scenes(scenes, public_stages(lineage))),
         ),
         neutral_titles,
     )
@@ -88,11 +92,7 @@ def public_lineage(lineage: Sequence[LineageRecord]) -> tuple[LineageRecord, ...
     it took from one left out, its parameters, is left out as well. So are the columns of its row, which its name ends
     with, and the modules that had changed where its result was accepted: either may tell of a message.
     """
-    kept: dict[str, LineageRecord] = {}
-    for record in reversed(lineage):
-        consumers = [later.name for later in lineage if record.name in later.inputs]
-        if not record.private and (not consumers or any(name in kept for name in consumers)):
-            kept[record.name] = record
+    kept = public_stages(lineage)
     names = _names_without_rows([record.name for record in lineage if record.name in kept])
     return tuple(
         replace(
@@ -104,6 +104,16 @@ def public_lineage(lineage: Sequence[LineageRecord]) -> tuple[LineageRecord, ...
         for record in lineage
         if record.name in kept
     )
+
+
+def public_stages(lineage: Sequence[LineageRecord]) -> frozenset[str]:
+    """Names of the stages that lead to something public through public stages alone."""
+    kept: set[str] = set()
+    for record in reversed(lineage):
+        consumers = [later.name for later in lineage if record.name in later.inputs]
+        if not record.private and (not consumers or any(name in kept for name in consumers)):
+            kept.add(record.name)
+    return frozenset(kept)
 
 
 def _names_without_rows(names: Sequence[str]) -> dict[str, str]:

@@ -15,7 +15,15 @@ from stages.analysis.page.gallery import Gallery, cover_gallery, is_lossless, me
 from stages.analysis.page.graph import Graph, draw_graph
 from stages.analysis.page.html import fill
 from stages.analysis.page.material import Material
-from stages.analysis.page.summary import Tile, message_tiles, owner_summary, scene_tiles
+from stages.analysis.page.summary import (
+    Tile,
+    message_tiles,
+    owner_notices,
+    owner_placed_tiles,
+    owner_summary,
+    public_placed_tiles,
+    scene_tiles,
+)
 from stages.analysis.page.tables import Table, tables_of
 from stages.imaging.lpips_weights import HOW_TO_INSTALL
 from stages.imaging.metric_table import MetricRow
@@ -38,6 +46,7 @@ class Page:
 
     title: str
     summary: str
+    notices: tuple[str, ...]
     tiles: tuple[Tile, ...]
     films: tuple[Film, ...]
     galleries: tuple[Gallery, ...]
@@ -86,7 +95,8 @@ def owner_page(material: Material, workflow: str, views: int) -> Page:
         owner_films(material.videos),
         title=workflow,
         summary=owner_summary(material),
-        tiles=(*scene_tiles(material, "Cover"), *message_tiles(material)),
+        notices=owner_notices(material),
+        tiles=(*scene_tiles(material, "Cover"), *message_tiles(material), *owner_placed_tiles(material)),
         command=f"python -m pipeline run workflows/{workflow}.yaml",
     )
 
@@ -105,7 +115,8 @@ def public_page(material: Material, views: int) -> Page:
         public_films(material.videos),
         title="A Gaussian splatting scene",
         summary="A scene of 3D Gaussians, compared with photos that it was not fitted to.",
-        tiles=scene_tiles(material, "Scene"),
+        notices=(),
+        tiles=(*scene_tiles(material, "Scene"), *public_placed_tiles(material)),
         command="",
     )
 
@@ -121,6 +132,7 @@ def _page(
     films: tuple[Film, ...],
     title: str,
     summary: str,
+    notices: tuple[str, ...],
     tiles: tuple[Tile, ...],
     command: str,
 ) -> Page:
@@ -132,6 +144,7 @@ def _page(
     return Page(
         title=title,
         summary=summary,
+        notices=notices,
         tiles=tiles,
         films=films,
         galleries=tuple(gallery for gallery in galleries if gallery is not None),

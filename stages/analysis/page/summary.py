@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 from stages.analysis.page.figures import MISSING, write_figure
 from stages.analysis.page.material import Material
+from stages.analysis.page.placed import Placed
 from stages.analysis.page.tables import Column, mean_of, rows_about
+from stages.scene.remarks import OVERLAP
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,34 @@ def message_tiles(material: Material) -> tuple[Tile, ...]:
         constant = write_figure("psnr_constant", mean_of(rows, Column("psnr_constant", "test")))
         tiles += _tile(f"{message}, covered pixels", "psnr_covered", covered, " dB", f"one colour: {constant} dB")
     return tuple(tiles)
+
+
+def owner_placed_tiles(material: Material) -> tuple[Tile, ...]:
+    """How many photos of each scene were placed, by the name of the stage that made it."""
+    return tuple(_placed_tile(f"{placed.stage}, photos placed", placed) for placed in material.placed)
+
+
+def public_placed_tiles(material: Material) -> tuple[Tile, ...]:
+    """The same without names."""
+    return tuple(_placed_tile("Photos placed", placed) for placed in material.placed)
+
+
+def _placed_tile(label: str, placed: Placed) -> Tile:
+    return Tile(
+        label, f"{placed.registered} of {placed.total}", f"{placed.left_out} left out" if placed.left_out else ""
+    )
+
+
+def owner_notices(material: Material) -> tuple[str, ...]:
+    """What is amiss and what to do about it: photos that were left out."""
+    return (
+        *(
+            f"{placed.stage}: {placed.registered} of {placed.total} photos could be placed; what the others alone show "
+            f"is missing. The log of {placed.stage} names them. {OVERLAP}"
+            for placed in material.placed
+            if placed.left_out
+        ),
+    )
 
 
 def _test_psnr(material: Material, message: str | None = None, method: str | None = None) -> str:

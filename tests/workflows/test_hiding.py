@@ -1,0 +1,25 @@
+"""What all workflows have in common that hide something of one's own and end in a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+WORKFLOWS = Path(__file__).parents[2] / "workflows"
+HIDING = ("hide_photos", "hide_scene", "hide_multi", "hide_splats", "hide_edits")
+
+
+def stages_of(workflow: str) -> dict[str, Any]:
+    stages: dict[str, Any] = yaml.safe_load((WORKFLOWS / f"{workflow}.yaml").read_text())["stages"]
+    return stages
+
+
+@pytest.mark.parametrize("workflow", HIDING)
+def test_the_report_says_of_every_scene_how_many_photos_were_placed(workflow: str) -> None:
+    stages = stages_of(workflow)
+    placed = [name for name, stage in stages.items() if stage["uses"] == "sfm"]
+    assert placed
+    assert stages["report"]["in"]["scenes"] == placed
