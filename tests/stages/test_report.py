@@ -264,6 +264,16 @@ def test_a_scene_that_no_photos_were_placed_in_is_passed_over(inputs: dict, tmp_
     assert "placed" not in text_of(with_scenes(inputs, items, tmp_path / "made")["owner"])
 
 
+@pytest.mark.parametrize("legal", [0, 1])
+def test_a_message_of_which_no_test_view_is_legal_is_told_at_the_top(tmp_path: Path, legal: int) -> None:
+    flags = [replace(row, value=legal * row.value) if row.quantity == "legal" else row for row in PRIVATE_ROWS]
+    given = {"scores": (metrics(tmp_path / "scores", PUBLIC_ROWS + flags, True),)}
+    made = pages(given, tmp_path / "made")
+    told = f"{PLANTED}: The message fills less than 90 % of every test view"
+    assert (told in top_of(text_of(made["owner"]))) is (not legal)
+    assert "90 %" not in text_of(made["public"])
+
+
 def test_the_owner_sees_what_moves_side_by_side(inputs: dict, tmp_path: Path) -> None:
     """What is part of a video side by side is not shown by itself."""
     text = text_of(pages(inputs, tmp_path / "made")["owner"])

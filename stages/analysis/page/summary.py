@@ -9,7 +9,7 @@ from stages.analysis.page.figures import MISSING, write_figure
 from stages.analysis.page.material import Material
 from stages.analysis.page.placed import Placed
 from stages.analysis.page.tables import Column, mean_of, rows_about
-from stages.scene.remarks import OVERLAP
+from stages.scene.remarks import CHOOSE_ANOTHER, HARDLY_SEEN, OVERLAP
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def _placed_tile(label: str, placed: Placed) -> Tile:
 
 
 def owner_notices(material: Material) -> tuple[str, ...]:
-    """What is amiss and what to do about it: photos that were left out."""
+    """What is amiss and what to do about it: photos that were left out, messages of which no test view is legal."""
     return (
         *(
             f"{placed.stage}: {placed.registered} of {placed.total} photos could be placed; what the others alone show "
@@ -86,7 +86,22 @@ def owner_notices(material: Material) -> tuple[str, ...]:
             for placed in material.placed
             if placed.left_out
         ),
+        *(
+            f"{message}: {HARDLY_SEEN} {CHOOSE_ANOTHER}"
+            for message in material.messages
+            if _hardly_seen(material, message)
+        ),
     )
+
+
+def _hardly_seen(material: Material, message: str) -> bool:
+    """Whether the message was looked for on test views, and none of them is legal."""
+    flags = [
+        row.value
+        for row in rows_about(material.scores, material.methods[0], message)
+        if row.quantity == "legal" and row.split == "test"
+    ]
+    return bool(flags) and not any(flags)
 
 
 def _test_psnr(material: Material, message: str | None = None, method: str | None = None) -> str:
