@@ -77,15 +77,17 @@ class JobItem:
 class Job:
     """All that a worker must know to do one action.
 
-    `inputs` holds the digests of the artifacts of each input, `items` what those of labelled ones are about; `lineage`
-    every action upstream by the name of its stage, in order; `store` is its address. `stop_flag` is a file that appears
-    when work should stop, `begun_flag` one that the worker makes when the stage begins: where it lacks, a worker that
-    died has done nothing. `private` is what the workflow says; `private_log` whether an output is declared private.
-    `captures` sends what the process prints to the log, for processes that are a worker's own.
+    `command` has the workflow run as it is being run. `inputs` holds the digests of the artifacts of each input,
+    `items` what those of labelled ones are about; `lineage` every action upstream by the name of its stage, in order;
+    `store` is its address. `stop_flag` is a file that appears when work should stop, `begun_flag` one that the worker
+    makes when the stage begins: where it lacks, a worker that died has done nothing. `private` is what the workflow
+    says; `private_log` whether an output is declared private. `captures` sends what the process prints to the log, for
+    processes that are a worker's own.
     """
 
     name: str
     workflow: str
+    command: str
     package: str
     uses: str
     key: str
@@ -239,7 +241,7 @@ class _Action:
             name: ArtifactWriter(work / name, output.kind, output_is_private(output, self.private))
             for name, output in declared.outputs.items()
         }
-        services = Services(partial(self.progress, tell), log.line, self.stop_requested, self.lineage)
+        services = Services(partial(self.progress, tell), log.line, self.stop_requested, self.lineage, job.command)
         scratch = scratch_directory(self.store, job.key)
         context = Context(inputs, writers, scratch, job.workflow, services, self.items())
         with nobody_else_reads():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -85,11 +85,15 @@ class Node:
 
 @dataclass(frozen=True)
 class Graph:
-    """The nodes of a workflow, all of them if it is `whole`, each after those that it takes artifacts from."""
+    """The nodes of a workflow, all of them if it is `whole`, each after those that it takes artifacts from.
+
+    `command` has it run as it is being run; empty where nobody said.
+    """
 
     workflow: str
     nodes: Mapping[str, Node]
     whole: bool = True
+    command: str = ""
 
     def needed_for(self, stages: Iterable[str]) -> Graph:
         """The part of the graph that makes `stages`, given by their names in the file or with the item of a foreach.
@@ -107,7 +111,7 @@ class Graph:
             if name in wanted:
                 wanted.update(self.nodes[name].upstream)
         chosen = {name: node for name, node in self.nodes.items() if name in wanted}
-        return Graph(self.workflow, chosen, self.whole and len(chosen) == len(self.nodes))
+        return replace(self, nodes=chosen, whole=self.whole and len(chosen) == len(self.nodes))
 
     @property
     def dependents(self) -> dict[str, list[str]]:

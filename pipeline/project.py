@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.collection import without_collection
@@ -13,6 +13,7 @@ from pipeline.external_cache import ExternalCache
 from pipeline.graph import Graph, build_graph
 from pipeline.located import Problems
 from pipeline.remote import open_store
+from pipeline.repeating import command_of
 from pipeline.store import Store
 from pipeline.workflow import read_workflow
 
@@ -49,5 +50,6 @@ def open_project(
     with without_collection():
         workflow = read_workflow(file, settings, problems, vars_files)
         graph = build_graph(workflow, catalogue, ExternalCache(opened), problems)
+    graph = replace(graph, command=command_of(file, settings, vars_files, workflow, graph))
     module = catalogue.sources.module(package)
     return Project(graph, opened, package, module.path.parent if module else Path.cwd())

@@ -216,6 +216,7 @@ class Run:
         return Job(
             name=node.name,
             workflow=self.graph.workflow,
+            command=self.graph.command,
             package=self.package,
             uses=node.uses,
             key=key,

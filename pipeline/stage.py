@@ -140,12 +140,13 @@ class Remark:
 
 @dataclass(frozen=True)
 class Services:
-    """What the engine does for a running stage; the defaults do nothing."""
+    """What the engine does for a running stage; the defaults do nothing. `command`: see `Context.command`."""
 
     progress: Callable[[float, float, Mapping[str, float]], None] = lambda done, total, figures: None
     log: Callable[[str], None] = lambda text: None
     stop_requested: Callable[[], bool] = lambda: False
     lineage: Callable[[], tuple[LineageRecord, ...]] = tuple
+    command: str = ""
 
 
 class Context:
@@ -233,6 +234,12 @@ class Context:
     def lineage(self) -> tuple[LineageRecord, ...]:
         """The actions that the inputs come from, each after those that it took from."""
         return self._services.lineage()
+
+    @property
+    def command(self) -> str:
+        """The command that has the workflow run as it is being run, without paths of this machine; empty where nobody
+        said. It is no part of any key: a result stays that another command made of the same."""
+        return self._services.command
 
 
 def _one(name: str, value: InputValue) -> Artifact:

@@ -39,7 +39,6 @@ class CompareWithPaperParameters(Parameters):
     capture_column: str = Field("capture", description="The column of the items that names the cover's capture.")
     method_column: str = Field("method", description="The column that names the method; without it, the scores say it.")
     seed_column: str = Field("seed", description="The column of the seed: items that differ in it alone are one.")
-    command: str = Field("", description="The command that made it, for whoever wants to repeat it.")
     public_captures: bool = Field(False, description="Whether the public page names the captures.")
 
 
@@ -64,8 +63,7 @@ def compare_with_paper(context: Context, parameters: CompareWithPaperParameters)
     timings = context.items("timings")
     paper = read_published()
     study = read_study(context.items("scores"), timings, columns, paper.setup, context.items("experiments"))
-    command = parameters.command or f"python -m pipeline run workflows/{context.workflow_name}.yaml"
-    owner = owner_page(study, parameters.tables, paper, context.workflow_name, command)
+    owner = owner_page(study, parameters.tables, paper, context.workflow_name, context.command)
     shown = [
         [item for item in items if item.artifact is not None and not item.artifact.private]
         for items in (context.items("public_scores"), timings)

@@ -41,7 +41,9 @@ def report(context: Context, parameters: ReportParameters) -> None:
     """
     inputs = {name: context.input_many(name) for name in INPUTS}
     lineage, scenes = context.lineage(), context.items("scenes")
-    owner = owner_page(owner_material(inputs, lineage, scenes), context.workflow_name, parameters.views)
+    owner = owner_page(
+        owner_material(inputs, lineage, scenes), context.workflow_name, context.command, parameters.views
+    )
     public = public_page(public_material(inputs, lineage, scenes), parameters.views)
     context.output("owner").write_file(REPORT_FILE, write_page(owner))
     context.output("public").write_file(REPORT_FILE, write_page(public))

@@ -25,7 +25,7 @@ ENGINE = [
     "remarks source_cache checkpoint remote external_cache privacy garbage verification workers progress",
     "declaration",
     "graph action naming storewords cluster",
-    "explain changes description exporting urgency loss",
+    "explain changes repeating description exporting urgency loss",
     "plan runner showing pictures",
     "explanation accept readiness",
     "project planwords",

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.artifact import Artifact
-from pipeline.stage import Item, run_stage
+from pipeline.stage import Item, Services, run_stage
 from stages.compare_with_paper import CompareWithPaperParameters, compare_with_paper
 from stages.imaging.metric_table import read_rows
 from tests.stages.analysis.paper import synthetic
@@ -34,9 +34,10 @@ def compared(
     items = {"scores": tuple(scores), "timings": tuple(timings), "public_scores": tuple(public)}
     return run_stage(
         compare_with_paper,
-        CompareWithPaperParameters(command=COMMAND, **parameters),  # type: ignore[arg-type]
+        CompareWithPaperParameters(**parameters),  # type: ignore[arg-type]
         {name: tuple(item.artifact for item in given if item.artifact) for name, given in items.items()},
         folder / "out",
+        services=Services(command=COMMAND),
         workflow_name="fidelity",
         items=items,
     )

@@ -27,6 +27,7 @@ FORBIDDEN = (PLANTED, "message", "hidden", "hide", "secret", "private", "owner",
 """What no byte of the public page may spell, in any case."""
 VIEWS = tuple(f"view{number:02d}.png" for number in range(10))
 SPLITS = tuple("test" if number % 8 == 0 else "train" for number in range(10))
+COMMAND = "python -m pipeline run workflows/hide_all.yaml --vars my.yaml --set cover=FOLDER"
 VOID_TAGS = {"meta", "img", "br", "link", "input", "line", "path", "rect", "polyline"}
 
 
@@ -130,7 +131,7 @@ def inputs(tmp_path: Path) -> dict[str, tuple[Artifact, ...]]:
 
 
 def pages(inputs: dict[str, tuple[Artifact, ...]], folder: Path, views: int = 6) -> dict[str, Artifact]:
-    services = Services(lineage=lambda: LINEAGE)
+    services = Services(lineage=lambda: LINEAGE, command=COMMAND)
     return run_stage(report, ReportParameters(views=views), inputs, folder, services=services, workflow_name="hide_all")
 
 
@@ -203,7 +204,7 @@ def test_the_owner_sees_everything(inputs: dict, tmp_path: Path) -> None:
     for expected in (
         *(PLANTED, "One message is hidden", "17.84", "18.77", "11.22", "1 of 2", "0.088", "31.25", "41.7"),
         *("GS-Hider", "3DGS", f"views[{PLANTED}]", "hiding", "lambda_message", "0.654", "12.5 s", "PoCL on a test"),
-        *("54,321", "machine-of-ours", "python -m pipeline run workflows/hide_all.yaml", "LPIPS was not measured"),
+        *("54,321", "machine-of-ours", COMMAND, "LPIPS was not measured"),
     ):
         assert expected in text, expected
     for each in (COVER, PLAIN, MESSAGE, FEATURES):

@@ -75,8 +75,8 @@ class Page:
         return is_lossless(self.galleries)
 
 
-def owner_page(material: Material, workflow: str, views: int) -> Page:
-    """All there is, and how to run it again; ``views`` of each set are shown."""
+def owner_page(material: Material, workflow: str, command: str, views: int) -> Page:
+    """All there is, and the ``command`` that made it; ``views`` of each set are shown."""
 
     def playing(role: Role) -> list[Comparison]:
         return [each for each in material.pictures if each.role == role]
@@ -97,7 +97,7 @@ def owner_page(material: Material, workflow: str, views: int) -> Page:
         summary=owner_summary(material),
         notices=owner_notices(material),
         tiles=(*scene_tiles(material, "Cover"), *message_tiles(material), *owner_placed_tiles(material)),
-        command=f"python -m pipeline run workflows/{workflow}.yaml",
+        command=command,
     )
 
 

@@ -1,0 +1,98 @@
+"""Pages can say which command made them: on any machine, and without what is nobody else's affair."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.pipeline.helpers import Workspace
+
+WORKFLOW = """
+name: toys
+vars: {file: null, count: 3, seed: 1, first: 0.5, rows: [{file: null}]}
+stages:
+  numbers: {uses: numbers, with: {file: "${file}", count: "${count}"}}
+  key: {uses: draw, private: true, with: {seed: "${seed}"}}
+  shared: {uses: numbers, private: true, with: {count: "${count}", first: "${first}"}}
+  others: {foreach: "${rows}", uses: numbers, with: {file: "${item.file}"}}
+"""
+
+
+@pytest.fixture
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Workspace:
+    for name in ("a.txt", "b.txt"):
+        (tmp_path / name).write_text("1\n2\n")
+    monkeypatch.chdir(tmp_path)
+    return Workspace(tmp_path).write(WORKFLOW)
+
+
+def command(workspace: Workspace, *settings: str, vars_files: tuple[Path, ...] = ()) -> str:
+    """What is said after the name of the workflow."""
+    said = workspace.open("file=a.txt", *settings, vars_files=vars_files).graph.command
+    start = "python -m pipeline run workflow.yaml"
+    assert said.startswith(start)
+    return said.removeprefix(start).strip().replace("--set file=FILE", "").strip()
+
+
+def test_it_says_the_settings_in_order(workspace: Workspace) -> None:
+    assert command(workspace, "numbers.first=5", "count=4") == "--set numbers.first=5 --set count=4"
+    assert command(workspace) == ""
+
+
+def test_files_of_vars_here_are_said_as_they_lie_and_others_by_name(workspace: Workspace, tmp_path: Path) -> None:
+    (tmp_path / "profiles").mkdir()
+    here = tmp_path / "profiles" / "my small.yaml"
+    elsewhere = tmp_path.parent / f"{tmp_path.name}.yaml"
+    for file in (here, elsewhere):
+        file.write_text("{count: 4}")
+    said = command(workspace, vars_files=(here, elsewhere))
+    assert said == f"--vars 'profiles/my small.yaml' --vars {elsewhere.name}"
+
+
+def test_a_workflow_that_lies_elsewhere_is_said_by_name(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    (workspace.folder / "inner").mkdir()
+    monkeypatch.chdir(workspace.folder / "inner")
+    said = workspace.open("file=../a.txt").graph.command
+    assert said == "python -m pipeline run workflow.yaml --set file=FILE"
+
+
+@pytest.mark.parametrize("typed", ["a.txt", "./a.txt", "{folder}/a.txt"])
+def test_paths_are_not_said_however_they_are_typed(workspace: Workspace, typed: str) -> None:
+    path = typed.replace("{folder}", str(workspace.folder))
+    assert workspace.open(f"file={path}").graph.command.endswith("--set file=FILE")
+
+
+def test_paths_inside_of_lists_are_not_said(workspace: Workspace) -> None:
+    said = command(workspace, f"rows=[{{file: {workspace.folder}/b.txt}}, {{file: a.txt}}]")
+    assert said == """--set 'rows=[{"file": "FILE"}, {"file": "FILE"}]'"""
+
+
+def test_what_only_private_stages_hear_is_not_said(workspace: Workspace) -> None:
+    """What others hear of as well is: nobody could repeat anything otherwise."""
+    assert (
+        command(workspace, "seed=81549", "count=4", "first=2.5")
+        == "--set seed=PRIVATE --set count=4 --set first=PRIVATE"
+    )
+    assert command(workspace, "shared.file=b.txt") == "--set shared.file=FILE"
+    assert command(workspace, "key.seed=81549") == "--set key.seed=PRIVATE"
+
+
+def test_an_empty_text_is_no_path(workspace: Workspace) -> None:
+    assert command(workspace, 'numbers.note=""') == "--set 'numbers.note=\"\"'"
+
+
+def test_a_part_of_a_workflow_is_said_as_the_whole(workspace: Workspace) -> None:
+    graph = workspace.open("file=a.txt").graph
+    assert graph.needed_for(["numbers"]).command == graph.command
+
+
+def test_a_stage_can_ask_for_it(workspace: Workspace) -> None:
+    """And its key does not change with it: what one command made stays when another asks for the same."""
+    workspace.write("name: said\nstages:\n  said: {uses: say, with: {word: x}}\n")
+    first = workspace.run()
+    again = workspace.run("said.word=x")
+    assert first.artifact("said").attributes["command"] == "python -m pipeline run workflow.yaml"
+    assert again.states == {"said": "cached"}
+    other = workspace.run("said.word=y")
+    assert other.artifact("said").attributes["command"] == "python -m pipeline run workflow.yaml --set said.word=y"
