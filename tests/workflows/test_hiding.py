@@ -23,3 +23,10 @@ def test_the_report_says_of_every_scene_how_many_photos_were_placed(workflow: st
     placed = [name for name, stage in stages.items() if stage["uses"] == "sfm"]
     assert placed
     assert stages["report"]["in"]["scenes"] == placed
+
+
+@pytest.mark.parametrize("workflow", [*HIDING, "batch_pairs"])
+def test_what_is_hidden_can_be_published_as_files(workflow: str) -> None:
+    published = stages_of(workflow)["published"]
+    assert published["uses"] == "export_container"
+    assert published["in"] == {"container": "hide.container", "secret": "hide.secret"}

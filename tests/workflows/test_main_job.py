@@ -86,7 +86,7 @@ def test_a_second_run_executes_nothing(store: Path) -> None:
 def test_another_lambda_reruns_exactly_what_depends_on_it(store: Path) -> None:
     _, events, _ = run(store, "--serial", **{"hide.lambda_message": 1.0})
     ran = {event["name"] for event in events if event["event"] == "stage" and event["state"] == "ran"}
-    assert ran == {"hide", "scores", "timings", "path", "report"}
+    assert ran == {"hide", "published", "scores", "timings", "path", "report"}
 
 
 def test_the_owner_sees_the_messages_and_the_public_does_not(store: Path) -> None:
