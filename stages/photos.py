@@ -19,6 +19,7 @@ from stages.scene.photo_folder import (
     find_photos,
     find_poses,
     known_poses,
+    photo_finder,
     poses_at,
     read_facts,
     read_poses,
@@ -42,7 +43,7 @@ class PhotosParameters(Parameters):
         pattern=r"^[^/\\.][^/\\]*$",
         description="Which folder of `folder` holds the photos, such as images_4: those of Mip-NeRF 360 come in "
         "several sizes. The paper trains on a quarter of the size outdoors (images_4), on half of it indoors "
-        "(images_2). By default those in `folder` itself, else those in images.",
+        "(images_2). By default those in `folder` itself, else those in images, else those in the folders in images.",
     )
     poses: ExternalPath | None = Field(
         None, description="COLMAP model's folder or transforms.json, where the poses lie outside the folder of photos."
@@ -129,5 +130,6 @@ def held_out_names(names: Iterable[str], place: Path | None, splits: Mapping[str
         return [name for name in names if name.startswith(f"{TEST}_")]
     if place is None or place.is_dir():
         return []
-    listed = set(held_out_files(place))
-    return [name for name in names if name in listed or Path(name).stem in listed]
+    names = list(names)
+    held_out = set(map(photo_finder(names), held_out_files(place)))
+    return [name for name in names if name in held_out]

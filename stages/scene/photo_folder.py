@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,8 +54,10 @@ class PhotoFacts:
 def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
     """The photos of `folder`, or of the first of its `SUBFOLDERS` with any where it has none itself.
 
-    With `images`, those of its folder of that name alone. Raises `UserError` where there is no folder or no photo, for
-    names that tables cannot hold, and for photos that only their extensions tell apart: results are paired by name.
+    Where neither has any, those in the folders below one of the `SUBFOLDERS`, at any depth: of the cameras of a rig, or
+    of a phone. The folders are then in the names: `left/0001.jpg` is `left_0001.jpg`. With `images`, all of this of the
+    folder of that name alone. Raises `UserError` where there is no folder or no photo, for names that tables cannot
+    hold, and for photos that only their extensions tell apart: results are paired by name.
     """
     if not folder.is_dir():
         raise UserError("no such folder of photos", where=folder, found="a file" if folder.exists() else "nothing")
@@ -65,21 +68,54 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
             found=_what_is_there(folder),
             expected="a folder of that name (parameter images)",
         )
-    for place in (folder, *(folder / name for name in SUBFOLDERS)) if images is None else (folder / images,):
-        files = sorted(file for file in place.iterdir() if file.is_file()) if place.is_dir() else []
-        photos = {file.name: file for file in files if _is_photo(file)}
+    own = [folder / name for name in (SUBFOLDERS if images is None else (images,)) if (folder / name).is_dir()]
+    for place in (folder, *own) if images is None else own:
+        files = sorted(file for file in place.iterdir() if file.is_file())
+        photos = [file for file in files if _is_photo(file)]
         if photos:
-            refuse_unwritten_names(place, photos)
-            _refuse_equal_stems(place, photos)
-            return PhotoFolder(photos, len(files) - len(photos))
+            return PhotoFolder(_named(place, photos), len(files) - len(photos))
+    for place in own:
+        files = _files_below(place)
+        photos = [file for file in files if _is_photo(file)]
+        if photos:
+            return PhotoFolder(_named(place, photos), len(files) - len(photos))
     searched = images or f"it or in its folder {', '.join(SUBFOLDERS)}"
     raise UserError(
         "a folder without photos",
         where=folder,
         found=_what_is_there(folder),
         expected=f"photos ({', '.join(SUFFIXES)}) in {searched}",
-        remedy="Put those of several folders, such as the cameras of a rig, into one, under names that differ.",
+        remedy=f"Those of several folders, such as the cameras of a rig, are taken if the folders lie in one called "
+        f"{SUBFOLDERS[0]}; of one of them alone if the parameter images names it.",
     )
+
+
+def _files_below(place: Path) -> list[Path]:
+    """The files in the folders of `place`, at any depth, sorted; of hidden folders none."""
+    found: list[Path] = []
+    for folder, inner, files in os.walk(place, followlinks=True):
+        inner[:] = [name for name in inner if not name.startswith(".")]
+        found += [Path(folder) / name for name in files]
+    return sorted(found)
+
+
+def _named(place: Path, photos: Sequence[Path]) -> dict[str, Path]:
+    """The photos by their paths from `place`, sorted, with a low line for each slash: names are names of files, too."""
+    named: dict[str, Path] = {}
+    for photo in photos:
+        name = "_".join(photo.relative_to(place).parts)
+        if name in named:
+            raise UserError(
+                f"two photos would both be called {name}",
+                where=place,
+                found=" and ".join(each.relative_to(place).as_posix() for each in (named[name], photo)),
+                expected="a name of its own for every photo, for views are paired by name",
+                remedy="Rename one, or its folder.",
+            )
+        named[name] = photo
+    refuse_unwritten_names(place, named)
+    _refuse_equal_stems(place, named)
+    return dict(sorted(named.items()))
 
 
 def _is_photo(file: Path) -> bool:
@@ -170,20 +206,38 @@ def find_poses(folder: Path) -> Path | None:
     return model
 
 
+def photo_finder(photos: Collection[str]) -> Callable[[str], str | None]:
+    """What finds the photo that a file of poses means by a path, or None.
+
+    It has its file name, else its stem; of photos in several folders, the folders before it, too.
+
+    >>> find = photo_finder(["left_1.jpg", "right_1.jpg", "2.png"])
+    >>> find("images/left/1.jpg"), find("right/1"), find("images/2.jpg"), find("1.jpg")
+    ('left_1.jpg', 'right_1.jpg', '2.png', None)
+    """
+    stems = {Path(name).stem: name for name in photos}
+
+    def find(path: str) -> str | None:
+        parts = Path(path).parts
+        for name in ("_".join(parts[start:]) for start in range(len(parts))):
+            found = name if name in photos else stems.get(name) or stems.get(Path(name).stem)
+            if found:
+                return found
+        return None
+
+    return find
+
+
 def read_poses(
     place: Path, sizes: Mapping[str, tuple[int, int]], resized: bool = False
 ) -> tuple[PoseSource, list[PosedPhoto]]:
     """The poses of a COLMAP model or a transforms.json, under the names of the photos in `sizes`.
 
-    A posed photo is matched by its file name, else by its stem; its lens is scaled to the photo's size, which is
+    A posed photo is matched as `photo_finder` says; its lens is scaled to the photo's size, which is
     another than that of the photos that were posed where they are `resized`. Raises
     `UserError` for what cannot be read, for poses whose photo is not there, twice posed photos, and other aspects.
     """
-    stems = {Path(name).stem: name for name in sizes}
-
-    def photo_named(name: str) -> str | None:
-        name = Path(name).name
-        return name if name in sizes else stems.get(name) or stems.get(Path(name).stem)
+    photo_named = photo_finder(sizes)
 
     def size_of(name: str) -> tuple[int, int]:
         photo = photo_named(name)

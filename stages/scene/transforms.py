@@ -40,9 +40,9 @@ def read_transforms(
     """The frames of the file, sorted by name; `size_of` tells a photo's width and height where the file does not.
 
     Intrinsics may be global or a frame's own: `fl_x`, `camera_angle_x` or `x_fov`, the same of y, `cx`, `cy`, `k1` to
-    `k4`, `p1`, `p2`, and `camera_model` or `is_fisheye`. A name is the last part of `file_path`, with or without
-    extension. Sizes of photos that are `resized` do not tell what intrinsics in pixels are relative to. Raises
-    `UserError` naming the frame whose pose is missing, not finite or no rotation, and what is wrong otherwise.
+    `k4`, `p1`, `p2`, and `camera_model` or `is_fisheye`. A name is the `file_path`, with or without extension. Sizes of
+    photos that are `resized` do not tell what intrinsics in pixels are relative to. Raises `UserError` naming the frame
+    whose pose is missing, not finite or no rotation, and what is wrong otherwise.
     """
     content = _content(path)
     photos = []
@@ -69,9 +69,9 @@ def frame_files(path: Path) -> list[str]:
 
 
 def held_out_files(path: Path) -> list[str]:
-    """The file names of the frames that nerfstudio's `test_filenames` holds out; empty where there is no such list."""
+    """The paths of the frames that nerfstudio's `test_filenames` holds out; empty where there is no such list."""
     listed = _content(path).get("test_filenames", [])
-    return [Path(name).name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
+    return [name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
 
 
 def _content(path: Path) -> Mapping[str, Any]:
@@ -92,7 +92,7 @@ def _content(path: Path) -> Mapping[str, Any]:
 def _posed_photo(
     content: Mapping[str, Any], frame: Mapping[str, Any], size_of: Callable[[str], tuple[int, int]], resized: bool
 ) -> PosedPhoto:
-    name, given = Path(frame["file_path"]).name, {**content, **frame}
+    name, given = Path(frame["file_path"]).as_posix(), {**content, **frame}
     if resized and IN_PIXELS & given.keys() and not {"w", "h"} <= given.keys():
         raise ValueError("w and h are missing: resized photos do not tell what intrinsics in pixels are relative to")
     return PosedPhoto(name, _pose(frame["transform_matrix"]), _lens(given, lambda: size_of(name)))

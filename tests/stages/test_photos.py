@@ -125,6 +125,53 @@ def write_transforms(folder: Path, *names: str) -> None:
     (folder / "transforms.json").write_text(json.dumps({"camera_angle_x": 1.0, "frames": frames}))
 
 
+def test_photos_in_folders_below_images_are_taken_with_the_folders_in_their_names(tmp_path: Path) -> None:
+    """Of a rig's cameras, or as phones keep them; what stands beside `images` or is hidden is none of them."""
+    for path in ("images/left/0001.jpg", "images/left/0002.jpg", "images/right/far/0001.jpg"):
+        take(tmp_path / "rig" / path)
+    for path in ("masks/0001.png", "images/.thumbnails/0001.jpg", "left/0003.jpg"):
+        take(tmp_path / "rig" / path)
+    artifact = capture(tmp_path / "rig", tmp_path / "out")
+    assert read_capture(artifact).names == ("left_0001.jpg", "left_0002.jpg", "right_far_0001.jpg")
+    far = tmp_path / "rig" / "images" / "right" / "far" / "0001.jpg"
+    assert picture_path(artifact, "right_far_0001.jpg").read_bytes() == far.read_bytes()
+    alone = capture(tmp_path / "rig", tmp_path / "alone", images="left")
+    assert read_capture(alone).names == ("0003.jpg",)
+
+
+def test_folders_beside_photos_are_left_alone(tmp_path: Path) -> None:
+    """As depths and masks are, and other sizes."""
+    for path in ("images/a.jpg", "images/small/a.jpg"):
+        take(tmp_path / "scan" / path)
+    assert read_capture(capture(tmp_path / "scan", tmp_path / "out")).names == ("a.jpg",)
+
+
+def test_photos_that_folders_give_the_same_name_are_refused(tmp_path: Path) -> None:
+    for path in ("images/left_far/1.jpg", "images/left/far_1.jpg"):
+        take(tmp_path / "rig" / path)
+    expect_refusal(tmp_path / "rig", tmp_path / "out", "left_far_1.jpg", "left/far_1.jpg and left_far/1.jpg")
+
+
+def test_a_folder_of_folders_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    """Which of them hold photos of the capture, and not masks or other sizes, nobody said."""
+    take(tmp_path / "rig" / "left" / "1.jpg")
+    expect_refusal(tmp_path / "rig", tmp_path / "out", "folders left", "in one called images", "parameter images")
+
+
+def test_poses_of_photos_in_several_folders(tmp_path: Path) -> None:
+    for path in ("images/left/1.jpg", "images/right/1.jpg"):
+        take(tmp_path / "rig" / path)
+    write_transforms(tmp_path / "rig", "right/1.jpg")
+    content = json.loads((tmp_path / "rig" / "transforms.json").read_text())
+    held_out = {**content, "test_filenames": ["images/right/1.jpg"]}
+    (tmp_path / "rig" / "transforms.json").write_text(json.dumps(held_out))
+    artifact = capture(tmp_path / "rig", tmp_path / "out")
+    assert read_capture(artifact).names == ("right_1.jpg",)
+    assert artifact.attributes["test_names"] == ["right_1.jpg"]
+    write_transforms(tmp_path / "rig", "middle/1.jpg")
+    expect_refusal(tmp_path / "rig", tmp_path / "other", "do not exist", "middle/1.jpg")
+
+
 @pytest.mark.parametrize("name", ["a", "a.jpg", "a.png"], ids=["no extension", "the photo's", "another"])
 def test_poses_of_a_transforms_file(tmp_path: Path, name: str) -> None:
     take(tmp_path / "photos" / "a.jpg")

@@ -27,7 +27,7 @@ def test_opengl_cameras_become_opencv_cameras(tmp_path: Path) -> None:
     path = write(tmp_path, [{"file_path": "./images/7", "transform_matrix": MATRIX}], camera_angle_x=math.pi / 2)
     (photo,) = read_transforms(path, size_of)
     pose = photo.world_to_camera
-    assert photo.name == "7"
+    assert photo.name == "images/7"
     np.testing.assert_allclose(-pose[:3, :3].T @ pose[:3, 3], [4, 5, 6], atol=1e-12)
     np.testing.assert_allclose(pose[:3, :3], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12)  # right, down, forward
     np.testing.assert_allclose(photo.lens.matrix(), [[320, 0, 320], [0, 320, 240], [0, 0, 1]])
