@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int
 
 from stages.tracing import materials
-from stages.tracing.patterns import Picture, courses, fractal, marks, mix, palette, rgb, shade, step, stones, warp
-from stages.tracing.world import PAGE_SIZE as SIZE
+from stages.tracing.group import Group
+from stages.tracing.patterns import palette, rgb
+from stages.tracing.workshop_surfaces import concrete, corrugated, machine_paint, packed_goods, pegboard, rubber
 from stages.tracing.world import Builder, Material, Sky, Vector, World, turned
 
 WALL = 6.2
 CEILING = 4.7
-RUST = rgb("8a5232")
-GOODS = palette("d2382c", "e8b622", "1f9ab0", "e7e3d6", "3f8a4c", "e0742a", "3a5aa8", "8d9aa2", "b84a78")
 
 
 @dataclass(frozen=True)
@@ -33,64 +31,19 @@ class Paints:
     globe: Material
 
 
-@dataclass(frozen=True)
-class Group:
-    """Solids that stand together: their places are given in a frame at `place`, turned by `axes`."""
-
-    builder: Builder
-    place: Float64[np.ndarray, " 3"]
-    axes: Float64[np.ndarray, "3 3"]
-
-    @staticmethod
-    def on_floor(builder: Builder, x: float, y: float, yaw: float) -> Group:
-        return Group(builder, np.array([x, y, 0.0]), turned(yaw=yaw))
-
-    def at(self, place: Vector) -> list[float]:
-        return (self.place + np.asarray(place, np.float64) @ self.axes).tolist()
-
-    def box(
-        self,
-        place: Vector,
-        half: Vector,
-        material: Material,
-        turn: Vector = (0, 0, 0),
-        patch: Vector | None = None,
-    ) -> None:
-        """A box with a tone of its own, turned in the group by yaw, pitch and roll."""
-        axes, tint = turned(*turn) @ self.axes, self.builder.tone(0.12).tolist()
-        bevel = 0.15 * min(half)
-        self.builder.box(self.at(place), half, material, axes=axes, bevel=bevel, tint=tint, patch=patch)
-
-    def rod(self, start: Vector, stop: Vector, radius: float, material: Material, end: float | None = None) -> None:
-        tint = self.builder.tone(0.12).tolist()
-        self.builder.rod(self.at(start), self.at(stop), radius, material, end_radius=end, tint=tint)
-
-    def ball(self, place: Vector, half: Vector | float, material: Material) -> None:
-        self.builder.ball(self.at(place), half, material, axes=self.axes, tint=self.builder.tone(0.12).tolist())
-
-    def wheel(self, place: Vector, radius: float, width: float, tyre: Material, rim: Material) -> None:
-        """A tyre with rounded shoulders and a rim, its axle along the group's y axis."""
-        x, y, z = place
-        self.rod((x, y - width, z), (x, y + width, z), radius, tyre)
-        for side in (-width, width):
-            self.rod((x, y + side, z), (x, y + 1.4 * side, z), radius, tyre, end=0.78 * radius)
-        for out, part in ((1.5 * width, 0.56), (1.75 * width, 0.2)):
-            self.rod((x, y - out, z), (x, y + out, z), part * radius, rim)
-
-
 def build(seed: int) -> World:
     """The workshop; `seed` decides textures, tones and what stands on the shelves."""
     rng = np.random.default_rng([seed, 4])
     builder = Builder(rng)
     paints = Paints(
-        red=builder.material(_machine_paint(rng, rgb("cc3428")), 1.5, gloss=0.25),
-        yellow=builder.material(_machine_paint(rng, rgb("edb91e")), 1.4, gloss=0.2),
-        cyan=builder.material(_machine_paint(rng, rgb("22a3b8")), 1.5, gloss=0.25),
-        grey=builder.material(_machine_paint(rng, rgb("a4abae")), 1.3, gloss=0.15),
+        red=builder.material(machine_paint(rng, rgb("cc3428")), 1.5, gloss=0.25),
+        yellow=builder.material(machine_paint(rng, rgb("edb91e")), 1.4, gloss=0.2),
+        cyan=builder.material(machine_paint(rng, rgb("22a3b8")), 1.5, gloss=0.25),
+        grey=builder.material(machine_paint(rng, rgb("a4abae")), 1.3, gloss=0.15),
         steel=builder.material(materials.mottled(rng, rgb("6c747a"), rgb("bcc4c8"), 28, rough=0.9), 0.8, gloss=0.25),
-        rubber=builder.material(_rubber(rng), 0.9),
+        rubber=builder.material(rubber(rng), 0.9),
         wood=builder.material(materials.planks(rng, palette("a88a60", "c2a878", "8c7450"), 8, 2), 1.0),
-        label=builder.material(_goods(rng, 4, 7), 1.3, gloss=0.15),
+        label=builder.material(packed_goods(rng, 4, 7), 1.3, gloss=0.15),
         globe=builder.material(materials.mottled(rng, rgb("e0c48c"), rgb("fff4d8"), 10), 0.7, gloss=0.4, glow=0.75),
     )
     _room(builder, rng, paints)
@@ -109,101 +62,9 @@ def build(seed: int) -> World:
     return builder.world(Sky(above=(0.27, 0.33, 0.4), below=(0.11, 0.11, 0.115)))
 
 
-def _machine_paint(rng: np.random.Generator, color: np.ndarray) -> Picture:
-    """Worn paint on plates of sheet metal with seams, a tone each, and stencilled words."""
-    plates = courses(SIZE, 5, 4, rng, variation=0.8, heights=0.6)
-    body = step(plates.inset, 0.002, 0.006)
-    paint = materials.painted_metal(rng, color, RUST, wear=0.35)
-    words = marks(SIZE, 22, rng) * step(plates.inset, 0.03, 0.032) * (plates.tone(rng) < 0.25)
-    paint = mix(paint, rgb("f4f0e4") if color.mean() < 0.55 else rgb("22262a"), words * 0.8)
-    return shade(paint, (0.5 + 0.5 * body) * (0.8 + 0.3 * plates.tone(rng)))
-
-
-def _concrete(rng: np.random.Generator) -> Picture:
-    """A cast floor with hair cracks, oil, tyre dust and splashes of paint."""
-    slab = materials.mottled(rng, rgb("62686a"), rgb("a6aaa6"), 6, rough=0.9)
-    cracks = warp(stones(SIZE, 6, rng).inset, 0.05, 8, rng)
-    slab = shade(slab, 0.5 + 0.5 * step(cracks, 0.0004, 0.002))
-    oil = step(warp(fractal(SIZE, 6, rng, octaves=4), 0.06, 12, rng), 0.62, 0.74)
-    slab = mix(slab, slab * rgb("6c6052"), oil)
-    drops = stones(SIZE, 44, rng)
-    splash = step(warp(drops.inset, 0.01, 30, rng) * 44, 0.2, 0.28) * (drops.tone(rng) > 0.9)
-    slab = mix(slab, drops.color(GOODS, rng), splash * 0.75)
-    return shade(slab, 0.75 + 0.4 * fractal(SIZE, 3, rng, octaves=5))
-
-
-def _corrugated(rng: np.random.Generator, colors: np.ndarray, ribs: int) -> Picture:
-    """Sheets of corrugated metal of several paints, screwed one over the other, with rust that ran down."""
-    sheets = courses(SIZE, 3, 6, rng, variation=0.9, heights=0.5)
-    metal = materials.painted_metal(rng, rgb("f0f0ee"), RUST, wear=0.6)
-    streaks = step(fractal(SIZE, 40, rng, octaves=3)[:1] * fractal(SIZE, 4, rng), 0.3, 0.65)
-    paint = mix(sheets.color(colors, rng) * metal, RUST * metal, streaks * 0.7)
-    words = marks(SIZE, 14, rng) * step(sheets.inset, 0.04, 0.042) * (sheets.tone(rng) < 0.2)
-    paint = mix(paint, rgb("2c3238"), words * 0.7)
-    place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
-    wave = 0.88 + 0.17 * np.cos(2 * np.pi * ribs * place)[None, :].astype(np.float32)
-    return shade(paint, wave * (0.5 + 0.5 * step(sheets.inset, 0.001, 0.005)) * (0.8 + 0.3 * sheets.tone(rng)))
-
-
-def _rubber(rng: np.random.Generator) -> Picture:
-    """Treads full of grey dust, with dried mud."""
-    place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
-    bend = np.abs(2 * (4 * place % 1) - 1)[:, None]
-    lugs = warp(step(np.sin(2 * np.pi * (8 * place[None, :] + 0.8 * bend)), -0.5, -0.1), 0.03, 8, rng)
-    rubber = mix(rgb("3a3b40"), rgb("7c7a7c"), step(fractal(SIZE, 8, rng, octaves=7, gain=0.7), 0.2, 0.8))
-    rubber = mix(rubber, rgb("9c8464"), step(fractal(SIZE, 6, rng, octaves=6), 0.55, 0.8))
-    return shade(rubber, (0.6 + 0.4 * lugs))
-
-
-def _grid(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray, Int[np.ndarray, "size size"]]:
-    """Places within the cells of a grid, x to the right and y up in [-1, 1], and the number of the cell."""
-    place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
-    across, down = place * columns, place * rows
-    cell = down.astype(np.int64)[:, None] * columns + across.astype(np.int64)[None, :]
-    x, y = 2 * (across % 1) - 1, 1 - 2 * (down % 1)
-    return np.broadcast_to(x, (SIZE, SIZE)), np.broadcast_to(y[:, None], (SIZE, SIZE)), cell
-
-
-def _pegboard(rng: np.random.Generator, rows: int, columns: int) -> Picture:
-    """Hammers, spanners and files, no two alike, over a board full of holes."""
-    x, y, cell = _grid(rows, columns)
-
-    def pick() -> np.ndarray:
-        return rng.random(rows * columns, dtype=np.float32)[cell]
-
-    x = x + (pick() - 0.5) * 0.4 * y + (pick() - 0.5) * 0.3
-    length = 0.4 + 0.4 * pick()
-    handle = step(0.16 + 0.16 * pick() - np.abs(x), 0, 0.06) * step(length - np.abs(y + 0.1), 0, 0.04)
-    above = y - length + 0.1
-    ring = step(0.14 - np.abs(np.hypot(x * 0.7, above) - 0.16 - 0.12 * pick()), 0, 0.04)
-    bar = step(0.2 - np.abs(above), 0, 0.04) * step(0.3 + 0.5 * pick() - np.abs(x + 0.3 * (pick() - 0.5)), 0, 0.05)
-    kind = pick()
-    head = np.where(kind < 0.35, ring, np.where(kind < 0.8, bar, 0))
-    hole_x, hole_y, _ = _grid(70, 70)
-    board = materials.mottled(rng, rgb("9fa89c"), rgb("dcdccc"), 8)
-    board = shade(board, 0.4 + 0.6 * step(np.hypot(hole_x, hole_y), 0.25, 0.4))
-    board = shade(board, 1 - 0.5 * np.roll(np.maximum(handle, head), (9, 7), axis=(0, 1)))
-    grain = 0.6 + 0.5 * fractal(SIZE, 24, rng, octaves=5, gain=0.75)
-    tools = mix(board, shade(GOODS[rng.integers(len(GOODS), size=rows * columns)][cell], grain), handle)
-    return mix(tools, shade(np.broadcast_to(rgb("7c868e"), tools.shape), grain), head)
-
-
-def _goods(rng: np.random.Generator, rows: int, columns: int) -> Picture:
-    """Boxes and cans of many colours, with labels and dents, close together."""
-    packs = courses(SIZE, rows, columns, rng, variation=0.8, heights=0.3)
-    _, y, _ = _grid(rows, 1)
-    band = step(0.25 + 0.3 * packs.tone(rng) - np.abs(y - 0.4 * (packs.tone(rng) - 0.5)), 0, 0.03)
-    picture = mix(packs.color(GOODS, rng), packs.color(GOODS, rng), band)
-    words = marks(SIZE, 7 * rows, rng) * band * step(packs.inset, 0.008, 0.012)
-    picture = mix(picture, packs.color(palette("26282c", "26282c", "f4f0e6"), rng), words * 0.85)
-    dents = fractal(SIZE, 12, rng, octaves=7, gain=0.7)
-    edge = step(packs.inset, 0.001, 0.02)
-    return shade(picture, (0.45 + 0.5 * edge) * (0.75 + 0.3 * packs.tone(rng)) * (0.75 + 0.5 * dents))
-
-
 def _room(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
-    floor = builder.material(_concrete(rng), 5.3)
-    roof = builder.material(_corrugated(rng, palette("6c7276", "80878a", "5e666c"), 22), 3.0)
+    floor = builder.material(concrete(rng), 5.3)
+    roof = builder.material(corrugated(rng, palette("6c7276", "80878a", "5e666c"), 22), 3.0)
     pane = builder.material(materials.mottled(rng, rgb("8cc4e0"), rgb("f0fafc"), 6), 2.0, glow=1.0)
     builder.box((0, 0, -0.5), (9, 9, 0.5), floor, casts_shadow=False)
     builder.box((0, 0, CEILING + 0.2), (8, 8, 0.2), roof, casts_shadow=False)
@@ -225,11 +86,11 @@ def _room(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
 
 def _walls(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
     upper = (
-        builder.material(_corrugated(rng, palette("b4bcc0", "9aa6ac", "c8ccc8", "84a8b0"), 46), 6.6),
-        builder.material(_corrugated(rng, palette("5fa4b0", "7fb4bc", "a8b8bc", "4c8c9c"), 44), 6.6),
+        builder.material(corrugated(rng, palette("b4bcc0", "9aa6ac", "c8ccc8", "84a8b0"), 46), 6.6),
+        builder.material(corrugated(rng, palette("5fa4b0", "7fb4bc", "a8b8bc", "4c8c9c"), 44), 6.6),
     )
     # No two racks and no two boards show the same part of a page: structure from motion would take one for another.
-    pegboards = tuple(builder.material(_pegboard(rng, 6, columns), 3.9) for columns in (13, 12))
+    pegboards = tuple(builder.material(pegboard(rng, 6, columns), 3.9) for columns in (13, 12))
     papers = (
         builder.material(materials.writing(rng, rgb("efe8d4"), rgb("2a2c34"), 40), 1.6),
         builder.material(materials.writing(rng, rgb("2a66ac"), rgb("eef4fa"), 32), 1.7),
@@ -237,7 +98,7 @@ def _walls(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
     )
     sky = materials.clouds(rng, rgb("6ca4d0"), rgb("c4dce8"), rgb("f4f8fa"))
     pane = builder.material(sky, 2.4, gloss=0.4, glow=0.8)
-    goods = tuple(builder.material(_goods(rng, 12, 26), 4.8) for _ in range(2))
+    goods = tuple(builder.material(packed_goods(rng, 12, 26), 4.8) for _ in range(2))
     racks = boards = 0
     for side in range(4):
         axes = turned(yaw=90 * side)
