@@ -14,6 +14,7 @@ from pathlib import Path
 
 from pipeline.canonical import Json
 from pipeline.errors import Place
+from pipeline.external import from_home, resolved
 from pipeline.graph import Graph, Node
 from pipeline.located import Located, Problems, read_yaml
 from pipeline.workflow import Workflow
@@ -95,4 +96,4 @@ def _is_path(value: Located, outside: Sequence[Path]) -> bool:
 
 
 def _there(value: Located) -> Path:
-    return (value.base / str(value.value)).resolve()
+    return resolved(value.base / from_home(str(value.value)))
