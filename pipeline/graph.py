@@ -85,10 +85,8 @@ class Node:
 
 @dataclass(frozen=True)
 class Graph:
-    """The nodes of a workflow, all of them if it is `whole`, each after those that it takes artifacts from.
-
-    `command` has it run as it is being run; empty where nobody said.
-    """
+    """The nodes of a workflow, all of them if it is `whole`, each after those that it takes artifacts from. `command`
+    has it run as it is being run; empty where nobody said."""
 
     workflow: str
     nodes: Mapping[str, Node]

@@ -6,14 +6,12 @@ results that a dead worker held need not be made again, and a fully cached run s
 
 from __future__ import annotations
 
-import signal
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 
 from pipeline.action import Ancestor, Job, JobItem, Outcome, perform
 from pipeline.canonical import Json
@@ -25,6 +23,7 @@ from pipeline.executor import Executor, Lost
 from pipeline.explain import key_of, key_parts
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import Journal, StageResult
+from pipeline.interruption import interruptible
 from pipeline.loss import words_of_loss
 from pipeline.provenance import git_commit
 from pipeline.record import Record
@@ -37,7 +36,6 @@ REPAIRS = 1  # times that one artifact is made again in one run
 COMPLAINTS = 3  # times that one stage finds its inputs damaged in one run
 RETRIES = 3  # times that a stage is tried again whose error may pass
 FIRST_WAIT = 2.0  # seconds before it is tried again; each time four times as long
-STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ class Run:
         """Runs everything; returns when nothing is left that can be done. Raises CommandError during a `gc`."""
         started = time.monotonic()
         try:
-            with self.store.in_use(), self._history(), self._interruptible():
+            with self.store.in_use(), self._history(), interruptible(self._ask_to_stop):
                 self.store.sweep()
                 self._loop()
         finally:
@@ -376,33 +374,12 @@ class Run:
             with suppress(OSError):
                 self.store.unlink_latest(f"{self.graph.workflow}/{name}.{output}")
 
-    @contextmanager
-    def _interruptible(self) -> Iterator[None]:
-        """The first Ctrl-C asks running stages to stop, the second stops at once by KeyboardInterrupt.
-
-        So do SIGTERM, which cluster schedulers send ahead of SIGKILL, and SIGHUP, when a terminal is closed.
-        """
-
-        def ask(number: int, frame: FrameType | None) -> None:
-            if self._stopped_at is not None:
-                raise KeyboardInterrupt
-            self._stopped_at = time.monotonic()
-            with suppress(OSError):  # a full disk: there is no checkpoint to be saved either
-                self._stop_flag.touch()
-            with suppress(RuntimeError, OSError):  # printing was interrupted to come here, or the terminal is gone
-                self.tell(Noted("stopping: running stages save what they have (Ctrl-C again stops at once)"))
-
-        try:
-            before = {number: signal.signal(number, ask) for number in STOPPING if heeded(number)}
-        except ValueError:  # not the main thread: nothing is interrupted there
-            before = {}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-
-
-def heeded(number: signal.Signals) -> bool:
-    """Whether a signal means something to this process: `nohup` has it ignore SIGHUP."""
-    return signal.getsignal(number) is not signal.SIG_IGN
+    def _ask_to_stop(self) -> None:
+        """At first, running stages are asked to stop; asked a second time, it stops at once by KeyboardInterrupt."""
+        if self._stopped_at is not None:
+            raise KeyboardInterrupt
+        self._stopped_at = time.monotonic()
+        with suppress(OSError):  # a full disk: there is no checkpoint to be saved either
+            self._stop_flag.touch()
+        with suppress(RuntimeError, OSError):  # printing was interrupted to come here, or the terminal is gone
+            self.tell(Noted("stopping: running stages save what they have (Ctrl-C again stops at once)"))
