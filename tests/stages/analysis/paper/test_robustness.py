@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -179,3 +180,12 @@ def test_the_page_is_written_and_without_measurements_says_so(study: Study) -> N
     page = owner_page(study, ["robustness"], tables, "robustness", "")
     assert isinstance(page.relations, Grid)
     assert robustness(Study(()), tables).grids == ()
+
+
+def test_a_message_that_reads_worse_than_one_colour_counts_as_one_before_attacks_too() -> None:
+    """Or a rigid motion, which changes nothing, would seem to leave more than there was."""
+    whole = experiment("fox", "sh")
+    rows_above = [replace(row, value=22.5) if row.quantity == ONE_COLOUR else row for row in whole.rows]
+    study = Study((), experiments=(replace(whole, rows=tuple(rows_above)),))
+    found = written(robustness(study, read_published()), f"What is left of the message {FOUND}")
+    assert found["Nothing",]["3DGS+SH"] == "22.50"
