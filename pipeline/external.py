@@ -67,9 +67,8 @@ def _files_under(folder: Path) -> list[Path]:
     for name, _, names in os.walk(folder, followlinks=True, onerror=_raise):
         directory = Path(name)
         above = list(takewhile(lambda parent: parent.is_relative_to(folder), directory.parents))
-        here = (
-            directory.resolve()
-        )  # what leads above where it stands, as to /, comes round only after all that is there
+        # What leads above where it stands, as to /, comes round only after all that is there.
+        here = directory.resolve()
         if any(parent.resolve().is_relative_to(here) for parent in above):
             raise UserError("a link leads round in a circle", where=directory)
         files += [directory / file for file in names]
