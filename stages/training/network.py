@@ -1,4 +1,4 @@
-"""The training of a network by itself, on pictures: a watermark codec, or its decoder. Gaussians have a loop of theirs.
+"""The training of a network on pictures: a watermark codec, or its decoder. Gaussians have a loop of theirs.
 
 It goes on from its checkpoint to the bits that it would have made anyway: what a step draws follows from the seed and
 from the number of the step, so that no generator is part of the state.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import torch
@@ -34,7 +35,8 @@ LIBRARIES = ("torch", "numpy")
 class NetworkTraining(ABC):
     """A training under way. `weights` says which squared errors a step compares, and how each counts in its loss.
 
-    Adam's learning rate falls exponentially from `rate` to `final_rate` over `iterations` steps.
+    Adam's learning rate falls exponentially from `rate` to `final_rate` over `iterations` steps; that of a group with
+    a `share` is so much of it.
     """
 
     def __init__(
@@ -42,13 +44,21 @@ class NetworkTraining(ABC):
     ):
         self.network, self.weights, self.iterations = network, weights, iterations
         self.rate, self.final_rate = rate, final_rate
-        self.adam = torch.optim.Adam(network.parameters(), lr=rate, fused=True)
+        self.adam = torch.optim.Adam(self.parameter_groups(), lr=rate, fused=True)
         self.history: list[list[float]] = []
 
     @property
     def iteration(self) -> int:
         """How many steps were taken."""
         return len(self.history)
+
+    def parameter_groups(self) -> list[dict[str, Any]]:
+        """What Adam learns, as it takes it; each group's gradient is shortened by itself."""
+        return [{"params": list(self.network.parameters())}]
+
+    def weight(self, name: str, progress: float) -> float:
+        """How an error counts when `progress` in (0, 1] of the training is done."""
+        return self.weights[name]
 
     @abstractmethod
     def errors(self, iteration: int) -> Mapping[str, Float[Tensor, ""]]:
@@ -57,10 +67,14 @@ class NetworkTraining(ABC):
     def step(self) -> None:
         """One step."""
         iteration = self.iteration + 1
-        self.adam.param_groups[0]["lr"] = decayed(self.rate, self.final_rate, iteration / self.iterations)
+        progress = iteration / self.iterations
+        rate = decayed(self.rate, self.final_rate, progress)
+        for group in self.adam.param_groups:
+            group["lr"] = rate * group.get("share", 1.0)
         errors = self.errors(iteration)
-        torch.stack([weight * errors[name] for name, weight in self.weights.items()]).sum().backward()
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), LARGEST_GRADIENT)
+        torch.stack([self.weight(name, progress) * errors[name] for name in self.weights]).sum().backward()
+        for group in self.adam.param_groups:
+            torch.nn.utils.clip_grad_norm_(group["params"], LARGEST_GRADIENT)
         self.adam.step()
         self.adam.zero_grad(set_to_none=True)
         self.history.append([float(errors[name].detach()) for name in self.weights])
