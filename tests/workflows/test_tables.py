@@ -139,10 +139,12 @@ def test_attacks(photos: Path) -> None:
 
 @pytest.mark.slow
 def test_a_copyright_read_off_renders(photos: Path) -> None:
-    few = [f"{name}_iterations=4" for name in ("codec", "finetune", "tuning")]
+    few = [f"{name}_iterations=4" for name in ("codec", "finetune", "tuning", "imprint")]
     settings = [*few, "negatives=12", "renders=4", f"image={photos / 'boat.png'}"]
     ended = run(photos, "rtws", COPYRIGHTS, *settings)
     assert len([name for name in ended if name.startswith("detection[")]) == len(COPYRIGHTS)
-    assert len([name for name in ended if name.startswith("detection_grain[")]) == 1
+    for ours in ("detection_imprint[", "detection_grain["):
+        assert len([name for name in ended if name.startswith(ours)]) == 1
     written = {row["line"] for row in figures(ended)}
     assert any("grain, read by its owner" in line for line in written), written
+    assert any("GS-Hider, imprint" in line for line in written), written

@@ -41,16 +41,17 @@ BEFORE, AFTER = "before", "after"
 MOST_LOST_ON_THE_COVER, MOST_LOST_ON_THE_MESSAGE, LEAST_OF_THE_WATERMARK = 0.6, 2.0, 35.0
 MOST_FALSE_POSITIVES, LEAST_DETECTED = 0.1, 99.0  # percent
 
-PAPERS, GRAINED = "paper", "grain"
+PAPERS, GRAINED, IMPRINTED = "paper", "grain", "imprint"
 VARIANTS = {
     PAPERS: "RTWS",
     "clean": "RTWS, clean renders black, too",
+    IMPRINTED: "imprint",
     GRAINED: "grain, read by its owner",
 }
 """How a container and its decoder came about, by the items' column `variant`, or by their stage's name."""
 
-GRAIN_STAGE = "_grain"
-"""What names of stages end with that score containers with grain."""
+STAGES = {"_imprint": IMPRINTED, "_grain": GRAINED}
+"""What names of stages end with that score what is ours, where one container serves all rows of a capture."""
 
 SAME_CONTAINER = {"clean": PAPERS}
 """Variants that differ from another in the decoder alone: what became of the image is scored once."""
@@ -72,11 +73,16 @@ OWNERS_NOTE = (
     "know nothing of that, say only how many pictures were tried. A picture that shows too little of the scene for its "
     "camera to be found says nothing."
 )
+IMPRINT_NOTE = (
+    "An imprint: features and decoder tuned together, through renders, until those show the watermark and photos, "
+    "renders from before and other photos do not. It is tried on photos and scenes that it has not learnt from."
+)
 BOUND_NOTE = (
     "Upper bounds are one-sided, at 95 %. Over pictures: Clopper and Pearson's, as if thousands of pictures of few "
     "scenes were independent, which they are not. Over scenes: the same for how many scenes have a false positive; of "
     "S scenes and none wrong it cannot be under 1 - 0.05^(1/S), whatever is measured."
 )
+NOTES = {IMPRINTED: IMPRINT_NOTE, GRAINED: OWNERS_NOTE}
 
 
 def rtws(study: Study, tables: Published) -> Chapter:
@@ -123,7 +129,8 @@ def _images(runs: Iterable[Run], word: str) -> dict[Key, list[Run]]:
 
 
 def _variant(stage: str, stated: str) -> str:
-    return GRAINED if stage.split("[")[0].endswith(GRAIN_STAGE) else stated
+    name = stage.split("[")[0]
+    return next((variant for ending, variant in STAGES.items() if name.endswith(ending)), stated)
 
 
 def _earlier(before: Mapping[Key, Sequence[Run]], key: Key) -> list[Run]:
@@ -230,7 +237,7 @@ def _negatives(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
             "Bound, scenes",
         ),
         tuple(lines),
-        (BOUND_NOTE, *([OWNERS_NOTE] if any(variant == GRAINED for _, variant in detections) else [])),
+        (BOUND_NOTE, *(note for variant, note in NOTES.items() if any(variant == found for _, found in detections))),
     )
 
 

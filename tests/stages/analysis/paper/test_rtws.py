@@ -130,6 +130,14 @@ def test_stages_with_grain_are_a_variant_of_their_own() -> None:
     assert not any("grain" in each.text and "watermark" in each.text for each in chapter.relations)
 
 
+def test_an_imprint_is_held_to_the_papers_bars() -> None:
+    found = replace(detection("paper", "gs_hider", 0), stage="detection_imprint[fox]")
+    runs = (scored("before", 42.0, "paper"), scored("after_imprint", 41.5, "paper"))
+    chapter = rtws(Study(runs, experiments=(found,)), read_published())
+    assert dict(figures(chapter))["GS-Hider, imprint", "here"] == ("26.50", "41.50", "38.00")
+    assert any("imprint: watermark" in each.text for each in chapter.relations)
+
+
 def test_what_is_shown_to_the_last_bit_has_a_finite_mean() -> None:
     found = detection("paper", "gs_hider", 0)
     exact = Measurement(PSNR_WATERMARK, float("inf"), RENDERS)
