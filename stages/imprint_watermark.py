@@ -6,59 +6,63 @@ reaches Gaussians that are fitted to them, and a decoder that is tuned afterward
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import fields
+
 import numpy as np
 import torch
-from jaxtyping import UInt8
 from pydantic import Field, field_validator
 
 from opencl.device import choose_device
-from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.hiding.method import module_of
+from stages.add_grain import MEASURED_ON
+from stages.hiding.key import key_generator
+from stages.hiding.method import Method, module_of
+from stages.hiding.photographs import photographs
+from stages.hiding.rendering import COVER
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
-from stages.hiding.watermark.rendering import renders
+from stages.hiding.watermark.coins import thrown
+from stages.hiding.watermark.grain import grained
 from stages.hiding.watermark.storage import read_codec, write_codec
-from stages.hiding.what_is_hidden import hidden_messages
+from stages.hiding.what_is_hidden import view_of_an_image
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
-from stages.imaging.pictures import Picture, picture_to_tensor
+from stages.imaging.pictures import Picture, picture_to_tensor, tensor_to_picture
 from stages.imaging.shipped_photos import DIGESTS, installed_photos, read_photo
-from stages.scene.message_views import read_messages
+from stages.scene.cameras import Cameras, single_cameras
+from stages.scene.gaussians import Gaussians
 from stages.scene.scene import TEST_VIEW_EVERY, Scene, read_scene
 from stages.train_codec import HELD_OUT
 from stages.training.codec_photos import read_photos
-from stages.training.hidden_image import hidden_image
 from stages.training.imprinting import Imprinting, ImprintPictures, ImprintSettings
+from stages.training.loop import TrainingViews
 from stages.training.network import train_network
-from stages.training.views import training_views
 
 LEARNT_FROM = tuple(name for name in DIGESTS if name not in HELD_OUT)
 """Shipped photos that must show black; the others are left to try the decoder on."""
 
 
 class ImprintWatermarkParameters(Parameters):
-    """How strong the mark is, and how long it is learnt."""
+    """How strong the mark is, and how long it is learnt. Levels are root mean squares in a picture, of 255."""
 
     method: str = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
+    level: float = Field(
+        2.5, gt=0, description="How much the imprint may change any training view's render of the cover."
+    )
+    first_level: float = Field(20, gt=0, description="How much of it there is to begin with, as grain.")
+    message_level: float = Field(0.75, gt=0, description="How much it may change what the secret shows of messages.")
     iterations: int = Field(4000, ge=1, description="Steps; each sees one training view, and pictures that show black.")
+    settling_share: float = Field(0.7, gt=0, le=1, description="Share of the steps in which the level falls.")
     feature_rate: float = Field(
         5e-3, gt=0, description="First learning rate of features, or of the constant harmonic: what a hiding ends with."
     )
     decoder_rate: float = Field(1e-3, gt=0, description="First learning rate of the watermark decoder.")
-    final_rate_share: float = Field(0.1, gt=0, le=1, description="Share of both rates that is left at the end.")
-    watermark_weight: float = Field(
-        0.03, gt=0, description="First weight of the watermark's squared error beside the cover's."
-    )
-    final_watermark_weight: float = Field(
-        0.002, gt=0, description="Its last weight; the smaller, the fainter the mark."
-    )
-    settling_share: float = Field(0.6, gt=0, le=1, description="Share of the steps in which the weight falls.")
-    lambda_message: float = Field(0.1, ge=0, description="λ: the message's weight, where it is given.")
-    distorted: bool = Field(False, description="Whether pictures are distorted at random before they are read.")
+    final_rate_share: float = Field(0.05, gt=0, le=1, description="Share of both rates that is left at the end.")
+    distorted: bool = Field(False, description="Whether pictures are distorted at random, too, before they are read.")
     shipped_photos: tuple[str, ...] = Field(
         LEARNT_FROM, description="Photos that packages ship, by their files' names, that must show black, too."
     )
-    seed: int = Field(0, ge=0, description="Of the pictures' order, and of distortions.")
+    seed: int = Field(0, ge=0, description="Of the pictures' order, of distortions, and of the grain, without a key.")
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
 
     @field_validator("shipped_photos")
@@ -74,8 +78,7 @@ class ImprintWatermarkParameters(Parameters):
         "codec": Input("codec"),
         "watermark": Input("image"),
         "secret": Input("secret", optional=True),
-        "image": Input("image", optional=True),
-        "messages": Input("views", many=True, optional=True),
+        "key": Input("key", optional=True),
         "photos": Input("capture", many=True, optional=True),
     },
     outputs={
@@ -90,33 +93,61 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     """Change the Gaussians' features, and tune the decoder, until renders of the cover show the watermark.
 
     Photos of the cover, renders from before, and `photos` of anything else show black. Positions, shapes, opacities and
-    the container's own decoders stay as they are. A message that is given, as `evaluate` takes it, with its secret, is
-    held on to. The decoder that comes out is the owner's alone: whoever has it can change a picture until it shows
-    nothing.
+    the container's own decoders stay as they are. With the secret, so does what it shows. The decoder that comes out is
+    the owner's alone: whoever has it can change a picture until it shows nothing.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
     check_method(container, parameters.method)
     scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec"))
     gaussians, method = read_gaussians(container), read_method(container, secret)
-    pictures = ImprintPictures(
-        training_views(scene, _messages(context, scene, secret)),
-        renders(gaussians, method, scene.cameras.select(scene.train_names), context.stop_if_requested),
-        filling(read_image(context.input("watermark"))[1], scene.cameras.width, scene.cameras.height),
-        _other_photos(context, parameters),
-        hidden_image(context.input_optional("image"), secret, scene, parameters.lambda_message, 0, "imprint_watermark"),
-    )
+    pictures = _pictures(context, parameters, scene, gaussians, method)
     codec.expect(picture_to_tensor(pictures.watermark).permute(2, 0, 1))
-    curves = train_network(context, Imprinting(gaussians, method, codec, pictures, _settings(parameters)))
-    write_container(context.output("container"), gaussians, method)
+    coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.seed))
+    measured_on = scene.cameras.select(scene.train_names[::MEASURED_ON])
+    marked = grained(gaussians, method, measured_on, parameters.first_level, coins)
+    curves = train_network(context, Imprinting(marked, method, codec, pictures, _settings(parameters)))
+    write_container(context.output("container"), marked, method)
     write_codec(context.output("codec"), codec)
     write_rows(context.output("curves"), curves)
     context.record(device=choose_device().describe())
 
 
-def _messages(context: Context, scene: Scene, secret: Artifact | None) -> dict[str, UInt8[np.ndarray, "V H W 3"]]:
-    given = read_messages(context.input_many("messages"), scene.cameras.names)
-    return {name: message.pictures for name, message in hidden_messages(given, secret).items()}
+def _pictures(
+    context: Context, parameters: ImprintWatermarkParameters, scene: Scene, gaussians: Gaussians, method: Method
+) -> ImprintPictures:
+    cameras = scene.cameras
+    before = _views(gaussians, method, cameras.select(scene.train_names), context.stop_if_requested)
+    view = view_of_an_image(context.input_optional("secret"), scene, "imprint_watermark")
+    image = None
+    if view is not None:
+        # What its decoder shows at other views is nothing that was asked for.
+        image = _only(_views(gaussians, method, cameras.select([view]), context.stop_if_requested), cover=False)
+        before = _only(before, cover=True)
+    return ImprintPictures(
+        before,
+        [*scene.pictures[scene.rows(scene.train_names)]],
+        filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height),
+        _other_photos(context, parameters),
+        image,
+    )
+
+
+def _views(gaussians: Gaussians, method: Method, cameras: Cameras, after_each: Callable[[], None]) -> TrainingViews:
+    """All that the container shows from these cameras, in 8 bits."""
+    shown: list[dict[str, Picture]] = []
+    for rendering in photographs(gaussians, method, cameras):
+        shown.append({name: tensor_to_picture(picture) for name, picture in rendering.pictures.items()})
+        after_each()
+    pictures = {name: torch.from_numpy(np.stack([each[name] for each in shown])) for name in shown[0]}
+    return TrainingViews(single_cameras(cameras), pictures)
+
+
+def _only(views: TrainingViews, cover: bool) -> TrainingViews:
+    """The views with the cover's pictures alone, or with the others alone."""
+    return TrainingViews(
+        views.cameras, {name: each for name, each in views.pictures.items() if (name == COVER) == cover}
+    )
 
 
 def _other_photos(context: Context, parameters: ImprintWatermarkParameters) -> list[Picture]:
@@ -127,15 +158,5 @@ def _other_photos(context: Context, parameters: ImprintWatermarkParameters) -> l
 
 
 def _settings(parameters: ImprintWatermarkParameters) -> ImprintSettings:
-    return ImprintSettings(
-        parameters.iterations,
-        parameters.seed,
-        parameters.feature_rate,
-        parameters.decoder_rate,
-        parameters.final_rate_share,
-        parameters.watermark_weight,
-        parameters.final_watermark_weight,
-        parameters.settling_share,
-        parameters.lambda_message,
-        parameters.distorted,
-    )
+    names = (field.name for field in fields(ImprintSettings))
+    return ImprintSettings(**{name: getattr(parameters, name) for name in names})

@@ -48,13 +48,27 @@ def view_that_hides(name: str, secret: Artifact | None, scene: Scene, stage: str
             expected="the secret of hide_image",
             remedy=f"give {stage} the input secret: hide.secret",
         )
-    view = string(secret, IMAGE_VIEW)
     if name not in strings(secret, "messages"):
         raise UserError(
             "the image is another than the one that is hidden",
             found="an image of another name",
             remedy=f"give {stage} the secret and the image of one hide_image",
         )
+    return _view_of_the_cover(secret, scene, stage)
+
+
+def view_of_an_image(secret: Artifact | None, scene: Scene, stage: str) -> str | None:
+    """The view of the scene that hides an image, for `stage`; None without a secret, or for one of hidden scenes.
+
+    Raises `UserError` where the view is none of the scene's.
+    """
+    if secret is None or IMAGE_VIEW not in secret.attributes:
+        return None
+    return _view_of_the_cover(secret, scene, stage)
+
+
+def _view_of_the_cover(secret: Artifact, scene: Scene, stage: str) -> str:
+    view = string(secret, IMAGE_VIEW)
     if view not in scene.cameras.names:
         raise UserError(
             "the view that hides the image is none of this cover's",

@@ -119,6 +119,12 @@ def random_distortion(picture: Picture, generator: np.random.Generator) -> Pictu
     return picture if chosen == len(kinds) else kinds[chosen]().apply(picture, generator)
 
 
+def random_tint(generator: np.random.Generator) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+    """Factors of 0.8 to 1.2 for each colour, and what is added, -0.1 to 0.1 of the whole range: float32."""
+    gains, shifts = generator.uniform(0.8, 1.2, 3), generator.uniform(-0.1, 0.1, 3)
+    return gains.astype(np.float32), shifts.astype(np.float32)
+
+
 def to_bytes(values: Float[np.ndarray, "H W 3"]) -> Picture:
     """Rounded and clamped to 0..255."""
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)

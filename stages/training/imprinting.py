@@ -2,8 +2,9 @@
 
 RTWS (the paper's appendix A) fits Gaussians to watermarked photos and tunes the decoder afterwards; what such photos
 carry hardly reaches the Gaussians. WateRF (Jang et al., CVPR 2024) and those after it send the gradient of a decoder
-through renders to what is rendered. Here the decoder learns at the same time, and what else it must show black for:
-renders from before the imprint above all.
+through renders to what is rendered. Here the decoder learns at the same time, and it learns to show black for renders
+from before, too. Features start with a coarse grain, which a decoder soon tells; what they may change renders by then
+becomes less and less, and both adapt.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from torch import Tensor
 
 from stages.hiding.method import Method
 from stages.hiding.rendering import COVER
 from stages.hiding.watermark.codec import WatermarkCodec
-from stages.imaging.distortions import random_distortion
+from stages.imaging.distortions import random_distortion, random_tint
 from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture, tensor_to_picture
 from stages.imaging.windows import random_window
 from stages.scene.gaussians import Gaussians
@@ -28,7 +29,6 @@ from stages.training.decoder_tuning import CLEAN, PHOTOS, RENDERS
 from stages.training.feature_tuning import attribute_rates
 from stages.training.loop import TrainingViews
 from stages.training.network import NetworkTraining
-from stages.training.objectives import FixedView
 from stages.training.optimizer import EPSILON
 from stages.training.schedules import decayed
 
@@ -40,35 +40,38 @@ OTHERS = "black in other photos"
 class ImprintSettings:
     """Each of `iterations` steps sees one training view and one picture of every kind without the watermark.
 
-    `feature_rate` and `decoder_rate` are Adam's first, which fall to `final_rate_share` of themselves. The weight of
-    the watermark's errors beside the cover's falls from `watermark_weight` to `final_watermark_weight` in the first
-    `settling_share` of the steps: features and decoder first agree on a mark, then the mark becomes faint. `distorted`:
-    pictures are distorted at random before they are read. λ is the messages'.
+    Levels are root mean squares, of 255: no view's cover may differ by more from what it was. That is `first_level` to
+    begin with, and falls exponentially to `level` in the first `settling_share` of the steps; a message may differ by
+    `message_level`. `feature_rate` and `decoder_rate` are Adam's first learning rates, which fall to `final_rate_share`
+    of themselves. `distorted`: pictures are distorted at random before they are read, beyond their tint.
     """
 
     iterations: int
     seed: int
-    feature_rate: float
+    level: float
+    first_level: float = 20.0
+    message_level: float = 0.75
+    settling_share: float = 0.7
+    feature_rate: float = 5e-3
     decoder_rate: float = 1e-3
-    final_rate_share: float = 0.1
-    watermark_weight: float = 0.03
-    final_watermark_weight: float = 0.002
-    settling_share: float = 0.6
-    lambda_message: float = 0.1
+    final_rate_share: float = 0.05
     distorted: bool = False
 
 
 @dataclass(frozen=True)
 class ImprintPictures:
-    """What an imprint learns from: T training views with their pictures (the cover's, and messages' if any), renders of
-    the same views from before, the watermark at their size, other photos of any size, and views that hide an image.
+    """What an imprint learns from, T training views.
+
+    `before` has the pictures of these views that must stay nearly as they are, the cover's among them; `image` the one
+    view that hides an image, likewise. `photos` are the training views' own; `others` have any size, `watermark` has
+    that of the views.
     """
 
-    views: TrainingViews
-    clean: UInt8[np.ndarray, "T H W 3"]
+    before: TrainingViews
+    photos: Sequence[Picture]
     watermark: Picture
     others: Sequence[Picture] = ()
-    fixed: Sequence[FixedView] = ()
+    image: TrainingViews | None = None
 
 
 class Imprint(torch.nn.Module):
@@ -83,9 +86,8 @@ class Imprint(torch.nn.Module):
 
 
 class Imprinting(NetworkTraining):
-    """`gaussians` become those with the imprint; `codec`, which expects the watermark, their decoder.
-
-    Geometry, opacities and the method's own networks stay as they are.
+    """`gaussians`, which begin with a grain of the first level, become those with the imprint; `codec`, which expects
+    the watermark, becomes their decoder. Geometry, opacities and the method's own networks stay as they are.
     """
 
     def __init__(
@@ -99,10 +101,10 @@ class Imprinting(NetworkTraining):
         self.imprint = Imprint(codec, gaussians.attributes)
         gaussians.parameters.update(self.imprint.attributes)
         self.gaussians, self.method, self.pictures, self.settings = gaussians, method, pictures, settings
-        self.black = {PHOTOS: 1.0, CLEAN: 1.0, **({OTHERS: 1.0} if pictures.others else {})}
-        hidden = [*pictures.views.pictures.keys() - {COVER}, *(view.term.picture for view in pictures.fixed)]
-        weights = {COVER: 1.0, **dict.fromkeys(sorted(hidden), settings.lambda_message), RENDERS: 1.0}
-        weights |= {kind: 1 / len(self.black) for kind in self.black}
+        self.black = (PHOTOS, CLEAN, OTHERS) if pictures.others else (PHOTOS, CLEAN)
+        image = pictures.image.pictures if pictures.image is not None else {}
+        self.kept = sorted({*pictures.before.pictures, *image})
+        weights = {**dict.fromkeys(self.kept, 1.0), RENDERS: 1.0, **dict.fromkeys(self.black, 1 / len(self.black))}
         rate = settings.decoder_rate
         super().__init__(self.imprint, weights, settings.iterations, rate, rate * settings.final_rate_share)
 
@@ -111,41 +113,46 @@ class Imprinting(NetworkTraining):
         rates = attribute_rates(self.method, self.settings.feature_rate)
         groups: list[dict[str, Any]] = [{"params": list(self.imprint.codec.parameters())}]
         for name, attribute in self.imprint.attributes.items():
-            groups.append(
-                {"params": [attribute], "share": rates[name] / self.settings.decoder_rate, "eps": EPSILON},
-            )
+            share = rates[name] / self.settings.decoder_rate
+            groups.append({"params": [attribute], "share": share, "eps": EPSILON})
         return groups
 
-    def weight(self, name: str, progress: float) -> float:
-        """That of the watermark's errors falls."""
-        settings, own = self.settings, self.weights[name]
-        if name != RENDERS and name not in self.black:
-            return own
-        settled = min(1.0, progress / settings.settling_share)
-        return own * decayed(settings.watermark_weight, settings.final_watermark_weight, settled)
+    def allowed(self, name: str, progress: float) -> float:
+        """The level by which a picture may differ from what it was, when `progress` in (0, 1] is done."""
+        settings = self.settings
+        if name != COVER:
+            return settings.message_level
+        return decayed(settings.first_level, settings.level, min(1.0, progress / settings.settling_share))
+
+    def weighed(self, name: str, error: Float[Tensor, ""], progress: float) -> Float[Tensor, ""]:
+        """What is shown counts as it is; what pictures differ by, only beyond what is allowed, and as a share of it."""
+        if name not in self.kept:
+            return self.weights[name] * error
+        return (error / (self.allowed(name, progress) / 255) ** 2 - 1).relu()
 
     def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
-        """Mean squares: the cover's and the messages' beside their truths, and what the decoder shows beside what it
-        should (Eq. loss_water, with more kinds of pictures)."""
+        """Mean squares: what pictures differ by from what they were, and what the decoder shows from what it should
+        (Eq. loss_water, with more kinds of pictures)."""
         generator = np.random.default_rng((self.settings.seed, iteration))
-        views = self.pictures.views
-        row, photo, clean = generator.integers(len(views.cameras), size=3)
-        truths = views.truths(row)
-        rendering = self.method.render(self.gaussians, views.cameras[row], 1.0, [*truths])
-        errors = {name: (rendering.pictures[name] - truth).square().mean() for name, truth in truths.items()}
-        errors |= {view.term.picture: self._seen(view) for view in self.pictures.fixed}
-        errors[RENDERS] = self._shown(rendering.pictures[COVER], generator, self.pictures.watermark)
+        before = self.pictures.before
+        row, photo, clean = (int(drawn) for drawn in generator.integers(len(before.cameras), size=3))
+        pictures, errors = self._changed(before, row)
+        if self.pictures.image is not None:
+            errors |= self._changed(self.pictures.image, 0)[1]
+        errors[RENDERS] = self._shown(pictures[COVER], generator, self.pictures.watermark)
         for kind, picture in self._without(photo, clean, generator).items():
             errors[kind] = self._shown(picture_to_tensor(picture), generator)
         return errors
 
-    def _seen(self, view: FixedView) -> Float[Tensor, ""]:
-        rendering = self.method.render(self.gaussians, view.camera, 1.0, [view.term.picture])
-        return (rendering.pictures[view.term.picture] - view.truth.float() / 255).square().mean()
+    def _changed(self, before: TrainingViews, row: int) -> tuple[Mapping[str, Tensor], dict[str, Float[Tensor, ""]]]:
+        """The pictures of one view as they are now, and how far they are from what they were."""
+        truths = before.truths(row)
+        pictures = self.method.render(self.gaussians, before.cameras[row], 1.0, [*truths]).pictures
+        return pictures, {name: (pictures[name] - truth).square().mean() for name, truth in truths.items()}
 
     def _without(self, photo: int, clean: int, generator: np.random.Generator) -> dict[str, Picture]:
         """One picture of every kind that must show black."""
-        pictures = {PHOTOS: self.pictures.views.pictures[COVER][photo].numpy(), CLEAN: self.pictures.clean[clean]}
+        pictures = {PHOTOS: self.pictures.photos[photo], CLEAN: self.pictures.before.pictures[COVER][clean].numpy()}
         if OTHERS in self.black:
             other = self.pictures.others[int(generator.integers(len(self.pictures.others)))]
             height, width = self.pictures.watermark.shape[:2]
@@ -163,10 +170,15 @@ class Imprinting(NetworkTraining):
         return (shown - picture_to_tensor(resize_picture(watermark, read.shape[1], read.shape[0]))).square().mean()
 
     def _as_read(self, picture: Float[Tensor, "H W 3"], generator: np.random.Generator) -> Float[Tensor, "h w 3"]:
-        """In 8 bits, and distorted where that is wanted. Gradients pass as if nothing had been done."""
-        written = tensor_to_picture(picture)
+        """Tinted, or the imprint would be a tint, which all see; in 8 bits; and distorted where that is wanted.
+
+        Gradients pass as if nothing had been done but the tint.
+        """
+        gains, shifts = random_tint(generator)
+        tinted = picture * torch.from_numpy(gains) + torch.from_numpy(shifts)
+        written = tensor_to_picture(tinted)
         if self.settings.distorted:
             written = random_distortion(written, generator)
         if written.shape != picture.shape:
             return picture_to_tensor(written)
-        return picture + (picture_to_tensor(written) - picture).detach()
+        return tinted + (picture_to_tensor(written) - tinted).detach()

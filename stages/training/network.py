@@ -56,9 +56,9 @@ class NetworkTraining(ABC):
         """What Adam learns, as it takes it; each group's gradient is shortened by itself."""
         return [{"params": list(self.network.parameters())}]
 
-    def weight(self, name: str, progress: float) -> float:
-        """How an error counts when `progress` in (0, 1] of the training is done."""
-        return self.weights[name]
+    def weighed(self, name: str, error: Float[Tensor, ""], progress: float) -> Float[Tensor, ""]:
+        """What an error adds to the loss when `progress` in (0, 1] of the training is done."""
+        return self.weights[name] * error
 
     @abstractmethod
     def errors(self, iteration: int) -> Mapping[str, Float[Tensor, ""]]:
@@ -72,7 +72,7 @@ class NetworkTraining(ABC):
         for group in self.adam.param_groups:
             group["lr"] = rate * group.get("share", 1.0)
         errors = self.errors(iteration)
-        torch.stack([self.weight(name, progress) * errors[name] for name in self.weights]).sum().backward()
+        torch.stack([self.weighed(name, errors[name], progress) for name in self.weights]).sum().backward()
         for group in self.adam.param_groups:
             torch.nn.utils.clip_grad_norm_(group["params"], LARGEST_GRADIENT)
         self.adam.step()

@@ -64,8 +64,8 @@ def little_codec() -> WatermarkCodec:
     return codec
 
 
-def codec(folder: Path, tuned_to: torch.Tensor | None = None) -> Artifact:
-    made = little_codec()
+def codec(folder: Path, tuned_to: torch.Tensor | None = None, blocks: int = 1, width: int = 4) -> Artifact:
+    made = little_codec() if (blocks, width) == (1, 4) else new_codec(blocks, width, seed=0)
     if tuned_to is not None:
         made = new_codec(1, 4, seed=0)
         made.expect(tuned_to)
