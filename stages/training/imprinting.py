@@ -3,8 +3,8 @@
 RTWS (the paper's appendix A) fits Gaussians to watermarked photos and tunes the decoder afterwards; what such photos
 carry hardly reaches the Gaussians. WateRF (Jang et al., CVPR 2024) and those after it send the gradient of a decoder
 through renders to what is rendered. Here the decoder learns at the same time, and it learns to show black for renders
-from before, too. Features start with a coarse grain, which a decoder soon tells; what they may change renders by then
-becomes less and less, and both adapt.
+from before, too. Features start with a coarse grain, which a decoder soon tells. Then the grain fades, and what it may
+change renders by becomes less and less, while both adapt.
 """
 
 from __future__ import annotations
@@ -87,12 +87,14 @@ class Imprint(torch.nn.Module):
 
 class Imprinting(NetworkTraining):
     """`gaussians`, which begin with a grain of the first level, become those with the imprint; `codec`, which expects
-    the watermark, becomes their decoder. Geometry, opacities and the method's own networks stay as they are.
+    the watermark, becomes their decoder. `clean` are the Gaussians without the grain. Geometry, opacities and the
+    method's own networks stay as they are.
     """
 
     def __init__(
         self,
         gaussians: Gaussians,
+        clean: Gaussians,
         method: Method,
         codec: WatermarkCodec,
         pictures: ImprintPictures,
@@ -101,6 +103,7 @@ class Imprinting(NetworkTraining):
         self.imprint = Imprint(codec, gaussians.attributes)
         gaussians.parameters.update(self.imprint.attributes)
         self.gaussians, self.method, self.pictures, self.settings = gaussians, method, pictures, settings
+        self.clean = {name: tensor.detach() for name, tensor in clean.attributes.items()}
         self.black = (PHOTOS, CLEAN, OTHERS) if pictures.others else (PHOTOS, CLEAN)
         image = pictures.image.pictures if pictures.image is not None else {}
         self.kept = sorted({*pictures.before.pictures, *image})
@@ -129,6 +132,18 @@ class Imprinting(NetworkTraining):
         if name not in self.kept:
             return self.weights[name] * error
         return (error / (self.allowed(name, progress) / 255) ** 2 - 1).relu()
+
+    def step(self) -> None:
+        """One step, after which all that the features were changed by fades as the level falls.
+
+        Also that of Gaussians which no training view shows: nothing else would, and new views would show their grain.
+        """
+        super().step()
+        last, before = self.iteration / self.iterations, max(1e-9, (self.iteration - 1) / self.iterations)
+        share = self.allowed(COVER, last) / self.allowed(COVER, before)
+        with torch.no_grad():
+            for name, attribute in self.imprint.attributes.items():
+                attribute.copy_(self.clean[name].lerp(attribute, share))
 
     def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
         """Mean squares: what pictures differ by from what they were, and what the decoder shows from what it should

@@ -52,7 +52,8 @@ def imprinting(inputs: Inputs, settings: ImprintSettings) -> Imprinting:
     scene, container = read_scene(given(inputs, "cover")), given(inputs, "container")
     views = training_views(scene)
     pictures = ImprintPictures(views, [*scene.pictures], given(inputs, "watermark").read("picture"))
-    return Imprinting(read_gaussians(container), read_method(container), watermarks.little_codec(), pictures, settings)
+    marked, clean = (read_gaussians(container) for _ in range(2))
+    return Imprinting(marked, clean, read_method(container), watermarks.little_codec(), pictures, settings)
 
 
 def given(inputs: Inputs, name: str) -> Artifact:
@@ -123,6 +124,19 @@ def test_levels_fall_and_only_what_exceeds_them_counts(inputs: Inputs) -> None:
     assert float(training.weighed(COVER, over, 1)) == pytest.approx(3)
     assert training.weighed(RENDERS, over, 1) == over
     assert training.weighed(CLEAN, over, 1) == over / 2
+
+
+def test_the_grain_of_what_no_view_shows_fades_too(inputs: Inputs) -> None:
+    training = imprinting(inputs, ImprintSettings(iterations=8, seed=0, level=2, first_level=20, settling_share=1))
+    before = training.clean["sh_base"].clone()
+    with torch.no_grad():
+        training.gaussians["means"][0] = 1e6  # where no camera looks
+        training.gaussians["sh_base"][0] += 1
+    training.step()
+    assert training.gaussians["sh_base"][0].detach() - before[0] == pytest.approx(0.1 ** (1 / 8), abs=1e-6)
+    while training.iteration < training.iterations:
+        training.step()
+    assert training.gaussians["sh_base"][0].detach() - before[0] == pytest.approx(0.1, abs=1e-6)
 
 
 def test_it_goes_on_where_it_was_stopped(tmp_path: Path, inputs: Inputs) -> None:
