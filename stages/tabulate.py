@@ -7,6 +7,7 @@ from pydantic import Field
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.batch.page import owner_page, public_page, write_page, write_table
 from stages.analysis.batch.results import OWNER_FIGURES, PUBLIC_FIGURES, read_result
+from stages.analysis.page.placed import read_placed
 
 PAGE_FILE, TABLE_FILE = "report.html", "figures.csv"
 
@@ -23,6 +24,7 @@ class TabulateParameters(Parameters):
     inputs={
         "scores": Input("metrics", many=True, labelled=True),
         "public_scores": Input("metrics", many=True, optional=True, labelled=True),
+        "scenes": Input("scene", many=True, optional=True, labelled=True),
     },
     outputs={"owner": Output("report", privacy="private"), "public": Output("report", privacy="public")},
     version=1,
@@ -30,10 +32,12 @@ class TabulateParameters(Parameters):
 def tabulate(context: Context, parameters: TabulateParameters) -> None:
     """The owner's page and table tell everything; the public page is made of the public scores that were made.
 
-    That something failed is not told to the public: it may be because of a message.
+    That something failed is not told to the public: it may be because of a message. `scenes` say how many of their
+    photos were placed, in the rows that come from them.
     """
     lineage = {record.name: record for record in context.lineage()}
-    results = [read_result(item, OWNER_FIGURES, lineage) for item in context.items("scores")]
+    placed = read_placed(context.items("scenes"))
+    results = [read_result(item, OWNER_FIGURES, lineage, placed) for item in context.items("scores")]
     page = owner_page(results, context.workflow_name)
     context.output("owner").write_file(PAGE_FILE, write_page(page))
     context.output("owner").write_file(TABLE_FILE, write_table(results, OWNER_FIGURES, page.names))

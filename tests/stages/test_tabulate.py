@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.artifact import Artifact
+from pipeline.artifact import Artifact, create, load
 from pipeline.stage import Item, LineageRecord, Services, run_stage
 from stages.imaging.metric_table import MetricRow
 from stages.tabulate import TabulateParameters, tabulate
@@ -77,6 +77,31 @@ def test_a_row_for_each_item_in_order(made: dict[str, Artifact]) -> None:
     assert "a picture cannot be read &lt;b&gt;" in page
     means = page[page.index("Mean of 2") :]
     assert re.findall(r"<td[^>]*>([^<]*)</td>", means) == ["22.00", "0.100", "18.25", "26.00", "1,234", "6.5 s"]
+
+
+def test_rows_say_how_many_photos_of_their_scenes_were_placed(tmp_path: Path) -> None:
+    scores = [metrics(tmp_path / f"s{n}", rows(20.0 + n), private=True) for n in (0, 2)]
+    scenes = []
+    for number in range(2):
+        with create(tmp_path / f"scene{number}", "scene") as writer:
+            writer.attributes.update(registered=40 + number, total=50)
+        scenes.append(Item(f"scene{number}", {}, f"cover[{number}]", load(tmp_path / f"scene{number}"), None))
+    lineage = (
+        *(LineageRecord(f"cover[{n}]", "sfm", 5.0, (), {}, {}, {}, private=False) for n in range(2)),
+        LineageRecord("scores[0]", "evaluate", 1.0, ("cover[1]",), {}, {}, {}, private=True),
+        LineageRecord("scores[2]", "evaluate", 2.0, (), {}, {}, {}, private=True),
+    )
+    page = run_stage(
+        tabulate,
+        TabulateParameters(),
+        {"scores": tuple(scores), "scenes": tuple(each.artifact for each in scenes if each.artifact)},
+        tmp_path / "out",
+        services=Services(lineage=lambda: lineage),
+        items={"scores": (item(0, scores[0]), item(2, scores[1])), "scenes": tuple(scenes)},
+    )
+    owners = page["owner"].file("report.html").read_text()
+    assert re.findall(r"<td[^>]*>(cover 41 of 50|–)</td>", owners) == ["cover 41 of 50", "–"]
+    assert "of 50" not in page["public"].file("report.html").read_text()
 
 
 def test_the_public_page_tells_of_no_message_and_no_failure(made: dict[str, Artifact]) -> None:

@@ -24,6 +24,7 @@ from stages.analysis.batch.results import (
 )
 from stages.analysis.page.figures import MISSING, WORDING, label, write_figure, write_seconds
 from stages.analysis.page.html import fill
+from stages.analysis.page.placed import Placed
 from stages.analysis.page.summary import Tile
 
 RESOURCES = ("templates/*",)
@@ -127,6 +128,7 @@ def _page(
 ) -> BatchPage:
     shown = measured(results, wanted)
     timed = any(not math.isnan(result.seconds) for result in results)
+    placed = any(result.placed for result in results)
     groups = [(subjects[name], len(list(group))) for name, group in groupby(wanted[index].subject for index in shown)]
     made = [result for result in results if result.made]
     quantities = dict.fromkeys(wanted[index].column.quantity for index in shown)
@@ -137,10 +139,14 @@ def _page(
         summary=summary,
         tiles=tiles,
         names=names,
-        groups=(*groups, *([("Work", 1)] if timed else [])),
-        headings=(*(label(wanted[index].column.quantity) for index in shown), *(["Time"] if timed else [])),
-        lines=tuple(_line(result, names, wanted, shown, timed) for result in results),
-        means=Line((f"Mean of {len(made)}",), (*means, *([_time(seconds)] if timed else [])))
+        groups=(*groups, *([("Photos", 1)] if placed else []), *([("Work", 1)] if timed else [])),
+        headings=(
+            *(label(wanted[index].column.quantity) for index in shown),
+            *(["Placed"] if placed else []),
+            *(["Time"] if timed else []),
+        ),
+        lines=tuple(_line(result, names, wanted, shown, placed, timed) for result in results),
+        means=Line((f"Mean of {len(made)}",), (*means, *([""] if placed else []), *([_time(seconds)] if timed else [])))
         if len(made) > 1
         else None,
         note=note,
@@ -148,13 +154,21 @@ def _page(
     )
 
 
-def _line(result: Result, names: Sequence[str], wanted: Sequence[Figure], shown: Sequence[int], timed: bool) -> Line:
+def _line(
+    result: Result, names: Sequence[str], wanted: Sequence[Figure], shown: Sequence[int], placed: bool, timed: bool
+) -> Line:
     cells = [write_figure(wanted[index].column.quantity, result.figures[index]) for index in shown]
     return Line(
         tuple(result.values.get(name, "") for name in names),
-        (*cells, *([_time(result.seconds)] if timed else [])),
+        (*cells, *([_placed(result.placed)] if placed else []), *([_time(result.seconds)] if timed else [])),
         result.cause or "",
     )
+
+
+def _placed(scenes: Sequence[Placed]) -> str:
+    """How many photos of each scene, by the name of its stage in the workflow."""
+    counts = {scene.stage.partition("[")[0]: f"{scene.registered} of {scene.total}" for scene in scenes}
+    return ", ".join(f"{stage} {count}" for stage, count in counts.items()) or MISSING
 
 
 def _time(seconds: float) -> str:

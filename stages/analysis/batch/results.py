@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from pipeline.stage import Item, LineageRecord
 from stages.analysis.page.material import PLAIN
+from stages.analysis.page.placed import Placed
 from stages.analysis.page.tables import PICTURE_QUANTITIES, Column, mean_of
 from stages.imaging.metric_table import MetricRow, mean_value, read_rows
 
@@ -38,29 +39,35 @@ PUBLIC_FIGURES = tuple(figure for figure in OWNER_FIGURES if figure.subject != M
 class Result:
     """One item: what it is called by column, and its figures, NaN where not measured; or why it failed.
 
-    `seconds` is how long all stages behind it worked, what it shares with others included.
+    `seconds` is how long all stages behind it worked, what it shares with others included; `placed` of which scenes
+    among these it is known how many photos are in them.
     """
 
     values: Mapping[str, str]
     figures: tuple[float, ...]
     seconds: float
     cause: str | None = None
+    placed: tuple[Placed, ...] = ()
 
     @property
     def made(self) -> bool:
         return self.cause is None
 
 
-def read_result(item: Item, wanted: Sequence[Figure], lineage: Mapping[str, LineageRecord]) -> Result:
-    """The result of an item, its figures in the order of `wanted`."""
+def read_result(
+    item: Item, wanted: Sequence[Figure], lineage: Mapping[str, LineageRecord], placed: Sequence[Placed] = ()
+) -> Result:
+    """The result of an item, its figures in the order of `wanted`, and those of the scenes that it comes from."""
     values = {name: "" if value is None else str(value) for name, value in item.values.items()}
     if item.artifact is None:
         return Result(values, (math.nan,) * len(wanted), math.nan, item.cause or "not made")
     rows = _by_subject(read_rows(item.artifact))
+    behind = _behind(item.stage, lineage)
     return Result(
         values or {"stage": item.label},
         tuple(mean_of(rows[figure.subject], figure.column) for figure in wanted),
-        math.fsum(record.seconds for record in _behind(item.stage, lineage)),
+        math.fsum(record.seconds for record in behind),
+        placed=tuple(scene for scene in placed if scene.stage in {record.name for record in behind}),
     )
 
 
