@@ -44,6 +44,19 @@ def test_the_longest_legend_of_a_row_pushes_the_next_row_down() -> None:
     assert int(rows[1]) - int(rows[0]) == 2 * 18
 
 
+def test_a_long_title_is_broken_and_pushes_every_chart_down() -> None:
+    long = "All together: renders that hide, against renders that do not"
+    drawings = [write_drawing("", [chart(title, 1), chart("b", 1)]) for title in ("a", long)]
+    assert [text for text in texts(drawings[1]) if text in long] == [
+        "All together: renders that hide, against",
+        "renders that do not",
+    ]
+    insides = [re.findall(r"<g transform=\"translate\(0 (\d+)\)\">", drawing) for drawing in drawings]
+    assert [[int(lower) - int(upper) for upper, lower in zip(*insides, strict=True)]] == [[18, 18]]
+    heights = [float(ElementTree.fromstring(drawing).get("height", 0)) for drawing in drawings]
+    assert heights[1] - heights[0] == 18
+
+
 def test_names_are_text_and_never_markup() -> None:
     drawing = write_drawing("a & b", [chart("<b>", 3)])
     assert "<script>" not in drawing
