@@ -182,6 +182,7 @@ def test_the_public_page_shows_the_scene(inputs: dict, tmp_path: Path) -> None:
         "courtyard",
     ):
         assert expected in text, expected
+    assert "Nothing of it is public." not in text
     assert shows(text, COVER.truth[0])
     assert shows(text, COVER.rendered[0])
     assert shows(text, PLAIN.rendered[0])
@@ -195,6 +196,7 @@ def test_an_artifact_that_is_private_is_not_read_for_the_public_page(inputs: dic
     assert not embedded_pictures(text)
     assert not embedded_videos(text)
     assert "Moving camera" not in text
+    assert "Nothing of it is public." in text
     assert "31.25" in text_of(made["owner"])
 
 

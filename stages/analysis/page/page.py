@@ -108,15 +108,18 @@ def _title(material: Material, title: str, comparison: Comparison) -> str:
 
 
 def public_page(material: Material, views: int) -> Page:
-    """The scene alone, in words that fit any splatted scene."""
+    """The scene alone, in words that fit any splatted scene; where nothing of it was given, that."""
+    gallery, films = cover_gallery(material.pictures, views, "Pictures", residual=False), public_films(material.videos)
+    tiles = (*scene_tiles(material, "Scene"), *public_placed_tiles(material))
+    compared = "A scene of 3D Gaussians, compared with photos that it was not fitted to."
     return _page(
         material,
-        [cover_gallery(material.pictures, views, "Pictures", residual=False)],
-        public_films(material.videos),
+        [gallery],
+        films,
         title="A Gaussian splatting scene",
-        summary="A scene of 3D Gaussians, compared with photos that it was not fitted to.",
+        summary=compared if gallery or films or tiles else "Nothing of it is public.",
         notices=(),
-        tiles=(*scene_tiles(material, "Scene"), *public_placed_tiles(material)),
+        tiles=tiles,
         command="",
     )
 
