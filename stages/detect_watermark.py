@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import astuple, replace
 from itertools import chain
 from typing import Literal
 
@@ -14,7 +14,8 @@ from pydantic import Field, field_validator
 
 from opencl.device import choose_device
 from pipeline.artifact import Artifact
-from pipeline.errors import UserError
+from pipeline.checkpoint import Checkpoints, State
+from pipeline.errors import Interrupted, UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.attacks.target import Target
 from stages.analysis.measurements import Measurement, write_measurements
@@ -25,6 +26,7 @@ from stages.analysis.watermark_trials import (
     Detector,
     Negative,
     Positives,
+    Shown,
     trial_rows,
 )
 from stages.analysis.watermarked_containers import attacked_containers
@@ -49,6 +51,12 @@ OTHER_METHOD = "plain"
 
 OWN_PHOTOS, OTHER_PHOTOS = "photos of the cover", "photos of other things"
 OWN_RENDERS, OTHER_RENDERS = "renders from before", "renders of other scenes"
+
+LIBRARIES = ("torch", "numpy", "opencv-contrib-python-headless")
+"""Whose versions may change what is seen."""
+
+SEEN = "seen"
+"""The array of a checkpoint that holds what was seen, a row for each picture."""
 
 Pictures = UInt8[np.ndarray, "V H W 3"]
 
@@ -111,7 +119,8 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     scene = read_scene(context.input("cover"))
     cameras = scene.cameras
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
-    detector = _detector(context, parameters, scene, watermark)
+    checkpoints = Checkpoints(context, LIBRARIES, {"device": choose_device().describe()})
+    detector = _detector(context, parameters, scene, watermark, _seen_before(context, checkpoints))
     positives = _positives(context, parameters, scene)
     negatives = list(_negatives(context, parameters, scene))
     total = positives.looked_at + len(negatives)
@@ -121,7 +130,11 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
         nonlocal done
         done += 1
         context.progress(done, total)
-        context.stop_if_requested()
+        stops = context.stop_requested()
+        if stops or checkpoints.due():
+            checkpoints.save(State({SEEN: np.array([astuple(shown) for shown in detector.seen])}, {}))
+        if stops:
+            raise Interrupted(f"stopped before picture {done} of {total}")
 
     rows = chain(
         _fidelity(context, scene, positives),
@@ -131,7 +144,19 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     context.record(device=choose_device().describe())
 
 
-def _detector(context: Context, parameters: DetectWatermarkParameters, scene: Scene, watermark: Picture) -> Detector:
+def _seen_before(context: Context, checkpoints: Checkpoints) -> list[Shown]:
+    """What the reader has seen of the first pictures before it was stopped."""
+    found = checkpoints.newest()
+    if found is None:
+        return []
+    seen = [Shown(*row) for row in found.state.arrays[SEEN].tolist()]
+    context.log(f"goes on after picture {len(seen)} (checkpoint of {found.written})")
+    return seen
+
+
+def _detector(
+    context: Context, parameters: DetectWatermarkParameters, scene: Scene, watermark: Picture, seen: Sequence[Shown]
+) -> Detector:
     if parameters.reader == "decoder":
         codec = context.input_optional("codec")
         if codec is None:
@@ -140,9 +165,9 @@ def _detector(context: Context, parameters: DetectWatermarkParameters, scene: Sc
                 found="no codec among the inputs, and reader: decoder",
                 remedy="give detect_watermark the input codec, or set reader: grain for a container with grain",
             )
-        return Detector(shown_by_decoder(read_codec(codec)), watermark)
+        return Detector(shown_by_decoder(read_codec(codec)), watermark, seen=seen)
     reader = owners_reader(context.input("before"), scene, context.input_optional("key"), parameters.grain_seed)
-    return Detector(shown_by_grain(reader, watermark), watermark, FOUND_SHARE)
+    return Detector(shown_by_grain(reader, watermark), watermark, FOUND_SHARE, seen)
 
 
 def _positives(context: Context, parameters: DetectWatermarkParameters, scene: Scene) -> Positives:

@@ -74,13 +74,23 @@ class Detector:
 
     A reader that knows what chance explains has a threshold of its own, `own_share` of the watermark, and finds what
     its owner would; the paper's decoder knows nothing of that, and renders set its threshold.
+
+    `seen` is all that was seen so far, in the order of the looks. Where some of it is given, the first looks are those
+    from before, and their pictures are not looked at again.
     """
 
-    def __init__(self, shows: Shows, watermark: Picture, own_share: float | None = None):
+    def __init__(self, shows: Shows, watermark: Picture, own_share: float | None = None, seen: Sequence[Shown] = ()):
         self.shows, self.watermark, self.own_share = shows, watermark, own_share
+        self.seen, self._looks = [*seen], 0
 
     def look(self, picture: Picture) -> Shown:
         """Of an 8-bit picture with even sides."""
+        if self._looks == len(self.seen):
+            self.seen.append(self._look(picture))
+        self._looks += 1
+        return self.seen[self._looks - 1]
+
+    def _look(self, picture: Picture) -> Shown:
         found = self.shows(picture)
         wanted = stretched(self.watermark, picture)
         return Shown(

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from pipeline.artifact import Artifact
-from pipeline.errors import UserError
+from pipeline.errors import Interrupted, UserError
 from pipeline.stage import run_stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.analysis.measurements import read_measurements
@@ -43,6 +43,7 @@ from stages.training.views import training_views
 from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_watermark_decoder
 from tests.stages import small, watermarks
 from tests.stages.hiding.relocalisation import scenes
+from tests.stages.test_stopping import Asking
 
 Inputs = dict[str, Artifact | tuple[Artifact, ...]]
 
@@ -152,6 +153,39 @@ def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
     assert {PRUNING, QUANTISATION, NOISE} <= {condition for _, condition in owners}
     for stranger in ("other", "none"):
         assert found[stranger][PSNR_WATERMARK, PICTURES_WITH_IT] < 15
+
+
+def test_what_was_seen_before_a_stop_is_not_looked_at_again(
+    tmp_path: Path, inputs: Inputs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: Inputs = {
+        **inputs,
+        "container": finetuned(tmp_path / "marked", inputs)["container"],
+        "before": inputs["container"],
+        "photos": watermarks.capture(tmp_path / "photos"),
+    }
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=9, shipped_photos=())
+    looked: list[int] = []
+    look = Detector._look
+    monkeypatch.setattr(Detector, "_look", lambda detector, picture: looked.append(1) or look(detector, picture))
+    undisturbed = run_stage(detect_watermark, parameters, given, tmp_path / "whole")
+    looks = len(looked)
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+
+    def attempt(number: int, asking: Asking) -> dict[str, Artifact]:
+        place = tmp_path / str(number)
+        place.mkdir()
+        (place / ".scratch").symlink_to(scratch)
+        return run_stage(detect_watermark, parameters, given, place, services=asking.services())
+
+    looked.clear()
+    with pytest.raises(Interrupted, match=f"stopped before picture [0-9]+ of {looks}"):
+        attempt(1, Asking(stop_at=50))
+    assert 0 < len(looked) < looks
+    made = attempt(2, Asking())
+    assert made["scores"].digest == undisturbed["scores"].digest
+    assert len(looked) == looks
 
 
 def test_every_look_is_counted() -> None:
