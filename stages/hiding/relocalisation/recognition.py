@@ -154,4 +154,4 @@ def _fitted(
         robust = np.sign(errors) * np.sqrt(2 * (np.sqrt(1 + errors**2) - 1))  # large errors count by their length alone
         return np.concatenate([robust, values[6:] / spreads])
 
-    return np.asarray(least_squares(residuals, start).x)
+    return np.asarray(least_squares(residuals, start, method="lm").x)  # a third less time for a picture than by "trf"
