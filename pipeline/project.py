@@ -41,14 +41,14 @@ def open_project(
 
     Raises WorkflowError with all that is wrong, CommandError for a bad store.
     """
-    try:
-        opened = open_store(store, make)
-    except OSError as error:
-        raise CommandError("cannot be a store", where=store, found=error.strerror) from error
-    catalogue = Catalogue(package, LIBRARIES, opened)
     problems = Problems()
     with without_collection():
-        workflow = read_workflow(file, settings, problems, vars_files)
+        workflow = read_workflow(file, settings, problems, vars_files)  # first: no store is made for a mistyped name
+        try:
+            opened = open_store(store, make)
+        except OSError as error:
+            raise CommandError("cannot be a store", where=store, found=error.strerror) from error
+        catalogue = Catalogue(package, LIBRARIES, opened)
         graph = build_graph(workflow, catalogue, ExternalCache(opened), problems)
     graph = replace(graph, command=command_of(file, settings, vars_files, workflow, graph))
     module = catalogue.sources.module(package)

@@ -61,6 +61,14 @@ def test_a_store_that_is_not_there_is_not_made(
     assert files(here.folder) == before
 
 
+def test_a_workflow_that_is_not_there_makes_no_store(here: Workspace) -> None:
+    (here.folder / "workflow.yaml").unlink()
+    before = files(here.folder)
+    code, output = call("run")
+    assert (code, "cannot read the workflow" in output) == (2, True)
+    assert files(here.folder) == before
+
+
 def test_a_picture_of_the_graph_is_all_that_is_made(here: Workspace) -> None:
     before = files(here.folder)
     assert call("graph", "--svg", "graph.svg")[0] == 0
