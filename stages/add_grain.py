@@ -11,11 +11,8 @@ from stages.hiding.key import key_generator
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.coins import thrown
-from stages.hiding.watermark.grain import grained
+from stages.hiding.watermark.grain import MEASURED_ON, grained
 from stages.scene.scene import read_scene
-
-MEASURED_ON = 8
-"""Every eighth training view tells how strong a grain is."""
 
 
 class AddGrainParameters(Parameters):

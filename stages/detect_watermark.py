@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import torch
 from jaxtyping import UInt8
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from opencl.device import choose_device
 from pipeline.artifact import Artifact
@@ -38,7 +38,7 @@ from stages.hiding.watermark.storage import read_codec
 from stages.imaging.image import filling, read_image
 from stages.imaging.pictures import Picture, picture_to_tensor
 from stages.imaging.psnr import psnr
-from stages.imaging.shipped_photos import DIGESTS, installed_photos, read_photo
+from stages.imaging.shipped_photos import DIGESTS, ShippedPhotos, read_photo
 from stages.imaging.windows import random_window
 from stages.scene.camera_path import camera_path
 from stages.scene.cameras import Cameras
@@ -80,16 +80,11 @@ class DetectWatermarkParameters(Parameters):
     negatives: int = Field(
         4000, ge=1, description="Pictures without the watermark, at least: as many of each source as of the others."
     )
-    shipped_photos: tuple[str, ...] = Field(
+    shipped_photos: ShippedPhotos = Field(
         tuple(DIGESTS), description="Photos that packages ship, by their files' names, as far as they are installed."
     )
     seed: int = Field(0, ge=0, description="Of windows of photos, and of distortions.")
     threads: int = Field(1, ge=1, description="Threads of torch.")
-
-    @field_validator("shipped_photos")
-    @classmethod
-    def _as_installed(cls, wanted: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(name for name in wanted if name in installed_photos())
 
 
 @stage(

@@ -11,35 +11,30 @@ from dataclasses import fields
 
 import numpy as np
 import torch
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.add_grain import MEASURED_ON
 from stages.hiding.key import key_generator
 from stages.hiding.method import Method, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.coins import thrown
-from stages.hiding.watermark.grain import grained
+from stages.hiding.watermark.grain import MEASURED_ON, grained
 from stages.hiding.watermark.storage import read_codec, write_codec
 from stages.hiding.what_is_hidden import view_of_an_image
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import Picture, picture_to_tensor, tensor_to_picture
-from stages.imaging.shipped_photos import DIGESTS, installed_photos, read_photo
+from stages.imaging.shipped_photos import LEARNT_FROM, ShippedPhotos, read_photo
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import TEST_VIEW_EVERY, Scene, read_scene
-from stages.train_codec import HELD_OUT
 from stages.training.codec_photos import read_photos
 from stages.training.imprinting import Imprinting, ImprintPictures, ImprintSettings
 from stages.training.loop import TrainingViews
 from stages.training.network import train_network
-
-LEARNT_FROM = tuple(name for name in DIGESTS if name not in HELD_OUT)
-"""Shipped photos that must show black; the others are left to try the decoder on."""
 
 
 class ImprintWatermarkParameters(Parameters):
@@ -60,7 +55,7 @@ class ImprintWatermarkParameters(Parameters):
     decoder_rate: float = Field(1e-3, gt=0, description="First learning rate of the watermark decoder.")
     final_rate_share: float = Field(0.05, gt=0, le=1, description="Share of both rates that is left at the end.")
     distorted: bool = Field(False, description="Whether pictures are distorted at random, too, before they are read.")
-    shipped_photos: tuple[str, ...] = Field(
+    shipped_photos: ShippedPhotos = Field(
         LEARNT_FROM, description="Photos that packages ship, by their files' names, that must show black, too."
     )
     seed: int = Field(0, ge=0, description="Of the pictures' order, of distortions, and of the grain, without a key.")
@@ -73,11 +68,6 @@ class ImprintWatermarkParameters(Parameters):
                 f"learning_share {self.learning_share:g} is not under settling_share {self.settling_share:g}"
             )
         return self
-
-    @field_validator("shipped_photos")
-    @classmethod
-    def _as_installed(cls, wanted: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(name for name in wanted if name in installed_photos())
 
 
 @stage(

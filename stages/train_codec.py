@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
@@ -13,14 +13,11 @@ from stages.hiding.watermark.codec import new_codec
 from stages.hiding.watermark.storage import write_codec
 from stages.imaging.image import read_image
 from stages.imaging.metric_table import write_rows
-from stages.imaging.shipped_photos import HOW_TO_INSTALL, installed_photos, read_photo
+from stages.imaging.shipped_photos import HELD_OUT, HOW_TO_INSTALL, LEARNT_FROM, ShippedPhotos, read_photo
 from stages.scene.scene import TEST_VIEW_EVERY
 from stages.training.codec import CodecSettings, CodecTraining
 from stages.training.codec_photos import read_photos
 from stages.training.network import train_network
-
-HELD_OUT = ("china.jpg", "chelsea.png")
-"""Shipped photos that no codec is trained on."""
 
 
 class TrainCodecParameters(Parameters):
@@ -35,17 +32,12 @@ class TrainCodecParameters(Parameters):
     fidelity_weight: float = Field(
         2.0, ge=0, description="Of the watermarked picture's squared error, beside that of the watermark."
     )
-    shipped_photos: tuple[str, ...] = Field(
-        ("astronaut.png", "coffee.png", "flower.jpg", "motorcycle_left.png", "rocket.jpg", *HELD_OUT),
+    shipped_photos: ShippedPhotos = Field(
+        (*LEARNT_FROM, *HELD_OUT),
         description="Photos that packages ship, by their files' names, beside those of the captures.",
     )
     seed: int = Field(0, ge=0, description="Of the first weights and of all that is drawn.")
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
-
-    @field_validator("shipped_photos")
-    @classmethod
-    def _as_installed(cls, wanted: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(name for name in wanted if name in installed_photos())
 
 
 @stage(

@@ -15,6 +15,9 @@ import hashlib
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator
 
 from pipeline.data_folder import data_folder
 from pipeline.errors import UserError
@@ -37,6 +40,11 @@ DIGESTS: Mapping[str, str] = {
 """SHA-256 of each file. All that are colour photos of one picture each: the rest of what these packages ship is grey,
 drawn, or seen through a microscope."""
 
+HELD_OUT = ("china.jpg", "chelsea.png")
+"""Those that nothing is trained on: they alone show things that no photo of a training shows."""
+
+LEARNT_FROM = tuple(name for name in DIGESTS if name not in HELD_OUT)
+
 
 def photo_file(name: str) -> Path:
     """Where a photo lies, installed or not."""
@@ -46,6 +54,14 @@ def photo_file(name: str) -> Path:
 def installed_photos() -> tuple[str, ...]:
     """The names of those that are at hand, in order."""
     return tuple(name for name in DIGESTS if photo_file(name).is_file())
+
+
+def _installed_ones(wanted: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(name for name in wanted if name in installed_photos())
+
+
+ShippedPhotos = Annotated[tuple[str, ...], AfterValidator(_installed_ones)]
+"""A parameter: names of shipped photos, those of which are kept that are installed."""
 
 
 def read_photo(name: str) -> Picture:

@@ -30,6 +30,9 @@ BASE = "sh_base"
 SPACING = 16
 """Pixels between those that a decoder's derivatives are taken at: farther apart than it sees."""
 
+MEASURED_ON = 8
+"""Every eighth training view tells how strong a grain is."""
+
 ROUNDS = 8
 """Of scaling the change until renders differ as much as asked for; they follow it almost in proportion."""
 
