@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from pydantic import Field
 
 from opencl.device import choose_device
+from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.storage import read_codec
-from stages.hiding.what_is_hidden import hidden_messages
+from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import picture_to_tensor
+from stages.scene.cameras import single_cameras
 from stages.scene.message_views import read_messages
-from stages.scene.scene import read_scene
+from stages.scene.scene import Scene, read_scene
 from stages.training.feature_tuning import FeatureRates, feature_training, half_watermarked
-from stages.training.hidden_image import hidden_image
-from stages.training.objectives import hiding_terms
+from stages.training.objectives import FixedView, PictureTerm, hiding_terms
 from stages.training.session import train
 from stages.training.views import training_views
 
@@ -76,11 +79,22 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     )
     gaussians, method = read_gaussians(container), read_method(container, secret)
     terms = hiding_terms([*messages], parameters.lambda_message, parameters.ssim_weight, parameters.ssim_weight)
-    weights = parameters.lambda_message, parameters.ssim_weight
-    fixed = hidden_image(context.input_optional("image"), secret, scene, *weights, stage="finetune_rtws")
+    fixed = _hidden_image(context.input_optional("image"), secret, scene, parameters)
     rates = FeatureRates(parameters.feature_rate, parameters.final_rate_share)
     training = feature_training(gaussians, method, views, terms, parameters.iterations, rates, parameters.seed, fixed)
     curves = train(context, training)
     write_container(context.output("container"), training.gaussians, method)
     write_rows(context.output("curves"), curves)
     context.record(device=choose_device().describe(), watermarked_views=len(marked))
+
+
+def _hidden_image(
+    image: Artifact | None, secret: Artifact | None, scene: Scene, parameters: FinetuneRtwsParameters
+) -> Sequence[FixedView]:
+    if image is None:
+        return ()
+    name, picture = read_image(image)
+    view = view_that_hides(name, secret, scene, "finetune_rtws")
+    camera = single_cameras(scene.cameras.select([view]))[0]
+    truth = torch.from_numpy(filling(picture, camera.width, camera.height))
+    return (FixedView(PictureTerm(name, parameters.lambda_message, parameters.ssim_weight), camera, truth),)
