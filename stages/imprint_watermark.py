@@ -47,7 +47,7 @@ class ImprintWatermarkParameters(Parameters):
     first_level: float = Field(20, gt=0, description="How much of it there is to begin with, as grain.")
     message_level: float = Field(0.75, gt=0, description="How much it may change what the secret shows of messages.")
     iterations: int = Field(4000, ge=1, description="Steps; each sees one training view, and pictures that show black.")
-    learning_share: float = Field(0.2, ge=0, lt=1, description="Share of the steps for which the first level stands.")
+    learning_share: float = Field(0.0, ge=0, lt=1, description="Share of the steps for which the first level stands.")
     settling_share: float = Field(0.7, gt=0, le=1, description="Share of the steps after which the last one does.")
     feature_rate: float = Field(
         5e-3, gt=0, description="First learning rate of features, or of the constant harmonic: what a hiding ends with."

@@ -52,7 +52,7 @@ class ImprintSettings:
     level: float
     first_level: float = 20.0
     message_level: float = 0.75
-    learning_share: float = 0.2
+    learning_share: float = 0.0
     settling_share: float = 0.7
     feature_rate: float = 5e-3
     decoder_rate: float = 1e-3
