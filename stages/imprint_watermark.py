@@ -11,7 +11,7 @@ from dataclasses import fields
 
 import numpy as np
 import torch
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
@@ -47,8 +47,7 @@ class ImprintWatermarkParameters(Parameters):
     first_level: float = Field(20, gt=0, description="How much of it there is to begin with, as grain.")
     message_level: float = Field(0.75, gt=0, description="How much it may change what the secret shows of messages.")
     iterations: int = Field(4000, ge=1, description="Steps; each sees one training view, and pictures that show black.")
-    learning_share: float = Field(0.0, ge=0, lt=1, description="Share of the steps for which the first level stands.")
-    settling_share: float = Field(0.7, gt=0, le=1, description="Share of the steps after which the last one does.")
+    settling_share: float = Field(0.7, gt=0, le=1, description="Share of the steps in which the level falls.")
     feature_rate: float = Field(
         5e-3, gt=0, description="First learning rate of features, or of the constant harmonic: what a hiding ends with."
     )
@@ -60,14 +59,6 @@ class ImprintWatermarkParameters(Parameters):
     )
     seed: int = Field(0, ge=0, description="Of the pictures' order, of distortions, and of the grain, without a key.")
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
-
-    @model_validator(mode="after")
-    def _in_order(self) -> ImprintWatermarkParameters:
-        if self.learning_share >= self.settling_share:
-            raise ValueError(
-                f"learning_share {self.learning_share:g} is not under settling_share {self.settling_share:g}"
-            )
-        return self
 
 
 @stage(

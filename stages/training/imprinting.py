@@ -40,11 +40,10 @@ OTHERS = "black in other photos"
 class ImprintSettings:
     """Each of `iterations` steps sees one training view and one picture of every kind without the watermark.
 
-    Levels are root mean squares, of 255: no view's cover may differ by more from what it was. That is `first_level` for
-    the first `learning_share` of the steps, in which features and decoder find a mark, and falls exponentially to
-    `level` until `settling_share` of them are done; a message may differ by `message_level`. `feature_rate` and
-    `decoder_rate` are Adam's first learning rates, which fall to `final_rate_share` of themselves. `distorted`:
-    pictures are distorted at random before they are read, beyond their tint.
+    Levels are root mean squares, of 255: no view's cover may differ by more from what it was. That is `first_level` to
+    begin with, and falls exponentially to `level` in the first `settling_share` of the steps; a message may differ by
+    `message_level`. `feature_rate` and `decoder_rate` are Adam's first learning rates, which fall to `final_rate_share`
+    of themselves. `distorted`: pictures are distorted at random before they are read, beyond their tint.
     """
 
     iterations: int
@@ -52,7 +51,6 @@ class ImprintSettings:
     level: float
     first_level: float = 20.0
     message_level: float = 0.75
-    learning_share: float = 0.0
     settling_share: float = 0.7
     feature_rate: float = 5e-3
     decoder_rate: float = 1e-3
@@ -127,8 +125,7 @@ class Imprinting(NetworkTraining):
         settings = self.settings
         if name != COVER:
             return settings.message_level
-        fallen = (progress - settings.learning_share) / (settings.settling_share - settings.learning_share)
-        return decayed(settings.first_level, settings.level, min(max(fallen, 0.0), 1.0))
+        return decayed(settings.first_level, settings.level, min(1.0, progress / settings.settling_share))
 
     def weighed(self, name: str, error: Float[Tensor, ""], progress: float) -> Float[Tensor, ""]:
         """What is shown counts as it is; what pictures differ by, only beyond what is allowed, and as a share of it."""

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from pydantic import ValidationError
 
 from pipeline.artifact import Artifact
 from pipeline.errors import Interrupted
@@ -116,11 +115,9 @@ def test_what_the_secret_shows_is_held_on_to(tmp_path: Path, inputs: Inputs) -> 
 
 
 def test_levels_fall_and_only_what_exceeds_them_counts(inputs: Inputs) -> None:
-    training = imprinting(inputs, ImprintSettings(100, 0, level=2, learning_share=0.1, settling_share=0.5))
-    allowed = [training.allowed(COVER, progress) for progress in (0, 0.1, 0.3, 0.5, 1)]
-    assert allowed == pytest.approx([20, 20, 40**0.5, 2, 2])
-    with pytest.raises(ValidationError, match=r"learning_share 0.5 is not under settling_share 0.4"):
-        parameters(learning_share=0.5, settling_share=0.4)
+    training = imprinting(inputs, ImprintSettings(100, 0, level=2, settling_share=0.5))
+    allowed = [training.allowed(COVER, progress) for progress in (0, 0.25, 0.5, 1)]
+    assert allowed == pytest.approx([20, 40**0.5, 2, 2])
     assert training.allowed("statue", 0.5) == ImprintSettings(1, 0, 2).message_level
     under, over = (torch.tensor((level / 255) ** 2) for level in (1.9, 4))
     assert training.weighed(COVER, under, 1) == 0
@@ -130,7 +127,7 @@ def test_levels_fall_and_only_what_exceeds_them_counts(inputs: Inputs) -> None:
 
 
 def test_the_grain_of_what_no_view_shows_fades_too(inputs: Inputs) -> None:
-    training = imprinting(inputs, ImprintSettings(8, 0, level=2, learning_share=0, settling_share=1))
+    training = imprinting(inputs, ImprintSettings(8, 0, level=2, settling_share=1))
     before = training.clean["sh_base"].clone()
     with torch.no_grad():
         training.gaussians["means"][0] = 1e6  # where no camera looks
