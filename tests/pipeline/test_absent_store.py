@@ -69,6 +69,15 @@ def test_a_workflow_that_is_not_there_makes_no_store(here: Workspace) -> None:
     assert files(here.folder) == before
 
 
+@pytest.mark.parametrize("text", ["stages: [", "stages: {one: {uses: no_such_stage}}", ""])
+def test_a_workflow_with_anything_wrong_in_it_makes_no_store(here: Workspace, text: str) -> None:
+    (here.folder / "workflow.yaml").write_text(text)
+    before = files(here.folder)
+    code, output = call("run")
+    assert (code, "workflow.yaml" in output) == (2, True), output
+    assert files(here.folder) == before
+
+
 def test_a_picture_of_the_graph_is_all_that_is_made(here: Workspace) -> None:
     before = files(here.folder)
     assert call("graph", "--svg", "graph.svg")[0] == 0
