@@ -27,11 +27,11 @@ from stages.hiding.what_is_hidden import view_of_an_image
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import Picture, picture_to_tensor, tensor_to_picture
-from stages.imaging.shipped_photos import LEARNT_FROM, ShippedPhotos, read_photo
+from stages.imaging.shipped_photos import LEARNT_FROM, ShippedPhotos
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
-from stages.scene.scene import TEST_VIEW_EVERY, Scene, read_scene
-from stages.training.codec_photos import read_photos
+from stages.scene.scene import Scene, read_scene
+from stages.training.codec_photos import learnt_photos
 from stages.training.imprinting import Imprinting, ImprintPictures, ImprintSettings
 from stages.training.loop import TrainingViews
 from stages.training.network import train_network
@@ -118,7 +118,7 @@ def _pictures(
         before,
         [*scene.pictures[scene.rows(scene.train_names)]],
         filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height),
-        _other_photos(context, parameters),
+        learnt_photos(context.input_many("photos"), parameters.shipped_photos),
         image,
     )
 
@@ -138,13 +138,6 @@ def _only(views: TrainingViews, cover: bool) -> TrainingViews:
     return TrainingViews(
         views.cameras, {name: each for name, each in views.pictures.items() if (name == COVER) == cover}
     )
-
-
-def _other_photos(context: Context, parameters: ImprintWatermarkParameters) -> list[Picture]:
-    """Captures lose every eighth photo, as `train_codec` has it."""
-    captures = [read_photos(artifact) for artifact in context.input_many("photos")]
-    learnt = [photo for photos in captures for row, photo in enumerate(photos) if row % TEST_VIEW_EVERY]
-    return learnt + [read_photo(name) for name in parameters.shipped_photos]
 
 
 def _settings(parameters: ImprintWatermarkParameters) -> ImprintSettings:

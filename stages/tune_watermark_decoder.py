@@ -20,8 +20,10 @@ from stages.hiding.watermark.storage import read_codec, write_codec
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import picture_to_tensor
+from stages.imaging.shipped_photos import ShippedPhotos
 from stages.scene.cameras import Cameras
 from stages.scene.scene import read_scene
+from stages.training.codec_photos import learnt_photos
 from stages.training.decoder_tuning import CLEAN, PHOTOS, RENDERS, DecoderTuning, TuningSettings
 from stages.training.network import train_network
 
@@ -35,8 +37,21 @@ class TuneWatermarkDecoderParameters(Parameters):
         description="What the decoder shows black for: the training views' photos, as in the paper; or renders of the "
         "container as it was before, too.",
     )
+    shipped_photos: ShippedPhotos = Field(
+        (), description="Photos that packages ship, by their files' names, that must show black, too."
+    )
+    black_weight: float = Field(
+        1.0, gt=0, description="Of every kind of picture that shows black, beside that of renders; the paper's is 1."
+    )
+    whole_pictures: bool = Field(
+        False,
+        description="Whether the decoder begins to decide by the whole picture, which the paper's does not. It then "
+        "finds fainter marks, and no longer tells which part of a picture has one.",
+    )
+    tinted: bool = Field(False, description="Whether pictures are tinted at random, which the paper's are not.")
     distorted: bool = Field(False, description="Whether pictures are distorted at random, which the paper's are not.")
-    iterations: int = Field(400, ge=1, description="Steps; each sees one picture of every kind.")
+    iterations: int = Field(400, ge=1, description="Steps; each sees `batch` pictures of every kind.")
+    batch: int = Field(1, ge=1, description="Pictures of every kind in a step.")
     rate: float = Field(1e-3, gt=0, description="Adam's first learning rate.")
     final_rate_share: float = Field(0.1, gt=0, le=1, description="Share of it that is left at the end.")
     seed: int = Field(0, ge=0, description="Of the pictures' order, and of distortions.")
@@ -50,6 +65,7 @@ class TuneWatermarkDecoderParameters(Parameters):
         "cover": Input("scene"),
         "codec": Input("codec"),
         "watermark": Input("image"),
+        "photos": Input("capture", many=True, optional=True),
     },
     outputs={"codec": Output("codec", privacy="private"), "curves": Output("metrics", privacy="private")},
     version=1,
@@ -58,6 +74,7 @@ class TuneWatermarkDecoderParameters(Parameters):
 def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderParameters) -> None:
     """Tune the decoder on the training views: the container's renders of them, their photos, and clean renders.
 
+    Other `photos` show black, too, where they are given; an imprint's decoder, which learnt from them, would forget.
     Renders are taken as files hold them, in 8 bits. The decoder that comes out is the owner's alone: whoever has it can
     change a picture until it shows nothing.
     """
@@ -73,17 +90,26 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
         pictures[CLEAN] = _renders(context, _before(context), parameters.method, cameras)
     codec = read_codec(context.input("codec"))
     codec.expect(picture_to_tensor(watermark).permute(2, 0, 1))
-    settings = TuningSettings(
-        parameters.iterations,
-        parameters.seed,
-        parameters.distorted,
-        parameters.rate,
-        parameters.rate * parameters.final_rate_share,
-    )
-    curves = train_network(context, DecoderTuning(codec, watermark, pictures, settings))
+    if parameters.whole_pictures:
+        codec.see_whole_pictures()
+    others = learnt_photos(context.input_many("photos"), parameters.shipped_photos)
+    curves = train_network(context, DecoderTuning(codec, watermark, pictures, _settings(parameters), others))
     write_codec(context.output("codec"), codec)
     write_rows(context.output("curves"), curves)
     context.record(device=choose_device().describe())
+
+
+def _settings(parameters: TuneWatermarkDecoderParameters) -> TuningSettings:
+    return TuningSettings(
+        iterations=parameters.iterations,
+        seed=parameters.seed,
+        distorted=parameters.distorted,
+        rate=parameters.rate,
+        final_rate=parameters.rate * parameters.final_rate_share,
+        batch=parameters.batch,
+        tinted=parameters.tinted,
+        black_weight=parameters.black_weight,
+    )
 
 
 def _before(context: Context) -> Artifact:

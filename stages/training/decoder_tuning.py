@@ -2,38 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from stages.hiding.watermark.codec import WatermarkCodec
-from stages.imaging.distortions import random_distortion
-from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture
+from stages.imaging.distortions import random_distortion, random_tint
+from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture, tensor_to_picture
+from stages.imaging.windows import random_window
 from stages.training.network import NetworkTraining
 
 RENDERS, PHOTOS = "watermark in renders", "black in photos"
-CLEAN = "black in clean renders"
+CLEAN, OTHERS = "black in clean renders", "black in other photos"
 """The errors: I_pred that should show W_cop, I_gt that should show black, and what the paper does not ask for."""
 
 
 @dataclass(frozen=True)
 class TuningSettings:
-    """Each of `iterations` steps sees one picture of every kind; `distorted`: after a random distortion, or none."""
+    """Each of `iterations` steps sees `batch` pictures of every kind.
+
+    `tinted`: each after a random tint; `distorted`: after a random distortion, or none. `black_weight` is that of every
+    kind that should show black, beside that of renders.
+    """
 
     iterations: int
     seed: int
     distorted: bool = False
     rate: float = 1e-3
     final_rate: float = 1e-4
+    batch: int = 1
+    tinted: bool = False
+    black_weight: float = 1.0
 
 
 class DecoderTuning(NetworkTraining):
     """`pictures` by the names of their errors, all of one size: renders, photos, and what else should show black.
 
-    Each kind goes through its pictures in random orders of its own.
+    Each kind goes through its pictures in random orders of its own. Of `others`, of any size, which should show black,
+    too, random windows are drawn.
     """
 
     def __init__(
@@ -42,23 +52,41 @@ class DecoderTuning(NetworkTraining):
         watermark: Picture,
         pictures: Mapping[str, UInt8[np.ndarray, "K H W 3"]],
         settings: TuningSettings,
+        others: Sequence[Picture] = (),
     ):
-        super().__init__(codec, dict.fromkeys(pictures, 1.0), settings.iterations, settings.rate, settings.final_rate)
-        self.codec, self.watermark, self.pictures, self.settings = codec, watermark, pictures, settings
+        kinds = [*pictures, OTHERS] if others else [*pictures]
+        weights = {kind: 1.0 if kind == RENDERS else settings.black_weight for kind in kinds}
+        super().__init__(codec, weights, settings.iterations, settings.rate, settings.final_rate)
+        self.codec, self.watermark, self.pictures, self.others = codec, watermark, pictures, others
+        self.settings = settings
 
     def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
-        """ℓ_cop (Eq. loss_water), its two terms apart, as means over pixels; and the same for clean renders."""
+        """ℓ_cop (Eq. loss_water), its two terms apart, as means over pixels; and the same for what else is black."""
         generator = np.random.default_rng((self.settings.seed, iteration))
-        return {
-            kind: self._error(self._drawn(kind, number, iteration, generator), shows=kind == RENDERS)
+        batch = range((iteration - 1) * self.settings.batch, iteration * self.settings.batch)
+        errors = {
+            kind: [self._error(self._drawn(kind, number, draw, generator), kind == RENDERS) for draw in batch]
             for number, kind in enumerate(self.pictures)
         }
+        if self.others:
+            errors[OTHERS] = [self._error(self._other(generator), shows=False) for _ in batch]
+        return {kind: torch.stack(each).mean() for kind, each in errors.items()}
 
-    def _drawn(self, kind: str, number: int, iteration: int, generator: np.random.Generator) -> Picture:
+    def _drawn(self, kind: str, number: int, draw: int, generator: np.random.Generator) -> Picture:
         pictures = self.pictures[kind]
-        lap, place = divmod(iteration - 1, len(pictures))
+        lap, place = divmod(draw, len(pictures))
         order = np.random.default_rng((self.settings.seed, number, lap)).permutation(len(pictures))
-        picture: Picture = pictures[order[place]]
+        return self._as_read(pictures[order[place]], generator)
+
+    def _other(self, generator: np.random.Generator) -> Picture:
+        height, width = self.watermark.shape[:2]
+        other = self.others[int(generator.integers(len(self.others)))]
+        return self._as_read(random_window(other, width, height, generator), generator)
+
+    def _as_read(self, picture: Picture, generator: np.random.Generator) -> Picture:
+        if self.settings.tinted:
+            gains, shifts = (torch.from_numpy(each) for each in random_tint(generator))
+            picture = tensor_to_picture(picture_to_tensor(picture) * gains + shifts)
         return random_distortion(picture, generator) if self.settings.distorted else picture
 
     def _error(self, picture: Picture, shows: bool) -> Float[Tensor, ""]:

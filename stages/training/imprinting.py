@@ -25,15 +25,12 @@ from stages.imaging.distortions import random_distortion, random_tint
 from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture, tensor_to_picture
 from stages.imaging.windows import random_window
 from stages.scene.gaussians import Gaussians
-from stages.training.decoder_tuning import CLEAN, PHOTOS, RENDERS
+from stages.training.decoder_tuning import CLEAN, OTHERS, PHOTOS, RENDERS
 from stages.training.feature_tuning import attribute_rates
 from stages.training.loop import TrainingViews
 from stages.training.network import NetworkTraining
 from stages.training.optimizer import EPSILON
 from stages.training.schedules import decayed
-
-OTHERS = "black in other photos"
-"""The error beside those of `decoder_tuning`."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from stages.hiding.watermark.invertible import InvertibleNetwork
 from stages.hiding.watermark.wavelet import BANDS, haar, inverse_haar
 
 COLORS = 3
-SETTINGS = ("blocks", "width")
 
 Pictures = Float[Tensor, "B 3 H W"]
 
@@ -29,11 +28,18 @@ class WatermarkCodec(torch.nn.Module):
     hides nothing.
     """
 
-    def __init__(self, blocks: int, width: int):
+    def __init__(self, blocks: int, width: int, sees_whole_pictures: bool = False):
         super().__init__()
-        self.settings: Mapping[str, int] = {"blocks": blocks, "width": width}
+        self.blocks, self.width, self.sees_whole_pictures = blocks, width, False
         self.network = InvertibleNetwork(BANDS * COLORS, blocks, width)
         self.lost = torch.nn.Parameter(torch.zeros(1, BANDS * COLORS, 1, 1), requires_grad=False)
+        if sees_whole_pictures:
+            self.see_whole_pictures()
+
+    @property
+    def settings(self) -> Mapping[str, int | bool]:
+        """What a codec of this size is made with."""
+        return {"blocks": self.blocks, "width": self.width, "sees_whole_pictures": self.sees_whole_pictures}
 
     def watermark_encoder(self, images: Pictures, watermarks: Pictures) -> Pictures:
         """The images with the watermarks in them. Raises `ValueError` for odd sides."""
@@ -62,6 +68,15 @@ class WatermarkCodec(torch.nn.Module):
         """
         self.requires_grad_(True)
         self.lost = torch.nn.Parameter(haar(watermark[None]).detach().clone())
+
+    def see_whole_pictures(self) -> None:
+        """Begin to decide by the whole picture: what a mark leaves at one place may be too faint to be told there.
+
+        Nothing changes until it learns, by weights that start at zero. A codec that does already stays as it is.
+        """
+        if not self.sees_whole_pictures:
+            self.sees_whole_pictures = True
+            self.network.see_whole_pictures()
 
 
 def new_codec(blocks: int, width: int, seed: int) -> WatermarkCodec:

@@ -20,7 +20,13 @@ Half = Float[Tensor, "B C H W"]
 
 
 class DenseConvolutions(torch.nn.Module):
-    """Three 3 x 3 convolutions, each of which sees the input and all outputs before it; the last starts at zero."""
+    """Three 3 x 3 convolutions, each of which sees the input and all outputs before it; the last starts at zero.
+
+    Once they `see_whole_pictures`, the means over the picture of what the first two put out shift what the next one
+    puts out, everywhere alike.
+    """
+
+    overall: torch.nn.ParameterList | None = None
 
     def __init__(self, inputs: int, outputs: int, width: int):
         super().__init__()
@@ -33,9 +39,21 @@ class DenseConvolutions(torch.nn.Module):
     def forward(self, values: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D H W"]:
         """The last convolution's output, not rectified."""
         rectify = torch.nn.functional.leaky_relu
-        seen = torch.cat([values, rectify(self.first(values), SLOPE)], dim=1)
-        seen = torch.cat([seen, rectify(self.second(seen), SLOPE)], dim=1)
-        return self.last(seen)
+        first = rectify(self.first(values), SLOPE)
+        seen = torch.cat([values, first], dim=1)
+        second = rectify(self.second(seen) + self._shift(0, first), SLOPE)
+        seen = torch.cat([seen, second], dim=1)
+        return self.last(seen) + self._shift(1, second)
+
+    def see_whole_pictures(self) -> None:
+        """Begin to; the shifts that the means lead to start at zero."""
+        width, outputs = self.first.out_channels, self.last.out_channels
+        self.overall = torch.nn.ParameterList(torch.zeros(size, width) for size in (width, outputs))
+
+    def _shift(self, number: int, seen: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D 1 1"] | float:
+        if self.overall is None:
+            return 0.0
+        return (seen.mean(dim=(2, 3)) @ self.overall[number].T)[..., None, None]
 
 
 class CouplingBlock(torch.nn.Module):
@@ -65,11 +83,20 @@ class CouplingBlock(torch.nn.Module):
 
 
 class InvertibleNetwork(torch.nn.Module):
-    """`blocks` coupling blocks on two halves of `channels` channels. First weights come from torch's generator."""
+    """`blocks` coupling blocks on two halves of `channels` channels. First weights come from torch's generator.
+
+    Invertible it stays with `see_whole_pictures`: what couplings read of one half is not what they change.
+    """
 
     def __init__(self, channels: int, blocks: int, width: int):
         super().__init__()
         self.blocks = torch.nn.ModuleList([CouplingBlock(channels, width) for _ in range(blocks)])
+
+    def see_whole_pictures(self) -> None:
+        """As `DenseConvolutions` do: squeeze-and-excitation (Hu et al., 2018) that adds, where theirs multiplies."""
+        for module in self.modules():
+            if isinstance(module, DenseConvolutions):
+                module.see_whole_pictures()
 
     def forward(self, cover: Half, watermark: Half) -> tuple[Half, Half]:
         """Through all blocks."""

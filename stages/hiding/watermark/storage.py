@@ -6,10 +6,11 @@ import torch
 
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
-from stages.hiding.watermark.codec import SETTINGS, WatermarkCodec
+from stages.hiding.watermark.codec import WatermarkCodec
 from stages.scene.attributes import mapping
 
 KIND = "codec"
+SIZES, WHOLE = ("blocks", "width"), "sees_whole_pictures"
 
 
 def write_codec(writer: ArtifactWriter, codec: WatermarkCodec) -> None:
@@ -25,7 +26,8 @@ def read_codec(artifact: Artifact) -> WatermarkCodec:
     weights = {name.replace("/", "."): torch.from_numpy(artifact.read(name)) for name in artifact.names}
     try:
         with torch.random.fork_rng():
-            codec = WatermarkCodec(**{name: int(str(settings[name])) for name in SETTINGS})
+            sizes = [int(str(settings[name])) for name in SIZES]
+            codec = WatermarkCodec(*sizes, sees_whole_pictures=settings.get(WHOLE) is True)
         codec.lost = torch.nn.Parameter(weights["lost"])
         codec.load_state_dict(weights)
     except (KeyError, ValueError, RuntimeError) as error:
@@ -33,7 +35,7 @@ def read_codec(artifact: Artifact) -> WatermarkCodec:
             "the weights of a watermark codec do not fit its settings",
             where=str(artifact.path),
             found=str(error).splitlines()[0],
-            expected=f"the settings {', '.join(SETTINGS)} and the weights that they lead to",
+            expected=f"the settings {', '.join(SIZES)} and the weights that they lead to",
             remedy="the artifact was not made by this version; make it again",
         ) from error
     return codec.requires_grad_(False)
