@@ -35,9 +35,11 @@ from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws
 from stages.hide_image import hide_image
 from stages.hiding.rendering import COVER
 from stages.hiding.watermark.reading import FOUND_SHARE
+from stages.hiding.watermark.storage import read_codec
 from stages.imaging.metric_table import read_rows
 from stages.scene.gaussians import GEOMETRY
 from stages.scene.scene import read_scene
+from stages.training.decoder_tuning import OTHERS, PHOTOS, RENDERS, DecoderTuning, TuningSettings
 from stages.training.feature_tuning import half_watermarked
 from stages.training.views import training_views
 from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_watermark_decoder
@@ -117,6 +119,31 @@ def test_the_decoder_learns_what_to_hold_back(tmp_path: Path, inputs: Inputs) ->
     assert made["codec"].private
     black = [row.value for row in read_rows(made["curves"]) if row.method == "black in photos"]
     assert np.mean(black[-10:]) > np.mean(black[:10]) + 2
+
+
+def test_a_decoder_that_sees_whole_pictures_learns_from_other_photos_too(tmp_path: Path, inputs: Inputs) -> None:
+    marked = finetuned(tmp_path / "marked", inputs)["container"]
+    others = (watermarks.capture(tmp_path / "others", seed=5),)
+    given = {**inputs, "container": marked, "before": inputs["container"], "photos": others}
+    settings = {"method": "plain", "iterations": 3, "batch": 2, "tinted": True, "whole_pictures": True}
+    parameters = TuneWatermarkDecoderParameters.model_validate(settings)
+    made = run_stage(tune_watermark_decoder, parameters, given, tmp_path / "made")
+    assert {row.method for row in read_rows(made["curves"])} == {RENDERS, PHOTOS, OTHERS}
+    assert read_codec(made["codec"]).sees_whole_pictures
+
+
+def test_a_batch_goes_through_pictures_as_single_steps_do() -> None:
+    """Every picture comes once a lap, whatever the batch; each step's error is the mean over its batch."""
+    shown = np.stack([np.full((8, 10, 3), level, np.uint8) for level in (10, 60, 120, 200)])
+    watermark = np.zeros((8, 10, 3), np.uint8)
+    found: dict[int, list[float]] = {}
+    for batch in (1, 2):
+        settings = TuningSettings(4 // batch, seed=3, batch=batch)
+        tuning = DecoderTuning(watermarks.little_codec(), watermark, {RENDERS: shown}, settings)
+        steps = range(1, settings.iterations + 1)
+        found[batch] = [tuning.errors(step)[RENDERS].item() for step in steps]
+    assert len(set(found[1])) == 4
+    assert found[2] == pytest.approx([np.mean(found[1][:2]), np.mean(found[1][2:])])
 
 
 def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:

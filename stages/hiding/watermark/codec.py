@@ -54,20 +54,18 @@ class WatermarkCodec(torch.nn.Module):
         _, watermarks = self.network.inverse(coefficients, lost.expand_as(coefficients))
         return inverse_haar(watermarks)
 
-    @property
-    def is_tuned(self) -> bool:
-        """Whether it is a decoder of one watermark."""
-        return self.lost.shape[-2:] != (1, 1)
-
     def expect(self, watermark: Float[Tensor, "3 H W"]) -> None:
         """Make it a decoder of this one watermark, whose coefficients stand in for what is lost; all of it can learn.
 
+        One that was tuned to a watermark of this size goes on from what stands in by now: its weights are used to it.
         The paper tunes D_w until it shows one picture or black. Convolutions see no more than their surroundings, and
         cannot know by heart a picture that is larger: with this start they only have to let it pass or hold it back.
         What its encoder would hide, such a decoder need not find.
         """
         self.requires_grad_(True)
-        self.lost = torch.nn.Parameter(haar(watermark[None]).detach().clone())
+        coefficients = haar(watermark[None]).detach().clone()
+        if coefficients.shape != self.lost.shape:
+            self.lost = torch.nn.Parameter(coefficients)
 
     def see_whole_pictures(self) -> None:
         """Begin to decide by the whole picture: what a mark leaves at one place may be too faint to be told there.

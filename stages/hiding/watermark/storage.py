@@ -26,8 +26,8 @@ def read_codec(artifact: Artifact) -> WatermarkCodec:
     weights = {name.replace("/", "."): torch.from_numpy(artifact.read(name)) for name in artifact.names}
     try:
         with torch.random.fork_rng():
-            sizes = [int(str(settings[name])) for name in SIZES]
-            codec = WatermarkCodec(*sizes, sees_whole_pictures=settings.get(WHOLE) is True)
+            blocks, width = (int(str(settings[name])) for name in SIZES)
+            codec = WatermarkCodec(blocks, width, settings.get(WHOLE) is True)
         codec.lost = torch.nn.Parameter(weights["lost"])
         codec.load_state_dict(weights)
     except (KeyError, ValueError, RuntimeError) as error:

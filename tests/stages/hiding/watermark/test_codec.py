@@ -29,8 +29,12 @@ def halves(channels: int, side: int = 6) -> tuple[torch.Tensor, torch.Tensor]:
     return cover, watermark
 
 
-def test_what_goes_forward_comes_back() -> None:
-    network = shaken(InvertibleNetwork(12, blocks=4, width=8).double(), 0.05)
+@pytest.mark.parametrize("whole", [False, True])
+def test_what_goes_forward_comes_back(whole: bool) -> None:
+    network = InvertibleNetwork(12, blocks=4, width=8)
+    if whole:
+        network.see_whole_pictures()
+    shaken(network.double(), 0.05)
     before = halves(12)
     after = network(*before)
     assert not torch.allclose(after[0], before[0], atol=0.1)
@@ -38,8 +42,13 @@ def test_what_goes_forward_comes_back() -> None:
         torch.testing.assert_close(found, expected, rtol=0, atol=1e-9)
 
 
-def test_gradients_of_a_block_both_ways() -> None:
-    block = shaken(CouplingBlock(3, width=4).double())
+@pytest.mark.parametrize("whole", [False, True])
+def test_gradients_of_a_block_both_ways(whole: bool) -> None:
+    block = CouplingBlock(3, width=4)
+    if whole:
+        block.added.see_whole_pictures()
+        block.scaled_and_shifted.see_whole_pictures()
+    shaken(block.double())
     cover, watermark = (half[:1, :, :3, :3].clone().requires_grad_() for half in halves(3))
     assert torch.autograd.gradcheck(block, (cover, watermark))
     assert torch.autograd.gradcheck(block.inverse, (cover, watermark))
@@ -67,16 +76,47 @@ def stored(folder: Path, codec: WatermarkCodec, **settings: object) -> Artifact:
     return load(folder)
 
 
-def test_a_stored_codec_is_the_same(tmp_path: Path) -> None:
-    codec = shaken(WatermarkCodec(2, 4))
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_stored_codec_is_the_same(tmp_path: Path, whole: bool) -> None:
+    codec = shaken(WatermarkCodec(2, 4, whole))
     assert isinstance(codec, WatermarkCodec)
     images = torch.rand(1, 3, 8, 10, generator=torch.Generator().manual_seed(0))
     read = read_codec(stored(tmp_path / "codec", codec))
     assert torch.equal(read.watermark_decoder(images), codec.watermark_decoder(images))
+    assert read.sees_whole_pictures == whole
     assert not any(weight.requires_grad for weight in read.parameters())
 
 
-@pytest.mark.parametrize("settings", [{"blocks": 3}, {"width": 5}, {"blocks": "many"}])
+def test_what_sees_whole_pictures_starts_as_it_was_and_sees_far() -> None:
+    codec = shaken(WatermarkCodec(1, 4))
+    assert isinstance(codec, WatermarkCodec)
+    images = torch.rand(1, 3, 8, 80, generator=torch.Generator().manual_seed(0))
+    changed = torch.cat([images[..., :-8], 1 - images[..., -8:]], dim=-1)
+    local = codec.watermark_decoder(images)
+    near = slice(0, 8)  # 64 pixels from what changes: convolutions do not reach so far
+    assert torch.equal(codec.watermark_decoder(changed)[..., near], local[..., near])
+    codec.see_whole_pictures()
+    assert torch.equal(codec.watermark_decoder(images), local)
+    shaken(codec)
+    codec.see_whole_pictures()  # again: it forgets nothing
+    found = [codec.watermark_decoder(each)[..., near] for each in (images, changed)]
+    assert (found[1] - found[0]).abs().max() > 1e-6
+
+
+def test_a_decoder_goes_on_from_what_it_learnt_of_a_watermark_of_this_size() -> None:
+    codec, watermark = new_codec(1, 4, seed=0), torch.rand(3, 8, 10, generator=torch.Generator().manual_seed(0))
+    codec.expect(watermark)
+    torch.testing.assert_close(codec.watermark_decoder(torch.zeros(1, 3, 8, 10))[0], watermark)
+    with torch.no_grad():
+        codec.lost += 1
+    learnt = codec.lost.detach().clone()
+    codec.expect(watermark)
+    assert torch.equal(codec.lost, learnt)
+    codec.expect(watermark[..., :-2])
+    assert codec.lost.shape == (1, 12, 4, 4)
+
+
+@pytest.mark.parametrize("settings", [{"blocks": 3}, {"sees_whole_pictures": True}, {"width": 5}, {"blocks": "many"}])
 def test_weights_that_do_not_fit_are_refused(tmp_path: Path, settings: dict[str, object]) -> None:
     with pytest.raises(UserError, match="do not fit"):
         read_codec(stored(tmp_path / "codec", WatermarkCodec(2, 4), **settings))
