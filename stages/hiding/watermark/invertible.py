@@ -26,13 +26,12 @@ class DenseConvolutions(torch.nn.Module):
     puts out, everywhere alike.
     """
 
-    overall: torch.nn.ParameterList | None = None
-
     def __init__(self, inputs: int, outputs: int, width: int):
         super().__init__()
         self.first = torch.nn.Conv2d(inputs, width, 3, padding=1)
         self.second = torch.nn.Conv2d(inputs + width, width, 3, padding=1)
         self.last = torch.nn.Conv2d(inputs + 2 * width, outputs, 3, padding=1)
+        self.overall: torch.nn.ParameterList | None = None
         torch.nn.init.zeros_(self.last.weight)
         torch.nn.init.zeros_(self.last.bias)  # type: ignore[arg-type]  # it has one
 

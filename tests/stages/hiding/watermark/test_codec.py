@@ -91,7 +91,7 @@ def test_what_sees_whole_pictures_starts_as_it_was_and_sees_far() -> None:
     codec = shaken(WatermarkCodec(1, 4))
     assert isinstance(codec, WatermarkCodec)
     images = torch.rand(1, 3, 8, 80, generator=torch.Generator().manual_seed(0))
-    changed = torch.cat([images[..., :-8], 1 - images[..., -8:]], dim=-1)
+    changed = torch.cat([images[..., :-8], torch.zeros(1, 3, 8, 8)], dim=-1)
     local = codec.watermark_decoder(images)
     near = slice(0, 8)  # 64 pixels from what changes: convolutions do not reach so far
     assert torch.equal(codec.watermark_decoder(changed)[..., near], local[..., near])
