@@ -23,7 +23,7 @@ CLEAN, OTHERS = "black in clean renders", "black in other photos"
 
 @dataclass(frozen=True)
 class TuningSettings:
-    """Each of `iterations` steps sees `batch` pictures of every kind.
+    """Each of `iterations` steps sees `batch` renders with the watermark, and one picture of every other kind.
 
     `tinted`: each after a random tint; `distorted`: after a random distortion, or none. `black_weight` is that of every
     kind that should show black, beside that of renders.
@@ -63,14 +63,20 @@ class DecoderTuning(NetworkTraining):
     def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
         """ℓ_cop (Eq. loss_water), its two terms apart, as means over pixels; and the same for what else is black."""
         generator = np.random.default_rng((self.settings.seed, iteration))
-        batch = range((iteration - 1) * self.settings.batch, iteration * self.settings.batch)
         errors = {
-            kind: [self._error(self._drawn(kind, number, draw, generator), kind == RENDERS) for draw in batch]
-            for number, kind in enumerate(self.pictures)
+            kind: torch.stack([self._error(picture, kind == RENDERS) for picture in pictures]).mean()
+            for kind, pictures in self._batch(iteration, generator).items()
         }
         if self.others:
-            errors[OTHERS] = [self._error(self._other(generator), shows=False) for _ in batch]
-        return {kind: torch.stack(each).mean() for kind, each in errors.items()}
+            errors[OTHERS] = self._error(self._other(generator), shows=False)
+        return errors
+
+    def _batch(self, iteration: int, generator: np.random.Generator) -> dict[str, list[Picture]]:
+        counts = [self.settings.batch if kind == RENDERS else 1 for kind in self.pictures]
+        return {
+            kind: [self._drawn(kind, number, (iteration - 1) * count + each, generator) for each in range(count)]
+            for number, (kind, count) in enumerate(zip(self.pictures, counts, strict=True))
+        }
 
     def _drawn(self, kind: str, number: int, draw: int, generator: np.random.Generator) -> Picture:
         pictures = self.pictures[kind]
