@@ -75,7 +75,8 @@ OWNERS_NOTE = (
 )
 IMPRINT_NOTE = (
     "An imprint: features and decoder tuned together, through renders, until those show the watermark and photos, "
-    "renders from before and other photos do not. It is tried on photos and scenes that it has not learnt from."
+    "renders from before and other photos do not; then the decoder alone, by whole pictures. It is tried on photos and "
+    "scenes that it has not learnt from."
 )
 BOUND_NOTE = (
     "Upper bounds are one-sided, at 95 %. Over pictures: Clopper and Pearson's, as if thousands of pictures of few "
