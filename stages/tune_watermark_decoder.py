@@ -50,8 +50,10 @@ class TuneWatermarkDecoderParameters(Parameters):
     )
     tinted: bool = Field(False, description="Whether pictures are tinted at random, which the paper's are not.")
     distorted: bool = Field(False, description="Whether pictures are distorted at random, which the paper's are not.")
-    iterations: int = Field(400, ge=1, description="Steps; each sees one picture of every kind, but `batch` renders.")
-    batch: int = Field(1, ge=1, description="Renders with the watermark in a step.")
+    iterations: int = Field(
+        400, ge=1, description="Steps; each sees one picture of every kind, but `batch` renders and other photos."
+    )
+    batch: int = Field(1, ge=1, description="Renders with the watermark, and windows of other photos, in a step.")
     rate: float = Field(1e-3, gt=0, description="Adam's first learning rate.")
     final_rate_share: float = Field(0.1, gt=0, le=1, description="Share of it that is left at the end.")
     seed: int = Field(0, ge=0, description="Of the pictures' order, and of distortions.")

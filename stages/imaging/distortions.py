@@ -125,6 +125,20 @@ def random_tint(generator: np.random.Generator) -> tuple[Float[np.ndarray, " 3"]
     return gains.astype(np.float32), shifts.astype(np.float32)
 
 
+def random_recoloring(picture: Picture, generator: np.random.Generator) -> Picture:
+    """Other contrast, brightness and colours, as far as flat, pale, dark and gaudy pictures; or none, every other time.
+
+    Differences from the mean colour times 0 to 1.5, and for each colour 0.7 to 1.3 of that; the mean moves by up to
+    0.4 of the whole range, and each colour by up to 0.2.
+    """
+    if generator.uniform() < 0.5:
+        return picture
+    mean = picture.mean(axis=(0, 1))
+    gains = generator.uniform(0, 1.5) * generator.uniform(0.7, 1.3, 3)
+    shifts = 255 * (generator.uniform(-0.4, 0.4) + generator.uniform(-0.2, 0.2, 3))
+    return to_bytes(mean + gains * (picture - mean) + shifts)
+
+
 def to_bytes(values: Float[np.ndarray, "H W 3"]) -> Picture:
     """Rounded and clamped to 0..255."""
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)

@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from stages.hiding.watermark.codec import WatermarkCodec
-from stages.imaging.distortions import random_distortion, random_tint
+from stages.imaging.distortions import random_distortion, random_recoloring, random_tint
 from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture, tensor_to_picture
 from stages.imaging.windows import random_window
 from stages.training.network import NetworkTraining
@@ -23,7 +23,8 @@ CLEAN, OTHERS = "black in clean renders", "black in other photos"
 
 @dataclass(frozen=True)
 class TuningSettings:
-    """Each of `iterations` steps sees `batch` renders with the watermark, and one picture of every other kind.
+    """Each of `iterations` steps sees `batch` renders with the watermark, as many windows of other photos, and one
+    picture of every other kind.
 
     `tinted`: each after a random tint; `distorted`: after a random distortion, or none. `black_weight` is that of every
     kind that should show black, beside that of renders.
@@ -43,7 +44,7 @@ class DecoderTuning(NetworkTraining):
     """`pictures` by the names of their errors, all of one size: renders, photos, and what else should show black.
 
     Each kind goes through its pictures in random orders of its own. Of `others`, of any size, which should show black,
-    too, random windows are drawn.
+    too, random windows are drawn, recoloured and distorted whatever the settings are: they stand for all pictures.
     """
 
     def __init__(
@@ -68,7 +69,8 @@ class DecoderTuning(NetworkTraining):
             for kind, pictures in self._batch(iteration, generator).items()
         }
         if self.others:
-            errors[OTHERS] = self._error(self._other(generator), shows=False)
+            others = [self._error(self._other(generator), shows=False) for _ in range(self.settings.batch)]
+            errors[OTHERS] = torch.stack(others).mean()
         return errors
 
     def _batch(self, iteration: int, generator: np.random.Generator) -> dict[str, list[Picture]]:
@@ -87,7 +89,8 @@ class DecoderTuning(NetworkTraining):
     def _other(self, generator: np.random.Generator) -> Picture:
         height, width = self.watermark.shape[:2]
         other = self.others[int(generator.integers(len(self.others)))]
-        return self._as_read(random_window(other, width, height, generator), generator)
+        window = random_window(other, width, height, generator)
+        return random_distortion(random_recoloring(window, generator), generator)
 
     def _as_read(self, picture: Picture, generator: np.random.Generator) -> Picture:
         if self.settings.tinted:
