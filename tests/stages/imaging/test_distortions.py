@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.imaging.distortions import DISTORTIONS, WORDING, blurred, brightened, cropped, jpeg, noisy, resized
+from stages.imaging.distortions import (
+    DISTORTIONS,
+    WORDING,
+    blurred,
+    brightened,
+    cropped,
+    jpeg,
+    noisy,
+    random_recoloring,
+    resized,
+)
 from stages.imaging.windows import random_window
 
 
@@ -70,3 +80,17 @@ def test_windows_have_their_shape_whatever_the_photo() -> None:
     for shape in ((64, 48), (10, 30), (500, 20)):
         photo = np.zeros((*shape, 3), np.uint8)
         assert all(random_window(photo, 20, 12, draws).shape == (12, 20, 3) for _ in range(20))
+
+
+def test_a_random_recoloring_leaves_every_other_picture_and_keeps_its_lines() -> None:
+    rows = np.linspace(60, 200, 12).astype(np.uint8)
+    picture = np.stack(np.broadcast_arrays(rows[:, None], rows[None, :], np.uint8(120)), axis=-1)
+    made = [random_recoloring(picture, np.random.default_rng(seed)) for seed in range(200)]
+    changed = [each for each in made if not np.array_equal(each, picture)]
+    assert 70 < len(changed) < 130
+    assert all(each.dtype == np.uint8 and each.shape == picture.shape for each in changed)
+    spans = [int(each.max()) - int(each.min()) for each in changed]
+    assert min(spans) < 60 < 140 < max(spans), "from nearly flat to stronger than it was"
+    for each in changed:
+        assert (np.diff(each[..., 0].astype(int), axis=0) >= 0).all(), "what was brighter stays so"
+    assert np.array_equal(random_recoloring(picture, np.random.default_rng(7)), made[7])
