@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.absent_store import AbsentStore
 from pipeline.collection import without_collection
 from pipeline.declaration import Catalogue
 from pipeline.errors import CommandError
@@ -40,24 +39,18 @@ def open_project(
 ) -> Project:
     """Reads and checks a workflow. Unless `make`, a store that is missing is not made, and an empty one stands for it.
 
-    A workflow with anything wrong in it makes no store either. Raises WorkflowError with all that is wrong,
-    CommandError for a bad store.
+    A workflow that cannot be read makes none either. Raises WorkflowError with all that is wrong, CommandError for a
+    bad store.
     """
     problems = Problems()
     with without_collection():
         workflow = read_workflow(file, settings, problems, vars_files)
-        opened = _open(store, make=False)
+        try:
+            opened = open_store(store, make and not problems)
+        except OSError as error:
+            raise CommandError("cannot be a store", where=store, found=error.strerror) from error
         catalogue = Catalogue(package, LIBRARIES, opened)
         graph = build_graph(workflow, catalogue, ExternalCache(opened), problems)
     graph = replace(graph, command=command_of(file, settings, vars_files, workflow, graph))
     module = catalogue.sources.module(package)
-    if make and isinstance(opened, AbsentStore):
-        opened = _open(store, make=True)
     return Project(graph, opened, package, module.path.parent if module else Path.cwd())
-
-
-def _open(store: str | Path, make: bool) -> Store:
-    try:
-        return open_store(store, make)
-    except OSError as error:
-        raise CommandError("cannot be a store", where=store, found=error.strerror) from error

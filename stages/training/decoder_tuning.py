@@ -94,14 +94,19 @@ class DecoderTuning(NetworkTraining):
 
     def _as_read(self, picture: Picture, generator: np.random.Generator) -> Picture:
         if self.settings.tinted:
-            gains, shifts = (torch.from_numpy(each) for each in random_tint(generator))
-            picture = tensor_to_picture(picture_to_tensor(picture) * gains + shifts)
+            picture = tensor_to_picture(tinted(picture_to_tensor(picture), generator))
         return random_distortion(picture, generator) if self.settings.distorted else picture
 
     def _error(self, picture: Picture, shows: bool) -> Float[Tensor, ""]:
         found = decoded(self.codec, picture)
         wanted = picture_to_tensor(resize_picture(self.watermark, picture.shape[1], picture.shape[0]))
         return (found - wanted).square().mean() if shows else found.square().mean()
+
+
+def tinted(picture: Float[Tensor, "H W 3"], generator: np.random.Generator) -> Float[Tensor, "H W 3"]:
+    """The picture, or its gradients, through a random tint; not clamped."""
+    gains, shifts = random_tint(generator)
+    return picture * torch.from_numpy(gains) + torch.from_numpy(shifts)
 
 
 def decoded(codec: WatermarkCodec, picture: Picture) -> Float[Tensor, "H W 3"]:

@@ -21,11 +21,11 @@ from torch import Tensor
 from stages.hiding.method import Method
 from stages.hiding.rendering import COVER
 from stages.hiding.watermark.codec import WatermarkCodec
-from stages.imaging.distortions import random_distortion, random_tint
+from stages.imaging.distortions import random_distortion
 from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture, tensor_to_picture
 from stages.imaging.windows import random_window
 from stages.scene.gaussians import Gaussians
-from stages.training.decoder_tuning import CLEAN, OTHERS, PHOTOS, RENDERS
+from stages.training.decoder_tuning import CLEAN, OTHERS, PHOTOS, RENDERS, tinted
 from stages.training.feature_tuning import attribute_rates
 from stages.training.loop import TrainingViews
 from stages.training.network import NetworkTraining
@@ -185,11 +185,10 @@ class Imprinting(NetworkTraining):
 
         Gradients pass as if nothing had been done but the tint.
         """
-        gains, shifts = random_tint(generator)
-        tinted = picture * torch.from_numpy(gains) + torch.from_numpy(shifts)
-        written = tensor_to_picture(tinted)
+        picture = tinted(picture, generator)
+        written = tensor_to_picture(picture)
         if self.settings.distorted:
             written = random_distortion(written, generator)
         if written.shape != picture.shape:
             return picture_to_tensor(written)
-        return tinted + (picture_to_tensor(written) - tinted).detach()
+        return picture + (picture_to_tensor(written) - picture).detach()
