@@ -27,7 +27,7 @@ def read_codec(artifact: Artifact) -> WatermarkCodec:
     try:
         with torch.random.fork_rng():
             blocks, width = (int(str(settings[name])) for name in SIZES)
-            codec = WatermarkCodec(blocks, width, settings.get(WHOLE) is True)
+            codec = WatermarkCodec(blocks, width, settings.get(WHOLE) is True)  # a codec from before does not say
         codec.lost = torch.nn.Parameter(weights["lost"])
         codec.load_state_dict(weights)
     except (KeyError, ValueError, RuntimeError) as error:
