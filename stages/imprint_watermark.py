@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
+from itertools import chain
+from typing import Literal
 
 import numpy as np
 import torch
@@ -27,7 +29,7 @@ from stages.hiding.what_is_hidden import view_of_an_image
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import Picture, picture_to_tensor, tensor_to_picture
-from stages.imaging.shipped_photos import LEARNT_FROM, ShippedPhotos
+from stages.imaging.shipped_photos import SAMPLES_LEARNT_FROM, ShippedPhotos
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import Scene, read_scene
@@ -55,7 +57,12 @@ class ImprintWatermarkParameters(Parameters):
     final_rate_share: float = Field(0.05, gt=0, le=1, description="Share of both rates that is left at the end.")
     distorted: bool = Field(False, description="Whether pictures are distorted at random, too, before they are read.")
     shipped_photos: ShippedPhotos = Field(
-        LEARNT_FROM, description="Photos that packages ship, by their files' names, that must show black, too."
+        SAMPLES_LEARNT_FROM, description="Photos that packages ship, by their files' names, that must show black, too."
+    )
+    precision: Literal["float32", "bfloat16"] = Field(
+        "float32",
+        description="Of the watermark decoder's convolutions while it learns. Where the CPU has it (AVX-512), bfloat16 "
+        "takes half their time; elsewhere it changes nothing.",
     )
     seed: int = Field(0, ge=0, description="Of the pictures' order, of distortions, and of the grain, without a key.")
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
@@ -93,6 +100,7 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     gaussians, method = read_gaussians(container), read_method(container, secret)
     pictures = _pictures(context, parameters, scene, gaussians, method)
     codec.expect(picture_to_tensor(pictures.watermark).permute(2, 0, 1))
+    codec.convolve_in(getattr(torch, parameters.precision))
     coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.seed))
     measured_on = scene.cameras.select(scene.train_names[::MEASURED_ON])
     marked = grained(gaussians, method, measured_on, parameters.first_level, coins)
@@ -118,7 +126,7 @@ def _pictures(
         before,
         [*scene.pictures[scene.rows(scene.train_names)]],
         filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height),
-        learnt_photos(context.input_many("photos"), parameters.shipped_photos),
+        [*chain(*learnt_photos(context.input_many("photos"), parameters.shipped_photos))],
         image,
     )
 

@@ -13,7 +13,14 @@ from stages.hiding.watermark.codec import new_codec
 from stages.hiding.watermark.storage import write_codec
 from stages.imaging.image import read_image
 from stages.imaging.metric_table import write_rows
-from stages.imaging.shipped_photos import HELD_OUT, HOW_TO_INSTALL, LEARNT_FROM, ShippedPhotos, read_photo
+from stages.imaging.shipped_photos import (
+    HOW_TO_INSTALL,
+    SAMPLES_HELD_OUT,
+    SAMPLES_LEARNT_FROM,
+    WALLPAPERS_HELD_OUT,
+    ShippedPhotos,
+    read_photo,
+)
 from stages.scene.scene import TEST_VIEW_EVERY
 from stages.training.codec import CodecSettings, CodecTraining
 from stages.training.codec_photos import read_photos
@@ -33,7 +40,7 @@ class TrainCodecParameters(Parameters):
         2.0, ge=0, description="Of the watermarked picture's squared error, beside that of the watermark."
     )
     shipped_photos: ShippedPhotos = Field(
-        (*LEARNT_FROM, *HELD_OUT),
+        (*SAMPLES_LEARNT_FROM, *SAMPLES_HELD_OUT),
         description="Photos that packages ship, by their files' names, beside those of the captures.",
     )
     seed: int = Field(0, ge=0, description="Of the first weights and of all that is drawn.")
@@ -59,7 +66,8 @@ def train_codec(context: Context, parameters: TrainCodecParameters) -> None:
     shipped = {name: read_photo(name) for name in parameters.shipped_photos}
     if not shipped:
         context.log(f"no shipped photos are installed: the codec learns from captures alone. {HOW_TO_INSTALL}")
-    trained_on = [photo for name, photo in shipped.items() if name not in HELD_OUT]
+    held_out_names = (*SAMPLES_HELD_OUT, *WALLPAPERS_HELD_OUT)
+    trained_on = [photo for name, photo in shipped.items() if name not in held_out_names]
     trained_on += [photo for photos in captures for row, photo in enumerate(photos) if row % TEST_VIEW_EVERY]
     if not trained_on:
         raise UserError("there are no photos to train on", found="no capture", remedy=HOW_TO_INSTALL)
@@ -72,7 +80,7 @@ def train_codec(context: Context, parameters: TrainCodecParameters) -> None:
     write_codec(context.output("codec"), codec)
     write_rows(context.output("curves"), curves)
     held_out = {
-        "photos of other things": [photo for name, photo in shipped.items() if name in HELD_OUT],
+        "photos of other things": [photo for name, photo in shipped.items() if name in held_out_names],
         "other photos of the captures": [photo for photos in captures for photo in photos[::TEST_VIEW_EVERY]],
     }
     write_measurements(context.output("scores"), quality(codec, held_out, watermarks, parameters.seed))

