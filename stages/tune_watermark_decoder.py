@@ -103,7 +103,8 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     if parameters.whole_pictures:
         codec.see_whole_pictures()
     codec.convolve_in(getattr(torch, parameters.precision))
-    others = learnt_photos(context.input_many("photos"), parameters.shipped_photos)
+    learnt = learnt_photos(context.input_many("photos"), parameters.shipped_photos)
+    others = [[photo] for photos in learnt for photo in photos]  # each as often as any: measured (tried.md)
     curves = train_network(context, DecoderTuning(codec, watermark, pictures, _settings(parameters), others))
     write_codec(context.output("codec"), codec)
     write_rows(context.output("curves"), curves)
