@@ -74,7 +74,7 @@ $(OCLGRIND): | $(INSTALLED)
 $(DEBIAN_POCL): | $(INSTALLED)
 	@echo "Fetching Debian's PoCL into $@, a second one to test on"
 	@.ci/unpack_debian.sh $@ pocl-opencl-icd \
-		|| echo "No Debian PoCL: its tests are skipped. With apt and Debian's registry at hand, run make test again."
+		|| echo "No second PoCL: its tests are skipped. Where apt or Debian's registry was missing, run make test again with them."
 
 clean:
 	rm -rf $(VENV)

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
-from itertools import chain
-from typing import Literal
 
 import numpy as np
 import torch
@@ -59,11 +57,6 @@ class ImprintWatermarkParameters(Parameters):
     shipped_photos: ShippedPhotos = Field(
         SAMPLES_LEARNT_FROM, description="Photos that packages ship, by their files' names, that must show black, too."
     )
-    precision: Literal["float32", "bfloat16"] = Field(
-        "float32",
-        description="Of the watermark decoder's convolutions while it learns. Where the CPU has it (AVX-512), bfloat16 "
-        "takes half their time; elsewhere it changes nothing.",
-    )
     seed: int = Field(0, ge=0, description="Of the pictures' order, of distortions, and of the grain, without a key.")
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
 
@@ -100,7 +93,6 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     gaussians, method = read_gaussians(container), read_method(container, secret)
     pictures = _pictures(context, parameters, scene, gaussians, method)
     codec.expect(picture_to_tensor(pictures.watermark).permute(2, 0, 1))
-    codec.convolve_in(getattr(torch, parameters.precision))
     coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.seed))
     measured_on = scene.cameras.select(scene.train_names[::MEASURED_ON])
     marked = grained(gaussians, method, measured_on, parameters.first_level, coins)
@@ -126,7 +118,7 @@ def _pictures(
         before,
         [*scene.pictures[scene.rows(scene.train_names)]],
         filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height),
-        [*chain(*learnt_photos(context.input_many("photos"), parameters.shipped_photos))],
+        learnt_photos(context.input_many("photos"), parameters.shipped_photos),
         image,
     )
 

@@ -13,14 +13,7 @@ from stages.hiding.watermark.codec import new_codec
 from stages.hiding.watermark.storage import write_codec
 from stages.imaging.image import read_image
 from stages.imaging.metric_table import write_rows
-from stages.imaging.shipped_photos import (
-    HOW_TO_INSTALL,
-    SAMPLES_HELD_OUT,
-    SAMPLES_LEARNT_FROM,
-    WALLPAPERS_HELD_OUT,
-    ShippedPhotos,
-    read_photo,
-)
+from stages.imaging.shipped_photos import HELD_OUT, HOW_TO_INSTALL, SAMPLES, ShippedPhotos, read_photo
 from stages.scene.scene import TEST_VIEW_EVERY
 from stages.training.codec import CodecSettings, CodecTraining
 from stages.training.codec_photos import read_photos
@@ -40,7 +33,7 @@ class TrainCodecParameters(Parameters):
         2.0, ge=0, description="Of the watermarked picture's squared error, beside that of the watermark."
     )
     shipped_photos: ShippedPhotos = Field(
-        (*SAMPLES_LEARNT_FROM, *SAMPLES_HELD_OUT),
+        tuple(SAMPLES),
         description="Photos that packages ship, by their files' names, beside those of the captures.",
     )
     seed: int = Field(0, ge=0, description="Of the first weights and of all that is drawn.")
@@ -58,16 +51,15 @@ class TrainCodecParameters(Parameters):
 def train_codec(context: Context, parameters: TrainCodecParameters) -> None:
     """Train a codec to hide windows of photos, and the given watermarks, in windows of photos; then score it on others.
 
-    Every eighth photo of each capture is held out, and two of the shipped ones, which alone show things that no photo
-    of the training shows.
+    Every eighth photo of each capture is held out, and of the shipped ones `HELD_OUT`, which alone show things that no
+    photo of the training shows.
     """
     torch.set_num_threads(parameters.threads)
     captures = [read_photos(artifact) for artifact in context.input_many("photos")]
     shipped = {name: read_photo(name) for name in parameters.shipped_photos}
     if not shipped:
         context.log(f"no shipped photos are installed: the codec learns from captures alone. {HOW_TO_INSTALL}")
-    held_out_names = (*SAMPLES_HELD_OUT, *WALLPAPERS_HELD_OUT)
-    trained_on = [photo for name, photo in shipped.items() if name not in held_out_names]
+    trained_on = [photo for name, photo in shipped.items() if name not in HELD_OUT]
     trained_on += [photo for photos in captures for row, photo in enumerate(photos) if row % TEST_VIEW_EVERY]
     if not trained_on:
         raise UserError("there are no photos to train on", found="no capture", remedy=HOW_TO_INSTALL)
@@ -80,7 +72,7 @@ def train_codec(context: Context, parameters: TrainCodecParameters) -> None:
     write_codec(context.output("codec"), codec)
     write_rows(context.output("curves"), curves)
     held_out = {
-        "photos of other things": [photo for name, photo in shipped.items() if name in held_out_names],
+        "photos of other things": [shipped[name] for name in HELD_OUT if name in shipped],
         "other photos of the captures": [photo for photos in captures for photo in photos[::TEST_VIEW_EVERY]],
     }
     write_measurements(context.output("scores"), quality(codec, held_out, watermarks, parameters.seed))

@@ -54,16 +54,8 @@ class TuneWatermarkDecoderParameters(Parameters):
         400, ge=1, description="Steps; each sees one picture of every kind, but `batch` renders and other photos."
     )
     batch: int = Field(1, ge=1, description="Renders with the watermark, and windows of other photos, in a step.")
-    hardest_of: int = Field(
-        1, ge=1, description="Every window of other photos is the one of so many in which the decoder sees most."
-    )
     rate: float = Field(1e-3, gt=0, description="Adam's first learning rate.")
     final_rate_share: float = Field(0.1, gt=0, le=1, description="Share of it that is left at the end.")
-    precision: Literal["float32", "bfloat16"] = Field(
-        "float32",
-        description="Of the watermark decoder's convolutions while it learns. Where the CPU has it (AVX-512), bfloat16 "
-        "takes half their time; elsewhere it changes nothing.",
-    )
     seed: int = Field(0, ge=0, description="Of the pictures' order, and of distortions.")
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
 
@@ -102,9 +94,7 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     codec.expect(picture_to_tensor(watermark).permute(2, 0, 1))
     if parameters.whole_pictures:
         codec.see_whole_pictures()
-    codec.convolve_in(getattr(torch, parameters.precision))
-    learnt = learnt_photos(context.input_many("photos"), parameters.shipped_photos)
-    others = [[photo] for photos in learnt for photo in photos]  # each as often as any: measured (tried.md)
+    others = learnt_photos(context.input_many("photos"), parameters.shipped_photos)
     curves = train_network(context, DecoderTuning(codec, watermark, pictures, _settings(parameters), others))
     write_codec(context.output("codec"), codec)
     write_rows(context.output("curves"), curves)
@@ -121,7 +111,6 @@ def _settings(parameters: TuneWatermarkDecoderParameters) -> TuningSettings:
         batch=parameters.batch,
         tinted=parameters.tinted,
         black_weight=parameters.black_weight,
-        hardest_of=parameters.hardest_of,
     )
 
 

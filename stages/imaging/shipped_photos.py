@@ -77,8 +77,9 @@ WALLPAPERS: Mapping[str, str] = {
 
 DIGESTS: Mapping[str, str] = {**SAMPLES, **WALLPAPERS}
 
-SAMPLES_HELD_OUT = ("china.jpg", "chelsea.png")
-WALLPAPERS_HELD_OUT = (
+HELD_OUT = (
+    "china.jpg",
+    "chelsea.png",
     "Bridge_by_Sander_Klootwijk.jpg",
     "Picture_0B_by_freespace.jpg",
     "aitzgorri_by_Aitzol_Berasategi.jpg",
@@ -91,7 +92,7 @@ WALLPAPERS_HELD_OUT = (
 """Those that nothing is trained on: they alone show things that no photo of a training shows. Among them are pale skies
 and lamps before a grey wall, in which decoders see watermarks first."""
 
-SAMPLES_LEARNT_FROM = tuple(name for name in SAMPLES if name not in SAMPLES_HELD_OUT)
+SAMPLES_LEARNT_FROM = tuple(name for name in SAMPLES if name not in HELD_OUT)
 
 
 def photo_file(name: str) -> Path:

@@ -12,8 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.hiding.decoders import has_bfloat16_convolutions
-from stages.hiding.watermark.invertible import DenseConvolutions, InvertibleNetwork
+from stages.hiding.watermark.invertible import InvertibleNetwork
 from stages.hiding.watermark.wavelet import BANDS, haar, inverse_haar
 
 COLORS = 3
@@ -76,16 +75,6 @@ class WatermarkCodec(torch.nn.Module):
         if not self.sees_whole_pictures:
             self.sees_whole_pictures = True
             self.network.see_whole_pictures()
-
-    def convolve_in(self, precision: torch.dtype) -> None:
-        """float32, as a codec that is new or was read does, or bfloat16, which takes half the time in a training.
-
-        What a decoder shows in bfloat16 is 45 to 50 dB from what it shows in float32. CPUs without the instructions
-        would take many times as long: they go on in float32.
-        """
-        for module in self.network.modules():
-            if isinstance(module, DenseConvolutions):
-                module.precision = precision if has_bfloat16_convolutions() else torch.float32
 
 
 def new_codec(blocks: int, width: int, seed: int) -> WatermarkCodec:

@@ -23,11 +23,8 @@ class DenseConvolutions(torch.nn.Module):
     """Three 3 x 3 convolutions, each of which sees the input and all outputs before it; the last starts at zero.
 
     Once they `see_whole_pictures`, the means over the picture of what the first two put out shift what the next one
-    puts out, everywhere alike. `precision` bfloat16 convolves in it, on CPUs that have the instructions, with float32
-    weights, gradients and sums; the means, which a faint mark moves by little, stay in float32.
+    puts out, everywhere alike.
     """
-
-    precision = torch.float32
 
     def __init__(self, inputs: int, outputs: int, width: int):
         super().__init__()
@@ -41,12 +38,11 @@ class DenseConvolutions(torch.nn.Module):
     def forward(self, values: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D H W"]:
         """The last convolution's output, not rectified."""
         rectify = torch.nn.functional.leaky_relu
-        with torch.autocast("cpu", torch.bfloat16, enabled=self.precision == torch.bfloat16):
-            first = rectify(self.first(values), SLOPE)
-            seen = torch.cat([values.to(first.dtype), first], dim=1)
-            second = rectify(self.second(seen) + self._shift(0, first), SLOPE)
-            seen = torch.cat([seen, second], dim=1)
-            return (self.last(seen) + self._shift(1, second)).to(values.dtype)
+        first = rectify(self.first(values), SLOPE)
+        seen = torch.cat([values, first], dim=1)
+        second = rectify(self.second(seen) + self._shift(0, first), SLOPE)
+        seen = torch.cat([seen, second], dim=1)
+        return self.last(seen) + self._shift(1, second)
 
     def see_whole_pictures(self) -> None:
         """Begin to; the shifts that the means lead to start at zero."""
@@ -56,10 +52,7 @@ class DenseConvolutions(torch.nn.Module):
     def _shift(self, number: int, seen: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D 1 1"] | float:
         if self.overall is None:
             return 0.0
-        with torch.autocast("cpu", enabled=False):
-            weights = self.overall[number]
-            shift = seen.mean(dim=(2, 3), dtype=weights.dtype) @ weights.T
-        return shift[..., None, None].to(seen.dtype)
+        return (seen.mean(dim=(2, 3)) @ self.overall[number].T)[..., None, None]
 
 
 class CouplingBlock(torch.nn.Module):

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from pipeline.errors import UserError
 from stages.imaging import shipped_photos
 from stages.imaging.pictures import encode_png
 from stages.imaging.shipped_photos import install_photos, installed_photos, main, photo_file, read_photo
 
+WORKFLOWS = Path(__file__).parents[3] / "workflows"
 PICTURE = np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3)
 CONTENT = encode_png(PICTURE)
 
@@ -46,10 +48,10 @@ def test_a_large_photo_is_reduced(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert read_photo("wide.png").shape == (5, 800, 3)
 
 
-def test_no_photo_is_both_learnt_from_and_held_out() -> None:
-    held_out = {*shipped_photos.SAMPLES_HELD_OUT, *shipped_photos.WALLPAPERS_HELD_OUT}
-    assert held_out < {*shipped_photos.DIGESTS}
-    assert held_out.isdisjoint(shipped_photos.SAMPLES_LEARNT_FROM)
+def test_the_workflow_tries_imprints_on_all_that_is_held_out() -> None:
+    workflow = yaml.safe_load((WORKFLOWS / "rtws.yaml").read_text())
+    assert tuple(workflow["vars"]["held_out_photos"]) == shipped_photos.HELD_OUT
+    assert {*shipped_photos.HELD_OUT} < {*shipped_photos.DIGESTS}
 
 
 def test_another_picture_of_its_name_is_refused(unpacked: Path, capsys: pytest.CaptureFixture[str]) -> None:
