@@ -109,5 +109,5 @@ def near(path: Path) -> Path:
 
 
 def command_line() -> str:
-    """The command that is being executed."""
-    return shlex.join(["python", "-m", "pipeline", *sys.argv[1:]])
+    """The command that is being executed, by the interpreter as it was named."""
+    return shlex.join([sys.orig_argv[0], "-m", "pipeline", *sys.argv[1:]])

@@ -297,6 +297,8 @@ def _alike(detail: Any) -> str:
 
 def _quoted(detail: Any, found: str) -> str:
     """What to write where a text is wanted that YAML takes for something else, such as the folder 2024."""
-    if detail["type"] in TEXT_WANTED and (detail["input"] is None or isinstance(detail["input"], bool | int | float)):
+    if detail["type"] in TEXT_WANTED and detail["input"] is None:
+        return f"; so are an empty cell of a table and the text null, which is to be quoted: '{found}'"
+    if detail["type"] in TEXT_WANTED and isinstance(detail["input"], bool | int | float):
         return f"""; a text that looks so is to be quoted: '{found}' in a file, "'{found}'" after --set NAME="""
     return ""

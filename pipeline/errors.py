@@ -15,7 +15,7 @@ PipelineError            anything that the engine or a stage reports on purpose
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from pipeline.plain_text import in_a_line, without_controls
@@ -132,5 +132,14 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
     >>> nearest("zzz", ["iterations", "width"])
     ''
     """
+    return nearest_of(name, {each: each for each in allowed})
+
+
+def nearest_of(name: str, allowed: Mapping[str, object]) -> str:
+    """The same, and what is asked back is what the name leads to.
+
+    >>> nearest_of("hide_photo", {"hide_photos": "workflows/hide_photos.yaml"})
+    "; did you mean 'workflows/hide_photos.yaml'?"
+    """
     close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.6)
-    return f"; did you mean {close[0]!r}?" if close else ""
+    return f"; did you mean {str(allowed[close[0]])!r}?" if close else ""

@@ -42,10 +42,16 @@ class StageResult:
 
 @dataclass(frozen=True)
 class LastResult:
-    """The last result of a stage, None where it never had one, and the cause of its failure since, if it failed."""
+    """The last result of a stage, None where it never had one, and its failure since, if it failed."""
 
     made: StageResult | None = None
-    failed: str | None = None
+    failed: StageResult | None = None
+
+    def cause(self, key: str | None) -> str | None:
+        """Why it failed, unless it failed at another action than that of `key`."""
+        if self.failed is None or (key is not None and self.failed.key not in (None, key)):
+            return None
+        return self.failed.cause or "failed"
 
 
 @dataclass(frozen=True)
@@ -166,7 +172,7 @@ class History:
     def last(self, workflow: str, names: Collection[str]) -> dict[str, LastResult]:
         """The last result of each of the stages `names`, as far back as needed."""
         made: dict[str, StageResult] = {}
-        failed: dict[str, str] = {}
+        failed: dict[str, StageResult] = {}
         for journal in self.journals(workflow):
             if len(made) == len(names):
                 break
@@ -176,7 +182,7 @@ class History:
                 if result.outputs:
                     made[name] = result
                 elif result.state == "failed":
-                    failed.setdefault(name, result.cause or "failed")
+                    failed.setdefault(name, result)
         return {name: LastResult(made.get(name), failed.get(name)) for name in names}
 
 

@@ -39,7 +39,12 @@ def find_artifact(text: str, address: str | Path) -> tuple[Artifact, Store | Non
         return store.artifact(names[text]), store
     found_names = {name: [name] for name in names if text in forms_of(name)}
     if not found_names:
-        raise CommandError(f"no artifact {text!r}", where=store.address, expected=_expected(text, names))
+        raise CommandError(
+            f"no artifact {text!r}",
+            where=store.address,
+            expected=_expected(text, names),
+            remedy=_what_failed(text.partition("/")[0], store),
+        )
     return store.artifact(names[_only(text, found_names)]), store
 
 
@@ -116,6 +121,18 @@ def _expected(text: str, names: dict[str, str]) -> str:
     hint = nearest(text, [form for name in names for form in forms_of(name)])
     listed = f"; there are {_listed(names)}" if names else ""
     return f"the path of an artifact, 6 or more characters of a digest, or WORKFLOW/STAGE.OUTPUT{listed}{hint}"
+
+
+def _what_failed(workflow: str, store: Store) -> str | None:
+    """Why what an earlier run of a workflow made is nowhere in `latest`, and what gives it back."""
+    for journal in store.history.journals(workflow)[:1]:
+        failed = [name for name, result in store.history.results(journal).items() if result.state == "failed"]
+        if failed:
+            return (
+                f"The last run of {workflow} failed in {failed[0]}, so that `latest` leads to nothing made of it. "
+                "What earlier runs made is in the store: the command of such a run gives it its names back at once."
+            )
+    return None
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -111,18 +111,18 @@ class _Planner:
             return Step(node.name, "lost", key, (lost,))
         result = self.result(node.name, key, last.made) if key else None
         if result:
-            return Step(node.name, "cached", key, result=result, failed=last.failed)
+            return Step(node.name, "cached", key, result=result)
         before = self.store.record(str(last.made.key)) if last.made else None
         if before is None:
             reason = "its last result is no longer in the store" if last.made else "it has never run"
-            return Step(node.name, "run", key, (reason,), failed=last.failed)
+            return Step(node.name, "run", key, (reason,), failed=last.cause(key))
         changed = changes(node, before.parts, parts, self.known)
         if not changed:
             reason = "its last result is no longer whole in the store"
-            return Step(node.name, "run", key, (reason,), failed=last.failed)
+            return Step(node.name, "run", key, (reason,), failed=last.cause(key))
         waits_only = all(change.part == "input" and _waits(change) for change in changed)
         state: PlanState = "depends" if waits_only else "run"
-        return Step(node.name, state, key, tuple(change.text for change in changed), changed, failed=last.failed)
+        return Step(node.name, state, key, tuple(change.text for change in changed), changed, failed=last.cause(key))
 
     def loss(self, node: Node, key: str) -> str | None:
         """Why a run would fail that cannot make again what is gone; None where nothing is."""

@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.errors import CommandError, Place, nearest
+from pipeline.errors import CommandError, Place, nearest, nearest_of
 from pipeline.located import Located, Problems, read_yaml
 from pipeline.matrix import Rows, expand
 from pipeline.substitution import Scope, references, substitute
@@ -110,8 +110,14 @@ def _read_file(path: Path, what: str, problems: Problems) -> Located | None:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise CommandError(f"cannot read {what}", where=path, found=reason, expected="a YAML file") from error
+        hint = nearest_of(path.stem, _workflows_near(path)) if isinstance(error, FileNotFoundError) else ""
+        raise CommandError(f"cannot read {what}", where=path, found=reason, expected=f"a YAML file{hint}") from error
     return read_yaml(text, str(path), path.resolve().parent, problems)
+
+
+def _workflows_near(path: Path) -> dict[str, Path]:
+    """By their names, YAML files beside `path` and in the folder workflows."""
+    return {file.stem: file for folder in (path.parent, Path("workflows")) for file in sorted(folder.glob("*.yaml"))}
 
 
 def _settings(settings: Sequence[str], problems: Problems) -> dict[str, Located]:

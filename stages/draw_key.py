@@ -1,4 +1,4 @@
-"""`draw_key`: a secret key, from which follows where in the coupled features the messages lie."""
+"""`draw_key`: the secret key of one container, from which follows where in its features the messages lie."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import secrets
 import numpy as np
 from pydantic import Field
 
-from pipeline.stage import Context, Output, Parameters, stage
+from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import KEY_BYTES, write_key
 
 
@@ -20,13 +20,18 @@ class DrawKeyParameters(Parameters):
 
 
 @stage(
-    inputs={},
+    inputs={"container_of": Input("scene or views or splats or container", many=True, optional=True)},
     outputs={"key": Output("key", privacy="private")},
     version=1,
     unrepeatable=lambda given: given.seed is None,
 )
 def draw_key(context: Context, parameters: DrawKeyParameters) -> None:
-    """Draw a key once; the store keeps it, so that a rerun hides with the same one."""
+    """Draw a key once; the store keeps it, so that a rerun hides with the same one.
+
+    `container_of`: what goes into the container, the cover and its messages. Others get another key. Who is shown the
+    messages of one container has its secret, which would read those of every other with the same key. Without any, all
+    containers of a store share one.
+    """
     drawn = (
         secrets.token_bytes(KEY_BYTES)
         if parameters.seed is None

@@ -43,7 +43,8 @@ class PhotosParameters(Parameters):
         pattern=r"^[^/\\.][^/\\]*$",
         description="Which folder of `folder` holds the photos, such as images_4: those of Mip-NeRF 360 come in "
         "several sizes. The paper trains on a quarter of the size outdoors (images_4), on half of it indoors "
-        "(images_2). By default those in `folder` itself, else those in images, else those in the folders in images.",
+        "(images_2). By default those in `folder` itself, those in images if they are more, else those in the folders "
+        "in images.",
     )
     poses: ExternalPath | None = Field(
         None, description="COLMAP model's folder or transforms.json, where the poses lie outside the folder of photos."
@@ -63,7 +64,7 @@ class PhotosParameters(Parameters):
     inputs={},
     outputs={"capture": Output("capture")},
     version=1,
-    remarks="stages.scene.remarks:photos_without_poses",
+    remarks="stages.scene.remarks:photos_left_out",
 )
 def photos(context: Context, parameters: PhotosParameters) -> None:
     """Read every photo once, so that damage shows here, and keep them as they came."""
@@ -81,6 +82,8 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         poses, names = known_poses(*read), tuple(photo.name for photo in read[1])
         came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))
         context.log(f"poses of {len(names)} photos from {came}; {len(facts) - len(names)} photos have none, left out")
+    if found.left_out:
+        context.log(f"{len(found.left_out)} photos lie elsewhere and were left out, the first is {found.left_out[0]}")
     if found.ignored:
         context.log(f"{found.ignored} files beside the photos are no photos and were ignored")
     capture = Capture(
@@ -103,7 +106,12 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     if held_out:
         context.output("capture").attributes["test_names"] = [*held_out]
         context.log(f"{len(held_out)} photos are test views by the files of poses; the stage hold_out keeps to that")
-    context.record(photos=len(names), ignored_files=found.ignored, without_pose=len(facts) - len(names))
+    context.record(
+        photos=len(names),
+        ignored_files=found.ignored,
+        without_pose=len(facts) - len(names),
+        left_out=len(found.left_out),
+    )
 
 
 def facts_of(context: Context, found: PhotoFolder, posed: bool) -> dict[str, PhotoFacts]:

@@ -54,7 +54,7 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
     recovery = recovered(gaussians, originals, parameters.seed)
     if recovery is None:
         raise UserError(
-            "nothing of what was published is recognised in it",
+            "not known as yours: nothing of what was published is recognised in it",
             where=str(found.path),
             found=f"{len(gaussians)} Gaussians, of which too few are among the {len(originals)} published",
             expected="the published container, moved, pruned or with other features, and ten of its Gaussians at least",

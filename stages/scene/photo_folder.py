@@ -33,10 +33,14 @@ LARGEST_SIDE = 1_000_000
 
 @dataclass(frozen=True)
 class PhotoFolder:
-    """The photos of a folder by file name, sorted, and how many other files lie beside them."""
+    """The photos of a folder by file name, sorted, and how many other files lie beside them.
+
+    `left_out`: photos that lie in another place where they could have been looked for, such as a preview beside images.
+    """
 
     photos: dict[str, Path]
     ignored: int
+    left_out: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ class PhotoFacts:
 
 
 def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
-    """The photos of `folder`, or of the first of its `SUBFOLDERS` with any where it has none itself.
+    """The photos of `folder`, or of the first of its `SUBFOLDERS` with any where that has more than it has itself.
 
     Where neither has any, those in the folders below one of the `SUBFOLDERS`, at any depth: of the cameras of a rig, or
     of a phone. The folders are then in the names: `left/0001.jpg` is `left_0001.jpg`. With `images`, all of this of the
@@ -69,11 +73,14 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
             expected="a folder of that name (parameter images)",
         )
     own = [folder / name for name in (SUBFOLDERS if images is None else (images,)) if (folder / name).is_dir()]
-    for place in (folder, *own) if images is None else own:
-        files = sorted(file for file in place.iterdir() if file.is_file())
-        photos = [file for file in files if _is_photo(file)]
-        if photos:
-            return PhotoFolder(_named(place, photos), len(files) - len(photos))
+    beside = {place: _photos_in(place) for place in ((folder,) if images is None else ())}
+    inside = {place: photos for place in own if (photos := _photos_in(place))}
+    found = beside | dict(list(inside.items())[:1])
+    place = max(found, key=lambda place: len(found[place]), default=folder)
+    if found.get(place):
+        files = sum(file.is_file() for file in place.iterdir())
+        left_out = tuple(photo for other in found if other != place for photo in found[other])
+        return PhotoFolder(_named(place, found[place]), files - len(found[place]), left_out)
     for place in own:
         files = _files_below(place)
         photos = [file for file in files if _is_photo(file)]
@@ -88,6 +95,10 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
         remedy=f"Those of several folders, such as the cameras of a rig, are taken if the folders lie in one called "
         f"{SUBFOLDERS[0]}; of one of them alone if the parameter images names it.",
     )
+
+
+def _photos_in(place: Path) -> list[Path]:
+    return sorted(file for file in place.iterdir() if file.is_file() and _is_photo(file))
 
 
 def _files_below(place: Path) -> list[Path]:

@@ -21,12 +21,20 @@ CHOOSE_ANOTHER = "Choose one that was photographed from all the sides from which
 OVERLAP = "More overlap between photos, or a larger matching_size, places more."
 
 
-def photos_without_poses(finished: Finished) -> tuple[Remark, ...]:
-    """Of `photos`: poses came with some of the photos only."""
-    kept, left = (int(str(finished.facts[fact])) for fact in ("photos", "without_pose"))
-    if not left:
-        return ()
-    return (Remark(f"{kept} of {kept + left} photos came with a pose; the others are left out."),)
+def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
+    """Of `photos`: poses came with some of the photos only; or some lie in another place than most."""
+    kept, left, elsewhere = (int(str(finished.facts.get(fact, 0))) for fact in ("photos", "without_pose", "left_out"))
+    remarks = []
+    if left:
+        remarks.append(Remark(f"{kept} of {kept + left} photos came with a pose; the others are left out."))
+    if elsewhere:
+        remarks.append(
+            Remark(
+                f"{elsewhere} more photos were left out, which lie in the folder itself or in one for photos in it, "
+                "where fewer are; the log says where."
+            )
+        )
+    return tuple(remarks)
 
 
 def photos_not_placed(finished: Finished) -> tuple[Remark, ...]:

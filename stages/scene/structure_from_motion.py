@@ -35,7 +35,7 @@ SHARES = {
 }
 """From where to where each phase takes the progress of the whole."""
 
-FEWEST_POINTS = 10
+FEWEST_PHOTOS, FEWEST_POINTS = 3, 10
 GUESSED_FOCAL_LENGTH = 1.2  # of the longer side, COLMAP's own guess where EXIF says nothing
 
 
@@ -78,9 +78,17 @@ def reconstruct(
     """The scene of a capture, its photos being at `pictures`, and how the reconstruction went.
 
     `poses` are kept and only points triangulated; None has cameras estimated. What `scratch` holds of an interrupted
-    run is used again. Raises `UserError` where fewer photos than `minimum_registered` could be placed, or hardly any
-    point, and where the process ends otherwise than it should; `Interrupted` where the watcher asks to stop.
+    run is used again. Raises `UserError` for fewer than three photos, where fewer than `minimum_registered` could be
+    placed, or hardly any point, and where the process ends otherwise than it should; `Interrupted` where the watcher
+    asks to stop.
     """
+    if len(capture.names) < FEWEST_PHOTOS:
+        raise UserError(
+            "too few photos for structure from motion",
+            found=f"{len(capture.names)} ({', '.join(capture.names)})",
+            expected=f"at least {FEWEST_PHOTOS} that overlap, for a good scene 20 to 200",
+            remedy="Give the folder of all of them to the stage photos; its parameter images names one in it.",
+        )
     folder = scratch / "reconstruction"
     folder.mkdir(parents=True, exist_ok=True)
     sizes = write_working_pictures(capture, pictures, settings.matching_size, folder, watcher)

@@ -98,6 +98,15 @@ def test_a_start_that_two_digests_share(folder: Path) -> None:
         find_artifact(digest[:8], folder)
 
 
+def test_what_an_earlier_run_made_is_to_be_had_again(workspace: Workspace) -> None:
+    """A run with a wrong folder must not look as if all were lost."""
+    workspace.write(CHAIN).run()
+    twice = 'twice: {uses: scale, in: {numbers: base}, with: {factor: "${factor}"}}'
+    workspace.write(CHAIN.replace(twice, "twice: {uses: fail, in: {numbers: base}}")).run()
+    with pytest.raises(CommandError, match=r"no artifact 'chain/sum\.total'.*failed in twice.* at once"):
+        find_artifact("chain/sum.total", workspace.folder / "store")
+
+
 def test_no_store(tmp_path: Path) -> None:
     with pytest.raises(CommandError, match="no store there"):
         find_artifact("chain/twice", tmp_path / "nowhere")

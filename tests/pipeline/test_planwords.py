@@ -41,3 +41,10 @@ def test_what_was_found_again_still_says_how_long_it_was_made(workspace: Workspa
     again = workspace.plan()["base"].result
     assert again is not None
     assert again.seconds == result.seconds > 0
+
+
+def test_a_failure_with_other_settings_is_none_of_this_plan(workspace: Workspace) -> None:
+    workspace.write("stages:\n  base: {uses: numbers}\n  bad: {uses: fail, in: {numbers: base}, with: {how: user}}")
+    workspace.run()
+    assert workspace.plan()["bad"].failed is not None
+    assert workspace.plan("bad.how=death")["bad"].failed is None

@@ -193,7 +193,7 @@ def test_foreach(workspace: Workspace) -> None:
           sum:    {uses: total, in: {numbers: scaled}}
         """)
     ran = workspace.run()
-    assert list(ran.states) == ["each[30]", "scaled[30]", "each[10]", "scaled[10]", "sum"]
+    assert list(ran.states) == ["each[30]", "each[10]", "scaled[30]", "scaled[10]", "sum"]
     np.testing.assert_array_equal(ran.values("scaled[10]"), [20.0])
     np.testing.assert_array_equal(ran.values("sum", "total"), [60.0, 20.0])
     more = workspace.run("firsts=[30, 20, 10]")
@@ -214,6 +214,18 @@ def test_what_closes_a_row_is_done_before_the_next_row_begins(workspace: Workspa
     rows = ["train[30]", "scores[30]", "train[10]", "scores[10]"]
     assert list(workspace.run().states) == ["base[30]", "base[10]", *rows, "table"]
     assert list(workspace.run("train.factor=7", stages=["scores"]).states) == ["base[30]", "base[10]", *rows]
+
+
+def test_all_files_from_outside_are_read_before_anything_long(workspace: Workspace) -> None:
+    """A folder that holds no photos shows at once, not after the training of the cover."""
+    workspace.write("""
+        stages:
+          cover:   {uses: numbers}
+          train:   {uses: scale, in: {numbers: cover}}
+          message: {uses: numbers, with: {first: 7}}
+          hide:    {uses: total, in: {numbers: [train, message]}}
+        """)
+    assert [*workspace.run().states] == ["cover", "message", "train", "hide"]
 
 
 def test_lineage_is_the_way_to_the_inputs(workspace: Workspace) -> None:

@@ -14,6 +14,7 @@ from pipeline.stage import Services, run_stage
 from stages.imaging.pictures import read_picture
 from stages.photos import PhotosParameters, photos
 from stages.scene.capture import picture_path, read_capture
+from stages.scene.photo_folder import find_photos
 from tests.stages.scene.test_colmap import QUATERNION, TRANSLATION, write_binary_model
 from tests.stages.scene.test_transforms import MATRIX
 
@@ -144,6 +145,22 @@ def test_folders_beside_photos_are_left_alone(tmp_path: Path) -> None:
     for path in ("images/a.jpg", "images/small/a.jpg"):
         take(tmp_path / "scan" / path)
     assert read_capture(capture(tmp_path / "scan", tmp_path / "out")).names == ("a.jpg",)
+
+
+@pytest.mark.parametrize(
+    ("beside", "inside", "expected"),
+    [(1, 3, "inside"), (3, 1, "beside"), (2, 2, "beside"), (0, 1, "inside")],
+)
+def test_a_preview_beside_the_photos_is_not_the_capture(
+    tmp_path: Path, beside: int, inside: int, expected: str
+) -> None:
+    counts = {"beside": beside, "inside": inside}
+    for place, folder in (("beside", tmp_path / "scan"), ("inside", tmp_path / "scan" / "images")):
+        for number in range(counts[place]):
+            take(folder / f"{place}{number}.jpg")
+    names = read_capture(capture(tmp_path / "scan", tmp_path / "out")).names
+    assert names == tuple(f"{expected}{number}.jpg" for number in range(counts[expected]))
+    assert len(find_photos(tmp_path / "scan").left_out) == sum(counts.values()) - counts[expected]
 
 
 def test_photos_that_folders_give_the_same_name_are_refused(tmp_path: Path) -> None:

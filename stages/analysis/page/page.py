@@ -165,7 +165,7 @@ def _page(
 def _remark(rows: Sequence[MetricRow]) -> str:
     if not rows or any(row.quantity.startswith("lpips") and not math.isnan(row.value) for row in rows):
         return ""
-    return f"LPIPS was not measured: its weights were not installed. {HOW_TO_INSTALL}"
+    return f"LPIPS was not measured. Where its weights are missing: {HOW_TO_INSTALL}"
 
 
 def _chart(title: str, curves: Sequence[MetricRow], quantity: str, logarithmic: bool = False) -> Chart | None:

@@ -10,7 +10,7 @@ import pytest
 from pipeline.artifact import Artifact, create, load
 from pipeline.canonical import Json
 from pipeline.stage import Finished, Remark
-from stages.scene.remarks import message_hardly_seen, photos_not_placed, photos_without_poses
+from stages.scene.remarks import message_hardly_seen, photos_left_out, photos_not_placed
 
 
 def artifact(path: Path, kind: str, **attributes: Json) -> Artifact:
@@ -40,9 +40,14 @@ def test_nothing_is_said_where_all_are_placed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("left", "said"), [(0, ()), (10, ("15 of 25 photos came with a pose; the others",))])
 def test_photos_without_poses(left: int, said: tuple[str, ...]) -> None:
-    remarks: tuple[Remark, ...] = photos_without_poses(finished({}, {}, photos=15, without_pose=left))
+    remarks: tuple[Remark, ...] = photos_left_out(finished({}, {}, photos=15, without_pose=left))
     assert len(remarks) == len(said)
     assert all(remark.text.startswith(text) for remark, text in zip(remarks, said, strict=True))
+
+
+def test_photos_in_another_place() -> None:
+    (remark,) = photos_left_out(finished({}, {}, photos=22, without_pose=0, left_out=1))
+    assert remark.text.startswith("1 more photos were left out")
 
 
 @pytest.mark.parametrize(

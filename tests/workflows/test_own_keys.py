@@ -1,0 +1,49 @@
+"""Containers that hide what is an owner's have a key each: a secret that is handed on reads one container."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.graph import Node
+from pipeline.project import open_project
+
+WORKFLOWS = Path(__file__).parents[2] / "workflows"
+FOR_OWNERS = {
+    "hide_photos": ("cover", "message"),
+    "hide_edits": ("cover",),
+    "hide_splats": ("cover", "message"),
+    "trace_pictures": ("cover", "pictures"),
+    "batch_pairs": (),
+}
+MAKE_CONTAINERS = {"hide_scenes", "add_grain"}
+
+
+def nodes(tmp_path: Path, workflow: str) -> dict[str, Node]:
+    for name in ("one", "two", "three"):
+        (tmp_path / name).mkdir(exist_ok=True)
+        (tmp_path / name / "a.jpg").write_bytes(b"1")
+    settings = [f"{variable}={tmp_path / 'one'}" for variable in FOR_OWNERS[workflow]]
+    if workflow == "batch_pairs":
+        pairs = [f"{{cover: {tmp_path}/{cover}, message: {tmp_path}/three}}" for cover in ("one", "two")]
+        settings = [f"pairs=[{', '.join(pairs)}]"]
+    return dict(open_project(WORKFLOWS / f"{workflow}.yaml", tmp_path / "store", settings).graph.nodes)
+
+
+@pytest.mark.parametrize("workflow", FOR_OWNERS)
+def test_a_key_depends_on_all_that_its_container_holds(tmp_path: Path, workflow: str) -> None:
+    found = nodes(tmp_path, workflow)
+    makers = [node for node in found.values() if node.uses in MAKE_CONTAINERS]
+    assert makers
+    for maker in makers:
+        (key,) = maker.sources["key"]
+        held = {source for name in ("cover", "messages") for source in maker.sources.get(name, ())}
+        if maker.uses == "add_grain":
+            held = {*maker.sources["container"]}
+        assert held <= {*found[key.node].sources["container_of"]}
+
+
+def test_pairs_of_a_batch_have_a_key_each(tmp_path: Path) -> None:
+    makers = [node for node in nodes(tmp_path, "batch_pairs").values() if node.uses == "hide_scenes"]
+    assert len({maker.sources["key"] for maker in makers}) == len(makers) == 2
