@@ -141,7 +141,18 @@ class _Collector:
         self.wanted = frozenset(wanted)
         if self.young.actions or self.young.objects:
             self.remarks.append("what was put within a day: a run on another machine may be about to use it")
-        return self.with_what_made(self.linked(), wanted & self.records.keys())
+        return self.with_what_made(self.linked(), wanted & self.records.keys()) | self.irreplaceable()
+
+    def irreplaceable(self) -> set[str]:
+        """What nothing can make again, such as keys, without what it was made from: what depends on it can be made."""
+        found = {
+            key
+            for key, record in self.records.items()
+            if record.unrepeatable and record.workflow not in self.rules.forgotten
+        }
+        if found:
+            self.remarks.append(f"{len(found)} that cannot be made again, such as keys: what was made with them can be")
+        return found
 
     def of_workflow(self, workflow: str) -> set[str]:
         """Keys that the last runs of a workflow used, and those of the last results of their stages."""

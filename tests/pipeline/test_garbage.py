@@ -37,6 +37,27 @@ def test_the_last_runs_stay_and_older_ones_go(chain: Workspace) -> None:
     assert collected(chain, keep_last=2).size == 0, "there is nothing left to delete"
 
 
+def test_what_cannot_be_made_again_stays(workspace: Workspace) -> None:
+    """A key of a scene that was hidden long ago: with it a run makes the same container again, to the last bit."""
+    workspace.write("""
+        name: hides
+        stages:
+          cover: {uses: numbers}
+          key:   {uses: draw, in: {of: cover}}
+          hide:  {uses: scale, in: {numbers: key}}
+        """)
+    first = workspace.run()
+    for number in range(7, 11):
+        workspace.run(f"cover.first={number}")
+    collected(workspace, keep_last=1)
+    assert_sound(store_of(workspace))
+    again = workspace.run()
+    assert again.states == {"cover": "ran", "key": "cached", "hide": "ran"}
+    assert again.ended["hide"].outputs == first.ended["hide"].outputs
+    collected(workspace, keep_last=1, forgotten=frozenset({"hides"}))
+    assert not store_of(workspace).actions
+
+
 def test_a_dry_run_deletes_nothing(chain: Workspace) -> None:
     chain.run("factor=2")
     chain.run("factor=3")

@@ -156,7 +156,7 @@ def test_to_say_so_changes_no_key(tmp_path: Path) -> None:
     from pipeline.fingerprint import read_module
 
     text = (Path(__file__).parent / "toys/draw.py").read_text()
-    note = ", unrepeatable=lambda given: given.seed is None"
+    note = "    unrepeatable=lambda given: given.seed is None,\n"
     assert note in text
     files = [tmp_path / name for name in ("with.py", "without.py", "other.py")]
     for file, content in zip(

@@ -1,4 +1,4 @@
-"""Draws numbers that nobody can draw again, unless there is a seed."""
+"""Draws numbers that nobody can draw again, unless there is a seed; others for others that are given."""
 
 from __future__ import annotations
 
@@ -7,14 +7,19 @@ import secrets
 import numpy as np
 from pydantic import Field
 
-from pipeline.stage import Context, Output, Parameters, stage
+from pipeline.stage import Context, Input, Output, Parameters, stage
 
 
 class DrawParameters(Parameters):
     seed: int | None = Field(None, description="Makes it repeatable.")
 
 
-@stage(inputs={}, outputs={"numbers": Output("numbers")}, version=1, unrepeatable=lambda given: given.seed is None)
+@stage(
+    inputs={"of": Input("numbers", many=True, optional=True)},
+    outputs={"numbers": Output("numbers")},
+    version=1,
+    unrepeatable=lambda given: given.seed is None,
+)
 def draw(context: Context, parameters: DrawParameters) -> None:
     seed = secrets.randbits(64) if parameters.seed is None else parameters.seed
     context.output("numbers").write("values", np.random.default_rng(seed).random(3))
