@@ -70,11 +70,6 @@ class DetectWatermarkParameters(Parameters):
         description="Who looks for it: the decoder of a codec, as in the paper; or the owner of a container with "
         "grain, who has the container from before, and the key or the seed by which the coins fell.",
     )
-    in_corners: bool = Field(
-        False,
-        description="Whether a picture counts as marked only where each of its four corners, windows of three quarters "
-        "of its sides, shows the watermark, too: for decoders that decide by whole pictures.",
-    )
     grain_seed: int = Field(0, ge=0, description="That of add_grain, where there is no key.")
     renders: int = Field(
         400,
@@ -165,8 +160,7 @@ def _detector(
                 found="no codec among the inputs, and reader: decoder",
                 remedy="give detect_watermark the input codec, or set reader: grain for a container with grain",
             )
-        shows = shown_by_decoder(read_codec(codec))
-        return Detector(shows, watermark, seen=seen, in_corners=parameters.in_corners)
+        return Detector(shown_by_decoder(read_codec(codec)), watermark, seen=seen)
     reader = owners_reader(context.input("before"), scene, context.input_optional("key"), parameters.grain_seed)
     return Detector(shown_by_grain(reader, watermark), watermark, FOUND_SHARE, seen)
 

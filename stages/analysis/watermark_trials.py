@@ -21,7 +21,6 @@ from stages.analysis.measurements import Measurement
 from stages.imaging.distortions import DISTORTIONS, Distortion
 from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture
 from stages.imaging.psnr import psnr
-from stages.imaging.windows import corners
 
 Shows = Callable[[Picture], Float[Tensor, "H W 3"]]
 """What a reader of the watermark makes of an 8-bit picture with even sides, of its size, in [0, 1]."""
@@ -32,9 +31,6 @@ PSNR_WATERMARK, PSNR_BLACK, BRIGHTNESS = "psnr_watermark", "psnr_black", "bright
 HIGHEST_THRESHOLD = 0.9
 """A decoder that is sure of every render would set a threshold that no other picture reaches, be it a cropped render,
 whose watermark is a little blurred; what explains nine tenths of the watermark counts as one, whatever renders show."""
-
-CORNER, DOUBTED_FROM = 0.75, 0.5
-"""Of the sides of a picture in the windows in its corners, and of the watermark in the whole, for them to be read."""
 
 THRESHOLD, DETECTED, TRIALS = "threshold", "detected", "trials"
 FALSE_POSITIVES, BOUND, BOUND_BY_SCENE, SCENES = "false_positives", "upper_bound", "upper_bound_by_scene", "scenes"
@@ -56,7 +52,7 @@ RENDERS, CLEAN_CHANNEL, EVERY_NEGATIVE = "renders", "clean channel", "all withou
 
 @dataclass(frozen=True)
 class Shown:
-    """What the decoder shows of one picture: the share of W_cop by which it is judged, and figures of the whole."""
+    """What the decoder shows of one picture: the share of W_cop that it explains, and figures of it."""
 
     share: float
     psnr_watermark: float
@@ -79,24 +75,12 @@ class Detector:
     A reader that knows what chance explains has a threshold of its own, `own_share` of the watermark, and finds what
     its owner would; the paper's decoder knows nothing of that, and renders set its threshold.
 
-    `in_corners`: a picture is judged by the least that is seen in it or in any of its four corners, each of which is
-    read like a picture. A decoder that decides by whole pictures decides about each of them anew: what resembles a mark
-    in one picture seldom does in all five, and a mark is everywhere. (Where the whole shows less than half of the
-    watermark, nothing else is read.)
-
     `seen` is all that was seen so far, in the order of the looks. Where some of it is given, the first looks are those
     from before, and their pictures are not looked at again.
     """
 
-    def __init__(
-        self,
-        shows: Shows,
-        watermark: Picture,
-        own_share: float | None = None,
-        seen: Sequence[Shown] = (),
-        in_corners: bool = False,
-    ):
-        self.shows, self.watermark, self.own_share, self.in_corners = shows, watermark, own_share, in_corners
+    def __init__(self, shows: Shows, watermark: Picture, own_share: float | None = None, seen: Sequence[Shown] = ()):
+        self.shows, self.watermark, self.own_share = shows, watermark, own_share
         self.seen, self._looks = [*seen], 0
 
     def look(self, picture: Picture) -> Shown:
@@ -109,18 +93,12 @@ class Detector:
     def _look(self, picture: Picture) -> Shown:
         found = self.shows(picture)
         wanted = stretched(self.watermark, picture)
-        share = explained_share(found.clamp(0, 1), wanted)
-        if self.in_corners and share >= DOUBTED_FROM:
-            share = min(share, *(self._share(corner) for corner in corners(picture, CORNER)))
         return Shown(
-            share,
+            explained_share(found.clamp(0, 1), wanted),
             psnr(found, wanted),
             psnr(found, torch.zeros_like(found)),
             float(found.clamp(0, 1).mean()),
         )
-
-    def _share(self, picture: Picture) -> float:
-        return explained_share(self.shows(picture).clamp(0, 1), stretched(self.watermark, picture))
 
 
 def stretched(watermark: Picture, picture: Picture) -> Float[Tensor, "H W 3"]:

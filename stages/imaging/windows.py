@@ -1,4 +1,4 @@
-"""Windows cut out of pictures: at random places and sizes, many of one size out of few photos; or the corners."""
+"""Windows cut out of photos at random places and sizes: many pictures of one size out of few photos."""
 
 from __future__ import annotations
 
@@ -19,16 +19,3 @@ def random_window(picture: Picture, width: int, height: int, generator: np.rando
     left = int(generator.integers(picture.shape[1] - across + 1))
     top = int(generator.integers(picture.shape[0] - down + 1))
     return resize_picture(picture[top : top + down, left : left + across], width, height)
-
-
-def corners(picture: Picture, share: float) -> list[Picture]:
-    """The four windows in the picture's corners, of this share of its sides, rounded down to even numbers of pixels.
-
-    >>> [corner[0, 0].tolist() for corner in corners(np.indices((8, 12)).transpose(1, 2, 0), 0.5)]
-    [[0, 0], [0, 6], [4, 0], [4, 6]]
-    """
-    height, width = picture.shape[:2]
-    down, across = (int(share * side) // 2 * 2 for side in (height, width))
-    return [
-        picture[top : top + down, left : left + across] for top in (0, height - down) for left in (0, width - across)
-    ]

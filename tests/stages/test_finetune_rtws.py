@@ -236,21 +236,6 @@ def test_a_threshold_that_is_known_is_kept_whatever_renders_reach(own_share: flo
     assert values[THRESHOLD, CLEAN_CHANNEL] == (own_share or pytest.approx(0.7975))
 
 
-@pytest.mark.parametrize(("shown_from", "share"), [(0, 1), (7, 0.75)])
-def test_what_one_corner_does_not_show_is_no_mark(shown_from: int, share: float) -> None:
-    """A reader that takes all pictures for marked but those that are dark at the left."""
-    watermark = np.full((8, 12, 3), 200, np.uint8)
-    picture = np.zeros((8, 12, 3), np.uint8)
-    picture[:, 8:] = 255
-
-    def shows(picture: np.ndarray) -> torch.Tensor:
-        bright = picture[..., 0].mean() / 255 >= shown_from / 24
-        return torch.full(picture.shape, (200 if bright else 100) / 255)
-
-    assert Detector(shows, watermark).look(picture).share == pytest.approx(1)
-    assert Detector(shows, watermark, in_corners=True).look(picture).share == pytest.approx(share)
-
-
 def test_a_decoder_is_asked_for_where_one_is_to_read(tmp_path: Path, inputs: Inputs) -> None:
     given = {name: inputs[name] for name in ("cover", "watermark")}
     given |= {"container": small.splats(tmp_path / "marked", "container"), "before": inputs["container"]}
