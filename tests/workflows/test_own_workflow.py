@@ -1,0 +1,22 @@
+"""The workflow that `workflows/README.md` shows to who writes one is a workflow."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from pathlib import Path
+
+from pipeline.project import open_project
+from tests.stages.test_photos import take
+
+WORKFLOWS = Path(__file__).parents[2] / "workflows"
+
+
+def test_the_example_is_whole(tmp_path: Path) -> None:
+    text = (WORKFLOWS / "README.md").read_text()
+    (example,) = re.findall(r"^    name: .*?(?=^\S)", text, re.MULTILINE | re.DOTALL)
+    file = tmp_path / "marked.yaml"
+    file.write_text(textwrap.dedent(example))
+    take(tmp_path / "photos" / "a.jpg")
+    project = open_project(file, tmp_path / "store", [f"photos={tmp_path / 'photos'}"])
+    assert len(project.graph.nodes) == example.count("uses:")
