@@ -92,7 +92,7 @@ class Rows:
 def expand(key: str, located: Located, problems: Problems, wanted: Sequence[str] = ()) -> Rows | None:
     """The rows of a `foreach` or a `matrix`; None, with every reason among `problems`, where it has none.
 
-    `wanted` are the columns that a table is to have.
+    `wanted` are the columns that a table, or rows given one by one, are to have.
     """
     before = len(problems)
     values = _combinations(located, problems) if key == "matrix" else _foreach(located, problems, wanted)
@@ -110,7 +110,7 @@ def _foreach(located: Located, problems: Problems, wanted: Sequence[str]) -> Seq
         table = read_table(located.base / located.value, located.place, problems, wanted)
         return None if table is None else _listed("foreach", table, problems)
     if isinstance(located.value, tuple) and located.value:
-        return _listed("foreach", located.value, problems)
+        return _listed("foreach", located.value, problems, wanted)
     if isinstance(located.value, Mapping) and located.value:
         return _walked_together(located, problems)
     problems.add(located.place, f"foreach is {located.found}; expected lists such as {EXAMPLE}")
@@ -178,8 +178,10 @@ def _columns(
     return columns if len(problems) == before else None
 
 
-def _listed(key: str, rows: Sequence[Located], problems: Problems) -> list[Mapping[str, Located]]:
-    """Rows given one by one, all with the names of the first."""
+def _listed(
+    key: str, rows: Sequence[Located], problems: Problems, wanted: Sequence[str] = ()
+) -> list[Mapping[str, Located]]:
+    """Rows given one by one, all with the names of the first, and with those that are `wanted`."""
     listed: list[Mapping[str, Located]] = []
     for row in rows:
         if not isinstance(row.value, Mapping) or not row.value:
@@ -193,9 +195,12 @@ def _listed(key: str, rows: Sequence[Located], problems: Problems) -> list[Mappi
             elif name not in names:
                 message = f"this row has {name!r}, which the first has not; it has {', '.join(names)}"
                 problems.add(row.keys.get(name, row.place), f"{message}{nearest(name, names)}")
-        lacking = [name for name in names if name not in row.value]
+        expected_names = dict.fromkeys([*names, *wanted])
+        lacking = [name for name in expected_names if name not in row.value]
         if lacking:
-            problems.add(row.place, f"this row has no {', '.join(lacking)}; expected all of {', '.join(names)}")
+            problems.add(
+                row.place, f"this row has no {', '.join(lacking)}; expected all of {', '.join(expected_names)}"
+            )
         listed.append(row.value)
     return listed
 

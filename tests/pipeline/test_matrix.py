@@ -235,3 +235,19 @@ def test_stages_of_the_same_rows_go_row_by_row(
     texts = [str(row[used]).lower() if isinstance(row[used], bool) else str(row[used]) for row in rows]
     assert taken == [f"n{text}" for text in texts]
     assert [dict(label.values) for label in nodes["all"].labels["numbers"]] == rows
+
+
+def test_columns_that_rows_of_a_setting_lack_are_told_once(workspace: Workspace) -> None:
+    """Not once for every place that takes one."""
+    workspace.write("""
+        vars:
+          rows:
+            - {first: 1, count: 2, factor: 3}
+        stages:
+          base:  {foreach: "${rows}", uses: numbers, with: {first: "${item.first}", count: "${item.count}"}}
+          twice: {foreach: "${rows}", uses: scale, in: {numbers: base}, with: {factor: "${item.factor}"}}
+        """)
+    assert workspace.problems() == []
+    assert workspace.problems("rows=[{first: 1}]") == [
+        "--set rows: this row has no count, factor; expected all of first, count, factor"
+    ]
