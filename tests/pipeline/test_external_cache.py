@@ -254,7 +254,7 @@ def test_a_folder_that_the_store_lies_in_is_refused(tmp_path: Path, inside: str)
     (tmp_path / "link").symlink_to("photos")
     store = Store(tmp_path / "photos" / inside / "store")
     for path in (tmp_path / "photos", tmp_path / "link"):
-        with pytest.raises(UserError, match="holds the store, which changes .*Have the store elsewhere, with --store"):
+        with pytest.raises(UserError, match=r"holds the store, which changes .*Have the store elsewhere, with --store"):
             ExternalCache(store).digest(path)
     made = store.root / "latest"
     made.mkdir(parents=True)
