@@ -135,11 +135,8 @@ def perform(job: Job, tell: Tell) -> Outcome:
     """Does the action of `job`, unless it is done already or all is to stop."""
     try:
         return _perform(job, tell)
-    except (
-        OSError,
-        PipelineError,
-    ) as error:  # beside the stage: no lock, no log, a `gc` at work
-        return Outcome("failed", cause=_cause(error, job.store))
+    except (OSError, PipelineError) as error:  # beside the stage: no lock, no log, no input fetched, a `gc` at work
+        return Outcome("failed", cause=_cause(error, job.store), transient=isinstance(error, TransientError))
 
 
 def _perform(job: Job, tell: Tell) -> Outcome:

@@ -67,14 +67,15 @@ def work_together(
 
 
 def _start(module: str, job: Path, ends: ExitStack) -> subprocess.Popen[bytes]:
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    given = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))  # an empty one is the current folder
+    paths = [str(ROOT), *(str(Path(path).absolute()) for path in given)]
     log = ends.enter_context(job.with_suffix(".log").open("wb"))
     companion = subprocess.Popen(
-        [sys.executable, "-m", module, str(job)],
+        [sys.executable, "-P", "-m", module, str(job)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=log,
-        env=environment,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
         start_new_session=True,  # Ctrl-C reaches the engine, which asks to stop
     )
 

@@ -6,7 +6,6 @@ What it is made of (names, shapes, types, sizes) is.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.artifact import Artifact
 from pipeline.canonical import Json
+from pipeline.disk import parse_json
 from pipeline.manifest import ARRAYS
 from pipeline.naming import names_of
 from pipeline.record import Record, newest_makers
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 TEXTS = (".txt", ".md", ".json", ".csv", ".yaml", ".yml", ".log")
 TABLES = (".jsonl",)
+DEEPEST = 20  # levels of what a cell of a table holds
 LONGEST_TEXT = 4 * 1024 * 1024  # bytes of a file that is shown; a longer one is named only
 
 
@@ -185,12 +186,18 @@ def _file(artifact: Artifact, name: str, told: bool) -> FileDescription:
 
 
 def _rows(lines: list[str]) -> tuple[Mapping[str, Json], ...] | None:
-    """The rows of a table, an object a line; None where it is none."""
+    """The rows of a table, an object a line; None where it is none, or nested so deeply that it is no table."""
     try:
-        rows = [json.loads(line) for line in lines if line.strip()]
+        rows = [parse_json(line) for line in lines if line.strip()]
     except ValueError:
         return None
-    return tuple(rows) if all(isinstance(row, dict) for row in rows) else None
+    return tuple(rows) if all(isinstance(row, dict) and not _is_deeper(row, DEEPEST) for row in rows) else None
+
+
+def _is_deeper(value: Json, levels: int) -> bool:
+    """Whether a value has more levels than so many of lists and mappings."""
+    items = value.values() if isinstance(value, dict) else value if isinstance(value, list) else None
+    return items is not None and (levels == 0 or any(_is_deeper(item, levels - 1) for item in items))
 
 
 def _origin(artifact: Artifact, store: Store, told: bool) -> Origin | None:

@@ -28,7 +28,7 @@ def read_plain_file(path: Path) -> bytes:
         return file.read()
 
 
-def parse_json(data: bytes) -> Any:
+def parse_json(data: bytes | str) -> Any:
     """What `data` says. Raises ValueError for what is no JSON, nested so deeply that it cannot be read included."""
     try:
         return json.loads(data)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import takewhile
@@ -53,10 +54,12 @@ def is_there(path: str | Path) -> bool:
 
 
 def contents_of(path: Path, digest_file: Callable[[Path], str] = digest_of_file) -> Contents:
-    """What is at `path`; links are followed. Raises UserError for what cannot be read."""
+    """What is at `path`; links are followed. Raises UserError for what cannot be read, or would be waited for."""
     try:
         if path.is_dir():
             return Contents(True, {file.relative_to(path).as_posix(): digest_file(file) for file in _files_under(path)})
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise UserError("is neither a file nor a folder", where=path, remedy="Copy what it gives into a file.")
         return Contents(False, {path.name: digest_file(path)})
     except OSError as error:
         raise UserError("cannot be read", where=error.filename or path, found=error.strerror) from error

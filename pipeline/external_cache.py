@@ -19,7 +19,7 @@ from hashlib import file_digest, sha256
 from pathlib import Path
 
 from pipeline.errors import UserError
-from pipeline.external import Contents, contents_of
+from pipeline.external import Contents, contents_of, resolved
 from pipeline.look import Look, is_settled, look_of
 from pipeline.sealed import read_sealed, sealed, write_text_whole
 from pipeline.store import Store
@@ -36,7 +36,17 @@ class ExternalCache:
         self._store = store
 
     def digest(self, path: Path) -> str:
-        """The digest of a file or folder, as `Contents` has it. Raises UserError for what cannot be read."""
+        """The digest of a file or folder, as `Contents` has it. Raises UserError for what cannot be read.
+
+        So it does for a folder that the store lies in: every run would find it changed, and stages read their results.
+        """
+        if resolved(self._store.root).is_relative_to(resolved(path)):
+            raise UserError(
+                "holds the store, which changes while stages run",
+                where=path,
+                found=self._store.root,
+                remedy="Have the store elsewhere, with --store, or give a folder without it.",
+            )
         place = self._store.root / "cache" / "external" / f"{sha256(os.fsencode(path)).hexdigest()}.json"
         before, after = _read_memory(place), Memory()
         contents = contents_of(path, lambda file: _digest(file, before, after))

@@ -14,7 +14,7 @@ from pipeline.external import is_there
 from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
 from pipeline.located import Problems
-from pipeline.outside_paths import absolute
+from pipeline.outside_paths import absolute, check_there
 from pipeline.resources import amount
 from pipeline.stage import Input
 from pipeline.workflow import Entry, Instance, Reference, Workflow
@@ -192,7 +192,8 @@ class _Builder:
             return None
         sources = self.sources(entry, instance, index, declaration)
         arguments = self.arguments(instance, declaration)
-        self.check_paths(instance, arguments, declaration)
+        paths = {name: path for name, path in instance.parameters.items() if name in declaration.external}
+        there = [check_there(name, path, self.problems) for name, path in paths.items()]  # whatever else is wrong
         completed = self.completed(entry, instance, arguments)
         if completed is None:
             return None
@@ -211,7 +212,7 @@ class _Builder:
             without_failed=instance.without_failed,
             arguments=arguments,
             parameters=completed.parameters,
-            external=self.external(entry, instance, completed),
+            external=self.external(entry, instance, completed) if all(there) else {},
             code=code,
             private=instance.private,
             resources={**declaration.resources, **self.resources(instance)},
@@ -378,19 +379,10 @@ class _Builder:
             digests[name] = tuple(self.digest(Path(path), name, place) for path in paths)
         return digests
 
-    def check_paths(self, instance: Instance, arguments: Mapping[str, Json], declaration: Declaration) -> None:
-        """Reports paths that lead nowhere, also where other parameters are wrong."""
-        for name in declaration.external:
-            value = arguments.get(name)
-            for path in value if isinstance(value, list) else [value]:
-                if isinstance(path, str) and not is_there(path):
-                    message = f"parameter {name!r}: there is no file or folder {path!r}"
-                    self.problems.add(instance.parameters[name].place, message)
-
     def digest(self, path: Path, name: str, place: Place) -> str:
         if str(path) not in self.digests:
             if not is_there(path):
-                return ""  # check_paths has said so
+                return ""  # a default that leads nowhere
             try:
                 self.digests[str(path)] = self.outside.digest(path)
             except UserError as error:

@@ -57,7 +57,9 @@ class LiveTable:
         self._failed: dict[str, StageEnded] = {}
         self._remarks: list[Remarked] = []
         self._last: deque[str] = deque(maxlen=LAST_ENDED)
-        self._changing = threading.Lock()  # the table is drawn by a thread of its own
+        self._changing = threading.RLock()  # the table is drawn by a thread of its own
+        self._taking = False
+        self._unsaid: deque[Text] = deque()
         self._live = Live(
             console=console, get_renderable=self.table, refresh_per_second=REFRESHES, transient=True, screen=False
         )
@@ -76,10 +78,16 @@ class LiveTable:
             self._console.print(Text(ending(event), STYLES["failed"]))
 
     def __call__(self, event: Event) -> None:
-        with self._changing:
-            above = self._take(event)
-        if above:
-            self._console.print(above)
+        """Notes an event. A signal may tell another amid that, which is said later: whoever draws now waits for us."""
+        amid, self._taking = self._taking, True
+        try:
+            with self._changing:
+                above = self._take(event)
+                self._unsaid += [above] if above else []
+        finally:
+            self._taking = amid
+        while self._unsaid and not amid:
+            self._console.print(self._unsaid.popleft())
 
     def _take(self, event: Event) -> Text | None:
         """Notes an event; returns what is said about it above the table."""

@@ -1,10 +1,10 @@
-"""Paths in a workflow that lead outside the store, made absolute."""
+"""Paths in a workflow that lead outside the store, made absolute, and those that lead nowhere."""
 
 from __future__ import annotations
 
 from pipeline.canonical import Json
-from pipeline.external import from_home, resolved
-from pipeline.located import Located
+from pipeline.external import from_home, is_there, resolved
+from pipeline.located import Located, Problems
 
 
 def absolute(value: Located) -> Json:
@@ -17,3 +17,17 @@ def absolute(value: Located) -> Json:
     if isinstance(value.value, str):
         return str(resolved(value.base / from_home(value.value)))
     return value.plain
+
+
+def check_there(name: str, value: Located, problems: Problems) -> bool:
+    """Reports each path in the parameter `name` that is empty or leads nowhere; returns whether all lead somewhere.
+
+    An empty path would be the folder of the workflow itself, which nobody means who leaves one out.
+    """
+    before = len(problems)
+    for path in value.items if isinstance(value.value, tuple) else (value,):
+        if path.value == "":
+            problems.add(path.place, f"parameter {name!r}: an empty path; expected that of a file or folder")
+        elif isinstance(path.value, str) and not is_there(str(absolute(path))):
+            problems.add(path.place, f"parameter {name!r}: there is no file or folder {absolute(path)!r}")
+    return len(problems) == before

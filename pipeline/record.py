@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,8 @@ from pipeline.sealed import read_sealed
 
 RECORD = "record.json"
 KEY = re.compile(r"[0-9a-f]{64}")  # of actions, and digests of artifacts
+TOLD = {"seconds": int | float, "started": str, "versions": dict, "machine": dict, "facts": dict, "private": bool}
+"""What the provenance of every version tells, and of which type it is."""
 
 
 @dataclass(frozen=True)
@@ -76,15 +79,37 @@ def read_record(path: Path, key: str) -> Record | None:
 
     Whoever can write to a bucket can seal a record, too, and the digests in it become paths.
     """
-    content = read_sealed(path)
-    if not content or content["key"] != key or not _are_digests(content["outputs"]):
+    content = read_sealed(path) or {}
+    parts, outputs, provenance = (content.get(name) for name in ("parts", "outputs", "provenance"))
+    if content.get("key") != key or not isinstance(parts, dict) or not isinstance(outputs, dict):
         return None
-    return Record(content["key"], content["parts"], content["outputs"], content["provenance"])
+    if not all(map(_is_digest, outputs.values())) or not isinstance(provenance, dict) or not _is_told(provenance):
+        return None
+    return Record(key, parts, outputs, provenance)
 
 
-def _are_digests(outputs: object) -> bool:
-    digests = outputs.values() if isinstance(outputs, dict) else [outputs]
-    return all(isinstance(digest, str) and KEY.fullmatch(digest) for digest in digests)
+def _is_digest(value: object) -> bool:
+    return isinstance(value, str) and KEY.fullmatch(value) is not None
+
+
+def _is_told(provenance: Mapping[str, Any]) -> bool:
+    """Whether it says what others read in it, and as we do."""
+    return (
+        all(isinstance(provenance.get(name), kind) for name, kind in TOLD.items())
+        and abs(provenance["seconds"]) <= sys.float_info.max  # an integer may be larger than any number
+        and isinstance(provenance.get("commit"), str | None)
+        and _are_texts(provenance.get("from_accepted", []))
+        and isinstance(accepted := provenance.get("accepted", []), list)
+        and all(map(_is_acceptance, accepted))
+    )
+
+
+def _is_acceptance(note: object) -> bool:
+    return isinstance(note, dict) and isinstance(note.get("when"), str) and _are_texts(note.get("changes"))
+
+
+def _are_texts(values: object) -> bool:
+    return isinstance(values, list) and all(isinstance(value, str) for value in values)
 
 
 def newest_makers(records: Iterable[Record]) -> dict[str, Record]:

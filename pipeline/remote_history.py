@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from pipeline.bucket import Bucket
+from pipeline.errors import RemoteError
 from pipeline.history import History, Journal
 
 PUT_EVERY = 5.0  # seconds
@@ -58,7 +59,10 @@ class RemoteHistory(History):
 
 
 class RemoteJournal(Journal):
-    """The file of a run under way, put into the bucket when it begins, while it grows, and when it ends."""
+    """The file of a run under way, put into the bucket when it begins, while it grows, and when it ends.
+
+    A bucket that cannot be used is told when it begins; later that ends no run, and the next time all is put.
+    """
 
     def __init__(self, folder: Path, put: Callable[[Path], None], **facts: object) -> None:
         self._put = put
@@ -69,12 +73,16 @@ class RemoteJournal(Journal):
     def _write(self, content: Mapping[str, object]) -> None:
         super()._write(content)
         if time.monotonic() - self._put_at > PUT_EVERY:
-            self._put(self.path)
+            self._put_if_possible()
             self._put_at = time.monotonic()
 
     def close(self) -> None:
         super().close()
-        self._put(self.path)
+        self._put_if_possible()
+
+    def _put_if_possible(self) -> None:
+        with suppress(RemoteError, OSError):
+            self._put(self.path)
 
 
 def _is_journal(name: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from pipeline.canonical import Json
@@ -58,7 +59,7 @@ def in_short(rows: Sequence[Row], most: int) -> tuple[list[Row], str | None]:
     left_out: list[str] = []
     groups = _groups(rows, [QUANTITY, *columns])
     while len(groups) > most and columns:
-        various = max(columns, key=lambda name: len({row.get(name) for row in rows}))
+        various = max(columns, key=lambda name: len({str(row.get(name)) for row in rows}))
         columns.remove(various)
         left_out.append(various)
         groups = _groups(rows, [QUANTITY, *columns])
@@ -75,7 +76,7 @@ def _groups(rows: Sequence[Row], columns: Sequence[str]) -> list[list[Row]]:
 
 def _figures(group: Sequence[Row], columns: Sequence[str]) -> Row:
     """One row that stands for a group."""
-    values = [float(value) for row in group if _is_number(value := row[VALUE]) and isinstance(value, int | float)]
+    values = [_as_float(value) for row in group if _is_number(value := row[VALUE]) and isinstance(value, int | float)]
     figures: dict[str, Json] = {name: group[0].get(name) for name in columns}
     figures["rows"] = len(group)
     if values:
@@ -94,6 +95,14 @@ def _is_number(value: Json) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
+def _as_float(value: float) -> float:
+    """Infinite for integers beyond what a float can hold."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
 def _cell(row: Row, name: str) -> str:
     value = row.get(name)
     return "" if value is None else number_words(value) if isinstance(value, float) else in_a_line(str(value))
@@ -101,10 +110,10 @@ def _cell(row: Row, name: str) -> str:
 
 def number_words(value: float) -> str:
     """
-    >>> number_words(0.0), number_words(31000.0), number_words(16.9656), number_words(1.6e-06)
-    ('0', '31000', '16.97', '1.6e-06')
+    >>> number_words(0.0), number_words(31000.0), number_words(16.9656), number_words(1.6e-06), number_words(-math.inf)
+    ('0', '31000', '16.97', '1.6e-06', '-inf')
     """
-    return f"{value:.0f}" if value == int(value) and abs(value) < 1e9 else f"{value:.4g}"
+    return f"{value:.0f}" if abs(value) < 1e9 and value == int(value) else f"{value:.4g}"
 
 
 def size_words(size: int) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +18,15 @@ from pipeline.project import Project, open_project
 from pipeline.runner import RETRIES, Run
 
 TOYS = "tests.pipeline.toys"
+PROVENANCE: Mapping[str, object] = {
+    "started": "2026-01-01T00:00:00+00:00",
+    "seconds": 1.0,
+    "versions": {},
+    "machine": {},
+    "facts": {},
+    "private": False,
+}
+"""The least that a record tells."""
 
 
 @dataclass

@@ -58,6 +58,22 @@ def test_without_jobs_nothing_happens() -> None:
     work_together("work", MODULE, [], lambda said: pytest.fail("heard"), nothing)
 
 
+@pytest.mark.parametrize("given", [None, "", os.pathsep])
+def test_nothing_is_run_from_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str | None
+) -> None:
+    if given is None:
+        monkeypatch.delenv("PYTHONPATH", raising=False)
+    else:
+        monkeypatch.setenv("PYTHONPATH", given)
+    (tmp_path / "json.py").write_text("raise SystemExit('a file of the current folder was run')\n")
+    listed = jobs(tmp_path, {})
+    monkeypatch.chdir(tmp_path)
+    said: list[Said] = []
+    work_together("work", MODULE, listed, said.append, nothing)
+    assert said[-1]["done"]
+
+
 def test_one_that_breaks_off_is_told_and_ends_the_others(tmp_path: Path) -> None:
     processes: list[int] = []
 

@@ -196,3 +196,39 @@ def test_other_long_tables_are_cut() -> None:
 def test_figures_that_could_not_be_measured() -> None:
     rows = [{"quantity": "psnr", "value": None, "view": f"{view}"} for view in range(50)]
     assert in_short(rows, 40)[0] == [{"quantity": "psnr", "rows": 50}]
+
+
+DEEP = "[" * 500 + "]" * 500
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ('{"value": 1e999}', "inf"),
+        ('{"value": NaN}', "nan"),
+        ('{"value": -Infinity}', "-inf"),
+        (f'{{"value": {10**400}}}', "1000"),
+        ('{"value": [3, {"a": null}]}', "[3, {'a': None}]"),
+        (f'{{"value": {DEEP}}}', "[[["),
+        (f'{{"value": {DEEP * 100}}}', "[[["),
+        (f'{{"value": {"[" * 100_000}}}', "[[["),
+    ],
+)
+@pytest.mark.parametrize("others", [0, 60])
+def test_strange_tables_are_shown_all_the_same(tmp_path: Path, line: str, words: str, others: int) -> None:
+    """Some are no tables, and shown as the lines that they are."""
+    with create(tmp_path / "artifact", "things") as writer:
+        rows = [json.dumps({"quantity": "psnr", "value": 1.5, "view": number}) for number in range(others)]
+        figure = line.replace('{"value"', '{"quantity": "psnr", "value"', 1)
+        writer.write_file("measured.jsonl", "\n".join([line if not others else figure, *rows]))
+    artifact = load(tmp_path / "artifact")
+    assert words in shown(artifact, everything=True)
+    assert "measured.jsonl" in shown(artifact)
+    assert json.dumps(as_json(describe(artifact, None, reveal=False)))
+
+
+def test_a_list_among_the_texts_of_a_long_table() -> None:
+    rows = [{"quantity": "psnr", "value": 1.0, "view": ["a"] if view % 2 else f"{view}"} for view in range(50)]
+    rows += [{"quantity": "psnr", "value": 10**400, "view": "a"}]
+    ((row,), how) = in_short(rows, 4)
+    assert (row["rows"], row["least"], row["greatest"], how) == (51, 1.0, float("inf"), "51 rows in short over view")

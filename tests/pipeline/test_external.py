@@ -39,3 +39,16 @@ def test_a_link_to_a_folder_elsewhere_is_followed(tmp_path: Path) -> None:
     (tmp_path / "elsewhere" / "a.png").write_bytes(b"a")
     (tmp_path / "photos" / "images").symlink_to(tmp_path / "elsewhere")
     assert list(contents_of(tmp_path / "photos").files) == ["images/a.png"]
+
+
+def test_a_pipe_or_a_device_is_refused_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("pipe")
+    for path in (tmp_path / "pipe", tmp_path / "link", Path("/dev/zero")):
+        with pytest.raises(UserError, match=f"{path}: is neither a file nor a folder. Copy"):
+            contents_of(path)
+
+
+def test_what_is_not_there_is_told_as_that(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"cannot be read; found No such file"):
+        contents_of(tmp_path / "nowhere")

@@ -23,6 +23,7 @@ from pipeline.external import contents_of
 from pipeline.external_cache import ExternalCache
 from pipeline.look import SETTLED
 from pipeline.store import Store
+from tests.pipeline.helpers import Workspace
 
 NAMES = ["a.jpg", "b.jpg", "deep/a.jpg"]
 CONTENTS = [b"1111", b"2222", b"333"]
@@ -244,3 +245,25 @@ def test_names_that_are_no_text(photos: Photos) -> None:
     assert strange in known.files
     (listing,) = [path for path in (photos.store.root / "external").iterdir() if after in path.name]
     assert strange in json.loads(listing.read_bytes())["files"]
+
+
+@pytest.mark.parametrize("inside", [".", "deep/in/it"])
+def test_a_folder_that_the_store_lies_in_is_refused(tmp_path: Path, inside: str) -> None:
+    """What a run writes would change it for ever; a folder of a store is as good as any other."""
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "link").symlink_to("photos")
+    store = Store(tmp_path / "photos" / inside / "store")
+    for path in (tmp_path / "photos", tmp_path / "link"):
+        with pytest.raises(UserError, match=r"holds the store, which changes .*Have the store elsewhere, with --store"):
+            ExternalCache(store).digest(path)
+    made = store.root / "latest"
+    made.mkdir(parents=True)
+    (made / "a.jpg").write_bytes(b"a")
+    assert ExternalCache(store).digest(made) == contents_of(made).digest
+
+
+def test_a_workflow_is_not_planned_with_a_folder_that_the_store_lies_in(workspace: Workspace) -> None:
+    workspace.write("stages:\n  a: {uses: numbers, with: {file: .}}\n")
+    (problem,) = workspace.problems()
+    assert problem.startswith(f"2:35: parameter 'file': {workspace.folder}: holds the store")
+    assert not (workspace.folder / "store/external").exists()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
+import threading
 from pathlib import Path
 
 import pytest
-from rich.console import Console
+from rich.console import Console, RenderableType
 
 from pipeline import livetable
 from pipeline.events import Event, Noted, StageEnded, StageProgressed, StageStarted
@@ -126,3 +127,34 @@ def test_of_few_stages_each_end_is_said(clock: Clock) -> None:
         tell(display, clock, *WORK, StageEnded("hide", "ran", "5e", 61.0, {}))
     assert isinstance(on.file, io.StringIO)
     assert "hide: done in 1 min 1 s" in on.file.getvalue()
+
+
+def test_a_signal_may_tell_a_note_while_an_event_is_taken_and_the_table_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawing = threading.Event()
+
+    class Watched(LiveTable):
+        def table(self) -> RenderableType:
+            drawing.set()
+            return super().table()
+
+    on = console()
+    display = Watched(on, "w", 3)
+
+    def interrupted(event: StageEnded) -> str:
+        drawing.clear()
+        assert drawing.wait(10), "the thread that draws is at it"
+        display(Noted("stopping"))
+        return "made"
+
+    def work() -> None:
+        with display:
+            display(StageEnded("hide", "ran", "5e", 61.0, {}))
+
+    monkeypatch.setattr(livetable, "ending", interrupted)
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    thread.join(30)
+    assert not thread.is_alive(), "each waits for the other"
+    assert isinstance(on.file, io.StringIO)
+    everything = on.file.getvalue()
+    assert everything.count("stopping") == everything.count("made") == 1

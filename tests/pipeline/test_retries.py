@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections import deque
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from pipeline import runner
 from pipeline.action import Job
+from pipeline.errors import Unreachable
 from pipeline.events import Noted
 from pipeline.executor import Lost, SerialExecutor, Tell
+from pipeline.store import Store
 from tests.pipeline.helpers import Ran, Workspace
 
 
@@ -68,6 +71,24 @@ def test_transient_errors_are_tried_again_with_growing_waits(workspace: Workspac
         "a: the connection broke off; tried again in 32 s (3 of 3)",
     ]
     assert 42 <= waits.slept < 43
+
+
+def test_inputs_are_fetched_again_from_a_bucket_that_was_not_reached(
+    workspace: Workspace, waits: Waits, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workspace.write("stages:\n  a: {uses: numbers}\n  b: {uses: scale, in: {numbers: a}}\n").run(stages=["a"])
+    broken = [Unreachable("the connection broke off")]
+
+    class Far(SerialExecutor):
+        def wait(self, tell: Tell, seconds: float) -> tuple[str, object] | None:
+            with monkeypatch.context() as work:
+                if broken:
+                    work.setattr(Store, "artifact", Mock(side_effect=broken.pop()))
+                return super().wait(tell, seconds)
+
+    ran = workspace.run(executor=Far())
+    assert ran.states == {"a": "cached", "b": "ran"}
+    assert list(said(ran)) == ["b: the connection broke off; tried again in 2 s (1 of 3)"]
 
 
 def test_not_for_ever(workspace: Workspace, waits: Waits) -> None:

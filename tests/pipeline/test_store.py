@@ -14,7 +14,7 @@ from pipeline.errors import UserError
 from pipeline.external import contents_of
 from pipeline.record import Record
 from pipeline.store import Store
-from tests.pipeline.helpers import Workspace
+from tests.pipeline.helpers import PROVENANCE, Workspace
 from tests.pipeline.test_runner import CHAIN
 
 KEY = "ab" * 32
@@ -23,7 +23,7 @@ KEY = "ab" * 32
 def commit(store: Store, value: float, key: str = KEY) -> Record:
     writer = ArtifactWriter(store.temporary() / "out", "numbers")
     writer.write("values", np.full(3, value))
-    return store.commit(key, {"a": 1}, {"out": writer}, {"seconds": 1.0})
+    return store.commit(key, {"a": 1}, {"out": writer}, PROVENANCE)
 
 
 def test_the_first_of_two_results_stays(tmp_path: Path) -> None:

@@ -8,7 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from pipeline.cli import app
+from pipeline.sealed import SEAL, sealed
 from pipeline.store import Store
 from pipeline.verification import Checked, verify_store
 from tests.pipeline.helpers import Workspace
@@ -121,6 +124,42 @@ def test_an_altered_record(workspace: Workspace, change: Callable[[object], obje
     edit(store.root / "actions" / key / "record.json", change)
     (found,) = damaged(store)
     assert (found.what, found.name, found.damage) == ("record", key, "altered since it was written")
+    assert workspace.run().states["twice"] == "ran"
+    assert damaged(store) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda content: content.pop("key"),
+        lambda content: content.update(parts=[]),
+        lambda content: content.update(outputs="a" * 64),
+        lambda content: content.update(provenance=[]),
+        lambda content: content["provenance"].pop("seconds"),
+        lambda content: content["provenance"].update(seconds="1"),
+        lambda content: content["provenance"].update(seconds=10**400),
+        lambda content: content["provenance"].update(machine=[]),
+        lambda content: content["provenance"].update(commit=[]),
+        lambda content: content["provenance"].update(from_accepted=[[]]),
+        lambda content: content["provenance"].update(accepted=3),
+        lambda content: content["provenance"].update(accepted=[{"when": "today"}]),
+    ],
+)
+def test_a_sealed_record_of_another_form_is_no_record(workspace: Workspace, change: Callable[[object], object]) -> None:
+    """Nothing that reads records has to ask what is in them."""
+    ran = workspace.write(CHAIN).run()
+    store = ran.project.store
+    key = str(ran.ended["twice"].key)
+    file = store.root / "actions" / key / "record.json"
+    content = json.loads(file.read_text())
+    del content[SEAL]
+    change(content)
+    file.write_text(sealed(content))
+    (found,) = damaged(store, dry_run=True)
+    assert (found.what, found.name, found.damage) == ("record", key, "altered since it was written")
+    collected = CliRunner().invoke(app, ["gc", "--dry-run", "--keep-last", "1", "--store", str(store.root)])
+    assert "Run `verify` first, which sets damaged records aside" in collected.output
+    assert CliRunner().invoke(app, ["show", str(ran.ended["twice"].outputs["numbers"])]).exit_code == 0
     assert workspace.run().states["twice"] == "ran"
     assert damaged(store) == []
 

@@ -176,6 +176,17 @@ def test_what_is_no_comment_in_a_setting_is_kept(workspace: Workspace, setting: 
     assert workspace.open(f"a.note={setting}").graph.nodes["a"].parameters["note"] == note
 
 
+def test_an_empty_path_is_not_the_folder_of_the_workflow(workspace: Workspace) -> None:
+    message = "parameter 'file': an empty path; expected that of a file or folder"
+    workspace.write("stages:\n  a: {uses: numbers, with: {file: ''}}\n")
+    assert workspace.problems() == [f"2:35: {message}"]
+    workspace.write("stages:\n  a: {uses: numbers}\n")
+    assert workspace.problems("a.file=''") == [f"--set a.file: {message}"]
+    (workspace.folder / "rows.csv").write_text('file\n""\n')
+    workspace.write("stages:\n  a: {uses: numbers, foreach: rows.csv, with: {file: '${item.file}'}}\n")
+    assert [problem.partition("rows.csv:")[2] for problem in workspace.problems()] == [f"2:1: {message}"]
+
+
 def test_a_path_that_is_a_link_to_itself_is_told(workspace: Workspace) -> None:
     (workspace.folder / "loop").symlink_to("loop")
     workspace.write("stages:\n  a: {uses: numbers, with: {file: loop}}\n")

@@ -12,7 +12,7 @@ from pipeline.artifact import ArtifactWriter
 from pipeline.history import History, StageResult
 from pipeline.store import Store
 from tests.pipeline.durability.commands import ROOT
-from tests.pipeline.helpers import Workspace
+from tests.pipeline.helpers import PROVENANCE, Workspace
 from tests.pipeline.test_runner import CHAIN
 
 WRITES = """
@@ -74,7 +74,7 @@ def test_a_sound_artifact_is_not_set_aside(tmp_path: Path) -> None:
     store = Store(tmp_path / "store")
     output = ArtifactWriter(store.temporary() / "out", "numbers")
     output.write("values", np.zeros(3))
-    digest = store.commit("ab" * 32, {}, {"out": output}, {}).outputs["out"]
+    digest = store.commit("ab" * 32, {}, {"out": output}, PROVENANCE).outputs["out"]
     store.set_aside(digest)
     assert store.is_sound(digest)
     (store.object(digest) / "arrays.zarr/values/c/0").write_bytes(b"")

@@ -14,7 +14,7 @@ import pytest
 from pipeline.artifact import ArtifactWriter
 from pipeline.store import Store
 from tests.pipeline.durability.commands import TOYS
-from tests.pipeline.helpers import Workspace
+from tests.pipeline.helpers import PROVENANCE, Workspace
 from tests.pipeline.test_runner import CHAIN
 
 
@@ -67,6 +67,6 @@ def test_a_record_tells_of_what_was_private(tmp_path: Path) -> None:
     store = Store(tmp_path / "store")
     writer = ArtifactWriter(store.temporary() / "out", "numbers")
     writer.write("values", np.zeros(3))
-    store.commit("ab" * 32, {}, {"out": writer}, {"private": True})
+    store.commit("ab" * 32, {}, {"out": writer}, {**PROVENANCE, "private": True})
     folder = store.root / "actions" / ("ab" * 32)
     assert (mode(folder), mode(folder / "record.json")) == (0o700, 0o600)
