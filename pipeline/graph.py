@@ -161,26 +161,22 @@ class _Builder:
 
     def order(self) -> list[str]:
         """Entries in the order of the file, but each after those that it refers to; a circle is reported once."""
+        entries = self.workflow.entries
         done: dict[str, None] = {}
-        path: list[str] = []
-
-        def visit(name: str, place: Place) -> None:
-            if name in done or name not in self.workflow.entries:
-                return
-            if name in path:
-                circle = " → ".join([*path[path.index(name) :], name])
-                self.problems.add(place, f"stages wait for each other in a circle: {circle}")
-                return
-            path.append(name)
-            for instance in self.workflow.entries[name].instances:
-                for references in instance.inputs.values():
-                    for reference in references:
-                        visit(reference.stage, reference.place)
-            path.pop()
-            done[name] = None
-
-        for name, entry in self.workflow.entries.items():
-            visit(name, entry.place)
+        for first in entries:
+            path = {} if first in done else {first: _references(entries[first])}  # with what is left to look at
+            while path:
+                name, references = next(reversed(path.items()))
+                reference = next(references, None)
+                if reference is None:
+                    path.popitem()
+                    done[name] = None
+                elif reference.stage in path:
+                    names = list(path)
+                    circle = " → ".join([*names[names.index(reference.stage) :], reference.stage])
+                    self.problems.add(reference.place, f"stages wait for each other in a circle: {circle}")
+                elif reference.stage in entries and reference.stage not in done:
+                    path[reference.stage] = _references(entries[reference.stage])
         return list(done)
 
     def node(self, entry: Entry, instance: Instance, index: int) -> Node | None:
@@ -389,3 +385,8 @@ class _Builder:
                 self.problems.add(place, f"parameter {name!r}: {error}")
                 return ""
         return self.digests[str(path)]
+
+
+def _references(entry: Entry) -> Iterator[Reference]:
+    """What an entry refers to, in all its rows."""
+    return (reference for each in entry.instances for group in each.inputs.values() for reference in group)

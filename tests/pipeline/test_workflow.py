@@ -176,6 +176,13 @@ def test_what_is_no_comment_in_a_setting_is_kept(workspace: Workspace, setting: 
     assert workspace.open(f"a.note={setting}").graph.nodes["a"].parameters["note"] == note
 
 
+def test_a_long_chain_may_stand_in_the_file_the_wrong_way_round(workspace: Workspace) -> None:
+    chain = [f"  s{number}: {{uses: scale, in: {{numbers: s{number + 1}}}}}" for number in range(1500)]
+    workspace.write("\n".join(["stages:", *chain, "  s1500: {uses: numbers}"]))
+    steps = workspace.plan()
+    assert list(steps) == [f"s{number}" for number in reversed(range(1501))]
+
+
 def test_an_empty_path_is_not_the_folder_of_the_workflow(workspace: Workspace) -> None:
     message = "parameter 'file': an empty path; expected that of a file or folder"
     workspace.write("stages:\n  a: {uses: numbers, with: {file: ''}}\n")
