@@ -50,16 +50,17 @@ def read_gaussians(artifact: Artifact) -> Gaussians:
 def read_method(container: Artifact, secret: Artifact | None = None) -> Method:
     """The method that renders a container; with the secret it renders the messages too.
 
-    Raises `UserError` where the weights in the artifacts do not fit the method.
+    Raises `UserError` where the weights in the artifacts do not fit the method, or are not there: what a network starts
+    with would show something else every time.
     """
     settings = mapping(container, "settings")
     if secret is not None:
         settings["messages"] = list(strings(secret, "messages"))
     with torch.random.fork_rng():
         method = build_method(string(container, "method"), settings)
-    for artifact in (container, secret):
+    for artifact, names in ((container, PUBLIC_NETWORKS), (secret, SECRET_NETWORKS)):
         if artifact is not None:
-            _read_networks(artifact, method)
+            _read_networks(artifact, method, names)
     for network in method.networks.values():
         network.requires_grad_(False)
     return method
@@ -93,14 +94,14 @@ def _write_networks(writer: ArtifactWriter, method: Method, names: Sequence[str]
             writer.write(f"{name}/{weight}", tensor.contiguous().numpy())
 
 
-def _read_networks(artifact: Artifact, method: Method) -> None:
+def _read_networks(artifact: Artifact, method: Method, names: Sequence[str]) -> None:
     weights: dict[str, dict[str, torch.Tensor]] = {}
     for array in artifact.names:
         network, _, weight = array.partition("/")
         if weight:
             weights.setdefault(network, {})[weight] = torch.from_numpy(artifact.read(array))
-    for network, state in weights.items():
-        _load(method.networks, network, state, artifact)
+    for name in (*weights, *(name for name in names if name in method.networks and name not in weights)):
+        _load(method.networks, name, weights.get(name, {}), artifact)
 
 
 def _load(

@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, ImageColor
 
 from stages.imaging.orientation import upright
-from stages.imaging.pictures import Picture, open_picture
+from stages.imaging.pictures import Picture, in_eight_bits, open_picture
 
 
 def over_background(path: Path, color: str) -> Picture | None:
@@ -21,6 +21,6 @@ def over_background(path: Path, color: str) -> Picture | None:
         if not image.has_transparency_data:
             return None
         image.load()
-        picture = upright(image).convert("RGBA")
+        picture = in_eight_bits(upright(image)).convert("RGBA")
     background = Image.new("RGBA", picture.size, (*ImageColor.getrgb(color)[:3], 255))
     return np.array(Image.alpha_composite(background, picture).convert("RGB"))

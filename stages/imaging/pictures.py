@@ -64,11 +64,25 @@ def read_picture(path: Path) -> Picture:
         ) from error
 
 
+def in_eight_bits(image: Image.Image) -> Image.Image:
+    """16-bit grey in 8 bits, with alpha where the file calls one grey transparent; any other picture as it is.
+
+    Pillow itself reduces 16-bit colours, but cuts greys off at 255. The picture must be loaded.
+    """
+    if not image.mode.startswith("I"):
+        return image
+    values = np.asarray(image).clip(0, 65535)
+    grey = (values / 257).round().astype(np.uint8)
+    transparent = image.info.get("transparency")
+    if transparent is None:
+        return Image.fromarray(grey)
+    return Image.fromarray(np.stack([grey, np.where(values == transparent, 0, 255).astype(np.uint8)], axis=-1))
+
+
 def _to_rgb(image: Image.Image) -> Picture:
-    if image.mode.startswith("I"):  # 16-bit grey; Pillow itself reduces 16-bit RGB to 8 bits
-        image = Image.fromarray((np.asarray(image).clip(0, 65535) / 257).round().astype(np.uint8))
-    elif image.mode == "F":
+    if image.mode == "F":
         raise ValueError("floating-point pictures have no defined range")
+    image = in_eight_bits(image)
     if image.has_transparency_data:
         image = image.convert("RGBA")
         image = Image.alpha_composite(Image.new("RGBA", image.size, "white"), image)

@@ -29,6 +29,8 @@ EXIF_FOLDER, FOCAL_LENGTH_IN_35MM = 0x8769, 0xA405
 DIAGONAL_OF_35MM = math.hypot(36, 24)
 ASPECT_TOLERANCE = 0.01
 LARGEST_SIDE = 1_000_000
+LONGEST_FILE_NAME = 255
+"""Bytes, of most file systems."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +80,9 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
     found = beside | dict(list(inside.items())[:1])
     place = max(found, key=lambda place: len(found[place]), default=folder)
     if found.get(place):
-        files = sum(file.is_file() for file in place.iterdir())
+        there = sum(file.is_file() for file in place.iterdir())
         left_out = tuple(photo for other in found if other != place for photo in found[other])
-        return PhotoFolder(_named(place, found[place]), files - len(found[place]), left_out)
+        return PhotoFolder(_named(place, found[place]), there - len(found[place]), left_out)
     for place in own:
         files = _files_below(place)
         photos = [file for file in files if _is_photo(file)]
@@ -134,9 +136,9 @@ def _is_photo(file: Path) -> bool:
 
 
 def refuse_unwritten_names(place: Path, names: Iterable[str]) -> None:
-    """Raise `UserError` for a name that tables and pages, in UTF-8, could not say.
+    """Raise `UserError` for a name that tables and pages, in UTF-8, could not say, or that no file could have.
 
-    Names from an old zip may be in an encoding that nobody states.
+    Names from an old zip may be in an encoding that nobody states. With its folders in it a name may be too long.
     """
     for name in names:
         if not can_be_written(name):
@@ -146,6 +148,14 @@ def refuse_unwritten_names(place: Path, names: Iterable[str]) -> None:
                 found=ascii(name),
                 expected="a name in UTF-8 without control characters, for tables and pages call views by it",
                 remedy="Rename it.",
+            )
+        if len(os.fsencode(name)) > LONGEST_FILE_NAME or "\\" in name:
+            raise UserError(
+                "no file can have the name of a photo",
+                where=place,
+                found=f"{name[:60]}…, of {len(os.fsencode(name))} bytes" if "\\" not in name else name,
+                expected=f"at most {LONGEST_FILE_NAME} bytes, with the folders it lies in, and no backslash",
+                remedy="Rename it, or its folder.",
             )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,31 @@ def test_what_is_no_scene_is_told(tmp_path: Path) -> None:
     assert "cover_scene.scene, unpacked if zipped" in said
     small.splats(tmp_path / "splats")
     assert "another kind of result; found splats; expected scene" in refused(tmp_path / "splats", tmp_path)
+
+
+def test_names_of_arguments_are_no_facts(tmp_path: Path) -> None:
+    folder = tmp_path / "scene"
+    with create(folder, "scene") as writer:
+        original = small.scene(tmp_path / "original")
+        for name in original.names:
+            writer.write(name, original.read(name))
+        writer.attributes |= {**original.attributes, "writer": 1, "scene": "a text"}
+    assert not {"writer", "scene"} & imported(folder, tmp_path / "outputs").attributes.keys()
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("points", lambda values: values * np.float32(np.nan)),
+        ("intrinsics", lambda values: values * 0),
+        ("world_to_camera", lambda values: values * 0),
+        ("world_to_camera", lambda values: values * np.diag([1, 1, -1, 1])),
+    ],
+)
+def test_cameras_that_are_none_are_told(tmp_path: Path, name: str, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    values = small.scene(tmp_path / "small").read(name)
+    folder = scene_of(tmp_path / "scene", **{name: change(values)})
+    assert "cameras that see nothing, or points that are nowhere" in refused(folder, tmp_path)
 
 
 def test_a_byte_that_was_changed_is_told(tmp_path: Path) -> None:

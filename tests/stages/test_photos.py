@@ -262,6 +262,14 @@ def test_names_that_tables_cannot_hold_are_refused(tmp_path: Path, name: bytes) 
     expect_refusal(tmp_path / "photos", tmp_path / "out", "name of a photo", ascii(os.fsdecode(name)))
 
 
+@pytest.mark.parametrize(
+    "path", [f"images/{'a' * 150}/{'b' * 140}.jpg", "images/a\\b.jpg", f"images/{'花' * 60}/{'花' * 60}.jpg"]
+)
+def test_names_that_no_file_can_have_are_refused(tmp_path: Path, path: str) -> None:
+    take(tmp_path / "photos" / path)
+    expect_refusal(tmp_path / "photos", tmp_path / "out", "no file can have the name", "or its folder")
+
+
 def test_spaces_of_all_widths_are_kept_in_names(tmp_path: Path) -> None:
     take(tmp_path / "photos" / "Screenshot 3.45\u202fPM.png")
     assert read_capture(capture(tmp_path / "photos", tmp_path / "out")).names == ("Screenshot 3.45\u202fPM.png",)
@@ -315,6 +323,16 @@ def test_only_what_is_transparent_is_laid_over_another_background(tmp_path: Path
     assert shown["#0a1e32"] == [[200, 100, 0], [48, 44, 40], [10, 30, 50]]
     with pytest.raises(ValueError, match="background"):
         PhotosParameters(folder=folder, background="url(x)")
+
+
+@pytest.mark.parametrize(("background", "first"), [("white", 255), ("black", 0)])
+def test_a_grey_that_a_picture_of_16_bits_calls_transparent(tmp_path: Path, background: str, first: int) -> None:
+    (tmp_path / "photos").mkdir()
+    greys = Image.fromarray(np.array([[0, 65535, 30000, 1000]], np.uint16))
+    greys.save(tmp_path / "photos" / "grey.png", transparency=0)
+    artifact = capture(tmp_path / "photos", tmp_path / "out", background=background)
+    shown = read_picture(picture_path(artifact, "grey.png"))
+    assert shown[0, :, 0].tolist() == [first, 255, 117, 4]
 
 
 def nerf_synthetic(folder: Path, **names: list[str]) -> None:

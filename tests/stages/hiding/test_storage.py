@@ -83,6 +83,15 @@ def test_a_secret_of_another_method_is_refused(tmp_path: Path) -> None:
         read_method(container, load(tmp_path / "other"))
 
 
+def test_a_secret_without_a_decoder_is_refused(tmp_path: Path) -> None:
+    """As 3DGS+SH writes, whose messages are in the container; weights drawn by chance would take its place."""
+    _, _, container, _ = hidden(tmp_path)
+    with create(tmp_path / "other", "secret", private=True) as writer:
+        write_secret(writer, build_method("sh", {"messages": [MESSAGE], "sh_degree": 1}), [MESSAGE])
+    with pytest.raises(UserError, match=r"message_decoder.*made together with this container"):
+        read_method(container, load(tmp_path / "other"))
+
+
 def test_a_container_of_another_method_than_declared_is_refused(tmp_path: Path) -> None:
     _, _, container, _ = hidden(tmp_path)
     check_method(container, "gs_hider")
