@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
+from itertools import chain
 
 import numpy as np
 import torch
@@ -118,7 +119,7 @@ def _pictures(
         before,
         [*scene.pictures[scene.rows(scene.train_names)]],
         filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height),
-        learnt_photos(context.input_many("photos"), parameters.shipped_photos),
+        [*chain(*learnt_photos(context.input_many("photos"), parameters.shipped_photos))],
         image,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -54,6 +55,14 @@ class TuneWatermarkDecoderParameters(Parameters):
         400, ge=1, description="Steps; each sees one picture of every kind, but `batch` renders and other photos."
     )
     batch: int = Field(1, ge=1, description="Renders with the watermark, and windows of other photos, in a step.")
+    hardest_of: int = Field(
+        1, ge=1, description="Every window of other photos is the one of so many in which the decoder sees most."
+    )
+    evenly: bool = Field(
+        False,
+        description="Whether as many windows are drawn of every scene as of any other, not of every photo: a "
+        "capture is one scene, and so is each shipped photo.",
+    )
     rate: float = Field(1e-3, gt=0, description="Adam's first learning rate.")
     final_rate_share: float = Field(0.1, gt=0, le=1, description="Share of it that is left at the end.")
     seed: int = Field(0, ge=0, description="Of the pictures' order, and of distortions.")
@@ -94,7 +103,8 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     codec.expect(picture_to_tensor(watermark).permute(2, 0, 1))
     if parameters.whole_pictures:
         codec.see_whole_pictures()
-    others = learnt_photos(context.input_many("photos"), parameters.shipped_photos)
+    scenes = learnt_photos(context.input_many("photos"), parameters.shipped_photos)
+    others = scenes if parameters.evenly else [[photo] for photo in chain(*scenes)]
     curves = train_network(context, DecoderTuning(codec, watermark, pictures, _settings(parameters), others))
     write_codec(context.output("codec"), codec)
     write_rows(context.output("curves"), curves)
@@ -111,6 +121,7 @@ def _settings(parameters: TuneWatermarkDecoderParameters) -> TuningSettings:
         batch=parameters.batch,
         tinted=parameters.tinted,
         black_weight=parameters.black_weight,
+        hardest_of=parameters.hardest_of,
     )
 
 

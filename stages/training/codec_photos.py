@@ -16,7 +16,12 @@ def read_photos(capture: Artifact) -> list[Picture]:
     return [no_larger(read_picture(picture_path(capture, name))) for name in read_capture(capture).names]
 
 
-def learnt_photos(captures: Sequence[Artifact], shipped: Sequence[str]) -> list[Picture]:
-    """The captures' photos but every eighth, which is held out, and those that packages ship, by their names."""
-    photos = [photo for capture in captures for row, photo in enumerate(read_photos(capture)) if row % TEST_VIEW_EVERY]
-    return photos + [read_photo(name) for name in shipped]
+def learnt_photos(captures: Sequence[Artifact], shipped: Sequence[str]) -> list[list[Picture]]:
+    """The captures' photos but every eighth, which is held out, and those that packages ship, by their names.
+
+    A list for each scene: a capture is one, and so is a shipped photo.
+    """
+    of_captures = [
+        [photo for row, photo in enumerate(read_photos(capture)) if row % TEST_VIEW_EVERY] for capture in captures
+    ]
+    return of_captures + [[read_photo(name)] for name in shipped]

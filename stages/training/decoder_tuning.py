@@ -27,7 +27,8 @@ class TuningSettings:
     picture of every other kind.
 
     `tinted`: each after a random tint; `distorted`: after a random distortion, or none. `black_weight` is that of every
-    kind that should show black, beside that of renders.
+    kind that should show black, beside that of renders. Every window of other photos is the one of `hardest_of` in
+    which the decoder sees most (online hard example mining: Shrivastava et al., 2016).
     """
 
     iterations: int
@@ -38,13 +39,15 @@ class TuningSettings:
     batch: int = 1
     tinted: bool = False
     black_weight: float = 1.0
+    hardest_of: int = 1
 
 
 class DecoderTuning(NetworkTraining):
     """`pictures` by the names of their errors, all of one size: renders, photos, and what else should show black.
 
-    Each kind goes through its pictures in random orders of its own. Of `others`, of any size, which should show black,
-    too, random windows are drawn, recoloured and distorted whatever the settings are: they stand for all pictures.
+    Each kind goes through its pictures in random orders of its own. `others`, of any size, should show black, too: they
+    are lists of photos, of each of which as many random windows are drawn as of any other list, recoloured and
+    distorted whatever the settings are: they stand for all pictures.
     """
 
     def __init__(
@@ -53,7 +56,7 @@ class DecoderTuning(NetworkTraining):
         watermark: Picture,
         pictures: Mapping[str, UInt8[np.ndarray, "K H W 3"]],
         settings: TuningSettings,
-        others: Sequence[Picture] = (),
+        others: Sequence[Sequence[Picture]] = (),
     ):
         kinds = [*pictures, OTHERS] if others else [*pictures]
         weights = {kind: 1.0 if kind == RENDERS else settings.black_weight for kind in kinds}
@@ -69,7 +72,7 @@ class DecoderTuning(NetworkTraining):
             for kind, pictures in self._batch(iteration, generator).items()
         }
         if self.others:
-            others = [self._error(self._other(generator), shows=False) for _ in range(self.settings.batch)]
+            others = [self._error(self._hardest_other(generator), shows=False) for _ in range(self.settings.batch)]
             errors[OTHERS] = torch.stack(others).mean()
         return errors
 
@@ -86,10 +89,17 @@ class DecoderTuning(NetworkTraining):
         order = np.random.default_rng((self.settings.seed, number, lap)).permutation(len(pictures))
         return self._as_read(pictures[order[place]], generator)
 
+    def _hardest_other(self, generator: np.random.Generator) -> Picture:
+        drawn = [self._other(generator) for _ in range(self.settings.hardest_of)]
+        if len(drawn) == 1:
+            return drawn[0]
+        with torch.no_grad():
+            return drawn[int(np.argmax([self._error(picture, shows=False).item() for picture in drawn]))]
+
     def _other(self, generator: np.random.Generator) -> Picture:
         height, width = self.watermark.shape[:2]
-        other = self.others[int(generator.integers(len(self.others)))]
-        window = random_window(other, width, height, generator)
+        photos = self.others[int(generator.integers(len(self.others)))]
+        window = random_window(photos[int(generator.integers(len(photos)))], width, height, generator)
         return random_distortion(random_recoloring(window, generator), generator)
 
     def _as_read(self, picture: Picture, generator: np.random.Generator) -> Picture:

@@ -146,6 +146,20 @@ def test_a_batch_goes_through_pictures_as_single_steps_do() -> None:
     assert found[2] == pytest.approx([np.mean(found[1][:2]), np.mean(found[1][2:])])
 
 
+def test_the_windows_that_a_decoder_sees_most_in_are_learnt() -> None:
+    """Of four scenes there is one in which it sees more than in black ones: one of twelve windows shows that one."""
+    bright = [np.full((8, 10, 3), 255, np.uint8)]
+    scenes_of_photos = [bright, *([np.zeros((8, 10, 3), np.uint8)] * 40 for _ in range(3))]
+    found = {}
+    for hardest_of in (1, 12):
+        settings = TuningSettings(20, seed=1, hardest_of=hardest_of)
+        watermark = np.zeros((8, 10, 3), np.uint8)
+        shown = {RENDERS: np.zeros((1, 8, 10, 3), np.uint8)}
+        tuning = DecoderTuning(watermarks.little_codec(), watermark, shown, settings, scenes_of_photos)
+        found[hardest_of] = [tuning.errors(step)[OTHERS].item() for step in range(1, 21)]
+    assert np.mean(found[12]) > 2 * np.mean(found[1])
+
+
 def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
     gaussians, method = scenes.cloud()
     before = watermarks.stored_splats(tmp_path / "before", gaussians, method)

@@ -51,6 +51,7 @@ def test_a_large_photo_is_reduced(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_the_workflow_tries_imprints_on_all_that_is_held_out() -> None:
     workflow = yaml.safe_load((WORKFLOWS / "rtws.yaml").read_text())
     assert tuple(workflow["vars"]["held_out_photos"]) == shipped_photos.HELD_OUT
+    assert {*workflow["vars"]["learnt_photos"]} == {*shipped_photos.DIGESTS} - {*shipped_photos.HELD_OUT}
     assert {*shipped_photos.HELD_OUT} < {*shipped_photos.DIGESTS}
 
 
