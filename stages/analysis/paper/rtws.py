@@ -76,7 +76,7 @@ OWNERS_NOTE = (
 IMPRINT_NOTE = (
     "An imprint: features and decoder tuned together, through renders, until those show the watermark and photos, "
     "renders from before and other photos do not; then the decoder alone, by whole pictures. It is tried on photos and "
-    "scenes that it has not learnt from."
+    "scenes that it has not learnt from, and on photos of the cover and renders from before, from which it has."
 )
 BOUND_NOTE = (
     "Upper bounds are one-sided, at 95 %. Over pictures: Clopper and Pearson's, as if thousands of pictures of few "
