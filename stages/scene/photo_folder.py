@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from pipeline.errors import UserError
-from stages.imaging.names import can_be_written
+from stages.imaging.names import LONGEST_NAME, can_be_written
 from stages.imaging.orientation import BROKEN_EXIF, SIDEWAYS, UPRIGHT, orientation_of
 from stages.imaging.pictures import open_picture, read_picture
 from stages.scene.capture import KnownPoses, PoseSource
@@ -141,7 +141,7 @@ def refuse_unwritten_names(place: Path, names: Iterable[str]) -> None:
     Names from an old zip may be in an encoding that nobody states. With its folders in it a name may be too long.
     """
     for name in names:
-        if not can_be_written(name):
+        if not can_be_written(name[:LONGEST_NAME]):  # too long a name is told below
             raise UserError(
                 "the name of a photo cannot be written",
                 where=place,
@@ -149,11 +149,12 @@ def refuse_unwritten_names(place: Path, names: Iterable[str]) -> None:
                 expected="a name in UTF-8 without control characters, for tables and pages call views by it",
                 remedy="Rename it.",
             )
-        if len(os.fsencode(name)) > LONGEST_FILE_NAME or "\\" in name:
+        size = len(name.encode(errors="replace"))
+        if size > LONGEST_FILE_NAME or "\\" in name:
             raise UserError(
                 "no file can have the name of a photo",
                 where=place,
-                found=f"{name[:60]}…, of {len(os.fsencode(name))} bytes" if "\\" not in name else name,
+                found=f"{name[:60]}…, of {size} bytes" if size > LONGEST_FILE_NAME else name,
                 expected=f"at most {LONGEST_FILE_NAME} bytes, with the folders it lies in, and no backslash",
                 remedy="Rename it, or its folder.",
             )

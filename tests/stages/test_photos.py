@@ -263,7 +263,13 @@ def test_names_that_tables_cannot_hold_are_refused(tmp_path: Path, name: bytes) 
 
 
 @pytest.mark.parametrize(
-    "path", [f"images/{'a' * 150}/{'b' * 140}.jpg", "images/a\\b.jpg", f"images/{'花' * 60}/{'花' * 60}.jpg"]
+    "path",
+    [
+        f"images/{'a' * 150}/{'b' * 140}.jpg",
+        f"images/{'a' * 200}/{'b' * 200}.jpg",
+        f"images/{'花' * 60}/{'花' * 60}.jpg",
+        "images/a\\b.jpg",
+    ],
 )
 def test_names_that_no_file_can_have_are_refused(tmp_path: Path, path: str) -> None:
     take(tmp_path / "photos" / path)
