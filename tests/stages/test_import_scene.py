@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -122,11 +121,27 @@ def test_it_is_told_before_it_is_unfolded_that_a_scene_is_too_large(
     assert "a scene of absurd size" in refused(folder, tmp_path)
 
 
-def test_views_of_one_name_are_told(tmp_path: Path) -> None:
-    folder = scene_of(tmp_path / "scene")
-    scene = read_scene(load(folder))
-    names = [scene.cameras.names[0]] * len(scene.cameras)
-    with create(tmp_path / "twice", "scene") as writer:
+def with_names(folder: Path, *names: str) -> Path:
+    """The small scene, its first views and all test views under these names."""
+    scene = read_scene(load(scene_of(folder.with_name("named otherwise"))))
+    with create(folder, "scene") as writer:
         write_scene(writer, scene)
-        writer.attributes["names"] = json.loads(json.dumps(names))
-    assert "do not belong together" in refused(tmp_path / "twice", tmp_path)
+        writer.attributes |= {"names": [*names, *scene.cameras.names[len(names) :]], "test_names": [names[0]]}
+    return folder
+
+
+def test_views_of_one_name_are_told(tmp_path: Path) -> None:
+    assert "do not belong together" in refused(with_names(tmp_path / "twice", "a.png", "a.png"), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("b\0\x1b[2J", r"name of a photo cannot be written; found 'b\x00\x1b[2J'"),
+        ("", "name of a photo cannot be written"),
+        ("b" * 301, "no file can have the name of a photo"),
+        ("../b.png\\", "no file can have the name of a photo"),
+    ],
+)
+def test_names_of_views_that_no_file_can_have_are_told(tmp_path: Path, name: str, said: str) -> None:
+    assert said in refused(with_names(tmp_path / "named", name), tmp_path)
