@@ -35,6 +35,8 @@ SHARES = {
 }
 """From where to where each phase takes the progress of the whole."""
 
+WHERE = "where SFM is the stage's name in the workflow, such as cover_scene"
+"""What stands for it in a remedy: a stage does not know what a workflow calls it."""
 FEWEST_PHOTOS, FEWEST_POINTS = 3, 10
 GUESSED_FOCAL_LENGTH = 1.2  # of the longer side, COLMAP's own guess where EXIF says nothing
 
@@ -188,16 +190,17 @@ def refuse_few(capture: Capture, result: Reconstruction, settings: Settings, giv
         raise UserError(
             f"structure from motion placed {registered} of {total} photos",
             expected=f"at least {settings.minimum_registered:.0%} of them (minimum_registered)",
-            remedy="Take photos that overlap more (each point in three or more); raise matching_size (now "
-            f"{settings.matching_size}) or max_features (now {settings.max_features}); set matching to exhaustive; "
-            "try camera_model OPENCV; or accept fewer with minimum_registered.",
+            remedy="Take photos that overlap more (each point in three or more), or add --set SFM.matching=exhaustive "
+            f"or --set SFM.camera_model=OPENCV to the command, {WHERE}; in the same way raise SFM.matching_size (now "
+            f"{settings.matching_size}) or SFM.max_features (now {settings.max_features}), or accept fewer with "
+            "SFM.minimum_registered.",
         )
     if len(result.points) < FEWEST_POINTS:
         raise UserError(
             "hardly any point is seen by three photos",
             found=f"{len(result.points)} points",
             expected=f"at least {FEWEST_POINTS}",
-            remedy="The poses do not fit the photos: set poses to estimate."
+            remedy=f"The poses do not fit the photos: add --set SFM.poses=estimate to the command, {WHERE}."
             if given
             else "Take photos that overlap more.",
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import threading
 import time
 from dataclasses import replace
@@ -149,7 +150,7 @@ def test_poses_that_do_not_fit_are_found_out(truth: Cameras, tmp_path: Path) -> 
     """The commonest mistake: cameras that look down -z, as OpenGL's do, passed off as COLMAP's."""
     turned = np.diag([1.0, -1.0, -1.0, 1.0]) @ truth.world_to_camera
     capture = write(replace(truth, world_to_camera=turned), "colmap", tmp_path, photographs=photograph(truth))
-    with pytest.raises(UserError, match=r"points.*set poses to estimate"):
+    with pytest.raises(UserError, match=r"points.*--set SFM\.poses=estimate to the command, where SFM is the stage's"):
         run(capture, tmp_path / "out")
 
 
@@ -159,8 +160,12 @@ def test_photos_that_show_nothing_in_common_are_refused_with_advice(tmp_path: Pa
     pictures = {name: encoded(random.integers(0, 256, (60, 80, 3), dtype=np.uint8)) for name in names}
     with create(tmp_path / "capture", "capture") as writer:
         write_capture(writer, Capture(names, ((80, 60),) * 4, (None,) * 4, ordered=False), pictures.__getitem__)
-    with pytest.raises(UserError, match=r"placed 0 of 4 photos.*50%.*overlap.*matching_size.*exhaustive"):
+    with pytest.raises(UserError, match=r"placed 0 of 4 photos.*50%.*overlap.*such as cover_scene") as refusal:
         run(load(tmp_path / "capture"), tmp_path / "out")
+    told = dict(re.findall(r"--set SFM\.(\w+)=(\w+)", str(refusal.value)))
+    assert SfmParameters.model_validate(told).matching == "exhaustive"
+    others = set(re.findall(r"SFM\.(\w+)", str(refusal.value))) - told.keys()
+    assert others == {"matching_size", "max_features", "minimum_registered"} <= SfmParameters.model_fields.keys()
 
 
 def test_a_request_to_stop_ends_the_process_and_what_was_done_is_used_again(
