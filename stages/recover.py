@@ -9,6 +9,7 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import KIND, Measurement, write_measurements
+from stages.analysis.verdicts import IS_YOURS, MAY_BE_YOURS
 from stages.hiding.method import module_of
 from stages.hiding.recovery import Recovery, recovered, unlike
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
@@ -16,7 +17,7 @@ from stages.scene.gaussians import Gaussians
 from stages.scene.registration import ENOUGH
 
 LISTED = 10  # rows
-IS_YOURS, MAY_BE_YOURS, AS_FOUND = "is_yours", "may_be_yours", "as_found"
+AS_FOUND = "as_found"
 
 
 class RecoverParameters(Parameters):

@@ -18,6 +18,7 @@ INPUTS = {
     "public_pictures": Input("comparisons", many=True, optional=True),
     "videos": Input("videos", many=True, optional=True),
     "public_videos": Input("videos", many=True, optional=True),
+    "figures": Input("measurements", many=True, optional=True),
 }
 SCENES = Input("scene", many=True, optional=True, labelled=True)
 
@@ -37,7 +38,8 @@ def report(context: Context, parameters: ReportParameters) -> None:
     """Each page is one HTML file, about the method whose scores come first.
 
     What is private goes to the owner's page only: the public one is made from nothing but public artifacts and the
-    stages that lead to them. Of `scenes` the pages say how many photos were placed.
+    stages that lead to them. Of `scenes` the pages say how many photos were placed. `figures` are those of
+    `recover`, by which the owner's page says whose container was found.
     """
     inputs = {name: context.input_many(name) for name in INPUTS}
     lineage, scenes = context.lineage(), context.items("scenes")

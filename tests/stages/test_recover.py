@@ -17,9 +17,10 @@ from stages.analysis.attacks.pruning import random_pruning
 from stages.analysis.attacks.rigid_motion import rigid_motion
 from stages.analysis.attacks.target import Target
 from stages.analysis.measurements import read_measurements
+from stages.analysis.verdicts import IS_YOURS, MAY_BE_YOURS
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method, write_container, write_secret
-from stages.recover import IS_YOURS, MAY_BE_YOURS, RecoverParameters, recover
+from stages.recover import RecoverParameters, recover
 from stages.scene.cameras import single_cameras
 from stages.scene.registration import ENOUGH
 from tests.stages import small

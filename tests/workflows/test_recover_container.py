@@ -14,12 +14,12 @@ from pipeline.artifact import create, load
 from pipeline.stage import run_stage
 from stages.analysis.comparisons import read_comparisons
 from stages.analysis.measurements import read_measurements
+from stages.analysis.verdicts import IS_YOURS
 from stages.export_container import ExportContainerParameters, export_container
 from stages.hiding.storage import write_container, write_secret
 from stages.imaging.metric_table import read_rows
 from stages.imaging.pictures import picture_to_tensor
 from stages.imaging.psnr import psnr
-from stages.recover import IS_YOURS
 from tests.stages import small
 from tests.stages.analysis.attacks.containers import MESSAGE, target_and_owner
 from tests.stages.scene.splat_files.files import write_ply
@@ -88,8 +88,13 @@ def test_what_was_stolen_shows_its_owner_the_message(tmp_path: Path) -> None:
     private = {("published", "secret"), ("revealed", "pictures"), ("revealed", "scores"), ("path", "videos")}
     for name, output in (*private, ("report", "owner")):
         assert made[name][output].stat().st_mode & 0o077 == 0
-    assert MESSAGE in (made["report"]["owner"] / "report.html").read_text()
-    assert MESSAGE not in (made["report"]["public"] / "report.html").read_text()
+    owner, public = ((made["report"][name] / "report.html").read_text() for name in ("owner", "public"))
+    assert MESSAGE in owner
+    assert MESSAGE not in public
+    assert (
+        "This is your container: 100.0 % of its Gaussians are ones that you published. It was turned by 90.0" in owner
+    )
+    assert "your container" not in public
 
 
 def test_what_is_not_his_is_told(tmp_path: Path) -> None:

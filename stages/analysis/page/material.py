@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pipeline.artifact import Artifact
 from pipeline.stage import Item, LineageRecord
 from stages.analysis.comparisons import Comparison, read_comparisons
+from stages.analysis.page.found import Found, read_found
 from stages.analysis.page.placed import Placed, public_scenes, read_placed
 from stages.analysis.videos import Video, read_videos
 from stages.imaging.metric_table import MetricRow, read_rows
@@ -36,7 +37,8 @@ METHOD_TITLES = {  # the paper's, in its order, and ours
 }
 
 Inputs = Mapping[str, Sequence[Artifact]]
-"""Artifacts by the names `scores`, `curves`, `timings`, `pictures`, `videos`, and `public_` before some of them."""
+"""Artifacts by the names `scores`, `curves`, `timings`, `pictures`, `videos`, `public_` before some of them, and
+`figures` of `recover`."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,7 @@ class Material:
     lineage: tuple[LineageRecord, ...]
     videos: tuple[Video, ...] = ()
     placed: tuple[Placed, ...] = ()
+    found: tuple[Found, ...] = ()
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -63,7 +66,7 @@ class Material:
 
 def owner_material(inputs: Inputs, lineage: Sequence[LineageRecord], scenes: Sequence[Item] = ()) -> Material:
     """All that the stage was given, once; `scenes` are those of which it is told how many photos were placed."""
-    material = replace(_gathered(inputs, lineage), placed=read_placed(scenes))
+    material = replace(_gathered(inputs, lineage), placed=read_placed(scenes), found=read_found(inputs["figures"]))
     return _named(material, lambda methods: {name: METHOD_TITLES.get(name, name) for name in methods})
 
 

@@ -21,6 +21,7 @@ from stages.analysis.page.summary import (
     owner_notices,
     owner_placed_tiles,
     owner_summary,
+    owner_verdict,
     public_placed_tiles,
     scene_tiles,
 )
@@ -94,7 +95,7 @@ def owner_page(material: Material, workflow: str, command: str, views: int) -> P
         galleries,
         owner_films(material.videos),
         title=workflow,
-        summary=owner_summary(material),
+        summary=" ".join((*map(owner_verdict, material.found), owner_summary(material))),
         notices=owner_notices(material),
         tiles=(*scene_tiles(material, "Cover"), *message_tiles(material), *owner_placed_tiles(material)),
         command=command,

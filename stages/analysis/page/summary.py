@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from stages.analysis.page.figures import MISSING, write_figure
+from stages.analysis.page.found import Found
 from stages.analysis.page.material import Material
 from stages.analysis.page.placed import Placed
 from stages.analysis.page.tables import Column, mean_of, rows_about
@@ -32,6 +33,21 @@ def owner_summary(material: Material) -> str:
         *(f"{name} {_test_psnr(material, name)}" for name in messages),
     ]
     return f"{count} hidden in one Gaussian splatting scene. On test views {', '.join(figures)}."
+
+
+def owner_verdict(found: Found) -> str:
+    """Whose a container is that was found, and what was done to it, in plain words."""
+    share = f"{100 * found.matched:.1f} % of its Gaussians"
+    whose = f"This is your container: {share} are ones that you published."
+    if not found.is_yours:
+        whose = f"This may be your container, or one of the same photos: {share} lie where ones that you published do."
+    done = (
+        f"turned by {found.degrees:.1f} degrees" if round(found.degrees, 1) else "",
+        f"moved by {found.shift:.4g}" if round(found.shift, 3) else "",
+        f"scaled by {found.scale:.4g}" if round(found.scale, 3) != 1 else "",
+    )
+    moved = f"was {', '.join(filter(None, done))}" if any(done) else "lies where you left it"
+    return f"{whose} It {moved}{', and its features were changed' if found.feature_change else ''}."
 
 
 def scene_tiles(material: Material, name: str) -> tuple[Tile, ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from stages.analysis.page.figures import WORDING, label, write_figure
+from stages.analysis.page.found import Found
 from stages.analysis.page.material import Material
 from stages.imaging.metric_table import QUANTITIES, MetricRow, mean_value
 
@@ -40,6 +41,13 @@ LEGAL_COLUMNS = (
 LEAKAGE_COLUMNS = tuple(
     Column(quantity, "test", "Cover's error and the message: correlation", heading)
     for quantity, heading in LEAKAGE_QUANTITIES.items()
+)
+FOUND_GROUPS = (("What was done and undone", 4), ("Gaussians", 3))
+FOUND_HEADINGS = ("Turn (degrees)", "Shift", "Scale", "Features", "Published", "Found", "Matched (%)")
+FOUND_WORDING = (
+    ("Shift", "How far the centre was moved, in units of the published scene."),
+    ("Features", "By how much features in [0, 1] were changed back, root mean square."),
+    ("Matched", "How many of the found Gaussians lie where published ones do, once moved back."),
 )
 
 
@@ -98,7 +106,23 @@ def tables_of(material: Material) -> tuple[Table, ...]:
         _table("Messages on training views", hidden, message_columns("train", "Whole pictures")),
         _table("Trace of the messages in the cover, test views", hidden, LEAKAGE_COLUMNS),
     )
-    return tuple(table for table in tables if table is not None)
+    return (*_found_tables(material.found), *(table for table in tables if table is not None))
+
+
+def _found_tables(found: Sequence[Found]) -> tuple[Table, ...]:
+    """A line for each container that was found; none where there is none."""
+    lines = tuple(
+        ("Yours" if each.is_yours else "Perhaps yours", tuple(Cell(text, False) for text in _written(each)))
+        for each in found
+    )
+    return (Table("What was found", FOUND_GROUPS, FOUND_HEADINGS, lines, FOUND_WORDING),) if lines else ()
+
+
+def _written(found: Found) -> tuple[str, ...]:
+    return (
+        *(f"{found.degrees:.1f}", f"{found.shift:.3f}", f"{found.scale:.3f}", f"{found.feature_change:.3f}"),
+        *(f"{found.gaussians_published:,.0f}", f"{found.gaussians_found:,.0f}", f"{100 * found.matched:.1f}"),
+    )
 
 
 def rows_about(rows: Sequence[MetricRow], method: str, message: str | None = None) -> tuple[MetricRow, ...]:
