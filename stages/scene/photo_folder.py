@@ -75,14 +75,12 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
             expected="a folder of that name (parameter images)",
         )
     own = [folder / name for name in (SUBFOLDERS if images is None else (images,)) if (folder / name).is_dir()]
-    beside = {place: _photos_in(place) for place in ((folder,) if images is None else ())}
-    inside = {place: photos for place in own if (photos := _photos_in(place))}
-    found = beside | dict(list(inside.items())[:1])
-    place = max(found, key=lambda place: len(found[place]), default=folder)
-    if found.get(place):
+    inside = next(((place, photos) for place in own if (photos := _photos_in(place))), (folder, []))
+    beside = (folder, _photos_in(folder) if images is None else [])
+    (place, photos), (_, left_out) = (beside, inside) if len(beside[1]) >= len(inside[1]) else (inside, beside)
+    if photos:
         there = sum(file.is_file() for file in place.iterdir())
-        left_out = tuple(photo for other in found if other != place for photo in found[other])
-        return PhotoFolder(_named(place, found[place]), there - len(found[place]), left_out)
+        return PhotoFolder(_named(place, photos), there - len(photos), tuple(left_out))
     for place in own:
         files = _files_below(place)
         photos = [file for file in files if _is_photo(file)]
