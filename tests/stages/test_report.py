@@ -14,12 +14,9 @@ import pytest
 from PIL import Image
 
 from pipeline.artifact import Artifact, create, load
-from pipeline.errors import UserError
 from pipeline.stage import Item, LineageRecord, Services, run_stage
 from stages.analysis.comparisons import Comparison, write_comparisons
-from stages.analysis.measurements import Measurement, write_measurements
 from stages.analysis.page import gallery
-from stages.analysis.verdicts import IS_YOURS, MAY_BE_YOURS
 from stages.analysis.videos import Video, write_videos
 from stages.imaging.metric_table import MetricRow, write_rows
 from stages.report import ReportParameters, report
@@ -229,64 +226,6 @@ def scenes(folder: Path, **made: tuple[int, int, bool]) -> dict[str, tuple[Item,
             writer.write_file("points.txt", "none")
         items.append(Item(stage, {}, stage, load(folder / str(number))))
     return {"scenes": tuple(items)}
-
-
-def recovered(path: Path, verdict: str, **others: float) -> dict[str, tuple[Artifact, ...]]:
-    """Figures as the stage `recover` writes them, of a container that was turned and pruned."""
-    figures = {
-        verdict: 1.0,
-        "degrees": 12.04,
-        "shift": 3.5,
-        "scale": 1.0,
-        "matched": 0.998,
-        "feature_change": 0.0,
-        "gaussians_found": 18_700.0,
-        "gaussians_published": 19_000.0,
-        **others,
-    }
-    with create(path, "measurements") as writer:
-        write_measurements(writer, [Measurement(name, value, "as_found") for name, value in figures.items()])
-    return {"figures": (load(path),)}
-
-
-@pytest.mark.parametrize(
-    ("verdict", "others", "said"),
-    [
-        (
-            IS_YOURS,
-            {},
-            "This is your container: 99.8 % of its Gaussians are ones that you published. "
-            "It was turned by 12.0 degrees, moved by 3.5.",
-        ),
-        (
-            IS_YOURS,
-            {"degrees": 0, "shift": 0, "feature_change": 0.2},
-            "you published. It lies where you left it, and its features were changed.",
-        ),
-        (
-            MAY_BE_YOURS,
-            {"matched": 0.031, "scale": 2.5},
-            "This may be your container, or one of the same photos: 3.1 % of its Gaussians lie where ones that you "
-            "published do. It was turned by 12.0 degrees, moved by 3.5, scaled by 2.5.",
-        ),
-    ],
-)
-def test_whose_a_found_container_is_stands_at_the_top(
-    inputs: dict, tmp_path: Path, verdict: str, others: dict[str, float], said: str
-) -> None:
-    made = pages({**inputs, **recovered(tmp_path / "figures", verdict, **others)}, tmp_path / "made")
-    owner, public = text_of(made["owner"]), text_of(made["public"])
-    assert said in top_of(owner)
-    assert ("Perhaps yours" in owner) == (verdict == MAY_BE_YOURS)
-    assert "18,700" in owner[owner.index("What was found") :]
-    for told in ("container", "yours", "18,700", "What was found"):
-        assert told not in public, told
-
-
-def test_figures_of_another_stage_are_refused(tmp_path: Path) -> None:
-    scores = {"scores": (metrics(tmp_path / "scores", PUBLIC_ROWS, True),)}
-    with pytest.raises(UserError, match=r"do not say whose a container is; found psnr, .*stage that uses recover"):
-        pages({**scores, **recovered(tmp_path / "figures", "psnr")}, tmp_path / "made")
 
 
 def top_of(text: str) -> str:
