@@ -14,7 +14,6 @@ from pipeline.stage import Services, run_stage
 from stages.imaging.pictures import read_picture
 from stages.photos import PhotosParameters, photos
 from stages.scene.capture import picture_path, read_capture
-from stages.scene.photo_folder import find_photos
 from tests.stages.scene.test_colmap import QUATERNION, TRANSLATION, write_binary_model
 from tests.stages.scene.test_transforms import MATRIX
 
@@ -124,55 +123,6 @@ def test_photos_in_a_folder_of_their_own_beside_their_poses(tmp_path: Path) -> N
 def write_transforms(folder: Path, *names: str) -> None:
     frames = [{"file_path": f"images/{name}", "transform_matrix": MATRIX} for name in names]
     (folder / "transforms.json").write_text(json.dumps({"camera_angle_x": 1.0, "frames": frames}))
-
-
-def test_photos_in_folders_below_images_are_taken_with_the_folders_in_their_names(tmp_path: Path) -> None:
-    """Of a rig's cameras, or as phones keep them; what stands beside `images` or is hidden is none of them."""
-    for path in ("images/left/0001.jpg", "images/left/0002.jpg", "images/right/far/0001.jpg"):
-        take(tmp_path / "rig" / path)
-    for path in ("masks/0001.png", "images/.thumbnails/0001.jpg", "left/0003.jpg"):
-        take(tmp_path / "rig" / path)
-    artifact = capture(tmp_path / "rig", tmp_path / "out")
-    assert read_capture(artifact).names == ("left_0001.jpg", "left_0002.jpg", "right_far_0001.jpg")
-    far = tmp_path / "rig" / "images" / "right" / "far" / "0001.jpg"
-    assert picture_path(artifact, "right_far_0001.jpg").read_bytes() == far.read_bytes()
-    alone = capture(tmp_path / "rig", tmp_path / "alone", images="left")
-    assert read_capture(alone).names == ("0003.jpg",)
-
-
-def test_folders_beside_photos_are_left_alone(tmp_path: Path) -> None:
-    """As depths and masks are, and other sizes."""
-    for path in ("images/a.jpg", "images/small/a.jpg"):
-        take(tmp_path / "scan" / path)
-    assert read_capture(capture(tmp_path / "scan", tmp_path / "out")).names == ("a.jpg",)
-
-
-@pytest.mark.parametrize(
-    ("beside", "inside", "expected"),
-    [(1, 3, "inside"), (3, 1, "beside"), (2, 2, "beside"), (0, 1, "inside")],
-)
-def test_a_preview_beside_the_photos_is_not_the_capture(
-    tmp_path: Path, beside: int, inside: int, expected: str
-) -> None:
-    counts = {"beside": beside, "inside": inside}
-    for place, folder in (("beside", tmp_path / "scan"), ("inside", tmp_path / "scan" / "images")):
-        for number in range(counts[place]):
-            take(folder / f"{place}{number}.jpg")
-    names = read_capture(capture(tmp_path / "scan", tmp_path / "out")).names
-    assert names == tuple(f"{expected}{number}.jpg" for number in range(counts[expected]))
-    assert len(find_photos(tmp_path / "scan").left_out) == sum(counts.values()) - counts[expected]
-
-
-def test_photos_that_folders_give_the_same_name_are_refused(tmp_path: Path) -> None:
-    for path in ("images/left_far/1.jpg", "images/left/far_1.jpg"):
-        take(tmp_path / "rig" / path)
-    expect_refusal(tmp_path / "rig", tmp_path / "out", "left_far_1.jpg", "left/far_1.jpg and left_far/1.jpg")
-
-
-def test_a_folder_of_folders_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    """Which of them hold photos of the capture, and not masks or other sizes, nobody said."""
-    take(tmp_path / "rig" / "left" / "1.jpg")
-    expect_refusal(tmp_path / "rig", tmp_path / "out", "folders left", "in one called images", "parameter images")
 
 
 def test_poses_of_photos_in_several_folders(tmp_path: Path) -> None:
