@@ -42,6 +42,7 @@ from stages.imaging.shipped_photos import DIGESTS, ShippedPhotos, read_photo
 from stages.imaging.windows import random_window
 from stages.scene.camera_path import camera_path
 from stages.scene.cameras import Cameras
+from stages.scene.capture import read_capture
 from stages.scene.scene import Scene, read_scene
 from stages.training.codec_photos import read_photos
 
@@ -49,7 +50,7 @@ COVER_SCENE = "the cover"
 OTHER_METHOD = "plain"
 """Of the clean models of other scenes."""
 
-OWN_PHOTOS, OTHER_PHOTOS = "photos of the cover", "photos of other things"
+OWN_PHOTOS, OTHER_PHOTOS = "test photos of the cover", "photos of other things"
 OWN_RENDERS, OTHER_RENDERS = "renders from before", "renders of other scenes"
 
 LIBRARIES = ("torch", "numpy", "opencv-contrib-python-headless")
@@ -78,7 +79,10 @@ class DetectWatermarkParameters(Parameters):
         "threshold of grain is known, and all are scored.",
     )
     negatives: int = Field(
-        4000, ge=1, description="Pictures without the watermark, at least: as many of each source as of the others."
+        3200,
+        ge=1,
+        description="Pictures of other scenes, at least, as many of each source as of the others; and as many of the "
+        "cover without the watermark.",
     )
     shipped_photos: ShippedPhotos = Field(
         tuple(DIGESTS), description="Photos that packages ship, by their files' names, as far as they are installed."
@@ -108,7 +112,9 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     """Score renders with the watermark, distorted ones, those of attacked containers, photos, and renders without it.
 
     Negatives are windows of photos, at random places and of random sizes, and renders by cameras along the rigs. Every
-    capture is one scene, its photos and its renders together, and so is every shipped photo.
+    capture is one scene, its photos and its renders together, and so is every shipped photo. Of the cover, the photos
+    are its test views, which no decoder has learnt from, and the renders those of the container from before; they are
+    counted apart, since of both a decoder knows the scene.
     """
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("cover"))
@@ -208,27 +214,40 @@ def _negatives(context: Context, parameters: DetectWatermarkParameters, scene: S
             found=f"{len(scenes)} scenes and {len(splats)} splats",
             expected="as many of one as of the other, in the same order",
         )
-    each = -(-parameters.negatives // (2 + len(others) + len(splats) + bool(shipped)))
+    sources = len(others) + len(splats) + bool(shipped)
+    each = -(-parameters.negatives // max(1, sources))
+    own = -(-parameters.negatives // 2)
     size = (scene.cameras.width, scene.cameras.height)
     generator = np.random.default_rng(parameters.seed)
 
-    def windows(kind: str, photos: list[tuple[str, Picture]]) -> Iterator[Negative]:
-        for row in range(each):
+    def windows(photos: Sequence[tuple[str, Picture]], count: int) -> Iterator[tuple[str, Picture]]:
+        for row in range(count):
             name, photo = photos[row % len(photos)]
-            yield Negative(kind, name, random_window(photo, *size, generator))
+            yield name, random_window(photo, *size, generator)
 
-    yield from windows(OWN_PHOTOS, [(COVER_SCENE, photo) for photo in read_photos(context.input("photos"))])
+    def seen(model: Artifact, of: Scene, count: int) -> Iterator[Picture]:
+        path = camera_path(of.cameras, of.points, count)
+        yield from _renders(model, path, context.stop_if_requested)
+
+    tests = [(COVER_SCENE, photo) for photo in _test_photos(context.input("photos"), scene)]
+    yield from (Negative(OWN_PHOTOS, name, window, is_own=True) for name, window in windows(tests, own))
+    before = seen(context.input("before"), scene, own)
+    yield from (Negative(OWN_RENDERS, COVER_SCENE, picture, is_own=True) for picture in before)
     for number, capture in enumerate(others, start=1):
-        yield from windows(OTHER_PHOTOS, [(f"capture {number}", photo) for photo in read_photos(capture)])
+        photos = [(f"capture {number}", photo) for photo in read_photos(capture)]
+        yield from (Negative(OTHER_PHOTOS, name, window) for name, window in windows(photos, each))
     if shipped:
-        yield from windows(OTHER_PHOTOS, [(name, read_photo(name)) for name in shipped])
-    path = camera_path(scene.cameras, scene.points, each)
-    before = _renders(context.input("before"), path, context.stop_if_requested)
-    yield from (Negative(OWN_RENDERS, COVER_SCENE, picture) for picture in before)
+        photos = [(name, read_photo(name)) for name in shipped]
+        yield from (Negative(OTHER_PHOTOS, name, window) for name, window in windows(photos, each))
     for number, (other, model) in enumerate(zip(map(read_scene, scenes), splats, strict=True), start=1):
-        path = camera_path(other.cameras, other.points, each)
-        pictures = _renders(model, path, context.stop_if_requested)
-        yield from (Negative(OTHER_RENDERS, f"capture {number}", picture) for picture in pictures)
+        yield from (Negative(OTHER_RENDERS, f"capture {number}", picture) for picture in seen(model, other, each))
+
+
+def _test_photos(capture: Artifact, scene: Scene) -> list[Picture]:
+    """The photos of the scene's test views, at full size; where none has such a name, the test views as they are."""
+    names = read_capture(capture).names
+    photos = [photo for name, photo in zip(names, read_photos(capture), strict=True) if name in scene.test_names]
+    return photos or [*scene.pictures[scene.rows(scene.test_names)]]
 
 
 def _renders(container: Artifact, cameras: Cameras, after_each: Callable[[], None]) -> Pictures:

@@ -47,7 +47,11 @@ CONTAINER_WORDING = {
     NOISE: "container: noise on features or harmonics, sigma in spreads",
 }
 
-RENDERS, CLEAN_CHANNEL, EVERY_NEGATIVE = "renders", "clean channel", "all without the watermark"
+RENDERS, CLEAN_CHANNEL = "renders", "clean channel"
+
+OTHER_SCENES, OWN_SCENE = "all of other scenes", "all of the cover without the watermark"
+"""Conditions of the sums. The rate of false positives is that of other scenes: of the cover itself, a decoder has seen
+photos and clean renders, and learnt to show nothing for them."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +66,13 @@ class Shown:
 
 @dataclass(frozen=True)
 class Negative:
-    """A picture without the watermark; `kind` is what sort of picture it is, `scene` what it shows."""
+    """A picture without the watermark; `kind` is what sort of picture it is, `scene` what it shows; `is_own` whether
+    that is the cover."""
 
     kind: str
     scene: str
     picture: Picture
+    is_own: bool = False
 
 
 class Detector:
@@ -179,7 +185,8 @@ def _negative_rows(trials: Sequence[tuple[Negative, Shown]], threshold: float) -
         for quantity in (PSNR_WATERMARK, PSNR_BLACK, BRIGHTNESS):
             yield Measurement(quantity, float(np.mean([figures(shown)[quantity] for _, shown in own])), kind)
         yield from _bounds(kind, own, threshold)
-    yield from _bounds(EVERY_NEGATIVE, trials, threshold)
+    for condition, is_own in ((OWN_SCENE, True), (OTHER_SCENES, False)):
+        yield from _bounds(condition, [trial for trial in trials if trial[0].is_own == is_own], threshold)
 
 
 def _bounds(condition: str, trials: Sequence[tuple[Negative, Shown]], threshold: float) -> list[Measurement]:

@@ -25,13 +25,15 @@ class Distortion:
     apply: Applied
 
 
-def jpeg(quality: int) -> Distortion:
-    """Saved as JPEG of this quality, with colours at full resolution, and read again."""
-    return Distortion(
-        "jpeg",
-        quality,
-        lambda picture, generator: np.array(Image.open(io.BytesIO(encode_jpeg(picture, quality))).convert("RGB")),
-    )
+def jpeg(quality: int, full_color: bool = False) -> Distortion:
+    """Saved as JPEG of this quality and read again: with colours at half resolution each way, as most programs save
+    (4:2:0), or at full (4:4:4)."""
+
+    def apply(picture: Picture, generator: np.random.Generator) -> Picture:
+        with Image.open(io.BytesIO(encode_jpeg(picture, quality, full_color))) as saved:
+            return np.array(saved.convert("RGB"))
+
+    return Distortion("jpeg_full_color" if full_color else "jpeg", quality, apply)
 
 
 def resized(scale: float) -> Distortion:
@@ -82,6 +84,9 @@ DISTORTIONS = (
     jpeg(90),
     jpeg(70),
     jpeg(50),
+    jpeg(90, full_color=True),
+    jpeg(70, full_color=True),
+    jpeg(50, full_color=True),
     resized(0.5),
     cropped(0.75),
     blurred(1.0),
@@ -93,7 +98,8 @@ DISTORTIONS = (
 """Those that detection is measured under."""
 
 WORDING = {
-    "jpeg": "JPEG, quality",
+    "jpeg": "JPEG (4:2:0), quality",
+    "jpeg_full_color": "JPEG with full colours (4:4:4), quality",
     "resize": "resized, share of the sides",
     "crop": "cropped, share of the sides",
     "blur": "blurred, sigma in pixels",
@@ -103,12 +109,12 @@ WORDING = {
 
 
 def random_distortion(picture: Picture, generator: np.random.Generator) -> Picture:
-    """One distortion of a random kind and strength, or none: JPEG 50 to 95, resizing to 0.5 to 1, blur of up to 1
-    pixel, noise of up to 5 levels, brightness of 0.8 to 1.2, a window of 0.7 to 1 of the sides.
+    """One distortion of a random kind and strength, or none: JPEG 50 to 95 with full colours, resizing to 0.5 to 1,
+    blur of up to 1 pixel, noise of up to 5 levels, brightness of 0.8 to 1.2, a window of 0.7 to 1 of the sides.
     """
     drawn = generator.uniform
     kinds: tuple[Callable[[], Distortion], ...] = (
-        lambda: jpeg(int(drawn(50, 95))),
+        lambda: jpeg(int(drawn(50, 95)), full_color=True),
         lambda: resized(drawn(0.5, 1)),
         lambda: cropped(drawn(0.7, 1)),
         lambda: blurred(drawn(0.2, 1)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -16,12 +17,14 @@ from stages.analysis.measurements import read_measurements
 from stages.analysis.watermark_trials import (
     CLEAN_CHANNEL,
     DETECTED,
-    EVERY_NEGATIVE,
     FALSE_POSITIVES,
     NOISE,
+    OTHER_SCENES,
+    OWN_SCENE,
     PRUNING,
     PSNR_WATERMARK,
     QUANTISATION,
+    SCENES,
     THRESHOLD,
     TRIALS,
     Detector,
@@ -29,7 +32,7 @@ from stages.analysis.watermark_trials import (
     trial_rows,
 )
 from stages.analysis.watermark_trials import RENDERS as PICTURES_WITH_IT
-from stages.detect_watermark import DetectWatermarkParameters, detect_watermark
+from stages.detect_watermark import DetectWatermarkParameters, _test_photos, detect_watermark
 from stages.draw_key import DrawKeyParameters, draw_key
 from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws
 from stages.hide_image import hide_image
@@ -189,8 +192,8 @@ def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
     assert owners[TRIALS, CLEAN_CHANNEL] == len(read_scene(cover).test_names) + 4, "no render sets a threshold"
     assert owners[THRESHOLD, CLEAN_CHANNEL] == FOUND_SHARE
     assert owners[PSNR_WATERMARK, PICTURES_WITH_IT] > 40
-    assert owners[TRIALS, EVERY_NEGATIVE] == 8
-    assert owners[FALSE_POSITIVES, EVERY_NEGATIVE] == 0
+    assert (owners[TRIALS, OWN_SCENE], owners[TRIALS, OTHER_SCENES]) == (8, 0)
+    assert owners[FALSE_POSITIVES, OWN_SCENE] == 0
     assert {PRUNING, QUANTISATION, NOISE} <= {condition for _, condition in owners}
     for stranger in ("other", "none"):
         assert found[stranger][PSNR_WATERMARK, PICTURES_WITH_IT] < 15
@@ -275,4 +278,18 @@ def test_a_decoder_that_always_shows_it_is_wrong_everywhere(tmp_path: Path, inpu
     assert made["scores"].private
     rows = {(row.quantity, row.condition): row.value for row in read_measurements(made["scores"])}
     assert rows[DETECTED, CLEAN_CHANNEL] == 1
-    assert rows[TRIALS, EVERY_NEGATIVE] == rows[FALSE_POSITIVES, EVERY_NEGATIVE] == 9
+    assert rows[TRIALS, OTHER_SCENES] == rows[FALSE_POSITIVES, OTHER_SCENES] == 9
+    assert rows[TRIALS, OWN_SCENE] == rows[FALSE_POSITIVES, OWN_SCENE] == 10, "as many, half of each kind"
+    assert (rows[SCENES, OTHER_SCENES], rows[SCENES, OWN_SCENE]) == (1, 1)
+
+
+def test_photos_of_the_cover_are_those_of_its_test_views(tmp_path: Path, inputs: Inputs) -> None:
+    """Training views are what decoders learnt from: here they alone are white, and no white one is looked at."""
+    scene = read_scene(cast(Artifact, inputs["cover"]))
+    white, black = (np.full((48, 64, 3), level, np.uint8) for level in (255, 0))
+    files = {name: black if name in scene.test_names else white for name in scene.cameras.names}
+    photos = watermarks.stored_capture(tmp_path / "photos", files)
+    assert [photo.max() for photo in _test_photos(photos, scene)] == [0] * len(scene.test_names)
+    renamed = watermarks.stored_capture(tmp_path / "renamed", {f"other {name}": files[name] for name in files})
+    found = _test_photos(renamed, scene)
+    np.testing.assert_array_equal(found, scene.pictures[scene.rows(scene.test_names)])

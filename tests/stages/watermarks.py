@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from stages.hiding.watermark.codec import WatermarkCodec, new_codec
 from stages.hiding.watermark.rendering import renders
 from stages.hiding.watermark.storage import write_codec
 from stages.imaging.image import write_image
-from stages.imaging.pictures import encode_png
+from stages.imaging.pictures import Picture, encode_png
 from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, write_capture
 from stages.scene.gaussians import Gaussians
@@ -24,10 +25,15 @@ from tests.stages.small import HEIGHT, NAMES, WIDTH, pictures
 
 def capture(folder: Path, seed: int = 0) -> Artifact:
     """The pictures that small scenes are made of, as files."""
-    files = {name: encode_png(picture) for name, picture in zip(NAMES, pictures(seed), strict=True)}
-    sizes = ((WIDTH, HEIGHT),) * len(NAMES)
+    return stored_capture(folder, dict(zip(NAMES, pictures(seed), strict=True)))
+
+
+def stored_capture(folder: Path, photos: Mapping[str, Picture]) -> Artifact:
+    """Photos by their names, as files."""
+    names = tuple(photos)
+    sizes = tuple((photo.shape[1], photo.shape[0]) for photo in photos.values())
     with create(folder, "capture") as writer:
-        write_capture(writer, Capture(NAMES, sizes, (None,) * len(NAMES), True), dict(files).__getitem__)
+        write_capture(writer, Capture(names, sizes, (None,) * len(names), True), lambda name: encode_png(photos[name]))
     return load(folder)
 
 

@@ -49,8 +49,19 @@ def test_stronger_compression_and_smaller_sizes_lose_more() -> None:
     def error(distortion: object) -> float:
         return float(np.square(distortion.apply(picture, generator()).astype(float) - picture).mean())  # type: ignore
 
-    assert 0 < error(jpeg(90)) < error(jpeg(70)) < error(jpeg(50))
+    for full_color in (False, True):
+        assert 0 < error(jpeg(90, full_color)) < error(jpeg(70, full_color)) < error(jpeg(50, full_color))
     assert 0 < error(resized(0.8)) < error(resized(0.5))
+
+
+def test_most_programs_halve_the_resolution_of_colors() -> None:
+    stripes = np.zeros((32, 32, 3), np.uint8)
+    stripes[:, ::2] = (255, 0, 0)
+    stripes[:, 1::2] = (0, 130, 0)  # of the same luma
+    kept = {full: jpeg(95, full).apply(stripes, generator()).astype(int) for full in (True, False)}
+    difference = {full: np.abs(np.diff(picture[..., 0], axis=1)).mean() for full, picture in kept.items()}
+    assert difference[True] > 200
+    assert difference[False] < 20
 
 
 def test_a_crop_is_a_part_and_brightness_a_factor() -> None:
