@@ -1,8 +1,8 @@
 """Receiver operating characteristics of detectors: curves, areas under them, and how sure an area is.
 
 Every scene counts alike, and in each both classes do, whatever their numbers of views: as the GS-Hider paper mixes
-renders and photos in equal proportions. Otherwise a scene with many photos and few renders would let a detector tell
-scenes apart, and be praised for telling classes apart.
+renders and photos in equal proportions. A curve pools scenes, as in the paper's figure. An area does not: within a
+scene views differ in the class alone, while what sets scenes apart, such as their lighting, would drown that in a pool.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -27,12 +28,14 @@ class Scores:
     """What a detector says of one scene's views, in their order along the rig; NaN where it says nothing.
 
     `positives` are those that it should find. `paired`: both classes are seen from the same cameras, in the same order,
-    so that a resampled scene takes the same cameras of both.
+    so that a resampled scene takes the same cameras of both. `scene` is the same for scores of several detectors, such
+    as of several seeds, of one scene; without a name they are of a scene of their own.
     """
 
     positives: Float64[np.ndarray, " P"]
     negatives: Float64[np.ndarray, " Q"]
     paired: bool = False
+    scene: str = ""
 
     @property
     def usable(self) -> bool:
@@ -81,24 +84,29 @@ def roc_curve(scenes: Sequence[Scores]) -> tuple[tuple[float, float], ...]:
     return ((0.0, 0.0), *((float(false), float(true)) for false, true in points))
 
 
-def bootstrap_area(scenes: Sequence[Scores], seed: int, common: bool = True, repeats: int = 1000) -> Area:
-    """The area under the common curve of all scenes, with its 95 % interval; or, where their scores have no `common`
-    scale, as those of several detectors, the mean of each scene's own.
+def bootstrap_area(scores: Sequence[Scores], seed: int, repeats: int = 1000) -> Area:
+    """The mean of the scenes' areas, of a scene with several detectors their mean, with its 95 % interval.
 
-    Scenes are drawn anew with replacement, then runs of views within each. With one scene the interval is about its
-    views alone; with two or three it cannot say much about others. The same seed gives the same interval.
+    Scenes are drawn anew with replacement, of each one of its detectors, and then runs of views. With one scene the
+    interval is about its views and detectors alone; with two or three it cannot say much about others. The same seed
+    gives the same interval.
     """
-    usable = [scene for scene in scenes if scene.usable]
-    if not usable:
+    scenes = _by_scene([each for each in scores if each.usable])
+    if not scenes:
         return UNKNOWN
-    every = [Counts(*(np.ones((1, len(each)), int) for each in _classes(scene))) for scene in usable]
-    areas_of = _areas if common else _mean_areas
-    [value] = areas_of(usable, every)
-    areas = areas_of(usable, _drawn(usable, np.random.default_rng(seed), repeats))
+    areas = _mean_areas(list(chain(*scenes)), _drawn(scenes, np.random.default_rng(seed), repeats))
     tail = (1 - CONFIDENCE) / 2
     known = areas[~np.isnan(areas)]
     low, high = np.quantile(known, [tail, 1 - tail]) if len(known) else (math.nan, math.nan)
+    value = np.mean([np.mean([_area(each) for each in scene]) for scene in scenes])
     return Area(float(value), float(low), float(high))
+
+
+def _by_scene(scores: Sequence[Scores]) -> list[list[Scores]]:
+    found: dict[str | int, list[Scores]] = {}
+    for number, each in enumerate(scores):
+        found.setdefault(each.scene or number, []).append(each)
+    return [*found.values()]
 
 
 class Counts(NamedTuple):
@@ -123,48 +131,49 @@ def _steps(scene: Scores) -> Float64[np.ndarray, "K 2"]:
     return np.array([(0, 1 / positives)] * positives + [(1 / negatives, 0)] * negatives)
 
 
-def _areas(scenes: Sequence[Scores], counts: Sequence[Counts]) -> Float64[np.ndarray, " R"]:
+def _area(scores: Scores) -> float:
+    """Of one scene as it is."""
+    [value] = _areas(scores, Counts(*(np.ones((1, len(values)), int) for values in _classes(scores))))
+    return float(value)
+
+
+def _areas(scores: Scores, drawn: Counts) -> Float64[np.ndarray, " R"]:
     """For each repeat: how often a positive is above a negative, ties counting half (Mann and Whitney)."""
-    positives = np.concatenate([scene.positives for scene in scenes])
-    negatives = np.concatenate([scene.negatives for scene in scenes])
-    drawn = list(zip(scenes, counts, strict=True))
-    of_positives = np.concatenate([each.positives * _share(scene.positives) for scene, each in drawn], axis=1)
-    of_negatives = np.concatenate([each.negatives * _share(scene.negatives) for scene, each in drawn], axis=1)
-    above = (positives[:, None] > negatives) + 0.5 * (positives[:, None] == negatives)
+    of_positives = drawn.positives * ~np.isnan(scores.positives)
+    of_negatives = drawn.negatives * ~np.isnan(scores.negatives)
+    above = (scores.positives[:, None] > scores.negatives) + 0.5 * (scores.positives[:, None] == scores.negatives)
     pairs = of_positives.sum(axis=1) * of_negatives.sum(axis=1)
     with np.errstate(invalid="ignore"):  # a draw of views without a single score has no area
         return np.asarray(((of_positives @ above) * of_negatives).sum(axis=1) / pairs)
 
 
-def _mean_areas(scenes: Sequence[Scores], counts: Sequence[Counts]) -> Float64[np.ndarray, " R"]:
-    """For each repeat: the mean of the scenes' own areas, of a scene that was drawn twice twice."""
-    areas = np.stack([_areas([scene], [drawn]) for scene, drawn in zip(scenes, counts, strict=True)])
+def _mean_areas(scores: Sequence[Scores], counts: Sequence[Counts]) -> Float64[np.ndarray, " R"]:
+    """For each repeat: the mean of the areas of what was drawn, of what was drawn twice twice."""
+    areas = np.stack([_areas(each, drawn) for each, drawn in zip(scores, counts, strict=True)])
     times = np.stack(
-        [drawn.positives.sum(axis=1) / len(scene.positives) for scene, drawn in zip(scenes, counts, strict=True)]
+        [drawn.positives.sum(axis=1) / len(each.positives) for each, drawn in zip(scores, counts, strict=True)]
     )
     times = times * ~np.isnan(areas)
     with np.errstate(invalid="ignore"):
         return np.asarray((np.nan_to_num(areas) * times).sum(axis=0) / times.sum(axis=0))
 
 
-def _share(values: Float64[np.ndarray, " K"]) -> Float64[np.ndarray, " K"]:
-    """What each view weighs, so that every scene weighs alike: nothing where it has no score."""
-    scored = ~np.isnan(values)
-    return scored / scored.sum()
-
-
-def _drawn(scenes: Sequence[Scores], generator: np.random.Generator, repeats: int) -> list[Counts]:
-    """As many scenes as there are, with replacement, and the views of each of them anew."""
-    counts = [Counts(*(np.zeros((repeats, len(each)), int) for each in _classes(scene))) for scene in scenes]
+def _drawn(scenes: Sequence[Sequence[Scores]], generator: np.random.Generator, repeats: int) -> list[Counts]:
+    """As many scenes as there are, with replacement, of each one detector, and the views anew: in the scenes' order."""
+    counts = [
+        [Counts(*(np.zeros((repeats, len(each)), int) for each in _classes(one))) for one in own] for own in scenes
+    ]
     for _ in scenes:
         drawn = generator.integers(len(scenes), size=repeats)
-        for number, scene in enumerate(scenes):
-            rows = np.flatnonzero(drawn == number)
-            positives = _drawn_counts(len(scene.positives), len(rows), generator)
-            negatives = positives if scene.paired else _drawn_counts(len(scene.negatives), len(rows), generator)
-            counts[number].positives[rows] += positives
-            counts[number].negatives[rows] += negatives
-    return counts
+        for number, own in enumerate(scenes):
+            chosen = generator.integers(len(own), size=repeats)
+            for detector, each in enumerate(own):
+                rows = np.flatnonzero((drawn == number) & (chosen == detector))
+                positives = _drawn_counts(len(each.positives), len(rows), generator)
+                negatives = positives if each.paired else _drawn_counts(len(each.negatives), len(rows), generator)
+                counts[number][detector].positives[rows] += positives
+                counts[number][detector].negatives[rows] += negatives
+    return list(chain(*counts))
 
 
 def _drawn_counts(views: int, repeats: int, generator: np.random.Generator) -> Int[np.ndarray, "R V"]:

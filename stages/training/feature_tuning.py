@@ -74,6 +74,7 @@ def feature_training(
         attribute_rates={**dict.fromkeys(GEOMETRY, 0.0), **attribute_rates(method, rates.features)},
         network_rate=0.0,
         final_rate_share=rates.final_share,
+        goes_on=True,
         density=None,
     )
     return Training(gaussians, method, views, terms, settings, fixed)

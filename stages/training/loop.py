@@ -48,7 +48,8 @@ class TrainingSettings:
     `attribute_rates` replace the method's own learning rates; they and `network_rate` fall exponentially to
     `final_rate_share` of themselves. `averaging` is the decay of the averages that the training ends with; 0: none.
     `opacity_weight` and `scale_weight` are those of the prior. One on opacities holds them down all the time, in place
-    of 3DGS's resets, as in 3DGS-MCMC: what a reset has made transparent could not climb back against it.
+    of 3DGS's resets, as in 3DGS-MCMC: what a reset has made transparent could not climb back against it. What
+    `goes_on` from Gaussians that were trained shows all degrees of their harmonics from its first iteration on.
     """
 
     iterations: int
@@ -65,6 +66,7 @@ class TrainingSettings:
     averaging: float = 0.0
     opacity_weight: float = 0.0
     scale_weight: float = 0.0
+    goes_on: bool = False
     attribute_rates: Mapping[str, float] = field(default_factory=dict)
     density: DensitySettings | None = field(default_factory=DensitySettings)
 
@@ -127,13 +129,14 @@ class Training:
         settings = self.settings
         progress = min(1.0, iteration / settings.scheduled)
         self._set_learning_rates(progress)
+        shown_at = 1.0 if settings.goes_on else progress
         with part("data"):
             view = self.sampler.draw()
             camera, truths = self.views.cameras[view], self.views.truths(view)
         with part(ACTIVATIONS):
-            rendering = self.method.render(self.gaussians, camera, progress, [term.picture for term in self.terms])
+            rendering = self.method.render(self.gaussians, camera, shown_at, [term.picture for term in self.terms])
         compared = [Compared(term, rendering.pictures[term.picture], truths[term.picture]) for term in self.terms]
-        compared += [self._seen(view, progress) for view in self.fixed]
+        compared += [self._seen(view, shown_at) for view in self.fixed]
         with part(LOSS):
             loss = total_loss(compared)
             for penalty in self._penalties():

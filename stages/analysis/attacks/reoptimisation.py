@@ -22,7 +22,8 @@ def reoptimisation(iterations: int, frozen: bool) -> Callable[[Target, int, Know
     """Train the container for up to so many iterations by Eq. 6 alone: the cover's loss on its training photos.
 
     The attacker knows the photos, and builds the method from the container without the secret. Rates are those at the
-    end of a training, and 3DGS's at all times for scales, rotations and opacities; no Gaussian is added or removed.
+    end of a training, half of that for features (the released code's 2.5e-3), and 3DGS's at all times for scales,
+    rotations and opacities; no Gaussian is added or removed.
     `frozen`: whether the scene decoder stays as it is. The severity is the number of iterations: snapshots of one run.
     Attributes that the cover does not show, such as a message's harmonics, get no gradient and stay.
     """

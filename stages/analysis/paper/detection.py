@@ -42,7 +42,7 @@ COMPARISONS = (AS_IN_THE_PAPER, RENDERING, HIDING, CHANCE)
 
 
 def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comparison) -> tuple[Scores, ...]:
-    """What one detector says of both classes, a scene for each experiment that has them."""
+    """What one kind of detector says of both classes, for each experiment that has them; a capture is a scene."""
     found = []
     for experiment in experiments:
         positives, negatives = (
@@ -50,16 +50,16 @@ def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comp
             for condition in (comparison.positive, comparison.negative)
         )
         if len(positives) and len(negatives):
-            found.append(Scores(positives, negatives, comparison.paired and len(positives) == len(negatives)))
+            is_paired = comparison.paired and len(positives) == len(negatives)
+            found.append(Scores(positives, negatives, is_paired, experiment.capture))
     return tuple(found)
 
 
 def area_of(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Area:
-    """The area over all experiments together, NaN without any.
+    """The mean of the scenes' areas, NaN without any.
 
     Two-sided: whoever knows that StegExpose gives renders less than photos inverts it. Not so of a learned detector,
-    which has learnt which side is which: if it takes the wrong one it has learnt nothing of this scene. Each scene has
-    a detector of its own then, so that the mean of the scenes is taken.
+    which has learnt which side is which: if it takes the wrong one it has learnt nothing of this scene.
     """
     area = _directed_area(experiments, quantity, comparison)
     return area if quantity in LEARNED else area.two_sided
@@ -68,7 +68,7 @@ def area_of(experiments: Sequence[Experiment], quantity: str, comparison: Compar
 def _directed_area(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Area:
     """The seed of its interval follows from what it is of."""
     seed = zlib.crc32(f"{quantity}: {comparison.title}".encode())
-    return bootstrap_area(scores_of(experiments, quantity, comparison), seed, common=quantity not in LEARNED)
+    return bootstrap_area(scores_of(experiments, quantity, comparison), seed)
 
 
 def area_cell(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Cell:

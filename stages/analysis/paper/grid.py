@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 from stages.analysis.page.figures import MISSING, write_figure
@@ -76,7 +76,7 @@ def as_written(quantity: str, spread: Spread) -> Spread:
     Spread(mean=250.0, deviation=125.0, count=3)
     """
     scale = SCALES.get(QUANTITIES[quantity].unit, 1)
-    return Spread(spread.mean * scale, spread.deviation * scale, spread.count)
+    return replace(spread, mean=spread.mean * scale, deviation=spread.deviation * scale)
 
 
 def published_cell(quantity: str, value: float, note: str = "") -> Cell:

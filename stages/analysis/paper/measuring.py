@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from stages.analysis.page.tables import Column, mean_of
 from stages.analysis.paper.runs import Run
@@ -15,11 +15,16 @@ Figure = Callable[[Run], float]
 
 @dataclass(frozen=True)
 class Spread:
-    """The mean of `count` values and their standard deviation, NaN for fewer than two values; without any, both."""
+    """The mean of `count` values and their standard deviation, NaN for fewer than two values; without any, both.
+
+    `worth`: its variance from one seed to the next is that of a single run over this. Two runs' mean is worth two, the
+    difference of two runs a half.
+    """
 
     mean: float
     deviation: float = math.nan
     count: int = 0
+    worth: float = 1.0
 
 
 UNKNOWN = Spread(math.nan)
@@ -41,12 +46,20 @@ class Measured:
         spreads = list(self.by_capture.values())
         if len(spreads) == 1:
             return spreads[0]
-        deviation = math.hypot(*(each.deviation for each in spreads)) / len(spreads) if spreads else math.nan
-        return Spread(mean(each.mean for each in spreads), deviation, len(spreads))
+        if not spreads:
+            return UNKNOWN
+        deviation = math.hypot(*(each.deviation for each in spreads)) / len(spreads)
+        worth = len(spreads) ** 2 / sum(1 / each.worth for each in spreads)
+        return Spread(mean(each.mean for each in spreads), deviation, len(spreads), worth)
 
     def on(self, capture: str) -> float:
         """The mean on one capture; NaN where it was not measured."""
         return self.by_capture.get(capture, UNKNOWN).mean
+
+    @property
+    def certain(self) -> Measured:
+        """The same figures, as of what no seed changes."""
+        return Measured({capture: replace(each, worth=math.inf) for capture, each in self.by_capture.items()})
 
     def minus(self, other: Measured) -> Measured:
         """The difference on each capture that both have."""
@@ -57,9 +70,14 @@ class Measured:
         return self.with_other(other, lambda own, others: own / others if others else math.nan)
 
     def with_other(self, other: Measured, combine: Callable[[float, float], float]) -> Measured:
-        """What becomes of both figures on each capture that both have."""
-        found = {capture: combine(self.on(capture), other.on(capture)) for capture in self.by_capture}
-        return Measured({capture: Spread(value) for capture, value in found.items() if not math.isnan(value)})
+        """What becomes of both figures on each capture that both have; worth what a difference of both is."""
+        found = {}
+        for capture, own in self.by_capture.items():
+            value = combine(own.mean, other.on(capture))
+            if not math.isnan(value):
+                worth = 1 / (1 / own.worth + 1 / other.by_capture[capture].worth)
+                found[capture] = Spread(value, worth=worth)
+        return Measured(found)
 
 
 def measure(runs: Iterable[Run], figure: Figure) -> Measured:
@@ -142,11 +160,11 @@ def size(run: Run) -> float:
 
 def _spread(groups: Sequence[Sequence[float]]) -> Spread:
     if len(groups) > 1:
-        return Spread(mean(mean(group) for group in groups), math.nan, len(groups))
+        worth = len(groups) ** 2 / sum(1 / len(group) for group in groups)
+        return Spread(mean(mean(group) for group in groups), math.nan, len(groups), worth)
     [values] = groups
     middle = mean(values)
     if len(values) < 2:
         return Spread(middle, math.nan, len(values))
-    return Spread(
-        middle, math.sqrt(math.fsum((value - middle) ** 2 for value in values) / (len(values) - 1)), len(values)
-    )
+    deviation = math.sqrt(math.fsum((value - middle) ** 2 for value in values) / (len(values) - 1))
+    return Spread(middle, deviation, len(values), len(values))

@@ -13,7 +13,7 @@ from stages.analysis.paper.measuring import Measured, Spread
 from stages.analysis.paper.runs import capture_title
 
 NOISES = 2
-"""A relation that is nearer to its bound than so many times the noise could be chance."""
+"""A relation that is nearer to its bound than so many of its own standard deviations could be chance."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Relation:
     """A difference in dB, a ratio, or a figure in dB, which is to lie on one side of `bound`.
 
     `published` is the same of the paper, or of whom `source` names, NaN where it gives no figure; `noise` the standard
-    deviation from one seed to the next.
+    deviation of a single run from one seed to the next: that of the average follows from how many runs it is made of.
     """
 
     text: str
@@ -60,7 +60,7 @@ class Relation:
     @property
     def within_noise(self) -> bool:
         """Whether other seeds could well change the verdict."""
-        return abs(self.value - self.bound) < NOISES * self.noise
+        return abs(self.value - self.bound) < NOISES * self.noise / math.sqrt(self.measured.average.worth)
 
     @property
     def verdict(self) -> str:

@@ -17,7 +17,7 @@ MOST_POINTS = 120
 
 
 def roc_charts(by_method: ByMethod, captures: Sequence[str]) -> Iterator[Chart]:
-    """As in the paper's figure, and against clean renders: by capture, and of several captures together."""
+    """As in the paper's figure, and against clean renders: by capture, and of several captures pooled."""
     groups: Mapping[str, Sequence[str]] = {capture_title(capture): [capture] for capture in captures}
     if len(captures) > 1:
         groups = {"All together": captures, **groups}

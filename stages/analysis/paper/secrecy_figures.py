@@ -82,7 +82,7 @@ def by_seed(rows: Sequence[Measurement]) -> Spread:
     if len(means) < 2:
         return Spread(middle, math.nan, len(means))
     variance = math.fsum((value - middle) ** 2 for value in means) / (len(means) - 1)
-    return Spread(middle, math.sqrt(variance), len(means))
+    return Spread(middle, math.sqrt(variance), len(means), len(means))
 
 
 def figure(experiments: Sequence[Experiment], quantity: str, condition: str, severity: float | None = None) -> Spread:

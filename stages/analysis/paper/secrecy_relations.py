@@ -53,7 +53,7 @@ def _over_one_colour(
     text: str, shown: Measured, experiments: Sequence[Experiment], noise: float = math.nan
 ) -> Relation:
     floor = measured(experiments, "psnr_constant", OWNER)
-    return Relation(text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(floor), math.nan, noise)
+    return Relation(text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(floor.certain), math.nan, noise)
 
 
 def _blind_relation(kind: Kind, experiments: Sequence[Experiment], blind: str) -> Relation:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from stages.analysis.attribute_histograms import GAUSSIANS
 from stages.analysis.learned_detection import LEARNED, TRAINING_SCENES
@@ -81,5 +81,10 @@ def _relations(by_method: ByMethod, quantity: str, detector: str) -> Iterator[Re
                 "at most",
                 UNNOTICED,
                 Measured({capture: Spread(area.value) for capture, area in areas.items()}),
-                noise=math.hypot(*((area.high - area.low) / DEVIATIONS for area in areas.values())) / len(areas),
+                noise=_of_one([(area.high - area.low) / DEVIATIONS for area in areas.values()]),
             )
+
+
+def _of_one(deviations: Sequence[float]) -> float:
+    """The deviation of one capture's area that its average over captures has the same of as with these."""
+    return math.hypot(*deviations) / math.sqrt(len(deviations))

@@ -41,9 +41,9 @@ class Observed:
         """The same view with another feature map."""
         return replace(self, rendering=replace(self.rendering, feature_map=feature_map))
 
-    def crop(self, row: int, column: int, side: int) -> Observed:
-        """A square of at most `side` pixels: its camera looks through the same pixels."""
-        rows, columns = slice(row, row + side), slice(column, column + side)
+    def crop(self, row: int, column: int, height: int, width: int) -> Observed:
+        """A part of at most so many pixels: its camera looks through the same pixels."""
+        rows, columns = slice(row, row + height), slice(column, column + width)
         feature_map = self.rendering.feature_map[rows, columns]
         intrinsics = self.camera.intrinsics.clone()
         intrinsics[0, 2] -= column

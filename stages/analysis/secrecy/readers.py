@@ -70,6 +70,12 @@ def has_start(method: Method) -> bool:
     return FEATURES in method.learning_rates
 
 
+def pixels_beyond(reader: Method) -> int:
+    """How far beyond a pixel its message decoder sees: 5 of five 3 x 3 convolutions, 0 of 1 x 1."""
+    layers = reader.networks[MESSAGE_DECODER].modules()
+    return sum(layer.kernel_size[0] // 2 for layer in layers if isinstance(layer, torch.nn.Conv2d))
+
+
 def read(reader: Method, seen: Observed) -> Float[Tensor, "L H W 3"]:
     """What the reader's message decoder shows of a view, unclamped, with gradients to its weights."""
     decoder = reader.networks[MESSAGE_DECODER]

@@ -13,16 +13,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from numpy.random import Generator
+from torch import Tensor
 
 from stages.analysis.secrecy.observing import Observed
-from stages.analysis.secrecy.readers import MESSAGE_DECODER, read
+from stages.analysis.secrecy.readers import MESSAGE_DECODER, pixels_beyond, read
 from stages.hiding.method import Method
 
 
 @dataclass(frozen=True)
 class SurrogateSettings:
-    """`rate` is Adam's, and falls to nothing over all `steps`; each step sees one square of `crop` pixels a side."""
+    """`rate` is Adam's, and falls to nothing over all `steps`; each step learns from one square of `crop` pixels a
+    side."""
 
     steps: int
     crop: int
@@ -48,18 +51,21 @@ def train_surrogate(
 ) -> list[float]:
     """Train the reader's message decoder on the `seen` views, to the least squared error; the loss of every step.
 
-    `seed` decides the squares. Raises `ValueError` without any view.
+    `seed` decides the squares. A decoder is given as many pixels around a square as it sees beyond one: where it would
+    find zeros in their place, as at no such place of a whole picture, it would learn what is of no use. Raises
+    `ValueError` without any view.
     """
     if not seen:
         raise ValueError("without a view there is nothing to train on")
     generator = np.random.default_rng(seed)
     decoder = reader.networks[MESSAGE_DECODER].requires_grad_()
     adam = torch.optim.Adam(decoder.parameters(), lr=settings.rate)
+    margin = pixels_beyond(reader)
     losses = []
     for step in range(settings.steps):
         adam.param_groups[0]["lr"] = settings.rate * 0.5 * (1 + math.cos(math.pi * step / settings.steps))
-        square = _random_square(seen[int(generator.integers(len(seen)))], settings.crop, generator)
-        loss = (read(reader, square) - square.truths).square().mean()
+        square = _random_square(seen[int(generator.integers(len(seen)))], settings.crop, margin, generator)
+        loss = square.error(reader)
         adam.zero_grad(set_to_none=True)
         loss.backward()
         adam.step()
@@ -69,7 +75,28 @@ def train_surrogate(
     return losses
 
 
-def _random_square(seen: Observed, side: int, generator: Generator) -> Observed:
-    height, width = seen.coverage.shape[1:]
-    row, column = (int(generator.integers(max(length - side, 0) + 1)) for length in (height, width))
-    return seen.crop(row, column, side)
+@dataclass(frozen=True)
+class _Square:
+    """What a step learns from: `observed` with pixels around it, and which of its `rows` and `columns` are judged."""
+
+    observed: Observed
+    rows: slice
+    columns: slice
+
+    def error(self, reader: Method) -> Float[Tensor, ""]:
+        """The mean squared error inside."""
+        difference = read(reader, self.observed) - self.observed.truths
+        return difference[:, self.rows, self.columns].square().mean()
+
+
+def _random_square(seen: Observed, side: int, margin: int, generator: Generator) -> _Square:
+    """A square anywhere in the picture, with a margin as far as the picture reaches."""
+    inside, around = [], []
+    for length in seen.coverage.shape[1:]:
+        first = int(generator.integers(max(length - side, 0) + 1))
+        last = min(first + side, length)
+        start, stop = max(first - margin, 0), min(last + margin, length)
+        inside.append(slice(first - start, last - start))
+        around.append((start, stop - start))
+    (row, height), (column, width) = around
+    return _Square(seen.crop(row, column, height, width), *inside)

@@ -19,7 +19,7 @@ PSNR = cover("psnr")
 
 def test_seeds_have_a_mean_and_a_spread() -> None:
     measured = measure([run(24.0), run(25.0), run(26.0), run(20.0, "bonsai"), run(math.nan, "kitchen")], PSNR)
-    assert measured.by_capture["fox"] == Spread(25.0, 1.0, 3)
+    assert measured.by_capture["fox"] == Spread(25.0, 1.0, 3, 3)
     assert measured.on("bonsai") == 20.0
     assert math.isnan(measured.by_capture["bonsai"].deviation)
     assert "kitchen" not in measured.by_capture
@@ -35,7 +35,7 @@ def test_the_average_of_captures_with_several_seeds_has_a_spread() -> None:
 
 
 def test_the_average_of_one_capture_counts_its_seeds() -> None:
-    assert measure([run(24.0), run(25.0), run(26.0)], PSNR).average == Spread(25.0, 1.0, 3)
+    assert measure([run(24.0), run(25.0), run(26.0)], PSNR).average == Spread(25.0, 1.0, 3, 3)
 
 
 def test_other_messages_are_no_seeds() -> None:
@@ -93,10 +93,22 @@ def relation(values: list[float], bound: float = 0.0, noise: float = math.nan, s
         (relation([0.0], sense="at least"), "holds"),
         (relation([-1.5], -1.4, 0.04, "at least"), "does not hold"),
         (relation([-1.5], -1.4, 0.06, "at least"), "does not hold, within noise"),
-        (relation([0.1, 0.3, -0.3], 0.0, 0.2), "holds, within noise, on 2 of 3 captures"),
+        (relation([0.2, 0.3, -0.2], 0.0, 0.08), "holds, on 2 of 3 captures"),
+        (relation([0.2, 0.3, -0.2], 0.0, 0.09), "holds, within noise, on 2 of 3 captures"),
         (relation([0.59], 0.6, sense="at most"), "holds"),
         (relation([0.3], 0.3, sense="less than"), "does not hold"),
     ],
 )
 def test_verdicts(found: Relation, verdict: str) -> None:
     assert found.verdict == verdict
+
+
+def test_noise_of_what_is_compared_follows_from_how_many_runs_it_is_made_of() -> None:
+    """Of single runs with a standard deviation of 1: means over seeds and captures, and differences of both."""
+    own = measure([run(24.0), run(25.0), run(26.0), run(20.0, "bonsai")], PSNR)
+    other = measure([run(23.0), run(19.0, "bonsai")], PSNR)
+    variances = {"fox": 1 / 3 + 1, "bonsai": 1 + 1}
+    difference = own.minus(other)
+    assert {name: 1 / spread.worth for name, spread in difference.by_capture.items()} == pytest.approx(variances)
+    assert 1 / difference.average.worth == pytest.approx(sum(variances.values()) / 4)
+    assert own.minus(other.certain).by_capture["fox"].worth == own.by_capture["fox"].worth == 3

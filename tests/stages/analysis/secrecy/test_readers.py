@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from stages.analysis.secrecy.readers import MESSAGE_DECODER, attackers_reader, read, seeded_reader, started_reader
+from stages.analysis.secrecy.readers import (
+    MESSAGE_DECODER,
+    attackers_reader,
+    pixels_beyond,
+    read,
+    seeded_reader,
+    started_reader,
+)
 from stages.hiding.method import Method, build_method
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER
@@ -84,9 +91,10 @@ def test_a_square_is_read_as_a_part_of_its_view(method: str) -> None:
     """Directions of view and all: only near the square's border do convolutions see zeros instead."""
     reader = seeded_reader(public(method), 1, 1)
     row, column, side = 5, 3, 12
-    inside = slice(3, side - 3)
+    margin = pixels_beyond(reader)
+    inside = slice(margin, side - margin)
     whole = read(reader, OBSERVED[1])[:, row : row + side, column : column + side]
-    square = read(reader, OBSERVED[1].crop(row, column, side))
+    square = read(reader, OBSERVED[1].crop(row, column, side, side))
     assert torch.allclose(whole[:, inside, inside], square[:, inside, inside], atol=1e-5)
 
 
