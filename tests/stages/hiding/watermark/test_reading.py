@@ -36,7 +36,7 @@ def test_grain_is_found_by_who_knows_the_coins() -> None:
     assert READER.score(picture) > 2 * CERTAIN
     assert READER.certainty(picture) > 0.99
     generator = np.random.default_rng(0)
-    for distortion in (jpeg(90, full_color=True), noisy(5.0)):
+    for distortion in (jpeg(90), jpeg(70), jpeg(50, full_color=True), noisy(5.0)):
         assert READER.score(distortion.apply(picture, generator)) > CERTAIN
     another = GrainReader(GAUSSIANS, METHOD, RIG, thrown(len(GAUSSIANS), np.random.default_rng(12)))
     assert abs(another.score(picture)) < 5
