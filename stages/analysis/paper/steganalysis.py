@@ -86,5 +86,5 @@ def _relations(by_method: ByMethod, quantity: str, detector: str) -> Iterator[Re
 
 
 def _of_one(deviations: Sequence[float]) -> float:
-    """The deviation of one capture's area that its average over captures has the same of as with these."""
+    """What each capture's deviation would be if they were all alike, and that of the average as it is with these."""
     return math.hypot(*deviations) / math.sqrt(len(deviations))
