@@ -35,6 +35,7 @@ from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.watermark.reading import FOUND_SHARE, owners_reader
 from stages.hiding.watermark.rendering import renders
 from stages.hiding.watermark.storage import read_codec
+from stages.imaging.distortions import noisy
 from stages.imaging.image import filling, read_image
 from stages.imaging.pictures import Picture, picture_to_tensor
 from stages.imaging.psnr import psnr
@@ -52,6 +53,10 @@ OTHER_METHOD = "plain"
 
 OWN_PHOTOS, OTHER_PHOTOS = "test photos of the cover", "photos of other things"
 OWN_RENDERS, OTHER_RENDERS = "renders from before", "renders of other scenes"
+NOISY_PHOTOS = "the same, with noise of 5 levels"
+"""After those of other things: what is hidden in pictures is a faint noise, and decoders may take one for the other."""
+
+NOISE = noisy(5.0)
 
 LIBRARIES = ("torch", "numpy", "opencv-contrib-python-headless")
 """Whose versions may change what is seen."""
@@ -112,9 +117,9 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     """Score renders with the watermark, distorted ones, those of attacked containers, photos, and renders without it.
 
     Negatives are windows of photos, at random places and of random sizes, and renders by cameras along the rigs. Every
-    capture is one scene, its photos and its renders together, and so is every shipped photo. Of the cover, the photos
-    are its test views, which no decoder has learnt from, and the renders those of the container from before; they are
-    counted apart, since of both a decoder knows the scene.
+    capture is one scene, its photos and its renders together, and so is every shipped photo, as it is and with noise.
+    Of the cover, the photos are its test views, which no decoder has learnt from, and the renders those of the
+    container from before; they are counted apart, since of both a decoder knows the scene.
     """
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("cover"))
@@ -214,7 +219,7 @@ def _negatives(context: Context, parameters: DetectWatermarkParameters, scene: S
             found=f"{len(scenes)} scenes and {len(splats)} splats",
             expected="as many of one as of the other, in the same order",
         )
-    sources = len(others) + len(splats) + bool(shipped)
+    sources = len(others) + len(splats) + 2 * bool(shipped)
     each = -(-parameters.negatives // max(1, sources))
     own = -(-parameters.negatives // 2)
     size = (scene.cameras.width, scene.cameras.height)
@@ -239,6 +244,8 @@ def _negatives(context: Context, parameters: DetectWatermarkParameters, scene: S
     if shipped:
         photos = [(name, read_photo(name)) for name in shipped]
         yield from (Negative(OTHER_PHOTOS, name, window) for name, window in windows(photos, each))
+        for name, window in windows(photos, each):
+            yield Negative(NOISY_PHOTOS, name, NOISE.apply(window, generator))
     for number, (other, model) in enumerate(zip(map(read_scene, scenes), splats, strict=True), start=1):
         yield from (Negative(OTHER_RENDERS, f"capture {number}", picture) for picture in seen(model, other, each))
 

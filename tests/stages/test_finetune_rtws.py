@@ -32,7 +32,13 @@ from stages.analysis.watermark_trials import (
     trial_rows,
 )
 from stages.analysis.watermark_trials import RENDERS as PICTURES_WITH_IT
-from stages.detect_watermark import DetectWatermarkParameters, _test_photos, detect_watermark
+from stages.detect_watermark import (
+    NOISY_PHOTOS,
+    OTHER_PHOTOS,
+    DetectWatermarkParameters,
+    _test_photos,
+    detect_watermark,
+)
 from stages.draw_key import DrawKeyParameters, draw_key
 from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws
 from stages.hide_image import hide_image
@@ -308,6 +314,31 @@ def test_a_decoder_that_always_shows_it_is_wrong_everywhere(tmp_path: Path, inpu
     assert rows[TRIALS, OTHER_SCENES] == rows[FALSE_POSITIVES, OTHER_SCENES] == 9
     assert rows[TRIALS, OWN_SCENE] == rows[FALSE_POSITIVES, OWN_SCENE] == 10, "as many, half of each kind"
     assert (rows[SCENES, OTHER_SCENES], rows[SCENES, OWN_SCENE]) == (1, 1)
+
+
+def test_photos_of_other_things_are_tried_with_noise_too(
+    tmp_path: Path, inputs: Inputs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grey = np.full((60, 80, 3), 128, np.uint8)
+    monkeypatch.setattr("stages.detect_watermark.read_photo", lambda name: grey)
+    tried: list[np.ndarray] = []
+    look = Detector._look
+    monkeypatch.setattr(Detector, "_look", lambda detector, picture: tried.append(picture) or look(detector, picture))
+    given: Inputs = {
+        **inputs,
+        "container": finetuned(tmp_path / "marked", inputs)["container"],
+        "before": inputs["container"],
+        "photos": watermarks.capture(tmp_path / "photos"),
+    }
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=6, shipped_photos=())
+    parameters = parameters.model_copy(update={"shipped_photos": ("coffee.png",)})
+    made = run_stage(detect_watermark, parameters, given, tmp_path / "made")
+    rows = {(row.quantity, row.condition): row.value for row in read_measurements(made["scores"])}
+    assert (rows[TRIALS, OTHER_PHOTOS], rows[TRIALS, NOISY_PHOTOS], rows[TRIALS, OTHER_SCENES]) == (3, 3, 6)
+    assert rows[SCENES, OTHER_SCENES] == 1, "a photo is one scene, with noise and without"
+    deviations = [float(picture.std()) for picture in tried[-6:]]
+    assert deviations[:3] == [0, 0, 0]
+    assert deviations[3:] == pytest.approx([5, 5, 5], rel=0.2)
 
 
 def test_photos_of_the_cover_are_those_of_its_test_views(tmp_path: Path, inputs: Inputs) -> None:
