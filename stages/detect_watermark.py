@@ -23,6 +23,8 @@ from stages.analysis.watermark_readers import shown_by_decoder, shown_by_grain
 from stages.analysis.watermark_trials import (
     COVER_AFTER,
     COVER_BEFORE,
+    OTHER_SCENES,
+    OWN_SCENE,
     Detector,
     Negative,
     Positives,
@@ -54,7 +56,8 @@ OTHER_METHOD = "plain"
 OWN_PHOTOS, OTHER_PHOTOS = "test photos of the cover", "photos of other things"
 OWN_RENDERS, OTHER_RENDERS = "renders from before", "renders of other scenes"
 NOISY_PHOTOS = "the same, with noise of 5 levels"
-"""After those of other things: what is hidden in pictures is a faint noise, and decoders may take one for the other."""
+"""After those of other things, and counted apart: what is hidden in pictures is a faint noise, and decoders may take
+one for the other."""
 
 NOISE = noisy(5.0)
 
@@ -87,7 +90,7 @@ class DetectWatermarkParameters(Parameters):
         3200,
         ge=1,
         description="Pictures of other scenes, at least, as many of each source as of the others; and as many of the "
-        "cover without the watermark.",
+        "cover without the watermark. Beside them as many noisy ones as of one source.",
     )
     shipped_photos: ShippedPhotos = Field(
         tuple(DIGESTS), description="Photos that packages ship, by their files' names, as far as they are installed."
@@ -117,9 +120,9 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     """Score renders with the watermark, distorted ones, those of attacked containers, photos, and renders without it.
 
     Negatives are windows of photos, at random places and of random sizes, and renders by cameras along the rigs. Every
-    capture is one scene, its photos and its renders together, and so is every shipped photo, as it is and with noise.
-    Of the cover, the photos are its test views, which no decoder has learnt from, and the renders those of the
-    container from before; they are counted apart, since of both a decoder knows the scene.
+    capture is one scene, its photos and its renders together, and so is every shipped photo. These are tried with
+    noise, too, which is counted apart. Of the cover, the photos are its test views, which no decoder has learnt from,
+    and the renders those of the container from before; they are counted apart, since of both a decoder knows the scene.
     """
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("cover"))
@@ -219,7 +222,7 @@ def _negatives(context: Context, parameters: DetectWatermarkParameters, scene: S
             found=f"{len(scenes)} scenes and {len(splats)} splats",
             expected="as many of one as of the other, in the same order",
         )
-    sources = len(others) + len(splats) + 2 * bool(shipped)
+    sources = len(others) + len(splats) + bool(shipped)
     each = -(-parameters.negatives // max(1, sources))
     own = -(-parameters.negatives // 2)
     size = (scene.cameras.width, scene.cameras.height)
@@ -235,19 +238,21 @@ def _negatives(context: Context, parameters: DetectWatermarkParameters, scene: S
         yield from _renders(model, path, context.stop_if_requested)
 
     tests = [(COVER_SCENE, photo) for photo in _test_photos(context.input("photos"), scene)]
-    yield from (Negative(OWN_PHOTOS, name, window, is_own=True) for name, window in windows(tests, own))
+    yield from (Negative(OWN_PHOTOS, name, window, OWN_SCENE) for name, window in windows(tests, own))
     before = seen(context.input("before"), scene, own)
-    yield from (Negative(OWN_RENDERS, COVER_SCENE, picture, is_own=True) for picture in before)
+    yield from (Negative(OWN_RENDERS, COVER_SCENE, picture, OWN_SCENE) for picture in before)
     for number, capture in enumerate(others, start=1):
         photos = [(f"capture {number}", photo) for photo in read_photos(capture)]
-        yield from (Negative(OTHER_PHOTOS, name, window) for name, window in windows(photos, each))
+        yield from (Negative(OTHER_PHOTOS, name, window, OTHER_SCENES) for name, window in windows(photos, each))
     if shipped:
         photos = [(name, read_photo(name)) for name in shipped]
-        yield from (Negative(OTHER_PHOTOS, name, window) for name, window in windows(photos, each))
+        yield from (Negative(OTHER_PHOTOS, name, window, OTHER_SCENES) for name, window in windows(photos, each))
         for name, window in windows(photos, each):
-            yield Negative(NOISY_PHOTOS, name, NOISE.apply(window, generator))
+            yield Negative(NOISY_PHOTOS, name, NOISE.apply(window, generator), None)
     for number, (other, model) in enumerate(zip(map(read_scene, scenes), splats, strict=True), start=1):
-        yield from (Negative(OTHER_RENDERS, f"capture {number}", picture) for picture in seen(model, other, each))
+        yield from (
+            Negative(OTHER_RENDERS, f"capture {number}", picture, OTHER_SCENES) for picture in seen(model, other, each)
+        )
 
 
 def _test_photos(capture: Artifact, scene: Scene) -> list[Picture]:

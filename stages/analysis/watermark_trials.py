@@ -66,13 +66,14 @@ class Shown:
 
 @dataclass(frozen=True)
 class Negative:
-    """A picture without the watermark; `kind` is what sort of picture it is, `scene` what it shows; `is_own` whether
-    that is the cover."""
+    """A picture without the watermark; `kind` is what sort of picture it is, `scene` what it shows. `total` is the sum
+    that it is counted in, `OTHER_SCENES` or `OWN_SCENE`; None for what is no picture as it came: a rate of such would
+    be one of whatever was done to them."""
 
     kind: str
     scene: str
     picture: Picture
-    is_own: bool = False
+    total: str | None
 
 
 class Detector:
@@ -185,8 +186,8 @@ def _negative_rows(trials: Sequence[tuple[Negative, Shown]], threshold: float) -
         for quantity in (PSNR_WATERMARK, PSNR_BLACK, BRIGHTNESS):
             yield Measurement(quantity, float(np.mean([figures(shown)[quantity] for _, shown in own])), kind)
         yield from _bounds(kind, own, threshold)
-    for condition, is_own in ((OWN_SCENE, True), (OTHER_SCENES, False)):
-        yield from _bounds(condition, [trial for trial in trials if trial[0].is_own == is_own], threshold)
+    for total in (OWN_SCENE, OTHER_SCENES):
+        yield from _bounds(total, [trial for trial in trials if trial[0].total == total], threshold)
 
 
 def _bounds(condition: str, trials: Sequence[tuple[Negative, Shown]], threshold: float) -> list[Measurement]:
