@@ -145,19 +145,6 @@ def random_recoloring(picture: Picture, generator: np.random.Generator) -> Pictu
     return to_bytes(mean + gains * (picture - mean) + shifts)
 
 
-def random_noise(picture: Picture, generator: np.random.Generator) -> Picture:
-    """A fine noise of one random colour, as of sensors or of grass in low light; or none, every other time.
-
-    Of up to 8 levels, and so soft as a Gaussian of up to one pixel makes it.
-    """
-    if generator.uniform() < 0.5:
-        return picture
-    color = generator.normal(size=3)
-    noise = gaussian_filter(generator.normal(size=picture.shape[:2]), generator.uniform(0, 1))
-    level = generator.uniform(0, 8)
-    return to_bytes(picture + level * (noise / noise.std())[..., None] * (color / np.linalg.norm(color)))
-
-
 def to_bytes(values: Float[np.ndarray, "H W 3"]) -> Picture:
     """Rounded and clamped to 0..255."""
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)

@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from stages.hiding.watermark.codec import WatermarkCodec
-from stages.imaging.distortions import random_distortion, random_noise, random_recoloring, random_tint
+from stages.imaging.distortions import random_distortion, random_recoloring, random_tint
 from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture, tensor_to_picture
 from stages.imaging.windows import random_window
 from stages.training.network import NetworkTraining
@@ -27,10 +27,8 @@ class TuningSettings:
     picture of every other kind.
 
     `tinted`: each after a random tint; `distorted`: after a random distortion, or none. `black_weight` is that of every
-    kind that should show black, beside that of renders. Every render with the watermark is the one of
-    `hardest_render_of` in which the decoder sees least, and every window of other photos the one of `hardest_of` in
-    which it sees most (online hard example mining: Shrivastava et al., 2016). `noisy`: these windows have a random
-    noise, or none.
+    kind that should show black, beside that of renders. Every window of other photos is the one of `hardest_of` in
+    which the decoder sees most (online hard example mining: Shrivastava et al., 2016).
     """
 
     iterations: int
@@ -42,8 +40,6 @@ class TuningSettings:
     tinted: bool = False
     black_weight: float = 1.0
     hardest_of: int = 1
-    hardest_render_of: int = 1
-    noisy: bool = False
 
 
 class DecoderTuning(NetworkTraining):
@@ -88,32 +84,23 @@ class DecoderTuning(NetworkTraining):
         }
 
     def _drawn(self, kind: str, number: int, draw: int, generator: np.random.Generator) -> Picture:
-        count = self.settings.hardest_render_of if kind == RENDERS else 1
-        return self._hardest(
-            [self._next(kind, number, draw * count + each, generator) for each in range(count)], shows=True
-        )
-
-    def _next(self, kind: str, number: int, draw: int, generator: np.random.Generator) -> Picture:
         pictures = self.pictures[kind]
         lap, place = divmod(draw, len(pictures))
         order = np.random.default_rng((self.settings.seed, number, lap)).permutation(len(pictures))
         return self._as_read(pictures[order[place]], generator)
 
     def _hardest_other(self, generator: np.random.Generator) -> Picture:
-        return self._hardest([self._other(generator) for _ in range(self.settings.hardest_of)], shows=False)
-
-    def _hardest(self, drawn: Sequence[Picture], shows: bool) -> Picture:
+        drawn = [self._other(generator) for _ in range(self.settings.hardest_of)]
         if len(drawn) == 1:
             return drawn[0]
         with torch.no_grad():
-            return drawn[int(np.argmax([self._error(picture, shows).item() for picture in drawn]))]
+            return drawn[int(np.argmax([self._error(picture, shows=False).item() for picture in drawn]))]
 
     def _other(self, generator: np.random.Generator) -> Picture:
         height, width = self.watermark.shape[:2]
         photos = self.others[int(generator.integers(len(self.others)))]
         window = random_window(photos[int(generator.integers(len(photos)))], width, height, generator)
-        recolored = random_recoloring(window, generator)
-        return random_distortion(random_noise(recolored, generator) if self.settings.noisy else recolored, generator)
+        return random_distortion(random_recoloring(window, generator), generator)
 
     def _as_read(self, picture: Picture, generator: np.random.Generator) -> Picture:
         if self.settings.tinted:

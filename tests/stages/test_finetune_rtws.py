@@ -169,33 +169,6 @@ def test_the_windows_that_a_decoder_sees_most_in_are_learnt() -> None:
     assert np.mean(found[12]) > 2 * np.mean(found[1])
 
 
-def test_the_renders_that_a_decoder_sees_least_in_are_learnt() -> None:
-    """Of four, all drawn each step: the one that it makes the largest error in."""
-    shown = np.stack([np.full((8, 10, 3), level, np.uint8) for level in (10, 60, 120, 200)])
-    watermark = np.zeros((8, 10, 3), np.uint8)
-    one, hardest = (
-        DecoderTuning(
-            watermarks.little_codec(), watermark, {RENDERS: shown}, TuningSettings(4, seed=3, hardest_render_of=count)
-        )
-        for count in (1, 4)
-    )
-    each = [one.errors(step)[RENDERS].item() for step in range(1, 5)]
-    assert [hardest.errors(step)[RENDERS].item() for step in range(1, 5)] == pytest.approx([max(each)] * 4)
-
-
-def test_renders_between_the_views_and_noisy_photos_are_learnt_from(tmp_path: Path, inputs: Inputs) -> None:
-    marked = finetuned(tmp_path / "marked", inputs)["container"]
-    others = (watermarks.capture(tmp_path / "others", seed=5),)
-    given = {**inputs, "container": marked, "before": inputs["container"], "photos": others}
-    made = []
-    for more in ({}, {"between": 3}, {"noisy": True}):
-        parameters = TuneWatermarkDecoderParameters.model_validate({"method": "plain", "iterations": 3, **more})
-        made.append(
-            run_stage(tune_watermark_decoder, parameters, given, tmp_path / f"made {len(made)}")["codec"].digest
-        )
-    assert len(set(made)) == 3
-
-
 def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
     gaussians, method = scenes.cloud()
     before = watermarks.stored_splats(tmp_path / "before", gaussians, method)
