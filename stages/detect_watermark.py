@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import astuple, replace
+from dataclasses import astuple, dataclass, replace
 from itertools import chain
 from typing import Literal
 
@@ -35,7 +35,7 @@ from stages.analysis.watermarked_containers import attacked_containers
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.watermark.reading import FOUND_SHARE, owners_reader
-from stages.hiding.watermark.rendering import renders
+from stages.hiding.watermark.rendering import each_render, renders
 from stages.hiding.watermark.storage import read_codec
 from stages.imaging.distortions import noisy
 from stages.imaging.image import filling, read_image
@@ -45,7 +45,6 @@ from stages.imaging.shipped_photos import DIGESTS, ShippedPhotos, read_photo
 from stages.imaging.windows import random_window
 from stages.scene.camera_path import camera_path
 from stages.scene.cameras import Cameras
-from stages.scene.capture import read_capture
 from stages.scene.scene import Scene, read_scene
 from stages.training.codec_photos import read_photos
 
@@ -55,9 +54,8 @@ OTHER_METHOD = "plain"
 
 OWN_PHOTOS, OTHER_PHOTOS = "test photos of the cover", "photos of other things"
 OWN_RENDERS, OTHER_RENDERS = "renders from before", "renders of other scenes"
-NOISY_PHOTOS = "the same, with noise of 5 levels"
-"""After those of other things, and counted apart: what is hidden in pictures is a faint noise, and decoders may take
-one for the other."""
+NOISY_PHOTOS = "photos of other things, noise of 5 levels"
+"""Counted apart. What is hidden in pictures is a faint noise, and decoders may take one for the other."""
 
 NOISE = noisy(5.0)
 
@@ -130,9 +128,9 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
     checkpoints = Checkpoints(context, LIBRARIES, {"device": choose_device().describe()})
     detector = _detector(context, parameters, scene, watermark, _seen_before(context, checkpoints))
+    amounts = _amounts(context, parameters)
     positives = _positives(context, parameters, scene)
-    negatives = list(_negatives(context, parameters, scene))
-    total = positives.looked_at + len(negatives)
+    total = positives.looked_at + amounts.total
     done = 0
 
     def after_each() -> None:
@@ -147,7 +145,7 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
 
     rows = chain(
         _fidelity(context, scene, positives),
-        trial_rows(detector, positives, negatives, parameters.seed, after_each),
+        trial_rows(detector, positives, _negatives(context, parameters, scene, amounts), parameters.seed, after_each),
     )
     write_measurements(context.output("scores"), [replace(row, method=parameters.method) for row in rows])
     context.record(device=choose_device().describe())
@@ -212,54 +210,66 @@ def _fidelity(context: Context, scene: Scene, positives: Positives) -> Iterator[
             yield Measurement("psnr", value, condition, view=view, split="test")
 
 
-def _negatives(context: Context, parameters: DetectWatermarkParameters, scene: Scene) -> Iterator[Negative]:
-    others = context.input_many("other_photos")
+@dataclass(frozen=True)
+class Amounts:
+    """How many negatives: of the cover, `own` photos and as many renders; of other scenes, `each` of every source."""
+
+    own: int
+    each: int
+    total: int
+
+
+def _amounts(context: Context, parameters: DetectWatermarkParameters) -> Amounts:
     scenes, splats = context.input_many("other_scenes"), context.input_many("other_splats")
-    shipped = parameters.shipped_photos
     if len(scenes) != len(splats):
         raise UserError(
             "scenes and splats of clean models belong together",
             found=f"{len(scenes)} scenes and {len(splats)} splats",
             expected="as many of one as of the other, in the same order",
         )
-    sources = len(others) + len(splats) + bool(shipped)
-    each = -(-parameters.negatives // max(1, sources))
-    own = -(-parameters.negatives // 2)
-    size = (scene.cameras.width, scene.cameras.height)
+    is_shipped = bool(parameters.shipped_photos)
+    sources = len(context.input_many("other_photos")) + len(splats) + is_shipped
+    own, each = -(-parameters.negatives // 2), -(-parameters.negatives // max(1, sources))
+    return Amounts(own, each, 2 * own + (sources + is_shipped) * each)
+
+
+def _negatives(
+    context: Context, parameters: DetectWatermarkParameters, scene: Scene, amounts: Amounts
+) -> Iterator[tuple[Negative, Picture]]:
     generator = np.random.default_rng(parameters.seed)
 
     def windows(photos: Sequence[tuple[str, Picture]], count: int) -> Iterator[tuple[str, Picture]]:
         for row in range(count):
             name, photo = photos[row % len(photos)]
-            yield name, random_window(photo, *size, generator)
+            yield name, random_window(photo, scene.cameras.width, scene.cameras.height, generator)
 
     def seen(model: Artifact, of: Scene, count: int) -> Iterator[Picture]:
         path = camera_path(of.cameras, of.points, count)
-        yield from _renders(model, path, context.stop_if_requested)
+        return each_render(read_gaussians(model), read_method(model), path)
 
     tests = [(COVER_SCENE, photo) for photo in _test_photos(context.input("photos"), scene)]
-    yield from (Negative(OWN_PHOTOS, name, window, OWN_SCENE) for name, window in windows(tests, own))
-    before = seen(context.input("before"), scene, own)
-    yield from (Negative(OWN_RENDERS, COVER_SCENE, picture, OWN_SCENE) for picture in before)
-    for number, capture in enumerate(others, start=1):
+    for name, window in windows(tests, amounts.own):
+        yield Negative(OWN_PHOTOS, name, OWN_SCENE), window
+    for picture in seen(context.input("before"), scene, amounts.own):
+        yield Negative(OWN_RENDERS, COVER_SCENE, OWN_SCENE), picture
+    for number, capture in enumerate(context.input_many("other_photos"), start=1):
         photos = [(f"capture {number}", photo) for photo in read_photos(capture)]
-        yield from (Negative(OTHER_PHOTOS, name, window, OTHER_SCENES) for name, window in windows(photos, each))
-    if shipped:
-        photos = [(name, read_photo(name)) for name in shipped]
-        yield from (Negative(OTHER_PHOTOS, name, window, OTHER_SCENES) for name, window in windows(photos, each))
-        for name, window in windows(photos, each):
-            yield Negative(NOISY_PHOTOS, name, NOISE.apply(window, generator), None)
-    for number, (other, model) in enumerate(zip(map(read_scene, scenes), splats, strict=True), start=1):
-        yield from (
-            Negative(OTHER_RENDERS, f"capture {number}", picture, OTHER_SCENES) for picture in seen(model, other, each)
-        )
+        for name, window in windows(photos, amounts.each):
+            yield Negative(OTHER_PHOTOS, name, OTHER_SCENES), window
+    shipped = [(name, read_photo(name)) for name in parameters.shipped_photos]
+    for name, window in windows(shipped, amounts.each if shipped else 0):
+        yield Negative(OTHER_PHOTOS, name, OTHER_SCENES), window
+    for name, window in windows(shipped, amounts.each if shipped else 0):
+        yield Negative(NOISY_PHOTOS, name, None), NOISE.apply(window, generator)
+    others = zip(context.input_many("other_scenes"), context.input_many("other_splats"), strict=True)
+    for number, (other, model) in enumerate(others, start=1):
+        for picture in seen(model, read_scene(other), amounts.each):
+            yield Negative(OTHER_RENDERS, f"capture {number}", OTHER_SCENES), picture
 
 
 def _test_photos(capture: Artifact, scene: Scene) -> list[Picture]:
     """The photos of the scene's test views, at full size; where none has such a name, the test views as they are."""
-    names = read_capture(capture).names
-    photos = [photo for name, photo in zip(names, read_photos(capture), strict=True) if name in scene.test_names]
-    return photos or [*scene.pictures[scene.rows(scene.test_names)]]
+    return read_photos(capture, scene.test_names) or [*scene.pictures[scene.rows(scene.test_names)]]
 
 
 def _renders(container: Artifact, cameras: Cameras, after_each: Callable[[], None]) -> Pictures:

@@ -66,13 +66,14 @@ class Shown:
 
 @dataclass(frozen=True)
 class Negative:
-    """A picture without the watermark; `kind` is what sort of picture it is, `scene` what it shows. `total` is the sum
-    that it is counted in, `OTHER_SCENES` or `OWN_SCENE`; None for what is no picture as it came: a rate of such would
-    be one of whatever was done to them."""
+    """What a picture without the watermark is: `kind` is what sort of picture, `scene` what it shows.
+
+    `total` is the sum that it is counted in, `OTHER_SCENES` or `OWN_SCENE`; None for what is no picture as it came: a
+    rate of such would be one of whatever was done to them.
+    """
 
     kind: str
     scene: str
-    picture: Picture
     total: str | None
 
 
@@ -133,9 +134,16 @@ class Positives:
 
 
 def trial_rows(
-    detector: Detector, positives: Positives, negatives: Iterable[Negative], seed: int, after_each: Callable[[], None]
+    detector: Detector,
+    positives: Positives,
+    negatives: Iterable[tuple[Negative, Picture]],
+    seed: int,
+    after_each: Callable[[], None],
 ) -> Iterator[Measurement]:
-    """PSNR_W on test views, the threshold, survival of distortions, and what is shown of every kind of negative."""
+    """PSNR_W on test views, the threshold, survival of distortions, and what is shown of every kind of negative.
+
+    Of `negatives` only one picture is held at a time.
+    """
 
     def look(picture: Picture) -> Shown:
         after_each()
@@ -156,7 +164,7 @@ def trial_rows(
         yield from _detected(distortion.name, distortion.severity, shares, threshold)
     for name, severity, pictures in positives.attacked:
         yield from _detected(name, severity, [look(picture).share for picture in pictures], threshold)
-    yield from _negative_rows([(each, look(each.picture)) for each in negatives], threshold)
+    yield from _negative_rows([(each, look(picture)) for each, picture in negatives], threshold)
 
 
 def figures(shown: Shown) -> dict[str, float]:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from stages.imaging.pictures import Picture, encode_jpeg, resize_picture
+from stages.imaging.pictures import Picture, resize_picture, through_jpeg
 
 Applied = Callable[[Picture, np.random.Generator], Picture]
 
@@ -26,14 +24,9 @@ class Distortion:
 
 
 def jpeg(quality: int, full_color: bool = False) -> Distortion:
-    """Saved as JPEG of this quality and read again: with colours at half resolution each way, as most programs save
-    (4:2:0), or at full (4:4:4)."""
-
-    def apply(picture: Picture, generator: np.random.Generator) -> Picture:
-        with Image.open(io.BytesIO(encode_jpeg(picture, quality, full_color))) as saved:
-            return np.array(saved.convert("RGB"))
-
-    return Distortion("jpeg_full_color" if full_color else "jpeg", quality, apply)
+    """Saved as JPEG of this quality and read again: 4:2:0, or with colours at full resolution (4:4:4)."""
+    name = "jpeg_full_color" if full_color else "jpeg"
+    return Distortion(name, quality, lambda picture, generator: through_jpeg(picture, quality, full_color))
 
 
 def resized(scale: float) -> Distortion:

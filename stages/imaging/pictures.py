@@ -112,12 +112,19 @@ def encode_png(picture: Picture) -> bytes:
     return _encode(picture, "PNG", compress_level=4)
 
 
-def encode_jpeg(picture: Picture, quality: int, full_color: bool = True) -> bytes:
-    """The picture as a JPEG file of the given quality (1 to 95).
+def encode_jpeg(picture: Picture, quality: int) -> bytes:
+    """The picture as a JPEG file of the given quality (1 to 95), with colours at full resolution."""
+    return _encode(picture, "JPEG", quality=quality, subsampling=0, optimize=True)
 
-    `full_color`: with colours at full resolution (4:4:4); otherwise at half of it each way (4:2:0), as is usual.
+
+def through_jpeg(picture: Picture, quality: int, full_color: bool = False) -> Picture:
+    """The picture saved as a JPEG file of the given quality (1 to 95), and read again.
+
+    With colours at half resolution each way, as most programs save (4:2:0); or at full (4:4:4).
     """
-    return _encode(picture, "JPEG", quality=quality, subsampling=0 if full_color else 2, optimize=True)
+    file = _encode(picture, "JPEG", quality=quality, subsampling=0 if full_color else 2)
+    with Image.open(io.BytesIO(file)) as saved:
+        return np.array(saved)
 
 
 def _encode(picture: Picture, file_format: str, **options: int | bool) -> bytes:

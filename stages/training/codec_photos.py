@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from pipeline.artifact import Artifact
 from stages.imaging.pictures import Picture, read_picture
@@ -11,9 +11,10 @@ from stages.scene.capture import picture_path, read_capture
 from stages.scene.scene import TEST_VIEW_EVERY
 
 
-def read_photos(capture: Artifact) -> list[Picture]:
-    """The photos of a capture, in their order."""
-    return [no_larger(read_picture(picture_path(capture, name))) for name in read_capture(capture).names]
+def read_photos(capture: Artifact, among: Collection[str] | None = None) -> list[Picture]:
+    """The photos of a capture, in their order: all, or those of these names."""
+    names = [name for name in read_capture(capture).names if among is None or name in among]
+    return [no_larger(read_picture(picture_path(capture, name))) for name in names]
 
 
 def learnt_photos(captures: Sequence[Artifact], shipped: Sequence[str]) -> list[list[Picture]]:

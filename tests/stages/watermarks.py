@@ -9,6 +9,8 @@ import numpy as np
 import torch
 
 from pipeline.artifact import Artifact, create, load
+from pipeline.stage import run_stage
+from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws
 from stages.hiding.method import Method
 from stages.hiding.storage import write_container
 from stages.hiding.watermark.codec import WatermarkCodec, new_codec
@@ -20,7 +22,10 @@ from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, write_capture
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import Scene, write_scene
+from tests.stages import small
 from tests.stages.small import HEIGHT, NAMES, WIDTH, pictures
+
+Inputs = dict[str, Artifact | tuple[Artifact, ...]]
 
 
 def capture(folder: Path, seed: int = 0) -> Artifact:
@@ -78,3 +83,19 @@ def codec(folder: Path, tuned_to: torch.Tensor | None = None, blocks: int = 1, w
     with create(folder, "codec") as writer:
         write_codec(writer, made.requires_grad_(False))
     return load(folder)
+
+
+def inputs_of_rtws(folder: Path) -> Inputs:
+    """Splats of 3DGS, their scene, a codec and an emblem."""
+    return {
+        "container": small.splats(folder / "splats"),
+        "cover": small.scene(folder / "scene"),
+        "codec": codec(folder / "codec"),
+        "watermark": emblem(folder / "emblem"),
+    }
+
+
+def finetuned(folder: Path, inputs: Inputs, **settings: object) -> dict[str, Artifact]:
+    """What `finetune_rtws` makes of splats in a few iterations."""
+    parameters = FinetuneRtwsParameters.model_validate({"method": "plain", "iterations": 6} | settings)
+    return run_stage(finetune_rtws, parameters, inputs, folder)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import replace
 
 import numpy as np
 import torch
-from PIL import Image
 
 from stages.analysis.attacks.target import Picture, Target
-from stages.imaging.pictures import resize_picture, tensor_to_picture
+from stages.imaging.pictures import resize_picture, tensor_to_picture, through_jpeg
 
 QUALITIES = (95.0, 75.0, 50.0, 25.0, 10.0)
 FACTORS = (1.25, 1.5, 2.0, 3.0, 4.0)
@@ -18,19 +16,14 @@ FACTORS = (1.25, 1.5, 2.0, 3.0, 4.0)
 
 def jpeg(target: Target, quality: float) -> Target:
     """Pictures of the cover as JPEG files of this quality: what touches only messages that are read off them."""
-    return replace(target, on_pictures=lambda picture: _through_jpeg(picture, int(quality)))
+    return replace(
+        target, on_pictures=lambda picture: _to_tensor(through_jpeg(tensor_to_picture(picture), int(quality)))
+    )
 
 
 def resizing(target: Target, factor: float) -> Target:
     """Pictures of the cover made smaller by this factor, and as large as before again."""
     return replace(target, on_pictures=lambda picture: _through_smaller(picture, factor))
-
-
-def _through_jpeg(picture: Picture, quality: int) -> Picture:
-    file = io.BytesIO()
-    Image.fromarray(tensor_to_picture(picture)).save(file, "JPEG", quality=quality)
-    with Image.open(file) as read:
-        return _to_tensor(np.array(read))
 
 
 def _through_smaller(picture: Picture, factor: float) -> Picture:

@@ -81,7 +81,8 @@ IMPRINT_NOTE = (
 LEARNT_NOTE = (
     "Of other scenes no decoder has seen anything, neither photos nor renders: their rate of false positives is what "
     "is asked for. Test photos of the cover are new to decoders, too, but the scene is not; and renders from before, "
-    "by new cameras, are of the very container that decoders may have learnt to show black for."
+    "by new cameras, are of the very container that decoders may have learnt to show black for. Photos with noise are "
+    "counted in neither sum."
 )
 BOUND_NOTE = (
     "Upper bounds are one-sided, at 95 %. Over pictures: Clopper and Pearson's, as if thousands of pictures of few "

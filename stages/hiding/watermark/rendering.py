@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import UInt8
@@ -10,17 +10,23 @@ from jaxtyping import UInt8
 from stages.hiding.method import Method
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
-from stages.imaging.pictures import tensor_to_picture
+from stages.imaging.pictures import Picture, tensor_to_picture
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians
+
+
+def each_render(gaussians: Gaussians, method: Method, cameras: Cameras) -> Iterator[Picture]:
+    """The cover from every camera, in 8 bits; only one is held at a time."""
+    for rendering in photographs(gaussians, method, cameras):
+        yield tensor_to_picture(rendering.pictures[COVER])
 
 
 def renders(
     gaussians: Gaussians, method: Method, cameras: Cameras, after_each: Callable[[], None]
 ) -> UInt8[np.ndarray, "V H W 3"]:
-    """The cover from every camera, in 8 bits. No cameras give no pictures."""
+    """The same, all at once. No cameras give no pictures."""
     pictures = np.empty((len(cameras), cameras.height, cameras.width, 3), np.uint8)
-    for row, rendering in enumerate(photographs(gaussians, method, cameras)):
-        pictures[row] = tensor_to_picture(rendering.pictures[COVER])
+    for row, picture in enumerate(each_render(gaussians, method, cameras)):
+        pictures[row] = picture
         after_each()
     return pictures

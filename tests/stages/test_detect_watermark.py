@@ -1,0 +1,209 @@
+"""A watermark is found in what has it, and whatever a reader takes for it elsewhere is counted, scene by scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.artifact import Artifact
+from pipeline.errors import Interrupted, UserError
+from pipeline.stage import run_stage
+from stages.add_grain import AddGrainParameters, add_grain
+from stages.analysis.measurements import read_measurements
+from stages.analysis.watermark_trials import (
+    CLEAN_CHANNEL,
+    DETECTED,
+    FALSE_POSITIVES,
+    NOISE,
+    OTHER_SCENES,
+    OWN_SCENE,
+    PRUNING,
+    PSNR_WATERMARK,
+    QUANTISATION,
+    SCENES,
+    THRESHOLD,
+    TRIALS,
+    Detector,
+    Positives,
+    trial_rows,
+)
+from stages.analysis.watermark_trials import RENDERS as PICTURES_WITH_IT
+from stages.detect_watermark import (
+    NOISY_PHOTOS,
+    OTHER_PHOTOS,
+    DetectWatermarkParameters,
+    _test_photos,
+    detect_watermark,
+)
+from stages.draw_key import DrawKeyParameters, draw_key
+from stages.hiding.watermark.reading import FOUND_SHARE
+from stages.scene.scene import read_scene
+from tests.stages import small, watermarks
+from tests.stages.hiding.relocalisation import scenes
+from tests.stages.test_stopping import Asking
+from tests.stages.watermarks import Inputs, finetuned, inputs_of_rtws
+
+
+@pytest.fixture
+def inputs(tmp_path: Path) -> Inputs:
+    return inputs_of_rtws(tmp_path)
+
+
+def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
+    gaussians, method = scenes.cloud()
+    before = watermarks.stored_splats(tmp_path / "before", gaussians, method)
+    cover = watermarks.stored_scene(tmp_path / "cover", gaussians, method, scenes.rig())
+    key, other = (
+        run_stage(draw_key, DrawKeyParameters(seed=seed), {}, tmp_path / f"key {seed}")["key"] for seed in (1, 2)
+    )
+    given: Inputs = {"container": before, "cover": cover, "key": key}
+    grain = run_stage(add_grain, AddGrainParameters(method="plain", level=3), given, tmp_path / "grain")["container"]
+    assert not grain.private
+    asked: Inputs = {
+        "container": grain,
+        "before": before,
+        "cover": cover,
+        "watermark": watermarks.emblem(tmp_path / "emblem"),
+        "photos": watermarks.capture(tmp_path / "photos"),
+    }
+    parameters = DetectWatermarkParameters(method="plain", reader="grain", renders=4, negatives=8, shipped_photos=())
+    found = {}
+    for name, held in (("owner", {"key": key}), ("other", {"key": other}), ("none", {})):
+        made = run_stage(detect_watermark, parameters, asked | held, tmp_path / name)
+        assert made["scores"].private
+        rows = read_measurements(made["scores"])
+        found[name] = {(row.quantity, row.condition): row.value for row in rows}
+    owners = found["owner"]
+    assert owners[DETECTED, CLEAN_CHANNEL] == 1
+    assert owners[TRIALS, CLEAN_CHANNEL] == len(read_scene(cover).test_names) + 4, "no render sets a threshold"
+    assert owners[THRESHOLD, CLEAN_CHANNEL] == FOUND_SHARE
+    assert owners[PSNR_WATERMARK, PICTURES_WITH_IT] > 40
+    assert (owners[TRIALS, OWN_SCENE], owners[TRIALS, OTHER_SCENES]) == (8, 0)
+    assert owners[FALSE_POSITIVES, OWN_SCENE] == 0
+    assert {PRUNING, QUANTISATION, NOISE} <= {condition for _, condition in owners}
+    for stranger in ("other", "none"):
+        assert found[stranger][PSNR_WATERMARK, PICTURES_WITH_IT] < 15
+
+
+def test_what_was_seen_before_a_stop_is_not_looked_at_again(
+    tmp_path: Path, inputs: Inputs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: Inputs = {
+        **inputs,
+        "container": finetuned(tmp_path / "marked", inputs)["container"],
+        "before": inputs["container"],
+        "photos": watermarks.capture(tmp_path / "photos"),
+    }
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=9, shipped_photos=())
+    looked: list[int] = []
+    look = Detector._look
+    monkeypatch.setattr(Detector, "_look", lambda detector, picture: looked.append(1) or look(detector, picture))
+    undisturbed = run_stage(detect_watermark, parameters, given, tmp_path / "whole")
+    looks = len(looked)
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+
+    def attempt(number: int, asking: Asking) -> dict[str, Artifact]:
+        place = tmp_path / str(number)
+        place.mkdir()
+        (place / ".scratch").symlink_to(scratch)
+        return run_stage(detect_watermark, parameters, given, place, services=asking.services())
+
+    looked.clear()
+    with pytest.raises(Interrupted, match=f"stopped before picture [0-9]+ of {looks}"):
+        attempt(1, Asking(stop_at=50))
+    assert 0 < len(looked) < looks
+    made = attempt(2, Asking())
+    assert made["scores"].digest == undisturbed["scores"].digest
+    assert len(looked) == looks
+
+
+def test_every_look_is_counted() -> None:
+    black = np.zeros((6, 8, 3), np.uint8)
+    positives = Positives([("0.png", black)], [black] * 2, [black] * 3, [(PRUNING, 0.25, [black] * 4)])
+    looks = []
+    detector = Detector(lambda picture: torch.zeros(picture.shape), black + 9)
+    rows = list(trial_rows(detector, positives, [], 0, lambda: looks.append(1)))
+    assert len(looks) == positives.looked_at
+    [trials] = [row for row in rows if (row.quantity, row.condition) == (TRIALS, PRUNING)]
+    assert (trials.severity, trials.value) == (0.25, 4)
+
+
+@pytest.mark.parametrize(("own_share", "found"), [(0.75, 1), (0.8, 0), (None, 1)])
+def test_a_threshold_that_is_known_is_kept_whatever_renders_reach(own_share: float | None, found: float) -> None:
+    picture = np.full((6, 8, 3), 200, np.uint8)
+    detector = Detector(lambda shown: torch.full(shown.shape, 0.55 * 200 / 255), picture, own_share)  # 0.7975 of it
+    rows = trial_rows(detector, Positives([("0.png", picture)], [picture], []), [], 0, lambda: None)
+    values = {(row.quantity, row.condition): row.value for row in rows}
+    assert values[DETECTED, CLEAN_CHANNEL] == found
+    assert values[THRESHOLD, CLEAN_CHANNEL] == (own_share or pytest.approx(0.7975))
+
+
+def test_a_decoder_is_asked_for_where_one_is_to_read(tmp_path: Path, inputs: Inputs) -> None:
+    given = {name: inputs[name] for name in ("cover", "watermark")}
+    given |= {"container": small.splats(tmp_path / "marked", "container"), "before": inputs["container"]}
+    given |= {"photos": watermarks.capture(tmp_path / "photos")}
+    with pytest.raises(UserError, match="no decoder"):
+        run_stage(detect_watermark, DetectWatermarkParameters(method="plain"), given, tmp_path / "made")
+
+
+def test_a_decoder_that_always_shows_it_is_wrong_everywhere(tmp_path: Path, inputs: Inputs) -> None:
+    image = inputs["watermark"]
+    assert isinstance(image, Artifact)
+    emblem = torch.from_numpy(image.read("picture")).permute(2, 0, 1) / 255
+    given: Inputs = {
+        **inputs,
+        "container": finetuned(tmp_path / "marked", inputs)["container"],
+        "before": inputs["container"],
+        "codec": watermarks.codec(tmp_path / "stubborn", tuned_to=emblem),
+        "photos": watermarks.capture(tmp_path / "photos"),
+        "other_photos": (watermarks.capture(tmp_path / "others", seed=5),),
+    }
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=9, shipped_photos=())
+    made = run_stage(detect_watermark, parameters, given, tmp_path / "made")
+    assert made["scores"].private
+    rows = {(row.quantity, row.condition): row.value for row in read_measurements(made["scores"])}
+    assert rows[DETECTED, CLEAN_CHANNEL] == 1
+    assert rows[TRIALS, OTHER_SCENES] == rows[FALSE_POSITIVES, OTHER_SCENES] == 9
+    assert rows[TRIALS, OWN_SCENE] == rows[FALSE_POSITIVES, OWN_SCENE] == 10, "as many, half of each kind"
+    assert (rows[SCENES, OTHER_SCENES], rows[SCENES, OWN_SCENE]) == (1, 1)
+
+
+def test_photos_of_other_things_are_tried_with_noise_too(
+    tmp_path: Path, inputs: Inputs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grey = np.full((60, 80, 3), 128, np.uint8)
+    monkeypatch.setattr("stages.detect_watermark.read_photo", lambda name: grey)
+    tried: list[np.ndarray] = []
+    look = Detector._look
+    monkeypatch.setattr(Detector, "_look", lambda detector, picture: tried.append(picture) or look(detector, picture))
+    given: Inputs = {
+        **inputs,
+        "container": finetuned(tmp_path / "marked", inputs)["container"],
+        "before": inputs["container"],
+        "photos": watermarks.capture(tmp_path / "photos"),
+    }
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=3, shipped_photos=())
+    parameters = parameters.model_copy(update={"shipped_photos": ("coffee.png",)})
+    made = run_stage(detect_watermark, parameters, given, tmp_path / "made")
+    rows = {(row.quantity, row.condition): row.value for row in read_measurements(made["scores"])}
+    assert (rows[TRIALS, OTHER_PHOTOS], rows[TRIALS, NOISY_PHOTOS], rows[TRIALS, OTHER_SCENES]) == (3, 3, 3)
+    deviations = [float(picture.std()) for picture in tried[-6:]]
+    assert deviations[:3] == [0, 0, 0]
+    assert deviations[3:] == pytest.approx([5, 5, 5], rel=0.2)
+
+
+def test_photos_of_the_cover_are_those_of_its_test_views(tmp_path: Path, inputs: Inputs) -> None:
+    """Training views are what decoders learnt from: here they alone are white, and no white one is looked at."""
+    scene = read_scene(cast(Artifact, inputs["cover"]))
+    white, black = (np.full((48, 64, 3), level, np.uint8) for level in (255, 0))
+    files = {name: black if name in scene.test_names else white for name in scene.cameras.names}
+    photos = watermarks.stored_capture(tmp_path / "photos", files)
+    assert [photo.max() for photo in _test_photos(photos, scene)] == [0] * len(scene.test_names)
+    renamed = watermarks.stored_capture(tmp_path / "renamed", {f"other {name}": files[name] for name in files})
+    found = _test_photos(renamed, scene)
+    np.testing.assert_array_equal(found, scene.pictures[scene.rows(scene.test_names)])
