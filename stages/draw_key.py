@@ -20,7 +20,7 @@ class DrawKeyParameters(Parameters):
 
 
 @stage(
-    inputs={"container_of": Input("scene or views or splats or container", many=True, optional=True)},
+    inputs={"container_of": Input("scene or views or image or splats or container", many=True, optional=True)},
     outputs={"key": Output("key", privacy="private")},
     version=1,
     unrepeatable=lambda given: given.seed is None,

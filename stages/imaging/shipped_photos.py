@@ -4,10 +4,12 @@
     python -m stages.imaging.shipped_photos FOLDER
     .ci/unpack_debian.sh FOLDER mate-backgrounds lomiri-wallpapers-16.04
     python -m stages.imaging.shipped_photos FOLDER --wallpapers
+    .ci/unpack_debian.sh FOLDER opencv-doc plasma-workspace-wallpapers
+    python -m stages.imaging.shipped_photos FOLDER --examples
 
 The packages are not installed, only these files of theirs are kept, in the user's data folder (`$GS_HIDER_DATA`, by
-default the platform's own). They are recognised by their SHA-256 whenever they are read, so that a name stands for one
-picture and no other.
+default the platform's own). They are recognised by their SHA-256, in the packages and whenever they are read, so that a
+name stands for one picture and no other.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ from stages.imaging.pictures import Picture, read_picture, resize_picture
 HOW_TO_INSTALL = (
     "`make environment` fetches them; by hand: `pip install --no-deps --target FOLDER scikit-image==0.26.0 "
     "scikit-learn==1.9.1` and `python -m stages.imaging.shipped_photos FOLDER`; wallpapers: Debian's packages "
-    "mate-backgrounds and lomiri-wallpapers-16.04, unpacked into FOLDER, and the same with `--wallpapers`."
+    "mate-backgrounds and lomiri-wallpapers-16.04, unpacked into FOLDER, and the same with `--wallpapers`; examples: "
+    "opencv-doc and plasma-workspace-wallpapers, with `--examples`."
 )
 
 LONGEST_SIDE = 800
@@ -75,7 +78,52 @@ WALLPAPERS: Mapping[str, str] = {
 }
 """The same of Debian's wallpapers that are photos: those of nature of mate-backgrounds, and lomiri-wallpapers-16.04."""
 
-DIGESTS: Mapping[str, str] = {**SAMPLES, **WALLPAPERS}
+EXAMPLES: Mapping[str, str] = {
+    "robin.jpg": "e4fec7e2e67a8a425b512dc32452825655b11c7fa83326ae509c5c7ab138da9a",
+    "aero1.jpg": "d9a69191f6e3642ea361bc3c62e677b2f40fe6534b78da540f4155e0734b59ef",
+    "aloeL.jpg": "cce5736808efe80d9f04b118dbb978c344d4345672b332718c3e039a3eeb8eee",
+    "apple.jpg": "e86879de3d9a807dedc742a8f464f39e6b74bbb531a1fba3583155d94997d1cd",
+    "baboon.jpg": "1a1dd18d78eec44420af3b0b7f08ee3d41c982916cae3ce203d7ff35d754cc0f",
+    "board.jpg": "4c9a24ba67138ad5486d550f586cc5dd1161be112f1c1bea336d6c550cdf255f",
+    "building.jpg": "742a1baad62ac82e91e718e77eedf7e85c2eddc4badfb8c87c6cbc86c45a8b07",
+    "butterfly.jpg": "34a99716b78ded10eae87b4880de739d3e68cc7dd1a96812bb28f469d5eeaea8",
+    "BytheWater.jpg": "c272434ef39f2abf1ed48a15a8910088020f3165329a5092f3940ec9464bc05f",
+    "chicky_512.png": "4d2cf040de084fd3f34d5e3f96f1251faaa4787c1ac3b548fec5809a0d01854e",
+    "ColorfulCups.jpg": "6e0f3a72feb5a4a9fec191b77e34874c3c69e2d93040deb3f07773e73385023d",
+    "DarkestHour.jpg": "8e3703fae3a3c217b1fc2b399b706cd3720584268d071ba153e4809daa55f1ce",
+    "ela_original.jpg": "b55798b35e2dcb24675f0865a2442d0e4887eeb6aff322ecb1968d936cc23e7f",
+    "EveningGlow.jpg": "586682dcb362b9f620068f10138f87d0d3649939aef238adc5807cb951976a7a",
+    "FallenLeaf.jpg": "95603a6560c7e8d50e0e03b3f4adbe39c5258c72528e74e4ecaea1daf4e499de",
+    "fruits.jpg": "9c031d80a1c52da5eca790db896baffec6a7e52bf786cdb7bbfca5c7f880e6a1",
+    "graf1.png": "1504b769303c7bde00fa578eeaad3c68e02aceabeb1242e556f1f8d19e4bdea5",
+    "home.jpg": "23b8cf46a1965d0ec33459b875aed43187802834db49e0daa9fa2cc842e9d8d2",
+    "Kite.jpg": "bdca288ce296a981e80659c021cf707caddc702c0c8d4247e60bd618476d47f8",
+    "leuvenA.jpg": "b2977cdbd9fb3f94dadd6f76cf586d145676deb8a22b5f0f42149d21c058c09f",
+    "licenseplate_motion.jpg": "ea6fa9cea75df91bec656d1d3b903111a9c0708c6a3b88f405a5156de38ff9d6",
+    "messi5.jpg": "1d570e49654e84c7a943918537bd9e5e1ef82920152e147c834006e235be97c9",
+    "OneStandsOut.jpg": "cb507baf1dafdcae362264f3aba9483ed4be5f6c9fdd770f0ec0920c6d9e80fd",
+    "orange.jpg": "152c20d2f380ac985de25e474e1a5f06ed34b932191342099b8272a63a15a079",
+    "Path.jpg": "7477457d7f17b736259f1b021864778ad4ba802cf3214e6728181ff29126bba8",
+    "plant.jpg": "9928b44eee0d1d7ab2ffd9d6d80bbbff962d6e85c7786de2cd3c97fe72229186",
+    "rubberwhale1.png": "eb312435369dac9efcc92f7e098edbd9ed8d7e6dfede8b3b4d8e3702cd80b796",
+    "scenetext01.jpg": "7f3041a7019ab4d33d2452bc757d8c4f38616bfde71431e12f7ec370d7b2018e",
+    "scenetext02.jpg": "d4295bff9f348012f91a2cf745753124f85041fe3c3717146c6759c4cd977211",
+    "scenetext03.jpg": "cadf4a3d29a7ba6fe976b53fa65f490cc2868375e8feb3d93f26029f05c662ca",
+    "scenetext04.jpg": "28e08d142a04f92f96d01ff2674f7804321841cba95bd968980cdc85ef0af6df",
+    "scenetext05.jpg": "63985ac1a9989a8320605d5be0ec285af0c6304a78cc9cc5de6c2c7c435f7c0b",
+    "scenetext06.jpg": "e4d64f10bbfb27b2c5980cb048fd0abe20dd74868ba5460298de473ced53b518",
+    "scenetext_segmented_word01.jpg": "b1524d1ae02ba1ee07bc32285df1083cceca851a28a2f34db63f7cf1169893b2",
+    "scenetext_segmented_word02.jpg": "1c648c38ebf826968e5daacde0b6845ecfd824420de17a3132096056aa12a6c2",
+    "scenetext_segmented_word03.jpg": "6f60d1b006b81d95dcbae0723c4135dfcfe37b87b472faf056c8a35d910a2a7c",
+    "scenetext_segmented_word04.jpg": "43524ab83453638e1f4e1aae64c50ecee898cf687612ffec6937ff7e6fd30a35",
+    "scenetext_segmented_word05.jpg": "3c805afc795596442fedaf3576b4c29d5fbad98e472cb6f30151ea62697115fa",
+    "squirrel_cls.jpg": "20bb6e8ae96918a36c9886b6d48e54eedeb3948591e1485c206bc1dc60c8dc8b",
+    "summer_1am.jpg": "c868b50789591dd42910153c768053f1ba0a98cb36bbfc2b7a96a1045d0477f8",
+}
+"""The same of photos in Debian's opencv-doc and plasma-workspace-wallpapers. In the latter all files have one name: here
+they have that of their folder."""
+
+DIGESTS: Mapping[str, str] = {**SAMPLES, **WALLPAPERS, **EXAMPLES}
 
 HELD_OUT = (
     "china.jpg",
@@ -88,9 +136,23 @@ HELD_OUT = (
     "life_by_Aitzol_Berasategi.jpg",
     "seeding_by_Clements_Engelhardt.jpg",
     "sunset_by_Aitzol_Berasategi.jpg",
+    "aloeL.jpg",
+    "board.jpg",
+    "BytheWater.jpg",
+    "DarkestHour.jpg",
+    "FallenLeaf.jpg",
+    "home.jpg",
+    "licenseplate_motion.jpg",
+    "orange.jpg",
+    "rubberwhale1.png",
+    "scenetext03.jpg",
+    "scenetext06.jpg",
+    "scenetext_segmented_word03.jpg",
+    "squirrel_cls.jpg",
 )
-"""Those that nothing is trained on: they alone show things that no photo of a training shows. Among them are pale skies
-and lamps before a grey wall, in which decoders see watermarks first."""
+"""Those that nothing is trained on: they alone show things that no photo of a training shows. Among the first ten are
+pale skies and lamps before a grey wall, in which decoders see watermarks first; the others are every third of `EXAMPLES`.
+"""
 
 SAMPLES_LEARNT_FROM = tuple(name for name in SAMPLES if name not in HELD_OUT)
 
@@ -135,17 +197,19 @@ def no_larger(photo: Picture) -> Picture:
 
 
 def install_photos(folder: Path, digests: Mapping[str, str]) -> list[Path]:
-    """Copies photos, by their names and SHA-256, out of unpacked packages into the data folder; their paths there.
+    """Copies photos, whatever their names are there, out of unpacked packages into the data folder; their paths there.
 
-    Raises `UserError` where one is missing or is not what it should be; what is there already stays.
+    Raises `UserError` where one is missing; what is there already stays.
     """
-    return [_install(folder, name, digest) for name, digest in digests.items()]
+    pictures = (path for suffix in (".jpg", ".png") for path in sorted(folder.rglob(f"*{suffix}")) if path.is_file())
+    found = {_sha256(path.read_bytes()): path for path in pictures}
+    return [_install(found, folder, name, digest) for name, digest in digests.items()]
 
 
-def _install(folder: Path, name: str, digest: str) -> Path:
-    content = next((data for data in map(Path.read_bytes, sorted(folder.rglob(name))) if _sha256(data) == digest), None)
-    if content is None:
+def _install(found: Mapping[str, Path], folder: Path, name: str, digest: str) -> Path:
+    if digest not in found:
         raise UserError(f"no {name} of these packages in this folder", where=folder, remedy=HOW_TO_INSTALL)
+    content = found[digest].read_bytes()
     path = photo_file(name)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
@@ -162,10 +226,13 @@ def main(arguments: list[str] | None = None) -> int:
     """The command line; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m stages.imaging.shipped_photos", description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=Path, help="where the two packages were installed or unpacked")
-    parser.add_argument("--wallpapers", action="store_true", help="they are Debian's, not PyPI's")
+    of_debian = parser.add_mutually_exclusive_group()
+    of_debian.add_argument("--wallpapers", action="store_true", help="Debian's wallpapers, not PyPI's samples")
+    of_debian.add_argument("--examples", action="store_true", help="OpenCV's examples and KDE's wallpapers, of Debian")
     given = parser.parse_args(arguments)
+    wanted = WALLPAPERS if given.wallpapers else EXAMPLES if given.examples else SAMPLES
     try:
-        for path in install_photos(given.folder, WALLPAPERS if given.wallpapers else SAMPLES):
+        for path in install_photos(given.folder, wanted):
             print(path)
     except UserError as error:
         print(error, file=sys.stderr)

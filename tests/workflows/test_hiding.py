@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 WORKFLOWS = Path(__file__).parents[2] / "workflows"
-HIDING = ("hide_photos", "hide_scene", "hide_multi", "hide_splats", "hide_edits")
+HIDING = ("hide_photos", "hide_picture", "hide_scene", "hide_multi", "hide_splats", "hide_edits")
 
 
 def stages_of(workflow: str) -> dict[str, Any]:

@@ -12,12 +12,13 @@ from pipeline.project import open_project
 WORKFLOWS = Path(__file__).parents[2] / "workflows"
 FOR_OWNERS = {
     "hide_photos": ("cover", "message"),
+    "hide_picture": ("cover", "picture"),
     "hide_edits": ("cover",),
     "hide_splats": ("cover", "message"),
     "trace_pictures": ("cover", "pictures"),
     "batch_pairs": (),
 }
-MAKE_CONTAINERS = {"hide_scenes", "add_grain"}
+MAKE_CONTAINERS = {"hide_scenes", "hide_image", "add_grain"}
 
 
 def nodes(tmp_path: Path, workflow: str) -> dict[str, Node]:
@@ -38,7 +39,7 @@ def test_a_key_depends_on_all_that_its_container_holds(tmp_path: Path, workflow:
     assert makers
     for maker in makers:
         (key,) = maker.sources["key"]
-        held = {source for name in ("cover", "messages") for source in maker.sources.get(name, ())}
+        held = {source for name in ("cover", "messages", "image") for source in maker.sources.get(name, ())}
         if maker.uses == "add_grain":
             held = {*maker.sources["container"]}
         assert held <= {*found[key.node].sources["container_of"]}

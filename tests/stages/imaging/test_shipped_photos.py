@@ -23,7 +23,7 @@ CONTENT = encode_png(PICTURE)
 def unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A package that ships a photo, and another of the same name; nothing is installed yet."""
     monkeypatch.setenv("GS_HIDER_DATA", str(tmp_path / "data"))
-    for digests in ("DIGESTS", "SAMPLES", "WALLPAPERS"):
+    for digests in ("DIGESTS", "SAMPLES", "WALLPAPERS", "EXAMPLES"):
         monkeypatch.setattr(shipped_photos, digests, {"cat.png": hashlib.sha256(CONTENT).hexdigest()})
     for folder, content in (("a", b"another cat"), ("b", CONTENT)):
         (tmp_path / "unpacked" / folder).mkdir(parents=True)
@@ -51,7 +51,8 @@ def test_a_large_photo_is_reduced(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_the_workflow_tries_imprints_on_all_that_is_held_out() -> None:
     workflow = yaml.safe_load((WORKFLOWS / "rtws.yaml").read_text())
     assert tuple(workflow["vars"]["held_out_photos"]) == shipped_photos.HELD_OUT
-    assert {*workflow["vars"]["learnt_photos"]} == {*shipped_photos.DIGESTS} - {*shipped_photos.HELD_OUT}
+    assert {*workflow["vars"]["settling_photos"]} == {*shipped_photos.DIGESTS} - {*shipped_photos.HELD_OUT}
+    assert {*workflow["vars"]["learnt_photos"]} < {*workflow["vars"]["settling_photos"]}
     assert {*shipped_photos.HELD_OUT} < {*shipped_photos.DIGESTS}
 
 
