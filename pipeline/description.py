@@ -129,7 +129,7 @@ def describe(artifact: Artifact, store: Store | None, reveal: bool) -> Descripti
         attributes=artifact.attributes if told else None,
         arrays=tuple(_array(artifact, name, told) for name in artifact.names),
         files=tuple(_file(artifact, name, told) for name in artifact.files),
-        origin=_origin(artifact, store, told) if store else None,
+        origin=_origin(artifact, store, reveal) if store else None,
     )
 
 
@@ -200,13 +200,14 @@ def _is_deeper(value: Json, levels: int) -> bool:
     return items is not None and (levels == 0 or any(_is_deeper(item, levels - 1) for item in items))
 
 
-def _origin(artifact: Artifact, store: Store, told: bool) -> Origin | None:
+def _origin(artifact: Artifact, store: Store, reveal: bool) -> Origin | None:
     makers = newest_makers(store.records())
     record = makers.get(artifact.digest)
     if record is None:
         return None
     provenance: Mapping[str, Any] = record.provenance
     parts: Mapping[str, Any] = record.parts
+    told = reveal or not record.private  # what is public of it may have private sisters, which parameters would tell of
     return Origin(
         made_by=f"{record.workflow}/{record.name}",
         uses=str(parts.get("stage")),

@@ -14,7 +14,8 @@ from pipeline.errors import CommandError
 @contextmanager
 def held(lock: Path, store: Path, alone: bool) -> Iterator[None]:
     """Holds a lock, which is made where it is missing. Raises CommandError where it cannot be had at once."""
-    descriptor = os.open(lock, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o666)  # a link would make a file elsewhere
+    # A link would make a file elsewhere; and over NFS a lock is shared only by who could read the file.
+    descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
     with os.fdopen(descriptor, "ab") as file:
         try:
             fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from pipeline.disk import flush
 from pipeline.errors import CommandError, UserError, nearest
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,\[\]-]{0,199}")
@@ -80,7 +81,9 @@ class Pins:
 
     def _create(self, name: str, data: bytes) -> bool:
         """Writes a pin where none has that name; False where one has."""
-        self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if not self._folder.is_dir():
+            self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            flush(self._folder.parent)
         aside = self._folder / f".{name}.{os.getpid()}"
         with os.fdopen(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
             file.write(data)
@@ -92,6 +95,7 @@ class Pins:
             return False
         finally:
             aside.unlink()
+        flush(self._folder)
         return True
 
     def _delete(self, name: str) -> None:

@@ -72,8 +72,9 @@ def probe_secrecy(context: Context, parameters: ProbeSecrecyParameters) -> None:
     if len(messages) != len(strings(secret, "messages")) or not messages:
         raise UserError(
             "the hidden messages cannot be compared with anything",
-            found=f"views of {', '.join(views) or 'nothing'}",
-            expected=f"views of {', '.join(strings(secret, 'messages')) or 'a message; the container hides none'}",
+            found=f"views of {len(messages)} of the {len(strings(secret, 'messages'))} that the container hides",
+            expected="at least one, and views of each",
+            remedy="give probe_secrecy the container and the secret of one training, and its messages",
         )
     if clean is not None:
         check_method(clean, parameters.method)

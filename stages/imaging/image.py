@@ -11,8 +11,8 @@ MOST_CUT_OFF = 64
 
 
 def write_image(writer: ArtifactWriter, name: str, picture: Picture) -> None:
-    """Write an `image` artifact."""
-    writer.write("picture", picture)
+    """Write an `image` artifact, its picture as one file: of a camera's the engine would take rows for pictures."""
+    writer.write("picture", picture, chunks=picture.shape)
     writer.attributes.update(name=name)
 
 

@@ -72,11 +72,6 @@ def camera_path(
     return _cameras_of(_evenly(path, rig, frames, closed), cameras)
 
 
-def path_speed(cameras: Cameras, distance: float) -> Float64[np.ndarray, " n"]:
-    """What lies between consecutive cameras: steps as shares of `distance`, and turns in radians, as one length."""
-    return step_lengths(_features(_poses_of(cameras), distance))
-
-
 def _poses_of(cameras: Cameras) -> Poses:
     return Poses(cameras.centres(), Rotation.from_matrix(cameras.world_to_camera[:, :3, :3].transpose(0, 2, 1)))
 

@@ -158,6 +158,19 @@ def test_parameters_of_what_is_private_are_not_told(workspace: Workspace) -> Non
     assert revealed.parameters == {"count": 3, "first": 8128.0, "note": "treasure"}
 
 
+def test_what_is_public_does_not_tell_of_its_private_sister(workspace: Workspace) -> None:
+    """A container and its secret come of one action, whose parameters and facts may say what the secret does."""
+    workspace.write("stages:\n  some: {uses: numbers}\n  both: {uses: total, in: {numbers: [some]}}\n")
+    ran = workspace.run()
+    page = ran.artifact("both", "page")
+    assert not page.private
+    told = {reveal: describe(page, ran.project.store, reveal=reveal).origin for reveal in (False, True)}
+    assert told[False] is not None
+    assert (told[False].parameters, told[False].facts) == (None, None)
+    assert told[True] is not None
+    assert (told[True].parameters, told[True].facts) == ({}, {})
+
+
 def rows_of(views: int, quantities: int) -> list[dict[str, object]]:
     return [
         {"quantity": f"q{quantity}", "value": float(view), "view": f"{view:03}", "split": "test", "message": None}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import os
+from pathlib import Path
 
 import pytest
 
@@ -141,6 +143,26 @@ def test_what_two_workflows_share_stays_for_both(chain: Workspace) -> None:
     collected(chain, keep_last=1)
     assert is_cached(chain.write("name: other\nstages:\n  alone: {uses: numbers}\n"))
     assert len(store_of(chain).actions) == 2
+
+
+def test_a_pin_survives_a_power_cut(chain: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its name is flushed after it is given."""
+    store, order, fsync, link = chain.run().project.store, [], os.fsync, os.link
+
+    def flushed(descriptor: int) -> None:
+        order.append(str(Path(f"/proc/self/fd/{descriptor}").readlink()))
+        fsync(descriptor)
+
+    def linked(source: Path, target: Path) -> None:
+        order.append(str(target))
+        link(source, target)
+
+    monkeypatch.setattr(os, "fsync", flushed)
+    monkeypatch.setattr(os, "link", linked)
+    store.pins.add("paper", Pin("chain", "now", {}))
+    folder = store.root / "pins"
+    assert order[0] == str(store.root), "the folder's own name"
+    assert order.index(str(folder / "paper.json")) < order.index(str(folder))
 
 
 def test_pins_keep_results_until_they_are_removed(chain: Workspace) -> None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import errno
+import fcntl
+import os
 import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import IO
 
 import pytest
 
@@ -57,6 +60,23 @@ def test_broken_off_on_a_full_disk(chain: Workspace, monkeypatch: pytest.MonkeyP
     with pytest.raises(KeyboardInterrupt):
         remove_where_it_lies(store.object(digest), "manifest.json")
     assert not store.is_whole(digest)
+
+
+def test_a_lock_is_shared_by_who_may_read_it(chain: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """NFS locks ranges of bytes in place of files, and shares none over a descriptor that cannot read."""
+    store, flock = store_of(chain), fcntl.flock
+
+    def over_nfs(file: IO[bytes], operation: int) -> None:
+        access = fcntl.fcntl(file, fcntl.F_GETFL) & os.O_ACCMODE
+        needed = os.O_RDONLY if operation & fcntl.LOCK_SH else os.O_WRONLY
+        if access not in (needed, os.O_RDWR):
+            raise OSError(errno.EBADF, "Bad file descriptor")
+        flock(file, operation)
+
+    monkeypatch.setattr(fcntl, "flock", over_nfs)
+    for alone in (False, True):
+        with store.in_use(alone=alone):
+            pass
 
 
 def test_no_run_may_go_on_meanwhile(chain: Workspace) -> None:

@@ -11,7 +11,8 @@ from pipeline.artifact import Artifact
 from pipeline.errors import Interrupted, UserError
 from pipeline.stage import run_stage
 from stages.analysis.attacks.catalogue import ATTACKS, ONE_COLOUR, UNATTACKED, restored
-from stages.analysis.measurements import read_measurements
+from stages.analysis.attacks.kept import kept
+from stages.analysis.measurements import Measurement, read_measurements, to_lines
 from stages.attack import AttackParameters, attack
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from tests.stages.small import message_views, scene
@@ -68,10 +69,22 @@ def test_it_stops_when_it_is_asked_to_and_goes_on_with_the_next_attack(tmp_path:
     with pytest.raises(Interrupted):
         run_stage(attack, parameters, given, tmp_path / "attacked", services=asking.services())
     scratch = tmp_path / "attacked" / ".scratch"
-    assert (scratch / "quantisation.jsonl").is_file()
-    assert not (scratch / "stripping.jsonl").exists()
+    assert (scratch / "quantisation.json").is_file()
+    assert not (scratch / "stripping.json").exists()
     shutil.copytree(scratch, tmp_path / "again" / ".scratch")
     again = run_stage(attack, parameters, given, tmp_path / "again", services=(second := Asking()).services())
     whole = run_stage(attack, parameters, given, tmp_path / "whole", services=(third := Asking()).services())
     assert second.looks < third.looks
     assert read_measurements(again["measurements"]) == read_measurements(whole["measurements"])
+
+
+@pytest.mark.parametrize("left", ["", "{", "half", "lines"])
+def test_what_a_power_cut_damaged_is_measured_again(tmp_path: Path, left: str) -> None:
+    rows = [Measurement("psnr", float(number), "noise", severity=0.1) for number in range(3)]
+    assert kept(tmp_path, "noise", lambda: rows) == tuple(rows)
+    assert kept(tmp_path, "noise", lambda: pytest.fail("it is there")) == tuple(rows)
+    (file,) = tmp_path.iterdir()
+    whole = file.read_text()
+    file.write_text({"half": whole[: len(whole) // 2], "lines": to_lines(rows[:1])}.get(left, left))
+    assert kept(tmp_path, "noise", lambda: rows) == tuple(rows)
+    assert file.read_text() == whole

@@ -13,7 +13,7 @@ from pipeline.stage import run_stage
 from stages.analysis.comparisons import read_comparisons
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_image import hide_image
-from stages.imaging.image import filling, write_image
+from stages.imaging.image import filling, read_image, write_image
 from stages.imaging.metric_table import read_rows
 from tests.stages.small import HEIGHT, NAMES, WIDTH, scene
 
@@ -33,6 +33,14 @@ def emblem(tmp_path: Path) -> Artifact:
     with create(tmp_path / "emblem", "image", private=True) as writer:
         write_image(writer, "emblem", picture)
     return load(tmp_path / "emblem")
+
+
+def test_a_picture_of_a_camera_is_one_file(tmp_path: Path) -> None:
+    picture = np.zeros((40, 6000, 3), np.uint8)
+    with create(tmp_path / "photo", "image", private=True) as writer:
+        write_image(writer, "photo", picture)
+    np.testing.assert_array_equal(read_image(load(tmp_path / "photo"))[1], picture)
+    assert len([path for path in (tmp_path / "photo").rglob("*") if path.is_file()]) < 8
 
 
 def hidden(folder: Path, cover: Artifact, emblem: Artifact, **settings: object) -> dict[str, Artifact]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from stages.analysis.measurements import Measurement, read_measurements
 from stages.analysis.secrecy.conditions import LINEAR, OPEN, OTHER_START, OWNER, RANDOM, SURROGATE, VIEWS_SEEN
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
-from tests.stages.small import scene
+from tests.stages.small import message_views, scene
 from tests.stages.test_probe_decoder import SETTINGS, dotted_message
 
 SMALL = {"wrong_decoders": 2, "steps": 150, "shares": (0.0, 0.2, 1.0), "seeds": (0,), "crop": 16, "rate": 1e-2}
@@ -97,3 +98,11 @@ def test_a_container_without_the_message_is_refused(tmp_path: Path) -> None:
     given = inputs(tmp_path, "gs_hider", iterations=1, hidden=0)
     with pytest.raises(UserError, match="cannot be compared"):
         probed(tmp_path, "gs_hider", given)
+
+
+def test_an_error_names_no_message(tmp_path: Path) -> None:
+    given = inputs(tmp_path, "gs_hider", iterations=1)
+    other = message_views(tmp_path / "other")
+    with pytest.raises(UserError, match="views of 0 of the 1 that the container hides") as raised:
+        probed(tmp_path, "gs_hider", {**given, "messages": (other,)})
+    assert not {"statue", "dots"} & {*re.findall(r"\w+", str(raised.value))}

@@ -45,6 +45,15 @@ def test_a_key_depends_on_all_that_its_container_holds(tmp_path: Path, workflow:
         assert held <= {*found[key.node].sources["container_of"]}
 
 
+@pytest.mark.parametrize("workflow", FOR_OWNERS)
+def test_gaussians_from_before_the_grain_are_private(tmp_path: Path, workflow: str) -> None:
+    """Beside the published ones they show how every coin fell."""
+    found = nodes(tmp_path, workflow)
+    for maker in (node for node in found.values() if node.uses == "add_grain"):
+        (before,) = maker.sources["container"]
+        assert found[before.node].private
+
+
 def test_pairs_of_a_batch_have_a_key_each(tmp_path: Path) -> None:
     makers = [node for node in nodes(tmp_path, "batch_pairs").values() if node.uses == "hide_scenes"]
     assert len({maker.sources["key"] for maker in makers}) == len(makers) == 2

@@ -82,13 +82,19 @@ def _small_features(method: str, found: Found) -> list[Relation]:
             0.0,
             _behind(small, share).minus(_behind(large, share)),
             math.nan,
-            math.hypot(*(figure(each, "psnr_covered", SURROGATE, share).deviation for each in (small, large))),
+            _of_both(*(figure(each, "psnr_covered", SURROGATE, share).deviation for each in (small, large))),
         )
         for share in shares(small)
         if share > 0
     ]
 
 
+def _of_both(small: float, large: float) -> float:
+    """The standard deviation of a single run, of two kinds with so many runs each: the mean of both variances."""
+    return math.hypot(small, large) / math.sqrt(2)
+
+
 def _behind(experiments: Sequence[Experiment], share: float) -> Measured:
+    """The owner's decoder is the same whatever a surrogate's seed is."""
     surrogate = measured(experiments, "psnr_covered", SURROGATE, share)
-    return surrogate.minus(measured(experiments, "psnr_covered", OWNER))
+    return surrogate.minus(measured(experiments, "psnr_covered", OWNER).certain)

@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
 from stages.scene.alignment import rig_of
-from stages.scene.camera_path import Course, camera_path, path_speed
+from stages.scene.camera_path import Course, camera_path
 from stages.scene.cameras import Cameras
 from stages.scene.similarity import Similarity
+from stages.scene.tours import step_lengths
 from tests.stages.scene.rigs import arc, moved, similarities
 
 NO_POINTS = np.empty((0, 3))
@@ -32,6 +33,11 @@ def shaken(cameras: Cameras, seed: int = 0) -> Cameras:
 
 def steps(path: Cameras) -> np.ndarray:
     return np.linalg.norm(np.diff(path.centres(), axis=0), axis=1)
+
+
+def speeds(path: Cameras, distance: float) -> np.ndarray:
+    """What lies between consecutive frames: steps as shares of `distance`, and turns, as one length."""
+    return step_lengths(np.concatenate([path.centres() / distance, path.world_to_camera[:, 2, :3]], axis=1))
 
 
 def test_round_a_ring_and_back_to_the_beginning() -> None:
@@ -80,7 +86,7 @@ def test_constant_speed_and_level_horizon(degrees: float) -> None:
     cameras = shaken(arc(TARGET, views=25, degrees=degrees))
     path = camera_path(cameras, NO_POINTS, 50)
     rig = rig_of(cameras, NO_POINTS)
-    speed = path_speed(path, rig.distance)
+    speed = speeds(path, rig.distance)
     np.testing.assert_allclose(speed, speed.mean(), rtol=0.05)
     assert np.abs(path.world_to_camera[:, 0, :3] @ rig.up).max() < 1e-3
     assert (path.world_to_camera[:, 1, :3] @ rig.up < 0).all(), "nothing stands on its head"

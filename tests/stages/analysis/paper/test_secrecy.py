@@ -156,6 +156,26 @@ def test_verdicts_can_fail(made: dict[str, Artifact]) -> None:
     assert found[blind]["fox"] == "+2.50 dB"
 
 
+@pytest.mark.parametrize(("apart", "verdict"), [(0.3, "holds"), (0.1, "holds, within noise")])
+def test_noise_of_small_features_is_that_of_surrogates_alone(tmp_path: Path, apart: float, verdict: str) -> None:
+    """Three seeds each, a tenth of a decibel from one to the next: two means of them differ by 0.08 dB of noise."""
+    items = (
+        item(tmp_path, "gs_hider", 32, rows_of(32, 2.0)),
+        item(tmp_path, "gs_hider", 8, rows_of(8, 2.0 + apart)),
+    )
+    page = run_stage(
+        compare_with_paper,
+        CompareWithPaperParameters(tables=("secrecy",), capture_column="cover"),
+        {"experiments": tuple(each.artifact for each in items if each.artifact)},
+        tmp_path / "page",
+        items={"experiments": items},
+    )
+    small = "GS-Hider: M = 8 leaks more than 32, by the surrogate's loss on the owner's decoder, 20% of the views"
+    found = {names[1]: cells for names, cells in table(markdown(page), "Relations on test views").items()}
+    assert found[small]["Average"] == f"+{apart:.2f} dB"
+    assert found[small]["Verdict"] == verdict
+
+
 def test_what_is_not_secure_is_said_in_words(made: dict[str, Artifact]) -> None:
     text = markdown(made)
     assert "3DGS+SH keeps nothing secret: the published file alone shows the message at 18.00 dB." in text
