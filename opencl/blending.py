@@ -17,7 +17,7 @@ from opencl.tiling import TileLists
 LARGEST_FEATURE_DIM = 64
 """Channels of one pass; more are blended in several, so that what a tile sums stays near the processor."""
 _CACHED = 2**24
-"""Bytes of a picture that stays in a processor's caches until it is read."""
+"""Bytes of a picture that stays in a processor's caches until it is read; only the CPU schedule asks."""
 _SUM_CHUNK: dict[Schedule, int] = {"cpu": 128, "gpu": 8}
 """Gaussians a work-group of sum_gradients takes, as in cpu/blending_backward.cl and gpu/gradient_sums.cl."""
 
@@ -54,7 +54,7 @@ class Blend(torch.autograd.Function):
         alphas = backend.memory.empty(height, width, dtype=features.dtype)
         walked = backend.memory.empty(lists.tiles, dtype=torch.int32)
         options = {
-            "LARGE_PICTURE": feature_map.nbytes > _CACHED,
+            "LARGE_PICTURE": backend.schedule == "cpu" and feature_map.nbytes > _CACHED,
             "COUNT_PIXELS": pixel_counts.numel() > 0,
             "ABSOLUTE_GRADIENTS": absolute_gradients is not None,
         }

@@ -17,6 +17,7 @@ from opencl.projection import Project, pack_camera
 from opencl.radix_sort import scan, sort_by_keys
 from opencl.tile_lists import TileLists
 from opencl.tiling import sort_into_tiles
+from tests.opencl.runtimes import draw_on
 from tests.opencl.scenes import Scene, make_scene
 
 KEYS = {torch.float32: torch.int32, torch.float64: torch.int64}
@@ -132,6 +133,14 @@ def test_a_gaussian_over_the_whole_picture_among_small_ones(backend):
     assert lists.tile_counts[17] == 300
     places = (lists.entries == 17).nonzero().flatten()
     assert ((places >= lists.starts[:-1]) & (places < lists.starts[1:])).all()
+
+
+def test_pictures_of_every_size_are_blended_by_one_program():
+    # The CPU schedule alone writes a picture that its caches cannot hold by other instructions.
+    blended = Backend(choose_device(), schedule="gpu")
+    for side in (16, 1600):
+        draw_on(blended, make_scene(count=1, feature_dim=4, width=side, height=side, dtype=torch.float32))
+    assert [key.part for key in blended._programs] == ["geometry", "blending"]
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
