@@ -186,9 +186,10 @@ class _Drawing:
             features = self.backend.memory.receive(torch.cat([self.features, self._depths(view)], dim=1))
             background = torch.cat([background, background.new_zeros(1)])
         passes: list[tuple[Tensor, Tensor]] = []
-        for part, behind in zip(self._parts(features, 1), self._parts(background, 0), strict=True):
+        parts = self._parts(features, 1)
+        for part, behind in zip(parts, self._parts(background, 0), strict=True):
             counted = pixel_counts[:0] if passes else pixel_counts
-            fixed = (self.backend, self.settings, lists, self.size, counted)
+            fixed = (self.backend, self.settings, lists, self.size, counted, len(parts) == 1)
             passes.append(Blend.apply(*fixed, centres, absolute, records, part, behind))
         feature_map = passes[0][0] if len(passes) == 1 else torch.cat([one[0] for one in passes], dim=-1)
         return feature_map, passes[0][1]

@@ -77,7 +77,7 @@ def test_only_inputs_and_outputs_are_copied(staged):
     memory = staged.memory
     assert isinstance(memory, StagedMemory)
     leaves, scene = trainable(make_scene(count=200, feature_dim=16, width=64, height=48, dtype=torch.float32))
-    count, camera_bytes = len(scene.means), 20 * 4
+    camera_bytes = 20 * 4
 
     before = memory.uploaded, memory.downloaded
     output = draw(staged, scene)
@@ -89,8 +89,22 @@ def test_only_inputs_and_outputs_are_copied(staged):
     before = memory.uploaded, memory.downloaded
     found = gradients(output, leaves)
     assert memory.uploaded - before[0] == total(output.features, output.alphas, output.means2d)
-    records_bytes = count * RECORD * 4  # their gradient may be summed by torch
-    assert memory.downloaded - before[1] == total(*found) + records_bytes
+    assert memory.downloaded - before[1] == total(*found)
+
+
+def test_gradients_of_records_are_copied_where_torch_reads_them(staged, shared):
+    """It sums those of several passes, and looks for NaN where it is asked to."""
+    memory = staged.memory
+    assert isinstance(memory, StagedMemory)
+    for feature_dim, passes, anomalies in ((70, 2, False), (3, 1, True)):
+        leaves, scene = trainable(make_scene(count=80, feature_dim=feature_dim, dtype=torch.float32))
+        output = draw(staged, scene)
+        before = memory.downloaded
+        with torch.autograd.set_detect_anomaly(anomalies):
+            found = gradients(output, leaves)
+        records_bytes = len(scene.means) * RECORD * 4
+        centres_bytes = (passes - 1) * total(output.means2d)
+        assert memory.downloaded - before == total(*found) + centres_bytes + passes * records_bytes
 
 
 def test_without_gradients_nothing_stays_on_the_device(staged):
