@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Protocol
 
 import pyopencl
@@ -11,12 +13,25 @@ from torch import Tensor
 from opencl.pool import empty
 
 
+@contextmanager
+def room_on(context: pyopencl.Context, size: int) -> Iterator[None]:
+    """Around what allocates `size` bytes on the context's device: `RuntimeError` with a way out where that fails."""
+    try:
+        yield
+    except pyopencl.Error as error:
+        (device,), gib = context.devices, 2**30
+        raise RuntimeError(
+            f"device {device.name.strip()}: no room for {size / gib:.2f} GiB in one piece ({error}), it takes at most "
+            f"{device.max_mem_alloc_size / gib:.2f}: draw fewer Gaussians, fewer features or a smaller picture"
+        ) from error
+
+
 class Memory(Protocol):
     """Tensors that kernels work on.
 
     Those made by `empty` and `zeros` are the rasterizer's own and stay where the kernels are; what the caller gave
     comes in by `receive`, and what the caller gets goes out by the session's `give`. Other tensors on `tensor_device`
-    may be used within one session.
+    may be used within one session. Where the device has no room for one, a `RuntimeError` says so with a way out.
     """
 
     @property
@@ -87,7 +102,8 @@ class SharedMemory(TorchMemory):
 
     def place(self, tensor: Tensor) -> pyopencl.Buffer:
         flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.USE_HOST_PTR
-        return pyopencl.Buffer(self._context, flags, hostbuf=tensor.detach().numpy())
+        with room_on(self._context, tensor.nbytes):
+            return pyopencl.Buffer(self._context, flags, hostbuf=tensor.detach().numpy())
 
     def fetch(self, tensor: Tensor, buffer: pyopencl.Buffer) -> None:
         """The tensor is the buffer."""

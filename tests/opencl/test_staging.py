@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import pyopencl
 import pytest
 import torch
 
@@ -178,6 +180,25 @@ def test_a_part_of_what_only_the_device_holds_is_refused(staged):
     whole.zero_()
     with staged.session() as session, pytest.raises(RuntimeError, match="found a change on the CPU"):
         session.launch(program, "project", 1, whole)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda memory: memory.empty(1, dtype=torch.int32),
+        lambda memory: memory.zeros(1, dtype=torch.int32),
+        lambda memory: memory.resident(memory.receive(torch.zeros(1))),
+    ],
+    ids=["empty", "zeros", "received"],
+)
+def test_no_room_on_the_device_is_named(staged, make, monkeypatch):
+    def full(size):
+        raise pyopencl.MemoryError("memory_pool::allocate", -4, "failed to free memory for allocation")
+
+    memory = staged.memory
+    monkeypatch.setattr(memory, "_pool", SimpleNamespace(allocate=full))
+    with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*draw fewer Gaussians"):
+        make(memory)
 
 
 def test_zeros_are_zeros(staged):
