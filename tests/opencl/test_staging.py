@@ -16,17 +16,18 @@ from opencl.program import TILING_RUNS, ProgramKey
 from opencl.projection import RECORD
 from opencl.rasterizer import RasterSettings, _rasterize_on
 from opencl.staging import StagedMemory
+from tests.opencl.runtimes import SCHEDULES
 from tests.opencl.scenes import gradients, make_scene
 
 
-@pytest.fixture(scope="module")
-def staged() -> Backend:
-    return Backend(choose_device(), shares_memory=False)
+@pytest.fixture(scope="module", params=SCHEDULES)
+def staged(request) -> Backend:
+    return Backend(choose_device(), schedule=request.param, shares_memory=False)
 
 
 @pytest.fixture(scope="module")
-def shared() -> Backend:
-    return Backend(choose_device(), shares_memory=True)
+def shared(staged) -> Backend:
+    return Backend(choose_device(), schedule=staged.schedule, shares_memory=True)
 
 
 def draw(backend, scene):
@@ -60,10 +61,10 @@ def test_the_same_bits_as_shared_memory(staged, shared, feature_dim):
         assert torch.equal(one, other)
 
 
-def test_the_same_bits_in_small_pieces(shared, monkeypatch):
+def test_the_same_bits_in_small_pieces(staged, shared, monkeypatch):
     monkeypatch.setattr(staging, "_PINNED_BYTES", 1000)
     scene = make_scene(count=80, dtype=torch.float32)
-    pieces = Backend(choose_device(), shares_memory=False)
+    pieces = Backend(choose_device(), schedule=staged.schedule, shares_memory=False)
     for one, other in zip(everything(pieces, scene), everything(shared, scene), strict=True):
         assert torch.equal(one, other)
 
@@ -84,7 +85,8 @@ def test_only_inputs_and_outputs_are_copied(staged):
     before = memory.uploaded, memory.downloaded
     output = draw(staged, scene)
     output_bytes = total(output.features, output.alphas, output.radii, output.means2d)
-    totals_bytes = (TILING_RUNS + 1) * 8  # how many entries there are, for torch to make room
+    totals = {"cpu": TILING_RUNS + 1, "gpu": 1}  # how many entries there are, for torch to make room
+    totals_bytes = totals[staged.schedule] * 8
     assert memory.uploaded - before[0] == total(*leaves) + camera_bytes
     assert memory.downloaded - before[1] == output_bytes + totals_bytes
 
@@ -173,7 +175,7 @@ def test_memory_at_the_same_address_is_not_mistaken(staged, shared):
 
 
 def test_a_part_of_what_only_the_device_holds_is_refused(staged):
-    program = ProgramKey("geometry", "cpu", torch.float32, RasterSettings())
+    program = ProgramKey("geometry", staged.schedule, torch.float32, RasterSettings())
     whole = staged.memory.empty(8, dtype=torch.int32)
     with staged.session() as session, pytest.raises(RuntimeError, match="found a part of what only the device holds"):
         session.launch(program, "project", 1, whole[:4])
