@@ -180,6 +180,6 @@ class CudaBackend(Backend):
 
     def _module(self, program: ProgramKey) -> tuple[int, CudaProgram]:
         if program not in self._modules:
-            rewritten = rewrite_for_cuda(self._compile(program))
+            rewritten = rewrite_for_cuda(self._compile(program), program.needs_exact_rounding)
             self._modules[program] = self.driver.load(rewritten.text), rewritten
         return self._modules[program]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -18,6 +19,7 @@ from tests.opencl.fake_cuda import PRIMARY_CONTEXT, STREAM, FakeCuda
 from tests.opencl.scenes import gradients, make_scene
 
 GEOMETRY = ProgramKey("geometry", "cpu", torch.float32, RasterSettings())
+NOTHING = torch.empty(0)
 
 
 @pytest.fixture
@@ -94,6 +96,17 @@ def test_what_is_loaded_is_rewritten(cuda, backend):
     assert "envreg" not in image
     assert ".ptr" not in image
     assert "texmode_independent" not in image
+
+
+def test_the_footprints_program_alone_is_rounded_as_written(cuda, backend):
+    backend._compile = lambda program: cuda.compile_program(program).replace(b"ret;", b"mul.f32 %f1, %f2, %f3; ret;")
+    with backend.session() as session:
+        place_tiles(session)
+        session.launch(replace(GEOMETRY, part="harmonics"), "colors_of_harmonics", 1, *(0,) * 3, *(NOTHING,) * 5)
+    geometry, harmonics = cuda.images
+    assert "mul.rn.f32" in geometry
+    assert "mul.f32" not in geometry
+    assert "mul.rn.f32" not in harmonics
 
 
 def test_groups_of_many_and_none(cuda, backend):

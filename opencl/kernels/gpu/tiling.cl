@@ -2,6 +2,10 @@
 //
 // Gaussians are sorted by depth; each then has as many slots, side by side, as it reaches tiles; the slots are sorted
 // by tile. That sort is stable and keeps the order of depth.
+//
+// Two kernels test which tiles a Gaussian reaches, one to count them and one to fill the slots. Should a compiler round
+// them differently after all (see footprint.cl), tiles without a slot are left out, and slots without a tile belong to a
+// tile after the last, which nobody draws.
 
 // Sort keys by depth; Gaussians that are not visible come last.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void key_by_depth(
@@ -74,6 +78,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void fill_slots
     __global const int *order,
     __global const long *slot_starts,
     __global const REAL *records,
+    __global int *tile_counts,
     __global int *first_slots,
     __global int *gaussians,
     __global DEPTH_KEY *tiles,
@@ -83,21 +88,24 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void fill_slots
     if (slot >= total) return;
     // Those without tiles start where the next one does: the last that starts here has this slot.
     const int place = find_slot_start(slot_starts, count, (long)slot + 1) - 1;
-    const int gaussian = order[place], start = (int)slot_starts[place], columns = (width + TILE - 1) / TILE;
+    const int gaussian = order[place], start = (int)slot_starts[place];
+    const int columns = (width + TILE - 1) / TILE, rows = (height + TILE - 1) / TILE;
     if (slot == start) first_slots[gaussian] = slot;
     const Ellipse ellipse = ellipse_of(records + (size_t)RECORD * gaussian, height);
     int left = slot - start, row = ellipse.first_row, first, last;
-    columns_of(ellipse, row, width, &first, &last);
-    while (left > last - first && row < ellipse.last_row) {
+    for (; row <= ellipse.last_row; row++) {
+        columns_of(ellipse, row, width, &first, &last);
+        if (left <= last - first) break;
         left -= last - first + 1;
-        columns_of(ellipse, ++row, width, &first, &last);
     }
+    const bool has_tile = row <= ellipse.last_row;
+    if (!has_tile && left == 0) tile_counts[gaussian] = slot - start;  // the first too many
     gaussians[slot] = gaussian;
-    tiles[slot] = row * columns + first + left;
+    tiles[slot] = has_tile ? row * columns + first + left : rows * columns;
     slots[slot] = slot;
 }
 
-// Where each tile's entries start in the sorted lists; for the tile after the last, their number.
+// Where each tile's entries start in the sorted lists; for the tile after the last, how many are drawn.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void start_tiles(
     const int tiles, const int total, __global const DEPTH_KEY *sorted_tiles, __global int *tile_starts
 ) {
