@@ -2,7 +2,8 @@
 
 Nothing is copied. OpenCL gives the PTX; it is loaded into the context that torch works in, so that torch's addresses
 are valid in it, and launched on torch's current stream, so that kernels run after what torch queued before and before
-what it queues after. Nobody waits but for the one number that torch reads to make room for the tiles' lists.
+what it queues after. Nobody waits but for the one number that torch reads to make room for the tiles' lists, and for a
+camera that lies on the GPU.
 """
 
 from __future__ import annotations

@@ -26,6 +26,16 @@ def room_on(context: pyopencl.Context, size: int) -> Iterator[None]:
         ) from error
 
 
+def moved(tensor: Tensor, device: torch.device) -> Tensor:
+    """The tensor on a device of torch's, as `Tensor.to` has it, but a CUDA device is not waited for.
+
+    It reads the CPU's memory before this returns. Pinned memory it would read later, when its owner may have changed it
+    already: that is waited for.
+    """
+    is_read_at_once = device.type == "cuda" and tensor.is_cpu and not tensor.is_pinned()
+    return tensor.to(device, non_blocking=is_read_at_once)
+
+
 class Memory(Protocol):
     """Tensors that kernels work on.
 
@@ -81,7 +91,7 @@ class TorchMemory:
         return torch.zeros(size, dtype=dtype, device=self._tensor_device)
 
     def receive(self, tensor: Tensor) -> Tensor:
-        return tensor.to(self._tensor_device).contiguous().resolve_neg()  # torch may negate lazily
+        return moved(tensor, self._tensor_device).contiguous().resolve_neg()  # torch may negate lazily
 
 
 class SharedMemory(TorchMemory):

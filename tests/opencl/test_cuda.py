@@ -13,6 +13,7 @@ from opencl.backend import Backend
 from opencl.cuda import CudaBackend
 from opencl.cuda_driver import CudaDriver
 from opencl.device import choose_device
+from opencl.memory import moved
 from opencl.program import ProgramKey
 from opencl.rasterizer import RasterSettings, _rasterize_on
 from tests.opencl.fake_cuda import PRIMARY_CONTEXT, STREAM, FakeCuda
@@ -52,6 +53,26 @@ def place_tiles(session, *, tiles=3, places=None, starts=None, totals=None, **op
     totals = torch.zeros(33, dtype=torch.int64) if totals is None else totals
     session.launch(GEOMETRY, "place_tiles", 1, tiles, places, starts, totals, **options)
     return starts
+
+
+@pytest.mark.parametrize(
+    ("tensor", "device", "waits"),
+    [
+        ({"is_cpu": True, "pinned": False}, "cuda:0", False),
+        ({"is_cpu": True, "pinned": True}, "cuda:0", True),  # whose owner may change it
+        ({"is_cpu": False, "pinned": False}, "cpu", True),
+        ({"is_cpu": True, "pinned": False}, "mps", True),
+    ],
+)
+def test_only_what_is_read_at_once_is_not_waited_for(tensor, device, waits):
+    copies = []
+    stand_in = SimpleNamespace(
+        is_cpu=tensor["is_cpu"],
+        is_pinned=lambda: tensor["pinned"],
+        to=lambda device, non_blocking: copies.append((device, non_blocking)),
+    )
+    moved(stand_in, torch.device(device))
+    assert copies == [(torch.device(device), not waits)]
 
 
 @pytest.mark.parametrize("schedule", ["cpu", "gpu"])
