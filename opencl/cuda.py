@@ -35,6 +35,15 @@ class CudaKernel:
     """Work-items that a group may have."""
 
 
+@dataclass(frozen=True)
+class Resources:
+    """What a kernel takes for each work-item."""
+
+    registers: int
+    private_bytes: int
+    """Memory for what the registers do not hold."""
+
+
 class LaunchTiming:
     """When a kernel began and ended, read as that of an OpenCL event: `.profile.start`, `.profile.end`, nanoseconds."""
 
@@ -178,6 +187,14 @@ class CudaBackend(Backend):
             kernel = CudaKernel(function, loaded.kernels[name], self.driver.largest_group(function))
             self._cuda_kernels[program, name] = kernel
         return kernel
+
+    def resources(self) -> dict[str, Resources]:
+        """Of each kernel that was launched so far, by its name; of several by one name, those of the last."""
+        with self.driver.current(self._primary):
+            return {
+                name: Resources(self.driver.registers(kernel.function), self.driver.private_bytes(kernel.function))
+                for (_, name), kernel in self._cuda_kernels.items()
+            }
 
     def _module(self, program: ProgramKey) -> tuple[int, CudaProgram]:
         if program not in self._modules:

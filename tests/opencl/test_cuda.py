@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from opencl.backend import Backend
-from opencl.cuda import CudaBackend
+from opencl.cuda import CudaBackend, Resources
 from opencl.cuda_driver import CudaDriver
 from opencl.device import choose_device
 from opencl.memory import moved
@@ -221,6 +221,14 @@ def test_an_error_without_a_name(cuda):
     cuda.status["cuInit"] = 9999
     with pytest.raises(RuntimeError, match=r"an error that the driver does not know \(9999\)"):
         CudaDriver(cuda.functions)
+
+
+def test_what_kernels_take(cuda, backend):
+    assert backend.resources() == {}
+    with backend.session() as session:
+        place_tiles(session)
+    assert backend.resources() == {"place_tiles": Resources(registers=40, private_bytes=16)}
+    assert cuda.current == []
 
 
 def test_launches_are_timed(cuda, backend, monkeypatch):
