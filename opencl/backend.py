@@ -7,6 +7,7 @@ import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import ClassVar
 
 import numpy as np
 import pyopencl
@@ -24,6 +25,8 @@ class Session:
 
     memory: Memory
     """The backend's."""
+    torch_is_in_order: ClassVar[bool] = False
+    """Whether torch's own work on the tensors comes after launches before it and before those after it."""
 
     def __init__(self, backend: Backend, memory: BufferMemory) -> None:
         self._backend, self._memory = backend, memory

@@ -76,6 +76,8 @@ class LaunchTiming:
 class CudaSession(Session):
     """Launches in order on torch's current stream. Tensors are contiguous, on the backend's CUDA device."""
 
+    torch_is_in_order = True
+
     def __init__(self, backend: CudaBackend) -> None:
         self._cuda = backend
         self.memory = backend.memory

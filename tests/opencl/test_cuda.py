@@ -15,7 +15,9 @@ from opencl.cuda_driver import CudaDriver
 from opencl.device import choose_device
 from opencl.memory import moved
 from opencl.program import ProgramKey
+from opencl.projection import Project, pack_camera
 from opencl.rasterizer import RasterSettings, _rasterize_on
+from opencl.tiling import sort_into_tiles
 from tests.opencl.fake_cuda import PRIMARY_CONTEXT, STREAM, FakeCuda
 from tests.opencl.scenes import gradients, make_scene
 
@@ -86,6 +88,26 @@ def test_the_same_bits_as_opencl(backend, feature_dim, schedule):
         output = _rasterize_on(one, *leaves[:5], *scene.camera, leaves[5], scene.settings)
         results.append((output.features, output.alphas, output.radii, output.means2d, *gradients(output, leaves)))
     assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_torch_sorts_by_depth_as_the_kernels_do(cuda, backend, dtype):
+    backend.schedule = "gpu"
+    scene = make_scene(count=3000, feature_dim=1, width=150, height=90, dtype=dtype)
+    scene.means[::7] = scene.means[1]  # equal depths
+    scene.means[1000:1500] *= -1  # behind the camera
+    lists = []
+    for one in (backend, Backend(choose_device(), schedule="gpu")):
+        camera = pack_camera(*scene.camera, scene.settings)
+        size = (scene.width, scene.height)
+        _, records, radii, depth_keys = Project.apply(one, scene.settings, camera, size, *scene.gaussians)
+        lists.append(sort_into_tiles(one, scene.settings, *size, records, radii, depth_keys, False))
+    assert (radii == 0).any()
+    assert torch.equal(lists[0].entries, lists[1].entries)
+    assert torch.equal(lists[0].starts, lists[1].starts)
+    launched = [kernel for kernel, *_ in cuda.launches]
+    before_slots = launched[: launched.index("count_tiles")]
+    assert before_slots == ["project", "key_by_depth"]
 
 
 def test_a_launch_in_torch_s_context_and_stream(cuda, backend):

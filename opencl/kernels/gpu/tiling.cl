@@ -7,7 +7,8 @@
 // them differently after all (see footprint.cl), tiles without a slot are left out, and slots without a tile belong to a
 // tile after the last, which nobody draws.
 
-// Sort keys by depth; Gaussians that are not visible come last.
+// Sort keys by depth; Gaussians that are not visible come last. The same order for keys with a sign and for those
+// without: depths are positive, and the largest key with a sign is no number's.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void key_by_depth(
     const int count,
     __global const int *radii,
@@ -17,7 +18,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void key_by_dep
 ) {
     const int i = get_global_id(0);
     if (i >= count) return;
-    keys[i] = radii[i] > 0 ? depth_keys[i] : ~(DEPTH_KEY)0;
+    keys[i] = radii[i] > 0 ? depth_keys[i] : ~(DEPTH_KEY)0 >> 1;
     order[i] = i;
 }
 
