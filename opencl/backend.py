@@ -7,6 +7,7 @@ import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import ClassVar
 
 import numpy as np
 import pyopencl
@@ -24,6 +25,8 @@ class Session:
 
     memory: Memory
     """The backend's."""
+    torch_is_in_order: ClassVar[bool] = False
+    """Whether torch's own work on the tensors comes after launches before it and before those after it."""
 
     def __init__(self, backend: Backend, memory: BufferMemory) -> None:
         self._backend, self._memory = backend, memory
@@ -50,19 +53,8 @@ class Session:
             return resident
         place = (tensor.data_ptr(), tensor.nbytes)
         if place not in self._buffers:
-            self._buffers[place] = (tensor, self._placed(tensor))
+            self._buffers[place] = (tensor, self._memory.place(tensor))
         return self._buffers[place][1]
-
-    def _placed(self, tensor: Tensor) -> pyopencl.Buffer:
-        try:
-            return self._memory.place(tensor)
-        except (pyopencl.LogicError, pyopencl.MemoryError) as error:
-            device, gib = self._backend.device, 2**30
-            raise RuntimeError(
-                f"device {device.name}: no room for {tensor.nbytes / gib:.2f} GiB in one piece ({error}), it takes "
-                f"at most {device.handle.max_mem_alloc_size / gib:.2f}: draw fewer Gaussians, fewer features or a "
-                "smaller picture"
-            ) from error
 
     def finish(self, *results: Tensor) -> None:
         """Wait until all is done and torch may read in `results` what the kernels wrote; they stay the rasterizer's."""

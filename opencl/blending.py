@@ -17,7 +17,7 @@ from opencl.tiling import TileLists
 LARGEST_FEATURE_DIM = 64
 """Channels of one pass; more are blended in several, so that what a tile sums stays near the processor."""
 _CACHED = 2**24
-"""Bytes of a picture that stays in a processor's caches until it is read."""
+"""Bytes of a picture that stays in a processor's caches until it is read; only the CPU schedule asks."""
 _SUM_CHUNK: dict[Schedule, int] = {"cpu": 128, "gpu": 8}
 """Gaussians a work-group of sum_gradients takes, as in cpu/blending_backward.cl and gpu/gradient_sums.cl."""
 
@@ -33,6 +33,7 @@ class Blend(torch.autograd.Function):
     Blends front to back. The kernels read centres from the records; means2d is an argument so that their gradient goes
     to it, and so is absolute_gradients [N,2] for the sums of the gradient's absolute values over the pixels (None: not
     wanted). To `pixel_counts` [N], int32, is added in how many pixels each Gaussian is drawn (empty: not wanted).
+    `is_only_pass`: whether no other blends the same records, so that torch has no gradients of theirs to sum.
     """
 
     @staticmethod
@@ -43,6 +44,7 @@ class Blend(torch.autograd.Function):
         lists: TileLists,
         size: tuple[int, int],
         pixel_counts: Tensor,
+        is_only_pass: bool,
         means2d: Tensor,
         absolute_gradients: Tensor | None,
         records: Tensor,
@@ -54,7 +56,7 @@ class Blend(torch.autograd.Function):
         alphas = backend.memory.empty(height, width, dtype=features.dtype)
         walked = backend.memory.empty(lists.tiles, dtype=torch.int32)
         options = {
-            "LARGE_PICTURE": feature_map.nbytes > _CACHED,
+            "LARGE_PICTURE": backend.schedule == "cpu" and feature_map.nbytes > _CACHED,
             "COUNT_PIXELS": pixel_counts.numel() > 0,
             "ABSOLUTE_GRADIENTS": absolute_gradients is not None,
         }
@@ -69,6 +71,7 @@ class Blend(torch.autograd.Function):
             given_map, given_alphas = session.give(feature_map, alphas)
         ctx.save_for_backward(records, features, feature_map, alphas)
         ctx.backend, ctx.program, ctx.lists, ctx.walked = backend, program, lists, walked
+        ctx.is_only_pass = is_only_pass
         return given_map, given_alphas
 
     @staticmethod
@@ -103,8 +106,9 @@ class Blend(torch.autograd.Function):
                 *(lists.tiles, background_rows, grad_background),
                 group_size=group_size,
             )
-            session.finish(grad_records)  # torch sums those of several passes
+            if not ctx.is_only_pass or torch.is_anomaly_enabled():  # torch reads them
+                session.finish(grad_records)
             given = (grad_means2d, grad_absolute, grad_features, grad_background)
             grad_means2d, grad_absolute, grad_features, grad_background = session.give(*given)
         absolute = grad_absolute if "ABSOLUTE_GRADIENTS" in program.options else None
-        return (*(None,) * 5, grad_means2d, absolute, grad_records, grad_features, grad_background)
+        return (*(None,) * 6, grad_means2d, absolute, grad_records, grad_features, grad_background)

@@ -2,7 +2,8 @@
 
 Nothing is copied. OpenCL gives the PTX; it is loaded into the context that torch works in, so that torch's addresses
 are valid in it, and launched on torch's current stream, so that kernels run after what torch queued before and before
-what it queues after. Nobody waits but for the one number that torch reads to make room for the tiles' lists.
+what it queues after. Nobody waits but for the one number that torch reads to make room for the tiles' lists, and for a
+camera that lies on the GPU.
 """
 
 from __future__ import annotations
@@ -32,6 +33,15 @@ class CudaKernel:
     parameters: tuple[Parameter, ...]
     largest_group: int
     """Work-items that a group may have."""
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What a kernel takes for each work-item."""
+
+    registers: int
+    private_bytes: int
+    """Memory for what the registers do not hold."""
 
 
 class LaunchTiming:
@@ -65,6 +75,8 @@ class LaunchTiming:
 
 class CudaSession(Session):
     """Launches in order on torch's current stream. Tensors are contiguous, on the backend's CUDA device."""
+
+    torch_is_in_order = True
 
     def __init__(self, backend: CudaBackend) -> None:
         self._cuda = backend
@@ -178,8 +190,16 @@ class CudaBackend(Backend):
             self._cuda_kernels[program, name] = kernel
         return kernel
 
+    def resources(self) -> dict[str, Resources]:
+        """Of each kernel that was launched so far, by its name; of several by one name, those of the last."""
+        with self.driver.current(self._primary):
+            return {
+                name: Resources(self.driver.registers(kernel.function), self.driver.private_bytes(kernel.function))
+                for (_, name), kernel in self._cuda_kernels.items()
+            }
+
     def _module(self, program: ProgramKey) -> tuple[int, CudaProgram]:
         if program not in self._modules:
-            rewritten = rewrite_for_cuda(self._compile(program))
+            rewritten = rewrite_for_cuda(self._compile(program), program.needs_exact_rounding)
             self._modules[program] = self.driver.load(rewritten.text), rewritten
         return self._modules[program]

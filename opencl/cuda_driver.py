@@ -28,7 +28,7 @@ PROTOTYPES: dict[str, tuple[type, ...]] = {
 """Arguments of each function, as cuda.h has them; each returns a CUresult, an int."""
 
 _PCI_BUS, _PCI_DEVICE, _PCI_DOMAIN = 33, 34, 50  # of CUdevice_attribute
-_LARGEST_GROUP = 0  # CU_FUNC_ATTRIBUTE_MAX_THREADS_PER_BLOCK
+_LARGEST_GROUP, _PRIVATE_BYTES, _REGISTERS = 0, 3, 4  # of CUfunction_attribute
 _ERROR_LOG, _ERROR_LOG_SIZE = 5, 6  # of CUjit_option
 _LOG_BYTES = 16384
 
@@ -106,8 +106,19 @@ class CudaDriver:
 
     def largest_group(self, function: int) -> int:
         """Work-items that a group of this kernel may have: its registers and local memory decide."""
+        return self._attribute(function, _LARGEST_GROUP)
+
+    def registers(self, function: int) -> int:
+        """Of each work-item of this kernel."""
+        return self._attribute(function, _REGISTERS)
+
+    def private_bytes(self, function: int) -> int:
+        """Memory of each work-item for what its registers do not hold: slow, and best none."""
+        return self._attribute(function, _PRIVATE_BYTES)
+
+    def _attribute(self, function: int, number: int) -> int:
         value = c_int()
-        self._call("cuFuncGetAttribute", "", ctypes.byref(value), _LARGEST_GROUP, function)
+        self._call("cuFuncGetAttribute", "", ctypes.byref(value), number, function)
         return value.value
 
     def launch(

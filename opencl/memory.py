@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Protocol
 
 import pyopencl
@@ -11,12 +13,35 @@ from torch import Tensor
 from opencl.pool import empty
 
 
+@contextmanager
+def room_on(context: pyopencl.Context, size: int) -> Iterator[None]:
+    """Around what allocates `size` bytes on the context's device: `RuntimeError` with a way out where that fails."""
+    try:
+        yield
+    except pyopencl.Error as error:
+        (device,), gib = context.devices, 2**30
+        raise RuntimeError(
+            f"device {device.name.strip()}: no room for {size / gib:.2f} GiB in one piece ({error}), it takes at most "
+            f"{device.max_mem_alloc_size / gib:.2f}: draw fewer Gaussians, fewer features or a smaller picture"
+        ) from error
+
+
+def moved(tensor: Tensor, device: torch.device) -> Tensor:
+    """The tensor on a device of torch's, as `Tensor.to` has it, but a CUDA device is not waited for.
+
+    It reads the CPU's memory before this returns. Pinned memory it would read later, when its owner may have changed it
+    already: that is waited for.
+    """
+    is_read_at_once = device.type == "cuda" and tensor.is_cpu and not tensor.is_pinned()
+    return tensor.to(device, non_blocking=is_read_at_once)
+
+
 class Memory(Protocol):
     """Tensors that kernels work on.
 
     Those made by `empty` and `zeros` are the rasterizer's own and stay where the kernels are; what the caller gave
     comes in by `receive`, and what the caller gets goes out by the session's `give`. Other tensors on `tensor_device`
-    may be used within one session.
+    may be used within one session. Where the device has no room for one, a `RuntimeError` says so with a way out.
     """
 
     @property
@@ -66,7 +91,7 @@ class TorchMemory:
         return torch.zeros(size, dtype=dtype, device=self._tensor_device)
 
     def receive(self, tensor: Tensor) -> Tensor:
-        return tensor.to(self._tensor_device).contiguous().resolve_neg()  # torch may negate lazily
+        return moved(tensor, self._tensor_device).contiguous().resolve_neg()  # torch may negate lazily
 
 
 class SharedMemory(TorchMemory):
@@ -87,7 +112,8 @@ class SharedMemory(TorchMemory):
 
     def place(self, tensor: Tensor) -> pyopencl.Buffer:
         flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.USE_HOST_PTR
-        return pyopencl.Buffer(self._context, flags, hostbuf=tensor.detach().numpy())
+        with room_on(self._context, tensor.nbytes):
+            return pyopencl.Buffer(self._context, flags, hostbuf=tensor.detach().numpy())
 
     def fetch(self, tensor: Tensor, buffer: pyopencl.Buffer) -> None:
         """The tensor is the buffer."""

@@ -71,6 +71,11 @@ class ProgramKey:
     feature_dim: int = 1
     options: tuple[str, ...] = ()
 
+    @property
+    def needs_exact_rounding(self) -> bool:
+        """Whether two kernels compute the same, of which neither may be rounded as the other is not: footprint.cl."""
+        return self.part == "geometry"
+
     def text(self) -> str:
         """The whole source. Joined here, as drivers that cache programs do not see edits of included files."""
         reals = {

@@ -26,6 +26,7 @@ _FUNCTION = re.compile(r"\.(?:entry|func)\s+(?:\([^)]*\)\s*)?([\w$%]+)")
 _POINTER = re.compile(r"\s*\.ptr\b(?P<space>\s*\.(?:global|const|local|shared))?(?:\s*\.align\s+(?P<alignment>\d+))?")
 _SCALAR = re.compile(r"\s*\.param\s+\.[subf](?P<bits>8|16|32|64)\s+[\w$%]+\s*")
 _ENVIRONMENT_REGISTER = re.compile(r"(?:\bmov\.[bus]32(?P<target>\s+%[\w$]+\s*,\s*))?(?P<register>%envreg\d+)\b")
+_UNROUNDED = re.compile(r"(?<![\w$%.])(add|sub|mul)(?=(?:\.ftz)?(?:\.sat)?\.f(?:32|64|32x2)\b)")
 
 
 @dataclass(frozen=True)
@@ -47,15 +48,19 @@ class CudaProgram:
     """Parameters of each kernel, in order."""
 
 
-def rewrite_for_cuda(binary: bytes) -> CudaProgram:
+def rewrite_for_cuda(binary: bytes, exact_rounding: bool = False) -> CudaProgram:
     """The program in a device's binary; kernels may use all of OpenCL but offsets, images and `__local` arguments.
 
+    With `exact_rounding`, each product, sum and difference is rounded as it is written: without a rounding mode, the
+    driver's assembler may make one fma of two, whatever FP_CONTRACT said to the compiler.
     `ValueError` names the kernel and what of it CUDA's launch cannot give; or says that the binary is no PTX.
     """
     text = _decode(binary)
     text = _STRING_OR_COMMENT.sub(lambda found: found[1] or " ", text)
     text = _TARGET.sub(r"\1", text)
     text = _replace_environment(text)
+    if exact_rounding:
+        text = _UNROUNDED.sub(r"\1.rn", text)
     kernels: dict[str, tuple[Parameter, ...]] = {}
 
     def rewrite_entry(found: re.Match[str]) -> str:

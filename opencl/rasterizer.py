@@ -12,6 +12,7 @@ from torch import Tensor
 from opencl.backend import Backend
 from opencl.blending import LARGEST_FEATURE_DIM, Blend
 from opencl.contract import RasterOutput, RasterSettings
+from opencl.memory import moved
 from opencl.projection import Project, pack_camera
 from opencl.routes import backend_for
 from opencl.tiling import sort_into_tiles
@@ -46,7 +47,8 @@ def rasterize(
         opacities: in [0, 1], activated.
         features: what is blended, of any dimension M of at least 1.
         world_to_camera: rigid, the camera looking down +z with x right and y down. No gradient. One camera, or [C,4,4]
-            for a batch of C cameras that draw pictures of one size; every output then begins with C.
+            for a batch of C cameras that draw pictures of one size; every output then begins with C. It is read on the
+            CPU: one on a GPU is waited for.
         intrinsics: pinhole without skew, in pixels; pixel centres at +0.5. No gradient. [3,3] or [C,3,3].
         width, height: of a picture in pixels.
         background: what is seen where nothing covers a pixel, one for all cameras or [C,M]; zeros where None.
@@ -69,8 +71,9 @@ def rasterize(
     which device draws others, and when tensors are copied, `opencl.routes.backend_for` says.
 
     Raises:
-        ValueError: shapes, types, devices or a camera that do not fit; a camera or background that is not finite, a
-            transposed camera; no OpenCL device, or not the one asked for.
+        ValueError: shapes, types, devices or a camera that do not fit; a camera that is not finite, or a background on
+            the CPU that is not (on a GPU it is not looked at); a transposed camera; no OpenCL device, or not the one
+            asked for.
         RuntimeError: more than 2^31 - 1 pairs of a tile and a Gaussian, or no room for them on the device.
     """
     check_arguments(
@@ -186,15 +189,16 @@ class _Drawing:
             features = self.backend.memory.receive(torch.cat([self.features, self._depths(view)], dim=1))
             background = torch.cat([background, background.new_zeros(1)])
         passes: list[tuple[Tensor, Tensor]] = []
-        for part, behind in zip(self._parts(features, 1), self._parts(background, 0), strict=True):
+        parts = self._parts(features, 1)
+        for part, behind in zip(parts, self._parts(background, 0), strict=True):
             counted = pixel_counts[:0] if passes else pixel_counts
-            fixed = (self.backend, self.settings, lists, self.size, counted)
+            fixed = (self.backend, self.settings, lists, self.size, counted, len(parts) == 1)
             passes.append(Blend.apply(*fixed, centres, absolute, records, part, behind))
         feature_map = passes[0][0] if len(passes) == 1 else torch.cat([one[0] for one in passes], dim=-1)
         return feature_map, passes[0][1]
 
     def _depths(self, view: _View) -> Float[Tensor, "N 1"]:
-        pose = view.world_to_camera.to(self.means.device)
+        pose = moved(view.world_to_camera, self.means.device)
         return (self.means @ pose[2, :3] + pose[2, 3])[:, None]
 
     def _parts(self, channels: Tensor, axis: int) -> Sequence[Tensor]:

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.multiprocessing.reductions import StorageWeakRef
 
+from opencl.memory import room_on
+
 _PINNED_BYTES = 1 << 23
 """Of each of two pinned areas: while one is on the bus the other is filled or read."""
 
@@ -41,7 +43,7 @@ class StagedMemory:
 
     def __init__(self, context: pyopencl.Context, queue: pyopencl.CommandQueue) -> None:
         self._pinned = _PinnedCopies(context, queue)
-        self._queue = queue
+        self._context, self._queue = context, queue
         self._pool = pyopencl.tools.MemoryPool(pyopencl.tools.ImmediateAllocator(queue, pyopencl.mem_flags.READ_WRITE))
         self._residents: dict[int, _Resident] = {}
         self._lock = threading.RLock()
@@ -63,13 +65,13 @@ class StagedMemory:
     def empty(self, *size: int, dtype: torch.dtype) -> Tensor:
         tensor = torch.empty(size, dtype=dtype)
         if tensor.numel():
-            self._keep(tensor, on_host=False, buffer=self._pool.allocate(tensor.nbytes))
+            self._keep(tensor, on_host=False, buffer=self._allocate(tensor.nbytes))
         return tensor
 
     def zeros(self, *size: int, dtype: torch.dtype) -> Tensor:
         tensor = torch.zeros(size, dtype=dtype)
         if tensor.numel():
-            buffer = self._pool.allocate(tensor.nbytes)
+            buffer = self._allocate(tensor.nbytes)
             pyopencl.enqueue_fill_buffer(self._queue, buffer, np.uint8(0), 0, tensor.nbytes)
             self._keep(tensor, on_host=True, buffer=buffer)
         return tensor
@@ -109,9 +111,13 @@ class StagedMemory:
         return kept.buffer
 
     def place(self, tensor: Tensor) -> pyopencl.Buffer:
-        buffer = self._pool.allocate(tensor.nbytes)
+        buffer = self._allocate(tensor.nbytes)
         self._pinned.upload(_bytes_of(tensor), buffer)
         return buffer
+
+    def _allocate(self, size: int) -> pyopencl.Buffer:
+        with room_on(self._context, size):
+            return self._pool.allocate(size)
 
     def fetch(self, tensor: Tensor, buffer: pyopencl.Buffer) -> None:
         self._pinned.download(buffer, _bytes_of(tensor))

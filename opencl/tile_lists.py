@@ -17,7 +17,7 @@ class TileLists:
     """Entries of all tiles, tile by tile, each tile's by depth (equal depths by index)."""
 
     starts: Int[Tensor, " tiles_plus_1"]
-    """Where each tile's entries start; the last is their number."""
+    """Where each tile's entries start; the last is their number. Entries beyond it belong to no tile."""
     entries: Int[Tensor, " E"]
     """Each entry's Gaussian."""
     slots: Int[Tensor, " E"]

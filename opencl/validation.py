@@ -27,7 +27,7 @@ def check_arguments(
     background: Tensor | None,
     settings: RasterSettings,
 ) -> None:
-    """`ValueError` for anything that `rasterize` cannot draw."""
+    """`ValueError` for anything that `rasterize` cannot draw, but a background on a GPU that is not finite."""
     if not isinstance(settings, RasterSettings):
         raise ValueError(f"settings: found {type(settings).__name__}, expected RasterSettings")
     for name, side in (("width", width), ("height", height)):
@@ -42,8 +42,8 @@ def check_arguments(
     _check_kinds(tensors)
     _check_shapes(tensors)
     _check_camera(world_to_camera, intrinsics)
-    if background is not None and not bool(background.isfinite().all()):
-        raise ValueError(f"background: found a value that is not finite, expected finite numbers: {_shown(background)}")
+    if background is not None and background.is_cpu:  # a GPU would be waited for
+        _check_finite("background", background)
 
 
 def _check_kinds(tensors: dict[str, Tensor]) -> None:
@@ -86,12 +86,16 @@ def _check_camera(world_to_camera: Tensor, intrinsics: Tensor) -> None:
     for name, tensor in (("world_to_camera", world_to_camera), ("intrinsics", intrinsics)):
         if tensor.requires_grad:
             raise ValueError(f"{name}: found requires_grad, expected a camera without gradient (none is computed)")
-        if not bool(tensor.isfinite().all()):
-            raise ValueError(f"{name}: found a value that is not finite, expected finite numbers: {_shown(tensor)}")
+        _check_finite(name, tensor)
     for pose in world_to_camera.reshape(-1, 4, 4).tolist():
         _check_last_row(pose[3])
     for calibration in intrinsics.reshape(-1, 3, 3).tolist():
         _check_intrinsics(calibration)
+
+
+def _check_finite(name: str, tensor: Tensor) -> None:
+    if not bool(tensor.isfinite().all()):
+        raise ValueError(f"{name}: found a value that is not finite, expected finite numbers: {_shown(tensor)}")
 
 
 def _check_last_row(row: list[float]) -> None:

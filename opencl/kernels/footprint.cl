@@ -1,7 +1,8 @@
 // Which tiles a Gaussian reaches.
 //
 // One kernel counts them and another lists them, so both must round alike: multiplications and additions are not
-// contracted here, as a compiler might do it in one kernel and not in the other.
+// contracted here, as a compiler might do it in one kernel and not in the other. (NVIDIA's assembler may do so all the
+// same, unless PTX names a rounding mode: see ptx.py.)
 
 // The ellipse of alpha >= ALPHA_MINIMUM, with the slack that rounding needs.
 typedef struct {

@@ -27,7 +27,6 @@ from torch import Tensor
 if TYPE_CHECKING:  # what asks for OpenCL's platforms is imported once the ICD file is there
     from opencl.bench.workloads import Inputs
     from opencl.cuda import CudaBackend
-    from tests.opencl.scenes import Scene
 
 VENDORS = Path("/etc/OpenCL/vendors")
 LIBRARY = "libnvidia-opencl.so.1"
@@ -55,8 +54,10 @@ def provide_icd() -> None:
 def main() -> int:
     provide_icd()
     from opencl.__main__ import main as opencl_command
+    from opencl.backend import default_backend
     from opencl.cuda import CudaBackend
     from opencl.routes import backend_for
+    from tests.benchmarks import nvidia_checks
 
     print(f"Python {sys.version.split()[0]}, torch {torch.__version__}, CUDA {torch.version.cuda}")
     opencl_command(["devices"])
@@ -68,84 +69,15 @@ def main() -> int:
     if not isinstance(backend, CudaBackend):
         print(f"CUDA tensors would be drawn by {backend.device.describe()}, with copies: see what is missing above")
         return 2
-    holds = [check_against_cpu(), check_runs(), check_streams()]
+    if not default_backend().device.is_cpu:
+        print(f"nothing to compare with: CPU tensors would be drawn by {default_backend().device.describe()}")
+        return 2
+    holds = [nvidia_checks.check_against_cpu(), nvidia_checks.check_large(backend)]
+    holds += [nvidia_checks.check_runs(), nvidia_checks.check_streams()]
     time_workload()
     time_copies(backend)
     print_kernels(backend)
     return 0 if all(holds) else 1
-
-
-def drawn(scene: Scene, device: str) -> list[Tensor]:
-    """Picture, alphas, radii, centres and all gradients, back on the CPU."""
-    from opencl.rasterizer import rasterize
-
-    leaves = [tensor.to(device, copy=True).requires_grad_() for tensor in (*scene.gaussians, scene.background)]
-    output = rasterize(*leaves[:5], *scene.camera, leaves[5], scene.settings)
-    random = torch.Generator().manual_seed(0)
-    weights = torch.randn(output.features.shape, generator=random, dtype=torch.float64).to(output.features)
-    loss = (output.features * weights).sum() + output.alphas.square().sum()
-    found = torch.autograd.grad(loss, [*leaves, output.means2d])
-    return [tensor.detach().cpu() for tensor in (output.features, output.alphas, output.radii, output.means2d, *found)]
-
-
-def report(name: str, holds: bool, found: str) -> bool:
-    print(f"{'holds' if holds else 'FAILS'}: {name}: {found}", flush=True)
-    return holds
-
-
-def check_against_cpu() -> bool:
-    """In float64 within rounding; in float32 at all but the pixels where a threshold decides otherwise."""
-    from tests.opencl.scenes import make_scene
-
-    results = []
-    for feature_dim, count in ((1, 1), (3, 60), (16, 2000), (17, 300), (70, 300), (3, 0)):
-        scene = make_scene(count=count, feature_dim=feature_dim, width=130, height=90, size=0.1)
-        pairs = list(zip(drawn(scene, "cuda"), drawn(scene, "cpu"), strict=True))
-        worst = max(
-            (float((one - other).abs().max() / (1 + other.abs().max())) for one, other in pairs if len(one)), default=0
-        )
-        results.append(
-            report(f"float64, {count} Gaussians, M={feature_dim}", worst < 1e-9, f"at most {worst:.1e} apart")
-        )
-        pairs = list(zip(drawn(scene.to(torch.float32), "cuda"), drawn(scene.to(torch.float32), "cpu"), strict=True))
-        apart = (pairs[0][0] - pairs[0][1]).abs().amax(dim=-1) > 1e-4
-        share = float(apart.double().mean())
-        results.append(
-            report(f"float32, {count} Gaussians, M={feature_dim}", share < 1e-3, f"{share:.1e} of pixels apart")
-        )
-    return all(results)
-
-
-def check_runs() -> bool:
-    from tests.opencl.scenes import make_scene
-
-    scene = make_scene(count=5000, feature_dim=16, width=400, height=300, size=0.05, dtype=torch.float32)
-    first = drawn(scene, "cuda")
-    same = all(
-        torch.equal(one, other) for _ in range(20) for one, other in zip(first, drawn(scene, "cuda"), strict=True)
-    )
-    return report("20 runs", same, "the same bits" if same else "different bits")
-
-
-def check_streams() -> bool:
-    """On a stream of its own, straight after torch's kernels that make the inputs, straight before ones that read."""
-    from opencl.rasterizer import rasterize
-    from tests.opencl.scenes import make_scene
-
-    scene = make_scene(count=3000, feature_dim=8, width=300, height=200, size=0.05, dtype=torch.float32)
-    gaussians = [tensor.cuda() for tensor in scene.gaussians]
-    background = scene.background.cuda()
-    expected = rasterize(*gaussians, *scene.camera, background, scene.settings).features * 2
-    torch.cuda.synchronize()
-    busy, found = torch.randn(4000, 4000, device="cuda"), []
-    for _ in range(10):
-        with torch.cuda.stream(torch.cuda.Stream()):
-            delay = (busy @ busy @ busy).sum() * 0
-            late = [tensor + delay for tensor in gaussians]
-            found.append(rasterize(*late, *scene.camera, background, scene.settings).features * 2)
-    torch.cuda.synchronize()
-    same = all(torch.equal(one, expected) for one in found)
-    return report("torch's streams", same, "in order" if same else "read before they were written")
 
 
 def median_milliseconds(work: Callable[[], object]) -> float:
@@ -232,7 +164,7 @@ def time_copies(backend: CudaBackend) -> None:
 
 
 def print_kernels(backend: CudaBackend) -> None:
-    """Where a forward and backward pass of workload B spends the GPU's time."""
+    """Where a forward and backward pass of workload B spends the GPU's time, and what each kernel takes of it."""
     from opencl.cuda import CudaBackend
     from opencl.rasterizer import RasterSettings, _rasterize_on
 
@@ -248,8 +180,10 @@ def print_kernels(backend: CudaBackend) -> None:
     totals: dict[str, list[int]] = {}
     for kernel, event in profiled.profiled:
         totals.setdefault(kernel, []).append(event.profile.end - event.profile.start)
+    resources = profiled.resources()
     for kernel, times in sorted(totals.items(), key=lambda one: -sum(one[1])):
-        print(f"  {kernel:20} {len(times):3} launches {sum(times) / 1e6:8.3f} ms")
+        taken = f"{resources[kernel].registers:3} registers, {resources[kernel].private_bytes:5} bytes beside them"
+        print(f"  {kernel:20} {len(times):3} launches {sum(times) / 1e6:8.3f} ms, a work-item: {taken}")
 
 
 if __name__ == "__main__":

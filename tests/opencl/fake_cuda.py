@@ -38,7 +38,7 @@ class FakeCuda:
         self.launches: list[tuple] = []
         self.status: dict[str, int] = {}
         self.current: list[int] = []
-        self.largest_group = 1024
+        self.largest_group, self.registers, self.private_bytes = 1024, 40, 16
         self.runs = True  # else launches are only noted
         self.images: list[str] = []
         self._programs: list[pyopencl.Program] = []
@@ -112,8 +112,7 @@ class FakeCuda:
         function[0] = len(self._functions)
 
     def _cuFuncGetAttribute(self, value, attribute, function):
-        assert attribute == 0
-        value[0] = self.largest_group
+        value[0] = {0: self.largest_group, 3: self.private_bytes, 4: self.registers}[attribute]
 
     def _cuLaunchKernel(self, function, gx, gy, gz, bx, by, bz, shared, stream, parameters, extra):
         assert self.current[-1] == PRIMARY_CONTEXT

@@ -1,4 +1,5 @@
-"""What runs under Oclgrind: `python -m tests.opencl.oclgrind_job draw SCHEDULE FEATURE_DIM DTYPE`, or `broken`.
+"""What runs under Oclgrind: `python -m tests.opencl.oclgrind_job draw SCHEDULE FEATURE_DIM DTYPE`, `crowd SCHEDULE`
+or `broken`.
 
 Oclgrind interprets kernels, so the picture is small. The broken kernels prove that its reports reach the test.
 """
@@ -13,7 +14,7 @@ import pyopencl
 from opencl.device import choose_device
 from opencl.program import Schedule
 from tests.opencl.runtimes import backend_of, draw_with_gradients, dtype_of
-from tests.opencl.scenes import gradients, make_scene
+from tests.opencl.scenes import Scene, gradients, make_scene
 
 BROKEN = {
     "write_out_of_bounds": "values[get_global_id(0) + 1] = 1;",
@@ -32,8 +33,17 @@ BROKEN = {
 
 def draw(schedule: Schedule, feature_dim: int, dtype: str) -> None:
     """Forward and backward of 20 Gaussians on a tile and a half; prints how far they are from the reference."""
-    scene = make_scene(20, feature_dim, 24, 16, dtype=dtype_of(dtype))
-    output, found = draw_with_gradients(backend_of(schedule), scene)
+    print_error(schedule, make_scene(20, feature_dim, 24, 16, dtype=dtype_of(dtype)))
+
+
+def crowd(schedule: Schedule) -> None:
+    """The same of one tile that so many reach that they come in several batches, with all that can be asked for."""
+    scene = make_scene(300, 3, 16, 16, opacity=(0.01, 0.05), dtype=dtype_of("float32"))
+    print_error(schedule, scene, absolute_gradients=True, count_pixels=True)
+
+
+def print_error(schedule: Schedule, scene: Scene, **wishes: bool) -> None:
+    output, found = draw_with_gradients(backend_of(schedule), scene, **wishes)
     leaves = tuple(tensor.requires_grad_() for tensor in (*scene.gaussians, scene.background))
     expected = scene.draw_reference()
     errors = [(output.features - expected.features).abs().max().item()]
@@ -56,7 +66,10 @@ def run_broken() -> None:
 
 
 if __name__ == "__main__":
+    chosen: Schedule = "gpu" if "gpu" in sys.argv else "cpu"
     if sys.argv[1] == "draw":
-        draw("gpu" if sys.argv[2] == "gpu" else "cpu", int(sys.argv[3]), sys.argv[4])
+        draw(chosen, int(sys.argv[3]), sys.argv[4])
+    elif sys.argv[1] == "crowd":
+        crowd(chosen)
     else:
         run_broken()

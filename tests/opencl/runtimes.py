@@ -43,10 +43,13 @@ def draw_on(backend: Backend, scene: Scene) -> RasterOutput:
     return _rasterize_on(backend, *scene.gaussians, *scene.camera, scene.background, scene.settings)
 
 
-def draw_with_gradients(backend: Backend, scene: Scene) -> tuple[RasterOutput, tuple[Tensor, ...]]:
-    """The scene's picture, and the gradients of means, quats, scales, opacities, features, background and means2d."""
+def draw_with_gradients(backend: Backend, scene: Scene, **wishes: bool) -> tuple[RasterOutput, tuple[Tensor, ...]]:
+    """The scene's picture, and the gradients of means, quats, scales, opacities, features, background and means2d.
+
+    `wishes` are `rasterize`'s: `depth`, `absolute_gradients`, `count_pixels`.
+    """
     leaves = tuple(tensor.clone().requires_grad_() for tensor in (*scene.gaussians, scene.background))
-    output = _rasterize_on(backend, *leaves[:5], *scene.camera, leaves[5], scene.settings)
+    output = _rasterize_on(backend, *leaves[:5], *scene.camera, leaves[5], scene.settings, **wishes)
     return output, gradients(output, leaves)
 
 

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 import torch
 
 from opencl.backend import Backend
-from opencl.cuda import CudaBackend
+from opencl.cuda import CudaBackend, Resources
 from opencl.cuda_driver import CudaDriver
 from opencl.device import choose_device
+from opencl.memory import moved
 from opencl.program import ProgramKey
+from opencl.projection import Project, pack_camera
 from opencl.rasterizer import RasterSettings, _rasterize_on
+from opencl.tiling import sort_into_tiles
 from tests.opencl.fake_cuda import PRIMARY_CONTEXT, STREAM, FakeCuda
 from tests.opencl.scenes import gradients, make_scene
 
 GEOMETRY = ProgramKey("geometry", "cpu", torch.float32, RasterSettings())
+NOTHING = torch.empty(0)
 
 
 @pytest.fixture
@@ -52,6 +57,26 @@ def place_tiles(session, *, tiles=3, places=None, starts=None, totals=None, **op
     return starts
 
 
+@pytest.mark.parametrize(
+    ("tensor", "device", "waits"),
+    [
+        ({"is_cpu": True, "pinned": False}, "cuda:0", False),
+        ({"is_cpu": True, "pinned": True}, "cuda:0", True),  # whose owner may change it
+        ({"is_cpu": False, "pinned": False}, "cpu", True),
+        ({"is_cpu": True, "pinned": False}, "mps", True),
+    ],
+)
+def test_only_what_is_read_at_once_is_not_waited_for(tensor, device, waits):
+    copies = []
+    stand_in = SimpleNamespace(
+        is_cpu=tensor["is_cpu"],
+        is_pinned=lambda: tensor["pinned"],
+        to=lambda device, non_blocking: copies.append((device, non_blocking)),
+    )
+    moved(stand_in, torch.device(device))
+    assert copies == [(torch.device(device), not waits)]
+
+
 @pytest.mark.parametrize("schedule", ["cpu", "gpu"])
 @pytest.mark.parametrize("feature_dim", [3, 70])
 def test_the_same_bits_as_opencl(backend, feature_dim, schedule):
@@ -63,6 +88,26 @@ def test_the_same_bits_as_opencl(backend, feature_dim, schedule):
         output = _rasterize_on(one, *leaves[:5], *scene.camera, leaves[5], scene.settings)
         results.append((output.features, output.alphas, output.radii, output.means2d, *gradients(output, leaves)))
     assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_torch_sorts_by_depth_as_the_kernels_do(cuda, backend, dtype):
+    backend.schedule = "gpu"
+    scene = make_scene(count=3000, feature_dim=1, width=150, height=90, dtype=dtype)
+    scene.means[::7] = scene.means[1]  # equal depths
+    scene.means[1000:1500] *= -1  # behind the camera
+    lists = []
+    for one in (backend, Backend(choose_device(), schedule="gpu")):
+        camera = pack_camera(*scene.camera, scene.settings)
+        size = (scene.width, scene.height)
+        _, records, radii, depth_keys = Project.apply(one, scene.settings, camera, size, *scene.gaussians)
+        lists.append(sort_into_tiles(one, scene.settings, *size, records, radii, depth_keys, False))
+    assert (radii == 0).any()
+    assert torch.equal(lists[0].entries, lists[1].entries)
+    assert torch.equal(lists[0].starts, lists[1].starts)
+    launched = [kernel for kernel, *_ in cuda.launches]
+    before_slots = launched[: launched.index("count_tiles")]
+    assert before_slots == ["project", "key_by_depth"]
 
 
 def test_a_launch_in_torch_s_context_and_stream(cuda, backend):
@@ -94,6 +139,17 @@ def test_what_is_loaded_is_rewritten(cuda, backend):
     assert "envreg" not in image
     assert ".ptr" not in image
     assert "texmode_independent" not in image
+
+
+def test_the_footprints_program_alone_is_rounded_as_written(cuda, backend):
+    backend._compile = lambda program: cuda.compile_program(program).replace(b"ret;", b"mul.f32 %f1, %f2, %f3; ret;")
+    with backend.session() as session:
+        place_tiles(session)
+        session.launch(replace(GEOMETRY, part="harmonics"), "colors_of_harmonics", 1, *(0,) * 3, *(NOTHING,) * 5)
+    geometry, harmonics = cuda.images
+    assert "mul.rn.f32" in geometry
+    assert "mul.f32" not in geometry
+    assert "mul.rn.f32" not in harmonics
 
 
 def test_groups_of_many_and_none(cuda, backend):
@@ -187,6 +243,14 @@ def test_an_error_without_a_name(cuda):
     cuda.status["cuInit"] = 9999
     with pytest.raises(RuntimeError, match=r"an error that the driver does not know \(9999\)"):
         CudaDriver(cuda.functions)
+
+
+def test_what_kernels_take(cuda, backend):
+    assert backend.resources() == {}
+    with backend.session() as session:
+        place_tiles(session)
+    assert backend.resources() == {"place_tiles": Resources(registers=40, private_bytes=16)}
+    assert cuda.current == []
 
 
 def test_launches_are_timed(cuda, backend, monkeypatch):

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
+import opencl.memory
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
 from opencl.device import choose_device
@@ -17,9 +18,11 @@ from opencl.projection import Project, pack_camera
 from opencl.radix_sort import scan, sort_by_keys
 from opencl.tile_lists import TileLists
 from opencl.tiling import sort_into_tiles
+from tests.opencl.runtimes import bits, draw_on, draw_with_gradients
 from tests.opencl.scenes import Scene, make_scene
 
 KEYS = {torch.float32: torch.int32, torch.float64: torch.int64}
+NOT_WRITTEN = {torch.float32: float("nan"), torch.int32: -7, torch.int64: -7}
 
 
 @pytest.fixture(scope="module")
@@ -124,6 +127,53 @@ def test_slots_of_a_gaussian_lie_side_by_side(backend):
     assert lists.tile_counts.sum() == len(lists.entries)
 
 
+def miscount(monkeypatch: pytest.MonkeyPatch, change: int) -> None:
+    """Make the kernel that counts tiles, and it alone, find so many more of each visible Gaussian."""
+    text = ProgramKey.text
+    counted = "tile_counts[gaussian] = total;"
+    wrong = f"if (radii[gaussian] > 0) total = max(total + {change}, 0); {counted}"
+    monkeypatch.setattr(ProgramKey, "text", lambda key: text(key).replace(counted, wrong))
+
+
+CROWDED = make_scene(count=400, feature_dim=3, width=150, height=90, dtype=torch.float32)
+CROWDED.means[::9] *= -1  # behind the camera
+
+
+@pytest.mark.parametrize("change", [1, 3])
+def test_slots_that_are_counted_and_not_filled_hurt_nobody(backend, monkeypatch, change):
+    (expected, _), (output, found) = lists_of(backend, CROWDED), draw_with_gradients(backend, CROWDED)
+    miscount(monkeypatch, change)
+    # What nobody writes is NaN.
+    monkeypatch.setattr(
+        opencl.memory, "empty", lambda *size, dtype: torch.empty(size, dtype=dtype).fill_(NOT_WRITTEN[dtype])
+    )
+    wrong = Backend(choose_device(), schedule="gpu")
+    (lists, visible), (again, found_again) = lists_of(wrong, CROWDED), draw_with_gradients(wrong, CROWDED)
+    assert len(lists.entries) == len(expected.entries) + change * visible.sum()
+    assert torch.equal(lists.starts, expected.starts)
+    assert torch.equal(lists.entries[: len(expected.entries)], expected.entries)
+    assert torch.equal(lists.tile_counts, expected.tile_counts)
+    assert torch.equal(lists.slots.sort().values, torch.arange(len(lists.slots), dtype=torch.int32))
+    assert bits(again.features) == bits(output.features)
+    assert [bits(one) for one in found_again] == [bits(one) for one in found]
+
+
+def test_tiles_that_are_not_counted_are_left_out(backend, monkeypatch):
+    expected, _ = lists_of(backend, CROWDED)
+    last_slots = expected.first_slots + expected.tile_counts - 1
+    kept = expected.slots != last_slots[expected.entries.long()]
+    miscount(monkeypatch, -1)
+    wrong = Backend(choose_device(), schedule="gpu")
+    (lists, _), (output, found) = lists_of(wrong, CROWDED), draw_with_gradients(wrong, CROWDED)
+    assert torch.equal(lists.entries, expected.entries[kept])
+    assert torch.equal(lists.tile_counts, (expected.tile_counts - 1).clamp(min=0))
+    dropped_before = (~kept).cumsum(0)
+    starts = expected.starts.clone()
+    starts[1:] -= torch.cat([dropped_before.new_zeros(1), dropped_before])[expected.starts[1:].long()].int()
+    assert torch.equal(lists.starts, starts)
+    assert all(tensor.isfinite().all() for tensor in (output.features, *found))
+
+
 def test_a_gaussian_over_the_whole_picture_among_small_ones(backend):
     scene = make_scene(count=300, feature_dim=1, width=20 * TILE, height=15 * TILE, size=0.02, dtype=torch.float32)
     scene.scales[17] = 100.0
@@ -132,6 +182,14 @@ def test_a_gaussian_over_the_whole_picture_among_small_ones(backend):
     assert lists.tile_counts[17] == 300
     places = (lists.entries == 17).nonzero().flatten()
     assert ((places >= lists.starts[:-1]) & (places < lists.starts[1:])).all()
+
+
+def test_pictures_of_every_size_are_blended_by_one_program():
+    # The CPU schedule alone writes a picture that its caches cannot hold by other instructions.
+    blended = Backend(choose_device(), schedule="gpu")
+    for side in (16, 1600):
+        draw_on(blended, make_scene(count=1, feature_dim=4, width=side, height=side, dtype=torch.float32))
+    assert [key.part for key in blended._programs] == ["geometry", "blending"]
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

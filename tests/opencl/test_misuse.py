@@ -8,7 +8,6 @@ import pyopencl
 import pytest
 import torch
 
-import opencl.memory
 from opencl.rasterizer import rasterize
 from tests.opencl.scenes import gradients, make_scene
 
@@ -189,9 +188,9 @@ def test_inference_mode_draws_the_same():
 
 
 def test_no_room_on_the_device_is_named(monkeypatch):
-    def full(self, tensor):
+    def full(*_, **__):
         raise pyopencl.MemoryError("clCreateBuffer", -4, "MEM_OBJECT_ALLOCATION_FAILURE")
 
-    monkeypatch.setattr(opencl.memory.SharedMemory, "place", full)
+    monkeypatch.setattr(pyopencl, "Buffer", full)
     with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*draw fewer Gaussians"):
         rasterize(**arguments())

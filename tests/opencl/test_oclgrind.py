@@ -59,6 +59,13 @@ def test_no_race_and_nothing_out_of_bounds(oclgrind, schedule, feature_dim, dtyp
 
 
 @pytest.mark.parametrize("schedule", SCHEDULES)
+def test_batches_that_follow_each_other(oclgrind, schedule):
+    printed, reports = oclgrind("crowd", schedule, **(AS_WRITTEN if schedule == "gpu" else {}))
+    assert reports == []
+    assert float(printed) < 1e-4
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES)
 @pytest.mark.parametrize("feature_dim", [3, 17])
 def test_no_uninitialised_value(oclgrind, schedule, feature_dim):
     if schedule == "cpu":

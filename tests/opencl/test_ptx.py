@@ -92,6 +92,31 @@ def test_a_register_of_unknown_meaning_is_named_with_its_kernel():
         rewrite_for_cuda(kernel("add.s32 %r1, %r2, %envreg30;"))
 
 
+ROUNDED = {
+    "mul.f32 %f3, %f1, %f2;": "mul.rn.f32 %f3, %f1, %f2;",
+    "@%p1 add.f64 %fd3, %fd1, %fd2;": "@%p1 add.rn.f64 %fd3, %fd1, %fd2;",
+    "sub.ftz.sat.f32 %f3, %f1, %f2;": "sub.rn.ftz.sat.f32 %f3, %f1, %f2;",
+    "add.f32x2 %rd3, %rd1, %rd2;": "add.rn.f32x2 %rd3, %rd1, %rd2;",
+}
+AS_THEY_WERE = (
+    *("fma.rn.f32 %f4, %f1, %f2, %f3;", "mul.rz.f32 %f3, %f1, %f2;", "mul.rn.f64 %fd3, %fd1, %fd2;"),
+    *(
+        "mul.wide.s32 %rd3, %r1, 4;",
+        "mad.lo.s32 %r6, %r4, %r5, %r3;",
+        "add.s64 %rd5, %rd2, %rd3;",
+        "sub.s32 %r1, %r2, 1;",
+    ),
+    *("div.rn.f32 %f3, %f1, %f2;", "atom.global.add.f32 %f1, [%rd1], %f2;"),
+)
+
+
+def test_products_and_sums_are_rounded_one_by_one_where_that_matters():
+    body = "\n".join([*ROUNDED, *AS_THEY_WERE])
+    exact = "\n".join([*ROUNDED.values(), *AS_THEY_WERE])
+    assert body in rewrite_for_cuda(kernel(body)).text
+    assert exact in rewrite_for_cuda(kernel(body), exact_rounding=True).text
+
+
 def test_a_register_read_without_mov():
     assert "cvt.u64.u32 %rd1, %nctaid.y;" in rewrite_for_cuda(kernel("cvt.u64.u32 %rd1, %envreg7;")).text
 

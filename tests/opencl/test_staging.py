@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import pyopencl
 import pytest
 import torch
 
@@ -14,17 +16,18 @@ from opencl.program import TILING_RUNS, ProgramKey
 from opencl.projection import RECORD
 from opencl.rasterizer import RasterSettings, _rasterize_on
 from opencl.staging import StagedMemory
+from tests.opencl.runtimes import SCHEDULES
 from tests.opencl.scenes import gradients, make_scene
 
 
-@pytest.fixture(scope="module")
-def staged() -> Backend:
-    return Backend(choose_device(), shares_memory=False)
+@pytest.fixture(scope="module", params=SCHEDULES)
+def staged(request) -> Backend:
+    return Backend(choose_device(), schedule=request.param, shares_memory=False)
 
 
 @pytest.fixture(scope="module")
-def shared() -> Backend:
-    return Backend(choose_device(), shares_memory=True)
+def shared(staged) -> Backend:
+    return Backend(choose_device(), schedule=staged.schedule, shares_memory=True)
 
 
 def draw(backend, scene):
@@ -58,10 +61,10 @@ def test_the_same_bits_as_shared_memory(staged, shared, feature_dim):
         assert torch.equal(one, other)
 
 
-def test_the_same_bits_in_small_pieces(shared, monkeypatch):
+def test_the_same_bits_in_small_pieces(staged, shared, monkeypatch):
     monkeypatch.setattr(staging, "_PINNED_BYTES", 1000)
     scene = make_scene(count=80, dtype=torch.float32)
-    pieces = Backend(choose_device(), shares_memory=False)
+    pieces = Backend(choose_device(), schedule=staged.schedule, shares_memory=False)
     for one, other in zip(everything(pieces, scene), everything(shared, scene), strict=True):
         assert torch.equal(one, other)
 
@@ -77,20 +80,35 @@ def test_only_inputs_and_outputs_are_copied(staged):
     memory = staged.memory
     assert isinstance(memory, StagedMemory)
     leaves, scene = trainable(make_scene(count=200, feature_dim=16, width=64, height=48, dtype=torch.float32))
-    count, camera_bytes = len(scene.means), 20 * 4
+    camera_bytes = 20 * 4
 
     before = memory.uploaded, memory.downloaded
     output = draw(staged, scene)
     output_bytes = total(output.features, output.alphas, output.radii, output.means2d)
-    totals_bytes = (TILING_RUNS + 1) * 8  # how many entries there are, for torch to make room
+    totals = {"cpu": TILING_RUNS + 1, "gpu": 1}  # how many entries there are, for torch to make room
+    totals_bytes = totals[staged.schedule] * 8
     assert memory.uploaded - before[0] == total(*leaves) + camera_bytes
     assert memory.downloaded - before[1] == output_bytes + totals_bytes
 
     before = memory.uploaded, memory.downloaded
     found = gradients(output, leaves)
     assert memory.uploaded - before[0] == total(output.features, output.alphas, output.means2d)
-    records_bytes = count * RECORD * 4  # their gradient may be summed by torch
-    assert memory.downloaded - before[1] == total(*found) + records_bytes
+    assert memory.downloaded - before[1] == total(*found)
+
+
+def test_gradients_of_records_are_copied_where_torch_reads_them(staged, shared):
+    """It sums those of several passes, and looks for NaN where it is asked to."""
+    memory = staged.memory
+    assert isinstance(memory, StagedMemory)
+    for feature_dim, passes, anomalies in ((70, 2, False), (3, 1, True)):
+        leaves, scene = trainable(make_scene(count=80, feature_dim=feature_dim, dtype=torch.float32))
+        output = draw(staged, scene)
+        before = memory.downloaded
+        with torch.autograd.set_detect_anomaly(anomalies):
+            found = gradients(output, leaves)
+        records_bytes = len(scene.means) * RECORD * 4
+        centres_bytes = (passes - 1) * total(output.means2d)
+        assert memory.downloaded - before == total(*found) + centres_bytes + passes * records_bytes
 
 
 def test_without_gradients_nothing_stays_on_the_device(staged):
@@ -157,13 +175,32 @@ def test_memory_at_the_same_address_is_not_mistaken(staged, shared):
 
 
 def test_a_part_of_what_only_the_device_holds_is_refused(staged):
-    program = ProgramKey("geometry", "cpu", torch.float32, RasterSettings())
+    program = ProgramKey("geometry", staged.schedule, torch.float32, RasterSettings())
     whole = staged.memory.empty(8, dtype=torch.int32)
     with staged.session() as session, pytest.raises(RuntimeError, match="found a part of what only the device holds"):
         session.launch(program, "project", 1, whole[:4])
     whole.zero_()
     with staged.session() as session, pytest.raises(RuntimeError, match="found a change on the CPU"):
         session.launch(program, "project", 1, whole)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda memory: memory.empty(1, dtype=torch.int32),
+        lambda memory: memory.zeros(1, dtype=torch.int32),
+        lambda memory: memory.resident(memory.receive(torch.zeros(1))),
+    ],
+    ids=["empty", "zeros", "received"],
+)
+def test_no_room_on_the_device_is_named(staged, make, monkeypatch):
+    def full(size):
+        raise pyopencl.MemoryError("memory_pool::allocate", -4, "failed to free memory for allocation")
+
+    memory = staged.memory
+    monkeypatch.setattr(memory, "_pool", SimpleNamespace(allocate=full))
+    with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*draw fewer Gaussians"):
+        make(memory)
 
 
 def test_zeros_are_zeros(staged):

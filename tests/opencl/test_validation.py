@@ -7,6 +7,7 @@ import torch
 
 from opencl.contract import RasterSettings
 from opencl.rasterizer import rasterize
+from opencl.validation import check_arguments
 from tests.opencl.scenes import make_scene
 
 
@@ -49,6 +50,17 @@ def _arguments(**changes):
 def test_misuse(changes, message):
     with pytest.raises(ValueError, match=message):
         rasterize(**_arguments(**changes))
+
+
+class OnGpu(torch.Tensor):
+    is_cpu = property(lambda self: False)
+
+
+def test_a_background_is_looked_at_on_the_cpu_alone():
+    background = torch.full((3,), torch.nan)
+    with pytest.raises(ValueError, match="background: found a value that is not finite"):
+        check_arguments(**_arguments(background=background))
+    check_arguments(**_arguments(background=background.as_subclass(OnGpu)))
 
 
 @pytest.mark.parametrize(

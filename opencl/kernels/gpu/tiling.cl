@@ -2,8 +2,13 @@
 //
 // Gaussians are sorted by depth; each then has as many slots, side by side, as it reaches tiles; the slots are sorted
 // by tile. That sort is stable and keeps the order of depth.
+//
+// Two kernels test which tiles a Gaussian reaches, one to count them and one to fill the slots. Should a compiler round
+// them differently after all (see footprint.cl), tiles without a slot are left out, and slots without a tile belong to a
+// tile after the last, which nobody draws.
 
-// Sort keys by depth; Gaussians that are not visible come last.
+// Sort keys by depth; Gaussians that are not visible come last. The same order for keys with a sign and for those
+// without: depths are positive, and the largest key with a sign is no number's.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void key_by_depth(
     const int count,
     __global const int *radii,
@@ -13,7 +18,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void key_by_dep
 ) {
     const int i = get_global_id(0);
     if (i >= count) return;
-    keys[i] = radii[i] > 0 ? depth_keys[i] : ~(DEPTH_KEY)0;
+    keys[i] = radii[i] > 0 ? depth_keys[i] : ~(DEPTH_KEY)0 >> 1;
     order[i] = i;
 }
 
@@ -74,6 +79,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void fill_slots
     __global const int *order,
     __global const long *slot_starts,
     __global const REAL *records,
+    __global int *tile_counts,
     __global int *first_slots,
     __global int *gaussians,
     __global DEPTH_KEY *tiles,
@@ -83,21 +89,24 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void fill_slots
     if (slot >= total) return;
     // Those without tiles start where the next one does: the last that starts here has this slot.
     const int place = find_slot_start(slot_starts, count, (long)slot + 1) - 1;
-    const int gaussian = order[place], start = (int)slot_starts[place], columns = (width + TILE - 1) / TILE;
+    const int gaussian = order[place], start = (int)slot_starts[place];
+    const int columns = (width + TILE - 1) / TILE, rows = (height + TILE - 1) / TILE;
     if (slot == start) first_slots[gaussian] = slot;
     const Ellipse ellipse = ellipse_of(records + (size_t)RECORD * gaussian, height);
     int left = slot - start, row = ellipse.first_row, first, last;
-    columns_of(ellipse, row, width, &first, &last);
-    while (left > last - first && row < ellipse.last_row) {
+    for (; row <= ellipse.last_row; row++) {
+        columns_of(ellipse, row, width, &first, &last);
+        if (left <= last - first) break;
         left -= last - first + 1;
-        columns_of(ellipse, ++row, width, &first, &last);
     }
+    const bool has_tile = row <= ellipse.last_row;
+    if (!has_tile && left == 0) tile_counts[gaussian] = slot - start;  // the first too many
     gaussians[slot] = gaussian;
-    tiles[slot] = row * columns + first + left;
+    tiles[slot] = has_tile ? row * columns + first + left : rows * columns;
     slots[slot] = slot;
 }
 
-// Where each tile's entries start in the sorted lists; for the tile after the last, their number.
+// Where each tile's entries start in the sorted lists; for the tile after the last, how many are drawn.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void start_tiles(
     const int tiles, const int total, __global const DEPTH_KEY *sorted_tiles, __global int *tile_starts
 ) {

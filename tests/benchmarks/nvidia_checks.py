@@ -1,0 +1,218 @@
+"""What `tests.benchmarks.nvidia` holds of a GPU: pictures, gradients and lists against the CPU's, runs, streams.
+
+A number that is not finite fails whatever it is compared with: none of these scenes has one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from opencl.backend import Backend, default_backend
+from opencl.projection import Project, pack_camera
+from opencl.rasterizer import rasterize
+from opencl.tile_lists import TileLists
+from opencl.tiling import sort_into_tiles
+from tests.opencl.comparison import FLOAT32
+from tests.opencl.scenes import Scene, make_scene
+
+CASES = ((1, 1), (3, 60), (16, 2000), (17, 300), (70, 300), (3, 0))
+"""Features, and how many Gaussians."""
+MANY = 300_000
+"""Gaussians of the large case: the counts of one pass of their sort are scanned in several chunks (from 131,072 on)."""
+_LARGEST_DIFFERENCE = 1e-9
+"""In float64."""
+_PIXEL_DIFFERENCE, _SHARE_APART = 1e-4, 1e-3
+"""In float32: a pixel that is further apart has a Gaussian on a threshold, and there are few such pixels."""
+_SMALL_NORM = 1e-3
+"""Gradients smaller than this are themselves but rounding."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What a rasterizer gives for a scene, on the CPU."""
+
+    picture: Tensor
+    others: tuple[Tensor, ...]
+    """Alphas, radii, centres and all gradients."""
+
+    @property
+    def tensors(self) -> tuple[Tensor, ...]:
+        return (self.picture, *self.others)
+
+
+Draw = Callable[[Scene], Drawing]
+
+
+def drawn(scene: Scene, device: str) -> Drawing:
+    """The scene with its tensors on a device of torch's."""
+    leaves = [tensor.to(device, copy=True).requires_grad_() for tensor in (*scene.gaussians, scene.background)]
+    output = rasterize(*leaves[:5], *scene.camera, leaves[5], scene.settings)
+    random = torch.Generator().manual_seed(0)
+    weights = torch.randn(output.features.shape, generator=random, dtype=torch.float64).to(output.features)
+    loss = (output.features * weights).sum() + output.alphas.square().sum()
+    gradients = torch.autograd.grad(loss, [*leaves, output.means2d])
+    picture, *others = (
+        tensor.detach().cpu() for tensor in (output.features, output.alphas, output.radii, output.means2d, *gradients)
+    )
+    return Drawing(picture, tuple(others))
+
+
+def drawn_by_cuda(scene: Scene) -> Drawing:
+    return drawn(scene, "cuda")
+
+
+def drawn_by_cpu(scene: Scene) -> Drawing:
+    return drawn(scene, "cpu")
+
+
+def report(name: str, holds: bool, found: str) -> bool:
+    print(f"{'holds' if holds else 'FAILS'}: {name}: {found}", flush=True)
+    return holds
+
+
+def largest_difference(found: Tensor, expected: Tensor) -> float:
+    """Of any two numbers, relative to one more than the largest expected; infinite where one is not finite."""
+    if not _are_finite(found, expected):
+        return torch.inf
+    if not len(expected):
+        return 0.0
+    return float((found - expected).abs().max() / (1 + expected.abs().max()))
+
+
+def relative_error(found: Tensor, expected: Tensor) -> float:
+    """The difference's norm, relative to what is expected; infinite where a number is not finite."""
+    if not _are_finite(found, expected):
+        return torch.inf
+    return float((found.double() - expected.double()).norm() / (expected.double().norm() + _SMALL_NORM))
+
+
+def share_apart(found: Tensor, expected: Tensor) -> float:
+    """Of pixels that differ visibly; infinite where a number is not finite."""
+    if not _are_finite(found, expected):
+        return torch.inf
+    return float(((found - expected).abs().amax(dim=-1) > _PIXEL_DIFFERENCE).double().mean())
+
+
+def _are_finite(*tensors: Tensor) -> bool:
+    return all(bool(tensor.isfinite().all()) for tensor in tensors)
+
+
+def check_float64(name: str, found: Drawing, expected: Drawing) -> bool:
+    """All the same within rounding."""
+    pairs = zip(found.tensors, expected.tensors, strict=True)
+    worst = max(largest_difference(one, other) for one, other in pairs)
+    return report(f"float64, {name}", worst < _LARGEST_DIFFERENCE, f"at most {worst:.1e} apart")
+
+
+def check_float32(name: str, found: Drawing, expected: Drawing) -> bool:
+    """The same but for pixels where a threshold decides otherwise, and what of the gradients comes from those."""
+    share = share_apart(found.picture, expected.picture)
+    error = max(relative_error(one, other) for one, other in zip(found.others, expected.others, strict=True))
+    holds = share < _SHARE_APART and error < FLOAT32.gradients_at_thresholds
+    return report(f"float32, {name}", holds, f"{share:.1e} of pixels apart, gradients by {error:.1e}")
+
+
+def check_against_cpu(draw: Draw = drawn_by_cuda, cases: Sequence[tuple[int, int]] = CASES) -> bool:
+    """Small scenes by both types, and a large one by the type that scenes are trained in."""
+    results = []
+    for feature_dim, count in cases:
+        scene = make_scene(count=count, feature_dim=feature_dim, width=130, height=90, size=0.1)
+        name = f"{count} Gaussians, M={feature_dim}"
+        results.append(check_float64(name, draw(scene), drawn_by_cpu(scene)))
+        scene = scene.to(torch.float32)
+        results.append(check_float32(name, draw(scene), drawn_by_cpu(scene)))
+    return all(results)
+
+
+def large_scene(count: int, dtype: torch.dtype) -> Scene:
+    return make_scene(count=count, feature_dim=16, width=1216, height=800, size=0.01, dtype=dtype)
+
+
+def check_large(backend: Backend, draw: Draw = drawn_by_cuda, count: int = MANY) -> bool:
+    """Lists, picture and gradients of many Gaussians. `backend` is the one that draws, with the GPU schedule."""
+    results = [check_lists(backend, large_scene(count, dtype)) for dtype in (torch.float64, torch.float32)]
+    scene = large_scene(count, torch.float32)
+    return all([*results, check_float32(f"{count} Gaussians, M=16", draw(scene), drawn_by_cpu(scene))])
+
+
+def check_lists(backend: Backend, scene: Scene) -> bool:
+    """The lists of one projection, that of the CPU.
+
+    In float64 they are the CPU's own. In float32 OpenCL's quotients and roots may round differently from one device to
+    another, so that a Gaussian reaches a tile on one of them only; but a device's lists never contradict themselves.
+    """
+    cpu = default_backend()
+    camera = pack_camera(*scene.camera, scene.settings)
+    projected = Project.apply(cpu, scene.settings, camera, (scene.width, scene.height), *scene.gaussians)[1:]
+    found, expected = (_lists_on(one, scene, projected) for one in (backend, cpu))
+    faults = faults_of(found)
+    if scene.means.dtype == torch.float64:
+        names = ("starts", "entries", "tile_counts")
+        faults += [f"other {one} than the CPU's" for one in names if not _are_equal(found, expected, one)]
+    share = float((found.tile_counts != expected.tile_counts).double().mean())
+    name = f"{scene.means.dtype}, lists of {len(scene.means)} Gaussians, {len(found.entries)} entries"
+    said = "; ".join(faults) or f"{share:.1e} of Gaussians reach more or fewer tiles than on the CPU"
+    return report(name, not faults and share < _SHARE_APART, said)
+
+
+def _lists_on(backend: Backend, scene: Scene, projected: Sequence[Tensor]) -> TileLists:
+    records, radii, depth_keys = (backend.memory.receive(tensor) for tensor in projected)
+    lists = sort_into_tiles(backend, scene.settings, scene.width, scene.height, records, radii, depth_keys, True)
+    return TileLists(**{name: tensor.cpu() for name, tensor in vars(lists).items()})
+
+
+def _are_equal(found: TileLists, expected: TileLists, name: str) -> bool:
+    return torch.equal(getattr(found, name), getattr(expected, name))
+
+
+def faults_of(lists: TileLists) -> list[str]:
+    """In what lists on the CPU contradict themselves; empty where they do not."""
+    entries, slots = lists.entries.long(), lists.slots.long()
+    tile_counts, first_slots = lists.tile_counts.long(), lists.first_slots.long()
+    if not torch.equal(slots.sort().values, torch.arange(len(entries))):
+        return ["slots are no permutation"]
+    if bool(((entries < 0) | (entries >= len(tile_counts))).any()):
+        return ["entries that are no Gaussian's"]
+    faults = []
+    if int(lists.starts[0]) != 0 or bool((lists.starts.diff() < 0).any()):
+        faults.append("tiles that do not follow each other")
+    if int(lists.starts[-1]) != len(entries):
+        faults.append("tiles that are counted and not found again")
+    if not torch.equal(entries.bincount(minlength=len(tile_counts)), tile_counts):
+        faults.append("Gaussians with more or fewer entries than were counted")
+    places = slots - first_slots[entries]
+    if bool(((places < 0) | (places >= tile_counts[entries])).any()):
+        faults.append("slots of a Gaussian that do not lie side by side")
+    return faults
+
+
+def check_runs(draw: Draw = drawn_by_cuda) -> bool:
+    """The same bits every time."""
+    scene = make_scene(count=5000, feature_dim=16, width=400, height=300, size=0.05, dtype=torch.float32)
+    first = draw(scene).tensors
+    same = all(
+        torch.equal(one, other) for _ in range(20) for one, other in zip(first, draw(scene).tensors, strict=True)
+    )
+    return report("20 runs", same, "the same bits" if same else "different bits, or NaN")
+
+
+def check_streams() -> bool:
+    """On a stream of its own, straight after torch's kernels that make the inputs, straight before ones that read."""
+    scene = make_scene(count=3000, feature_dim=8, width=300, height=200, size=0.05, dtype=torch.float32)
+    gaussians = [tensor.cuda() for tensor in scene.gaussians]
+    background = scene.background.cuda()
+    expected = rasterize(*gaussians, *scene.camera, background, scene.settings).features * 2
+    torch.cuda.synchronize()
+    busy, found = torch.randn(4000, 4000, device="cuda"), []
+    for _ in range(10):
+        with torch.cuda.stream(torch.cuda.Stream()):
+            delay = (busy @ busy @ busy).sum() * 0
+            late = [tensor + delay for tensor in gaussians]
+            found.append(rasterize(*late, *scene.camera, background, scene.settings).features * 2)
+    torch.cuda.synchronize()
+    same = all(torch.equal(one, expected) for one in found)
+    return report("torch's streams", same, "in order" if same else "read before they were written, or NaN")
