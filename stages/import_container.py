@@ -7,36 +7,49 @@ from pydantic import Field
 
 from pipeline.errors import UserError
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
-from stages.hiding.bundle import SecretBundle
+from stages.hiding.bundle import CAMERAS, IMAGE_CAMERA, SecretBundle
 from stages.hiding.bundle_files import read_container_bundle, read_secret_bundle
+from stages.hiding.camera_reading import read_cameras_file
 from stages.hiding.fitting import fitted_method
 from stages.hiding.method import module_of
 from stages.hiding.storage import write_container, write_secret
 from stages.scene.garbage import refuse_garbage
 from stages.scene.gaussians import Gaussians
+from stages.scene.stored_cameras import write_cameras
 
 
 class ImportContainerParameters(Parameters):
     """Where the files are, and whose code they need."""
 
     bundle: ExternalPath = Field(
-        description="Folder with container.ply, container.json and scene_decoder.safetensors; or the PLY alone, where "
-        "the method has no scene decoder."
+        description="Folder with container.ply, container.json, scene_decoder.safetensors, and, if it was published, "
+        "cameras.json; or the PLY alone, where the method has no scene decoder."
     )
     secret: ExternalPath | None = Field(
-        None, description="Folder with secret.json and message_decoder.safetensors; without it, the cover alone."
+        None,
+        description="Folder with secret.json, message_decoder.safetensors, and, of a picture, image_camera.json; "
+        "without it, the cover alone.",
     )
     method: str = Field("gs_hider", description="The container's method, as container.json names it.")
 
 
 @stage(
     inputs={},
-    outputs={"container": Output("container"), "secret": Output("secret", privacy="private")},
+    outputs={
+        "container": Output("container"),
+        "secret": Output("secret", privacy="private"),
+        "cameras": Output("cameras"),
+        "image_camera": Output("cameras", privacy="private"),
+    },
     version=1,
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def import_container(context: Context, parameters: ImportContainerParameters) -> None:
-    """Read what may come from anyone, and check that it fits its method before anything is made of it."""
+    """Read what may come from anyone, and check that it fits its method before anything is made of it.
+
+    `cameras` are a path from which to look at it, `image_camera` is the one from which the secret shows a picture; each
+    is empty where the bundles have no such file.
+    """
     bundle = read_container_bundle(parameters.bundle)
     secret = read_secret_bundle(parameters.secret) if parameters.secret else SecretBundle(())
     if bundle.method != parameters.method:
@@ -55,4 +68,7 @@ def import_container(context: Context, parameters: ImportContainerParameters) ->
     write_container(context.output("container"), gaussians, method)
     write_secret(context.output("secret"), method, secret.messages)
     context.output("secret").attributes |= secret.facts
+    write_cameras(context.output("cameras"), read_cameras_file(parameters.bundle, CAMERAS))
+    hiding = read_cameras_file(parameters.secret, IMAGE_CAMERA) if parameters.secret else None
+    write_cameras(context.output("image_camera"), hiding)
     context.record(method=bundle.method, gaussians=len(gaussians))

@@ -6,13 +6,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool
 from pydantic import Field
 
 from pipeline.artifact import Artifact, load
 from pipeline.errors import CorruptArtifact, UserError
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
-from stages.scene.cameras import Cameras
+from stages.scene.camera_checks import are_cameras
 from stages.scene.photo_folder import refuse_unwritten_names
 from stages.scene.scene import Scene, read_scene, write_scene
 
@@ -29,7 +28,6 @@ ARGUMENTS = ("writer", "scene")
 """Of `write_scene`: no facts of a scene."""
 LARGEST = 2**34
 """Bytes of all arrays: a file may unfold into far more than it has."""
-ROTATION_TOLERANCE = 1e-3
 LISTED = 5  # views in an error
 REMEDY = "give the folder to which `export` copied a scene, such as hide_photos/cover_scene.scene, unpacked if zipped"
 
@@ -107,7 +105,7 @@ def _check_views(copy: Artifact, scene: Scene) -> None:
             expected="a picture for each view, at least one, test views among them, and a colour for each point",
         )
     refuse_unwritten_names(copy.path, names)
-    strange = [name for name, good in zip(names, _are_cameras(scene.cameras), strict=True) if not good]
+    strange = [name for name, good in zip(names, are_cameras(scene.cameras), strict=True) if not good]
     if strange or not np.isfinite(scene.points).all():
         raise UserError(
             "a scene with cameras that see nothing, or points that are nowhere",
@@ -116,11 +114,3 @@ def _check_views(copy: Artifact, scene: Scene) -> None:
             expected="focal lengths above 0, rotations, and finite places",
             remedy=REMEDY,
         )
-
-
-def _are_cameras(cameras: Cameras) -> Bool[np.ndarray, " V"]:
-    """Of each whether it has focal lengths, and a pose that turns and moves and does nothing else."""
-    rotations, intrinsics = cameras.world_to_camera[:, :3, :3], cameras.intrinsics
-    turned = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < ROTATION_TOLERANCE
-    focal = (intrinsics[:, 0, 0] > 0) & (intrinsics[:, 1, 1] > 0)
-    return focal & turned & (np.linalg.det(rotations) > 0)

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import torch
 from pydantic import Field
 
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import FEATURE_MAP_CHANNELS
-from stages.analysis.videos import Video, VideoRole, write_videos
-from stages.hiding.message_names import FEATURE_MAP, SIDE_BY_SIDE
+from stages.analysis.filming import encoded
+from stages.analysis.videos import write_videos
+from stages.hiding.message_names import FEATURE_MAP
 from stages.hiding.method import module_of
 from stages.hiding.photographs import photographs
-from stages.hiding.rendering import COVER, Rendering
+from stages.hiding.rendering import Rendering
 from stages.hiding.storage import check_method, read_gaussians, read_method
-from stages.imaging.panels import columns_of, side_by_side
 from stages.imaging.pictures import Picture, tensor_to_picture
-from stages.imaging.video import encode_video, enlarged
+from stages.imaging.video import enlarged
 from stages.scene.camera_path import Course, camera_path
 from stages.scene.cameras import Cameras
 from stages.scene.scene import Scene, read_scene
@@ -60,7 +58,8 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
             filmed.setdefault(title, []).append(enlarged(picture))
         context.progress(number, parameters.frames)
         context.stop_if_requested()
-    videos = encoded(filmed, parameters, context)
+    rate = parameters.frames / parameters.seconds
+    videos = encoded(filmed, parameters.method, rate, context.stop_if_requested)
     write_videos(context.output("videos"), videos)
     write_videos(context.output("public_videos"), [video for video in videos if video.role == "cover"])
     context.record(device=choose_device().describe())
@@ -78,24 +77,3 @@ def panels_of(rendering: Rendering) -> dict[str, Picture]:
     if rendering.feature_map.shape[-1] > len(FEATURE_MAP_CHANNELS):
         panels[FEATURE_MAP] = tensor_to_picture(rendering.feature_map[..., list(FEATURE_MAP_CHANNELS)])
     return panels
-
-
-def encoded(filmed: Mapping[str, Sequence[Picture]], parameters: RenderPathParameters, context: Context) -> list[Video]:
-    """A video of each title, and where there are several, one of them all, since a page cannot keep videos in step."""
-    videos = []
-    for title, pictures in filmed.items():
-        role: VideoRole = "cover" if title == COVER else "feature_map" if title == FEATURE_MAP else "message"
-        videos.append(_video(title, role, (title,), pictures, parameters))
-        context.stop_if_requested()
-    if len(filmed) > 1:
-        together = [side_by_side(pictures) for pictures in zip(*filmed.values(), strict=True)]
-        videos.append(_video(SIDE_BY_SIDE, "side_by_side", tuple(filmed), together, parameters))
-    return videos
-
-
-def _video(
-    title: str, role: VideoRole, panels: tuple[str, ...], pictures: Sequence[Picture], parameters: RenderPathParameters
-) -> Video:
-    height, width, _ = pictures[0].shape
-    webm = encode_video(pictures, parameters.frames / parameters.seconds)
-    return Video(title, role, parameters.method, panels, columns_of(len(panels)), width, height, webm)

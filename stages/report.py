@@ -10,7 +10,7 @@ from stages.analysis.page.page import owner_page, public_page, write_page
 
 REPORT_FILE = "report.html"
 INPUTS = {
-    "scores": Input("metrics", many=True),
+    "scores": Input("metrics", many=True, optional=True),
     "public_scores": Input("metrics", many=True, optional=True),
     "curves": Input("metrics", many=True, optional=True),
     "timings": Input("metrics", many=True, optional=True),
@@ -35,7 +35,7 @@ class ReportParameters(Parameters):
     version=1,
 )
 def report(context: Context, parameters: ReportParameters) -> None:
-    """Each page is one HTML file, about the method whose scores come first.
+    """Each page is one HTML file, about the method whose scores come first; without any it shows what it is given.
 
     What is private goes to the owner's page only: the public one is made from nothing but public artifacts and the
     stages that lead to them. Of `scenes` the pages say how many photos were placed. `figures` are those of

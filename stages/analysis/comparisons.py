@@ -1,4 +1,4 @@
-"""Pictures beside their ground truth, for a person to look at: what `evaluate` keeps and the report shows."""
+"""Pictures beside their ground truth, if there is any, for a person to look at: what the report shows."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FEATURE_MAP_CHANNELS = (0, 1, 2)
 
 @dataclass(frozen=True)
 class Comparison:
-    """K views of one thing: `truth` beside `rendered`; for a feature map both are the same."""
+    """K views of one thing: `truth` beside `rendered`; both are the same for a feature map, and without a truth."""
 
     title: str
     role: Role
@@ -29,6 +29,7 @@ class Comparison:
     splits: tuple[str, ...]
     truth: UInt8[np.ndarray, "K H W 3"]
     rendered: UInt8[np.ndarray, "K H W 3"]
+    has_truth: bool = True
 
     def of_views(self, names: Collection[str]) -> Comparison:
         """The same of those views alone that are among `names`."""
@@ -55,6 +56,7 @@ def write_comparisons(writer: ArtifactWriter, comparisons: Iterable[Comparison])
                 "method": comparison.method,
                 "names": list(comparison.names),
                 "splits": list(comparison.splits),
+                "has_truth": comparison.has_truth,
             }
         )
     writer.attributes["comparisons"] = described
@@ -71,6 +73,7 @@ def read_comparisons(artifact: Artifact) -> tuple[Comparison, ...]:
             splits=tuple(cast(list[str], entry["splits"])),
             truth=artifact.read(f"{position}/truth"),
             rendered=artifact.read(f"{position}/rendered"),
+            has_truth=bool(entry.get("has_truth", True)),
         )
         for position, entry in enumerate(mappings(artifact, "comparisons"))
     )

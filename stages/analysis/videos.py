@@ -1,4 +1,4 @@
-"""Videos of a moving camera: what `render_path` makes and the report plays."""
+"""Videos of a moving camera: what `render_path` and `view_container` make and the report plays."""
 
 from __future__ import annotations
 

@@ -3,9 +3,11 @@
     container.ply                 the Gaussians: raw values, with 3DGS's names where it has some
     container.json                method, settings and attributes, and what the renderer makes of each column
     scene_decoder.safetensors     D_s, where the method has one
+    cameras.json                  a path from which to look at it, where the cover was given; see `camera_files`
 
     secret.json                   the messages' names, in the order of the message decoder's channels, and other facts
     message_decoder.safetensors   D_m, where the method has one
+    image_camera.json             the camera from which a picture is seen, where one is hidden and the cover was given
 
 What is public tells nothing of messages, neither names nor number; only a method whose Gaussians carry attributes of
 each message (`sh`) cannot but show them, as it does in the store.
@@ -34,6 +36,7 @@ from stages.scene.ply.writing import write_ply
 CONTAINER_FORMAT, SECRET_FORMAT = "gs-hider container", "gs-hider secret"
 VERSION = 1
 GAUSSIANS, DESCRIPTION, SECRET_DESCRIPTION = "container.ply", "container.json", "secret.json"
+CAMERAS, IMAGE_CAMERA = "cameras.json", "image_camera.json"
 IN_COMMENT = "description "
 """Before the description in the PLY itself, so that where a method has no networks the PLY alone is a container."""
 

@@ -44,12 +44,12 @@ def read_container_bundle(place: Path) -> ContainerBundle:
     method is not asked here: `fitted_method` does.
     """
     if place.is_dir():
-        description = _json(place / DESCRIPTION, _text(place, DESCRIPTION))
+        description = json_of(place / DESCRIPTION, text_of(place, DESCRIPTION))
         ply, networks = read_ply(place / GAUSSIANS), _networks(place, PUBLIC_NETWORKS)
     else:
         ply, networks = read_ply(place), {}
-        description = _json(place, _description_in(ply))
-    _check_format(ply.path, description, CONTAINER_FORMAT)
+        description = json_of(place, _description_in(ply))
+    check_format(ply.path, description, CONTAINER_FORMAT)
     method, settings, shapes = _checked(ply, description)
     attributes = {name: attribute_of(ply, name, shape) for name, shape in sorted(shapes.items())}
     return ContainerBundle(method, settings, attributes, networks)
@@ -58,8 +58,8 @@ def read_container_bundle(place: Path) -> ContainerBundle:
 def read_secret_bundle(place: Path) -> SecretBundle:
     """Read a secret bundle's folder. Raises `UserError` for whatever is missing, broken or of another kind."""
     path = place / SECRET_DESCRIPTION
-    description = _json(path, _text(place, SECRET_DESCRIPTION))
-    _check_format(path, description, SECRET_FORMAT)
+    description = json_of(path, text_of(place, SECRET_DESCRIPTION))
+    check_format(path, description, SECRET_FORMAT)
     messages = description.get("messages")
     if not (isinstance(messages, list) and len(messages) <= MOST_MESSAGES and all(map(_is_name, messages))):
         raise _no_names(path)
@@ -121,7 +121,8 @@ def _is_attribute(name: str, shape: Any, columns: int) -> bool:
     return all(type(size) is int and 0 <= size <= columns for size in shape) and math.prod(shape) <= columns
 
 
-def _check_format(path: Path, description: Mapping[str, Any], expected: str) -> None:
+def check_format(path: Path, description: Mapping[str, Any], expected: str) -> None:
+    """Raise `UserError` unless the description says that it is of this format, and of the version that is read."""
     found = (description.get("format"), description.get("version"))
     if found != (expected, VERSION):
         raise UserError(
@@ -149,7 +150,8 @@ def _networks(place: Path, names: Sequence[str]) -> dict[str, Weights]:
     return {name: read_weights(path) for name, path in paths.items() if path.exists()}
 
 
-def _text(place: Path, name: str) -> bytes:
+def text_of(place: Path, name: str) -> bytes:
+    """The bytes of a bundle's JSON file, one more than `json_of` takes at most. Raises `UserError` without the file."""
     path = place / name
     try:
         if not path.is_file():
@@ -161,7 +163,8 @@ def _text(place: Path, name: str) -> bytes:
         raise UserError("cannot be read", where=path, found=error.strerror or error) from error
 
 
-def _json(path: Path, text: bytes) -> dict[str, Any]:
+def json_of(path: Path, text: bytes) -> dict[str, Any]:
+    """The JSON object that `text`, from `path`, holds. Raises `UserError` for anything else, and for too many bytes."""
     try:
         content = json.loads(text) if len(text) <= LARGEST_JSON else None
     except (ValueError, RecursionError) as error:

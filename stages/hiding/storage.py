@@ -9,13 +9,11 @@ import torch
 
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
+from stages.hiding.image_view import IMAGE_VIEW
 from stages.hiding.method import Method, build_method
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.scene.attributes import mapping, string, strings
 from stages.scene.gaussians import Gaussians
-
-IMAGE_VIEW = "image_view"
-"""What a secret calls the view that hides an image."""
 
 
 def write_container(writer: ArtifactWriter, gaussians: Gaussians, method: Method) -> None:

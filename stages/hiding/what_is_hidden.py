@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
-from stages.hiding.storage import IMAGE_VIEW
+from stages.hiding.image_view import IMAGE_VIEW
 from stages.scene.attributes import string, strings
 from stages.scene.message_views import MessageViews
 from stages.scene.scene import Scene

@@ -27,6 +27,13 @@ def test_the_report_says_of_every_scene_how_many_photos_were_placed(workflow: st
 
 @pytest.mark.parametrize("workflow", [*HIDING, "batch_pairs"])
 def test_what_is_hidden_can_be_published_as_files(workflow: str) -> None:
-    published = stages_of(workflow)["published"]
+    """With the cover, along whose cameras others look at it."""
+    stages = stages_of(workflow)
+    published, cover = stages["published"], stages["hide"]["in"]["cover"]
     assert published["uses"] == "export_container"
-    assert published["in"] == {"container": "hide.container", "secret": "hide.secret"}
+    assert published["in"] == {"container": "hide.container", "secret": "hide.secret", "cover": cover}
+
+
+def test_a_traced_scene_is_published_with_a_path_to_look_at_it_from() -> None:
+    stages = stages_of("trace_pictures")
+    assert stages["published"]["in"] == {"container": "grain.container", "cover": stages["grain"]["in"]["cover"]}

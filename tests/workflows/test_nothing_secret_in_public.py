@@ -36,12 +36,15 @@ def test_what_stages_publish_holds_no_piece_of_a_secret(tmp_path: Path, method: 
             {**pair, "cover": cover, "messages": messages},
             tmp_path / "scores",
         ),
-        bundles := run_stage(export_container, ExportContainerParameters(), pair, tmp_path / "files"),
+        bundles := run_stage(
+            export_container, ExportContainerParameters(), pair | {"cover": cover}, tmp_path / "files"
+        ),
         reports(scores, hidden["curves"], tmp_path / "report"),
         tables(scores, tmp_path / "tables"),
     ]
     windows = SecretWindows(piece for artifact in (hidden["secret"], key) for piece in pieces_of(artifact))
     public = [artifact for outputs in made for artifact in outputs.values() if not artifact.private]
+    assert "cameras.json" in bundles["bundle"].files
     assert {artifact.kind for artifact in public} >= {"container", "bundle", "report", "metrics", "comparisons"}
     held = {name for artifact in public for name, data in everything_in(artifact) if windows.first_in(data) is not None}
     assert not held

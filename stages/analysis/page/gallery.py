@@ -76,9 +76,15 @@ def is_lossless(galleries: Sequence[Gallery]) -> bool:
 
 
 def cover_gallery(covers: Sequence[Comparison], count: int, title: str, residual: bool) -> Gallery | None:
-    """Truth, then what each method rendered, then on request the first one's residual; None without any."""
+    """Truth, then what each method rendered, then on request the first one's residual; None without any.
+
+    Where there is no truth for any, what the first rendered.
+    """
     if not covers:
         return None
+    if not any(each.has_truth for each in covers):
+        return picture_gallery(covers[0], count, title)
+    covers = [each for each in covers if each.has_truth]
     views = []
     for name, split in chosen_views(covers[0], count):
         truth = _picture(covers[0].truth, covers[0], name)
@@ -91,7 +97,9 @@ def cover_gallery(covers: Sequence[Comparison], count: int, title: str, residual
 
 
 def message_gallery(message: Comparison, count: int, title: str) -> Gallery:
-    """Truth and what was recovered."""
+    """Truth and what was recovered; that alone where there is no truth."""
+    if not message.has_truth:
+        return picture_gallery(message, count, title)
     return Gallery(
         title,
         tuple(
@@ -106,7 +114,7 @@ def message_gallery(message: Comparison, count: int, title: str) -> Gallery:
 
 
 def picture_gallery(pictures: Comparison, count: int, title: str) -> Gallery:
-    """Pictures that have no truth, such as feature maps."""
+    """Pictures that have no truth, such as feature maps and what a stranger's container shows."""
     shown = (Shown(name, _picture(pictures.rendered, pictures, name)) for name, _ in chosen_views(pictures, count))
     return Gallery(title, (View("", "", tuple(shown)),))
 

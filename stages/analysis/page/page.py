@@ -112,7 +112,8 @@ def public_page(material: Material, views: int) -> Page:
     """The scene alone, in words that fit any splatted scene; where nothing of it was given, that."""
     gallery, films = cover_gallery(material.pictures, views, "Pictures", residual=False), public_films(material.videos)
     tiles = (*scene_tiles(material, "Scene"), *public_placed_tiles(material))
-    compared = "A scene of 3D Gaussians, compared with photos that it was not fitted to."
+    held = bool(material.scores) or any(each.has_truth for each in material.pictures)
+    compared = f"A scene of 3D Gaussians{', compared with photos that it was not fitted to' if held else ''}."
     return _page(
         material,
         [gallery],

@@ -23,9 +23,9 @@ class Tile:
 
 
 def owner_summary(material: Material) -> str:
-    """One sentence with the means over the test views."""
+    """One sentence with the means over the test views; where nothing was measured, about what is shown."""
     if not material.methods:
-        return "Nothing was measured."
+        return _shown_summary(material)
     messages = material.messages
     count = {0: "No message is", 1: "One message is"}.get(len(messages), f"{len(messages)} messages are")
     figures = [
@@ -33,6 +33,16 @@ def owner_summary(material: Material) -> str:
         *(f"{name} {_test_psnr(material, name)}" for name in messages),
     ]
     return f"{count} hidden in one Gaussian splatting scene. On test views {', '.join(figures)}."
+
+
+def _shown_summary(material: Material) -> str:
+    """Of a container that came without photos to hold it against."""
+    if not any(each.role == "cover" and not each.has_truth for each in material.pictures):
+        return "Nothing was measured."
+    messages = [each.title for each in material.pictures if each.role == "message"]
+    if not messages:
+        return "A Gaussian splatting scene, as anyone sees it who has its files."
+    return f"A Gaussian splatting scene, and what your secret shows in it: {', '.join(messages)}."
 
 
 def owner_verdict(found: Found) -> str:

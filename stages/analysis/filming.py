@@ -1,0 +1,42 @@
+"""Videos of what was filmed: of each title by itself, and of all side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from stages.analysis.videos import Video, VideoRole
+from stages.hiding.message_names import FEATURE_MAP, SIDE_BY_SIDE
+from stages.hiding.rendering import COVER
+from stages.imaging.panels import columns_of, side_by_side
+from stages.imaging.pictures import Picture
+from stages.imaging.video import encode_video
+
+
+def encoded(
+    filmed: Mapping[str, Sequence[Picture]],
+    method: str,
+    pictures_a_second: float,
+    after_each: Callable[[], None] = lambda: None,
+) -> list[Video]:
+    """A video of each title, and where there are several, one of them all, since a page cannot keep videos in step.
+
+    Pictures of each are two or more, all of one size with even sides. No titles are no videos.
+    """
+
+    def video(title: str, role: VideoRole, panels: Sequence[str], pictures: Sequence[Picture]) -> Video:
+        height, width, _ = pictures[0].shape
+        webm = encode_video(pictures, pictures_a_second)
+        return Video(title, role, method, tuple(panels), columns_of(len(panels)), width, height, webm)
+
+    videos = []
+    for title, pictures in filmed.items():
+        videos.append(video(title, _role_of(title), [title], pictures))
+        after_each()
+    if len(filmed) > 1:
+        together = [side_by_side(pictures) for pictures in zip(*filmed.values(), strict=True)]
+        videos.append(video(SIDE_BY_SIDE, "side_by_side", [*filmed], together))
+    return videos
+
+
+def _role_of(title: str) -> VideoRole:
+    return "cover" if title == COVER else "feature_map" if title == FEATURE_MAP else "message"

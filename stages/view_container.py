@@ -1,0 +1,163 @@
+"""`view_container`: what files of a container show: the cover, and to who has the secret, the messages beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from pydantic import Field
+
+from opencl.device import choose_device
+from pipeline.artifact import Artifact
+from pipeline.errors import UserError
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.comparisons import Comparison, Role, write_comparisons
+from stages.analysis.filming import encoded
+from stages.analysis.videos import write_videos
+from stages.hiding.bundle import CAMERAS, IMAGE_CAMERA
+from stages.hiding.camera_files import MOST_CAMERAS
+from stages.hiding.image_view import IMAGE_VIEW
+from stages.hiding.method import module_of
+from stages.hiding.photographs import photographs
+from stages.hiding.rendering import COVER
+from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.imaging.pictures import Picture, tensor_to_picture
+from stages.imaging.video import enlarged
+from stages.scene.alignment import sample
+from stages.scene.cameras import Cameras
+from stages.scene.stored_cameras import read_cameras
+
+
+class ViewContainerParameters(Parameters):
+    """How much is shown."""
+
+    method: str = Field("gs_hider", description="The container's method.")
+    frames: int = Field(
+        96,
+        ge=2,
+        le=MOST_CAMERAS,
+        description="Of so many published cameras, evenly, videos are made; all are held in memory.",
+    )
+    seconds: float = Field(8.0, gt=0, description="How long each video takes.")
+    pictures: int = Field(6, ge=1, description="How many of the frames are kept as pictures, too.")
+    width: int = Field(800, ge=16, description="Long side of pictures in pixels; what is published larger is shrunk.")
+    threads: int = Field(2, ge=1, description="Threads of torch.")
+
+
+@stage(
+    inputs={
+        "container": Input("container"),
+        "cameras": Input("cameras"),
+        "secret": Input("secret", optional=True),
+        "image_camera": Input("cameras", optional=True),
+    },
+    outputs={
+        "videos": Output("videos", privacy="private"),
+        "public_videos": Output("videos", privacy="public"),
+        "pictures": Output("comparisons", privacy="private"),
+        "public_pictures": Output("comparisons", privacy="public"),
+    },
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def view_container(context: Context, parameters: ViewContainerParameters) -> None:
+    """Render the cover along the published cameras and beside it each message. A picture that is hidden at one view is
+    shown from there alone: from elsewhere its decoder shows nothing of it.
+    """
+    torch.set_num_threads(parameters.threads)
+    container, secret = context.input("container"), context.input_optional("secret")
+    check_method(container, parameters.method)
+    path = _path(context.input("cameras"), parameters)
+    hiding = _image_camera(context.input_optional("image_camera"), secret, parameters)
+    method, gaussians = read_method(container, secret), read_gaussians(container)
+    filmed: dict[str, list[Picture]] = {}
+    for number, rendering in enumerate(photographs(gaussians, method, path), start=1):
+        for title, picture in rendering.pictures.items():
+            if title == COVER or hiding is None:
+                filmed.setdefault(title, []).append(tensor_to_picture(picture))
+        context.progress(number, len(path))
+        context.stop_if_requested()
+    pictures = _kept(filmed, path, parameters)
+    if hiding is not None:
+        shown = next(photographs(gaussians, method, hiding)).pictures
+        hidden = {title: [tensor_to_picture(picture)] for title, picture in shown.items() if title != COVER}
+        pictures += _kept(hidden, hiding, parameters)
+    _write(context, parameters, filmed, pictures)
+    context.record(device=choose_device().describe())
+
+
+def _path(artifact: Artifact, parameters: ViewContainerParameters) -> Cameras:
+    """Cameras of the video's frames, of even sides."""
+    cameras = read_cameras(artifact)
+    if cameras is None:
+        raise UserError(
+            "nothing says from where to look at the container",
+            found=f"a bundle without {CAMERAS}",
+            expected="the folder as export_container writes it when it is given the cover",
+            remedy=f"ask whoever published it for {CAMERAS}, and put it into the folder beside the container",
+        )
+    frames = cameras.select([cameras.names[row] for row in sample(len(cameras), parameters.frames)])
+    shown = _shrunk(frames, parameters.width)
+    return replace(shown, width=shown.width + shown.width % 2, height=shown.height + shown.height % 2)
+
+
+def _image_camera(
+    artifact: Artifact | None, secret: Artifact | None, parameters: ViewContainerParameters
+) -> Cameras | None:
+    """The camera from which the secret shows a picture; None for a secret of scenes, and without one."""
+    if secret is None or IMAGE_VIEW not in secret.attributes:
+        return None
+    cameras = read_cameras(artifact) if artifact else None
+    if cameras is None:
+        raise UserError(
+            "nothing says from where the secret is seen",
+            found=f"a secret without {IMAGE_CAMERA}",
+            expected="the folder as export_container writes it when it is given the cover",
+            remedy=f"ask whoever gave you the secret for {IMAGE_CAMERA}, and put it beside secret.json; without the "
+            "secret, the cover is shown",
+        )
+    return _shrunk(cameras, parameters.width)
+
+
+def _shrunk(cameras: Cameras, long_side: int) -> Cameras:
+    """The same views in pictures whose long side is at most so many pixels."""
+    factor = long_side / max(cameras.width, cameras.height)
+    if factor >= 1:
+        return cameras
+    width, height = (max(1, round(factor * side)) for side in (cameras.width, cameras.height))
+    scale = np.diag([width / cameras.width, height / cameras.height, 1.0])
+    return replace(cameras, intrinsics=scale @ cameras.intrinsics, width=width, height=height)
+
+
+def _kept(
+    filmed: Mapping[str, Sequence[Picture]], cameras: Cameras, parameters: ViewContainerParameters
+) -> list[Comparison]:
+    """Of each title the pictures of some cameras, evenly."""
+    rows = sample(len(cameras), parameters.pictures)
+    names = tuple(cameras.names[row] for row in rows)
+    comparisons = []
+    for title, pictures in filmed.items():
+        kept = np.stack([pictures[row] for row in rows])
+        role: Role = "cover" if title == COVER else "message"
+        comparisons.append(
+            Comparison(title, role, parameters.method, names, ("",) * len(rows), kept, kept, has_truth=False)
+        )
+    return comparisons
+
+
+def _write(
+    context: Context,
+    parameters: ViewContainerParameters,
+    filmed: Mapping[str, Sequence[Picture]],
+    pictures: Sequence[Comparison],
+) -> None:
+    """All for whoever runs it; for the public the cover alone."""
+    rate = len(filmed[COVER]) / parameters.seconds
+    large = {title: [enlarged(picture) for picture in pictures] for title, pictures in filmed.items()}
+    videos = encoded(large, parameters.method, rate, context.stop_if_requested)
+    write_videos(context.output("videos"), videos)
+    write_videos(context.output("public_videos"), [video for video in videos if video.role == "cover"])
+    write_comparisons(context.output("pictures"), pictures)
+    write_comparisons(context.output("public_pictures"), [each for each in pictures if each.role == "cover"])
