@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.artifact import Artifact
+from pipeline.artifact import MANIFEST, Artifact
 from pipeline.errors import Interrupted, UserError
 from pipeline.stage import run_stage
 from stages.analysis.attacks.catalogue import ATTACKS, ONE_COLOUR, UNATTACKED, restored
 from stages.analysis.attacks.kept import kept
-from stages.analysis.measurements import Measurement, read_measurements, to_lines
+from stages.analysis.measurements import MEASUREMENTS_FILE, Measurement, read_measurements, to_lines
 from stages.attack import AttackParameters, attack
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from tests.stages.small import message_views, scene
@@ -69,8 +69,8 @@ def test_it_stops_when_it_is_asked_to_and_goes_on_with_the_next_attack(tmp_path:
     with pytest.raises(Interrupted):
         run_stage(attack, parameters, given, tmp_path / "attacked", services=asking.services())
     scratch = tmp_path / "attacked" / ".scratch"
-    assert (scratch / "quantisation.json").is_file()
-    assert not (scratch / "stripping.json").exists()
+    assert (scratch / "quantisation").is_dir()
+    assert not (scratch / "stripping").exists()
     shutil.copytree(scratch, tmp_path / "again" / ".scratch")
     again = run_stage(attack, parameters, given, tmp_path / "again", services=(second := Asking()).services())
     whole = run_stage(attack, parameters, given, tmp_path / "whole", services=(third := Asking()).services())
@@ -79,12 +79,14 @@ def test_it_stops_when_it_is_asked_to_and_goes_on_with_the_next_attack(tmp_path:
 
 
 @pytest.mark.parametrize("left", ["", "{", "half", "lines"])
-def test_what_a_power_cut_damaged_is_measured_again(tmp_path: Path, left: str) -> None:
+@pytest.mark.parametrize("file", [MEASUREMENTS_FILE, MANIFEST])
+def test_what_a_power_cut_damaged_is_measured_again(tmp_path: Path, file: str, left: str) -> None:
     rows = [Measurement("psnr", float(number), "noise", severity=0.1) for number in range(3)]
     assert kept(tmp_path, "noise", lambda: rows) == tuple(rows)
     assert kept(tmp_path, "noise", lambda: pytest.fail("it is there")) == tuple(rows)
-    (file,) = tmp_path.iterdir()
-    whole = file.read_text()
-    file.write_text({"half": whole[: len(whole) // 2], "lines": to_lines(rows[:1])}.get(left, left))
+    damaged = tmp_path / "noise" / file
+    whole = damaged.read_text()
+    damaged.chmod(0o600)
+    damaged.write_text({"half": whole[: len(whole) // 2], "lines": to_lines(rows[:1])}.get(left, left))
     assert kept(tmp_path, "noise", lambda: rows) == tuple(rows)
-    assert file.read_text() == whole
+    assert damaged.read_text() == whole

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 
-from pipeline.disk import flush
-from pipeline.sealed import read_sealed, sealed
-from stages.analysis.measurements import Measurement, from_lines, to_lines
-
-ROWS = "rows"
+from pipeline.artifact import create, load
+from pipeline.errors import CorruptArtifact
+from stages.analysis.measurements import KIND, Measurement, read_measurements, write_measurements
 
 
 def kept(folder: Path, name: str, measure: Callable[[], Iterable[Measurement]]) -> tuple[Measurement, ...]:
@@ -18,14 +18,11 @@ def kept(folder: Path, name: str, measure: Callable[[], Iterable[Measurement]]) 
     The folder belongs to one action, so that rows of other parameters or inputs are never in it. What a power cut has
     left damaged is measured again.
     """
-    file = folder / f"{name}.json"
-    found = read_sealed(file)
-    if found is not None:
-        return from_lines(found[ROWS], str(file))
+    place = folder / name
+    with suppress(CorruptArtifact):
+        return read_measurements(load(place))
+    shutil.rmtree(place, ignore_errors=True)
     rows = tuple(measure())
-    unfinished = folder / f"{name}.unfinished"
-    unfinished.write_text(sealed({ROWS: to_lines(rows)}), encoding="utf-8")
-    flush(unfinished)
-    unfinished.replace(file)
-    flush(folder)
+    with create(place, KIND, private=True) as writer:
+        write_measurements(writer, rows)
     return rows
