@@ -22,6 +22,7 @@ from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import picture_to_tensor
 from stages.imaging.shipped_photos import ShippedPhotos
+from stages.scene.between import cameras_between
 from stages.scene.cameras import Cameras
 from stages.scene.scene import read_scene
 from stages.training.codec_photos import learnt_photos
@@ -58,6 +59,12 @@ class TuneWatermarkDecoderParameters(Parameters):
     hardest_of: int = Field(
         1, ge=1, description="Every window of other photos is the one of so many in which the decoder sees most."
     )
+    between: int = Field(
+        0,
+        ge=0,
+        description="Of so many cameras between those of the training views renders are learnt from, too, with the "
+        "watermark and clean ones.",
+    )
     evenly: bool = Field(
         False,
         description="Whether as many windows are drawn of every scene as of any other, not of every photo: a "
@@ -93,12 +100,17 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     scene = read_scene(context.input("cover"))
     cameras = scene.cameras.select(scene.train_names)
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
+    between = cameras_between(cameras, parameters.between, np.random.default_rng(parameters.seed))
+
+    def seen(container: Artifact) -> UInt8[np.ndarray, "V H W 3"]:
+        return np.concatenate([_renders(context, container, parameters.method, each) for each in (cameras, between)])
+
     pictures = {
-        RENDERS: _renders(context, context.input("container"), parameters.method, cameras),
+        RENDERS: seen(context.input("container")),
         PHOTOS: scene.pictures[scene.rows(scene.train_names)],
     }
     if parameters.negatives == "photos_and_clean_renders":
-        pictures[CLEAN] = _renders(context, _before(context), parameters.method, cameras)
+        pictures[CLEAN] = seen(_before(context))
     codec = read_codec(context.input("codec"))
     codec.expect(picture_to_tensor(watermark).permute(2, 0, 1))
     if parameters.whole_pictures:

@@ -123,3 +123,15 @@ def test_the_windows_that_a_decoder_sees_most_in_are_learnt() -> None:
         tuning = DecoderTuning(watermarks.little_codec(), watermark, shown, settings, scenes_of_photos)
         found[hardest_of] = [tuning.errors(step)[OTHERS].item() for step in range(1, 21)]
     assert np.mean(found[12]) > 2 * np.mean(found[1])
+
+
+def test_renders_between_the_views_are_learnt_from(tmp_path: Path, inputs: Inputs) -> None:
+    marked = finetuned(tmp_path / "marked", inputs)["container"]
+    given = {**inputs, "container": marked, "before": inputs["container"]}
+    made = []
+    for between in (0, 3):
+        parameters = TuneWatermarkDecoderParameters.model_validate(
+            {"method": "plain", "iterations": 3, "between": between}
+        )
+        made.append(run_stage(tune_watermark_decoder, parameters, given, tmp_path / f"made {between}")["codec"].digest)
+    assert len(set(made)) == 2
