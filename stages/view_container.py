@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
@@ -71,7 +71,8 @@ def view_container(context: Context, parameters: ViewContainerParameters) -> Non
     check_method(container, parameters.method)
     path = _path(context.input("cameras"), parameters)
     hiding = _image_camera(context.input_optional("image_camera"), secret, parameters)
-    method, gaussians = read_method(container, secret), read_gaussians(container)
+    device = working_device()
+    method, gaussians = read_method(container, secret, device), read_gaussians(container, device)
     filmed: dict[str, list[Picture]] = {}
     for number, rendering in enumerate(photographs(gaussians, method, path), start=1):
         for title, picture in rendering.pictures.items():
@@ -85,7 +86,7 @@ def view_container(context: Context, parameters: ViewContainerParameters) -> Non
         hidden = {title: [tensor_to_picture(picture)] for title, picture in shown.items() if title != COVER}
         pictures += _kept(hidden, hiding, parameters)
     _write(context, parameters, filmed, pictures)
-    context.record(device=choose_device().describe())
+    context.record(device=describe_drawing(device))
 
 
 def _path(artifact: Artifact, parameters: ViewContainerParameters) -> Cameras:
