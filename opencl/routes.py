@@ -1,4 +1,4 @@
-"""Which backend draws tensors of a device: the way with the fewest copies that this machine offers."""
+"""Which backend draws tensors of a device, by the fewest copies, and on which device tensors are best kept."""
 
 from __future__ import annotations
 
@@ -44,6 +44,29 @@ def _backend_for(setting: str, tensor_device: torch.device) -> Backend:
         torch.cuda.init()
         return CudaBackend(own, driver, tensor_device)
     return Backend(own)
+
+
+def working_device() -> torch.device:
+    """Where who draws had best keep all tensors: on torch's current CUDA device where there is one, else on the CPU.
+
+    With GS_HIDER_DEVICE on CUDA only where it names what `backend_for` draws that device's tensors on as a GPU: who
+    asks for PoCL wants the CPU to do all of it. Cameras may stay on the CPU.
+    """
+    if not torch.cuda.is_available():
+        return torch.device("cpu")
+    tensor_device = torch.device("cuda", torch.cuda.current_device())
+    setting = os.environ.get(DEVICE_VARIABLE, "")
+    own = _own_device(tensor_device, cuda_driver()) if setting else None
+    if setting and (own is None or not own.answers_to(setting)):
+        return torch.device("cpu")
+    return tensor_device
+
+
+def describe_drawing(tensor_device: torch.device) -> str:
+    """The OpenCL device that draws tensors of this device, and where these are if not on it: for provenance records."""
+    backend = backend_for(tensor_device)
+    copied = tensor_device.type != "cpu" and backend.tensor_device != tensor_device
+    return f"{backend.device.describe()}{f', tensors copied from {tensor_device}' if copied else ''}"
 
 
 def cuda_driver() -> CudaDriver | None:

@@ -9,6 +9,7 @@ import torch
 from pydantic import Field, field_validator
 
 from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName
 from stages.analysis.attacks.curves import Assay
@@ -76,11 +77,11 @@ def attack(context: Context, parameters: AttackParameters) -> None:
     check_method(container, parameters.method)
     scene = read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
-    hidden = at_least_one_hidden(messages, secret, "attack")
+    hidden, device = at_least_one_hidden(messages, secret, "attack"), working_device()
     assay = Assay(
         Target(read_gaussians(container), read_method(container)),
         Scorer(read_method(container, secret), scene, hidden, _measured_views(scene, parameters.test_views)),
-        Knowledge(training_views(scene), rig_extent(scene.cameras), context.stop_if_requested),
+        Knowledge(training_views(scene), rig_extent(scene.cameras), context.stop_if_requested, device),
         parameters.method,
         parameters.cover_losses,
         parameters.seeds,
@@ -93,7 +94,7 @@ def attack(context: Context, parameters: AttackParameters) -> None:
         context.progress(done, len(parameters.attacks))
         rows += kept(context.scratch, name, partial(assay.curve, name, every[name]))
     write_measurements(context.output("measurements"), rows)
-    context.record(device=choose_device().describe())
+    context.record(device=choose_device().describe(), reoptimised_on=describe_drawing(device))
 
 
 def _measured_views(scene: Scene, most: int) -> list[str]:

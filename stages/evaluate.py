@@ -8,7 +8,7 @@ from typing import Literal
 import torch
 from pydantic import Field, field_validator
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
@@ -71,9 +71,9 @@ class EvaluateParameters(Parameters):
 def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     """Score the container's cover and messages or hidden image, and plain 3DGS of the same cover where it is given."""
     torch.set_num_threads(parameters.threads)
-    scene = read_scene(context.input("cover"))
+    device, scene = working_device(), read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
-    perceptual = _perceptual(parameters)
+    perceptual = _perceptual(parameters, device)
     container, reference = context.input("container"), context.input_optional("reference")
     secret = context.input_optional("secret")
     check_method(container, parameters.method)
@@ -88,7 +88,8 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
 
         own = splats is container
         decodes = own and bool(messages or image)
-        method, gaussians = read_method(splats, secret if decodes else None), read_gaussians(splats)
+        method = read_method(splats, secret if decodes else None, device)
+        gaussians = read_gaussians(splats, device)
         shown = parameters.shown_train_views
         scores = score(gaussians, method, name, scene, hidden, perceptual, shown, progress, image if own else None)
         # For the reference, which has never seen a message, this is the control: what chance gives.
@@ -99,7 +100,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     if reference is not None:
         every.append(scored(reference, REFERENCE_METHOD, {}, 1))
     _write(context, every, scene, views_for_the_public(scene, parameters.shown_train_views))
-    context.record(device=choose_device().describe())
+    context.record(device=describe_drawing(device))
 
 
 def _hidden_messages(messages: Mapping[str, MessageViews], secret: Artifact | None) -> dict[str, MessageViews]:
@@ -122,12 +123,12 @@ def _hidden_image(image: Artifact | None, secret: Artifact | None, scene: Scene)
     return HiddenImage(name, view, filling(picture, scene.cameras.width, scene.cameras.height))
 
 
-def _perceptual(parameters: EvaluateParameters) -> Perceptual:
-    return {f"lpips_{network}": _lpips(network) for network in NETWORKS[parameters.lpips]}
+def _perceptual(parameters: EvaluateParameters, device: torch.device) -> Perceptual:
+    return {f"lpips_{network}": _lpips(network, device) for network in NETWORKS[parameters.lpips]}
 
 
-def _lpips(network: Network) -> Lpips:
-    metric = load_lpips(network)
+def _lpips(network: Network, device: torch.device) -> Lpips:
+    metric = load_lpips(network, device)
     if metric is None:
         raise UserError(f"the weights of LPIPS ({network}) have just been removed", remedy=HOW_TO_INSTALL)
     return metric

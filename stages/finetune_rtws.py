@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import torch
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.method import module_of
@@ -68,16 +68,17 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
     check_method(container, parameters.method)
-    scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec"))
+    device = working_device()
+    scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec")).to(device)
     watermark = filling(read_image(context.input("watermark"))[1], scene.cameras.width, scene.cameras.height)
     messages = hidden_messages(read_messages(context.input_many("messages"), scene.cameras.names), secret)
     views, marked = half_watermarked(
         training_views(scene, {name: message.pictures for name, message in messages.items()}),
         codec,
-        picture_to_tensor(watermark),
+        picture_to_tensor(watermark, device),
         parameters.seed,
     )
-    gaussians, method = read_gaussians(container), read_method(container, secret)
+    gaussians, method = read_gaussians(container, device), read_method(container, secret, device)
     terms = hiding_terms([*messages], parameters.lambda_message, parameters.ssim_weight, parameters.ssim_weight)
     fixed = _hidden_image(context.input_optional("image"), secret, scene, parameters)
     rates = FeatureRates(parameters.feature_rate, parameters.final_rate_share)
@@ -85,7 +86,7 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     curves = train(context, training)
     write_container(context.output("container"), training.gaussians, method)
     write_rows(context.output("curves"), curves)
-    context.record(device=choose_device().describe(), watermarked_views=len(marked))
+    context.record(device=describe_drawing(training.device), watermarked_views=len(marked))
 
 
 def _hidden_image(

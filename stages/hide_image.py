@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing
 from pipeline.errors import UserError, nearest
 from pipeline.stage import Context, Input, Output, stage
 from stages.hiding.method import module_of
@@ -62,7 +62,7 @@ def hide_image(context: Context, parameters: HideImageParameters) -> None:
     write_container(context.output("container"), training.gaussians, training.method)
     write_secret(context.output("secret"), training.method, [name], image_view=view)
     write_rows(context.output("curves"), curves)
-    context.record(device=choose_device().describe(), gaussians=len(training.gaussians))
+    context.record(device=describe_drawing(training.device), gaussians=len(training.gaussians))
 
 
 def chosen_view(cover: Scene, wanted: str | None) -> str:

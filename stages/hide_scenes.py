@@ -7,7 +7,7 @@ from typing import ClassVar
 import torch
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing
 from pipeline.stage import Context, Input, Output, stage
 from stages.hiding.method import module_of
 from stages.hiding.storage import write_container, write_secret
@@ -69,4 +69,4 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
     write_container(context.output("container"), training.gaussians, training.method)
     write_secret(context.output("secret"), training.method, list(messages))
     write_rows(context.output("curves"), curves)
-    context.record(device=choose_device().describe(), gaussians=len(training.gaussians))
+    context.record(device=describe_drawing(training.device), gaussians=len(training.gaussians))

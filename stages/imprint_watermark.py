@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import key_generator
 from stages.hiding.method import Method, module_of
@@ -90,10 +90,11 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
     check_method(container, parameters.method)
-    scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec"))
-    gaussians, method = read_gaussians(container), read_method(container, secret)
+    device = working_device()
+    scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec")).to(device)
+    gaussians, method = read_gaussians(container, device), read_method(container, secret, device)
     pictures = _pictures(context, parameters, scene, gaussians, method)
-    codec.expect(picture_to_tensor(pictures.watermark).permute(2, 0, 1))
+    codec.expect(picture_to_tensor(pictures.watermark, device).permute(2, 0, 1))
     coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.seed))
     measured_on = scene.cameras.select(scene.train_names[::MEASURED_ON])
     marked = grained(gaussians, method, measured_on, parameters.first_level, coins)
@@ -101,7 +102,7 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     write_container(context.output("container"), marked, method)
     write_codec(context.output("codec"), codec)
     write_rows(context.output("curves"), curves)
-    context.record(device=choose_device().describe())
+    context.record(device=describe_drawing(device))
 
 
 def _pictures(

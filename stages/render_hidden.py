@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float32, UInt8
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.message_names import MessageName
 from stages.hiding.method import Method, module_of
@@ -64,7 +64,8 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     """
     torch.set_num_threads(parameters.threads)
     splats = context.input("splats")
-    gaussians, method = read_gaussians(splats), read_method(splats)
+    device = working_device()
+    gaussians, method = read_gaussians(splats, device), read_method(splats, device=device)
     cover = read_scene(context.input("cover"))
     placed = _placed(context, parameters, gaussians, cover)
     seen = cameras_in_message_world(cover.cameras, placed)
@@ -77,7 +78,7 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
         f"{int(views.legal.sum())} of {len(views.view_names)} views are legal (coverage {LEGAL_COVERAGE} or more)"
     )
     context.record(
-        device=choose_device().describe(), legal_views=int(views.legal.sum()), scale=round(float(placed.scale), 4)
+        device=describe_drawing(device), legal_views=int(views.legal.sum()), scale=round(float(placed.scale), 4)
     )
 
 
@@ -105,7 +106,8 @@ def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray,
     weight = visibility(gaussians)
     order = np.argsort(np.random.default_rng(seed).exponential(size=len(weight)) / weight, kind="stable")
     colors = (gaussians["sh_base"].detach() * BASE + 0.5).clamp(0, 1)
-    return gaussians.means.detach().numpy()[order], (colors * 255).round().to(torch.uint8).numpy()[order]
+    means, shades = gaussians.means.detach(), (colors * 255).round().to(torch.uint8)
+    return means.cpu().numpy()[order], shades.cpu().numpy()[order]
 
 
 def photograph_message(
@@ -114,7 +116,7 @@ def photograph_message(
     """The message's pictures over black, and its coverage, from every camera."""
     shots = []
     for view in photographs(gaussians, method, cameras):
-        shots.append((tensor_to_picture(view.pictures[COVER].clamp(0, 1)), view.alphas.numpy()))
+        shots.append((tensor_to_picture(view.pictures[COVER].clamp(0, 1)), view.alphas.cpu().numpy()))
         after_each()
     pictures, coverage = zip(*shots, strict=True)
     return np.stack(pictures), np.stack(coverage).astype(np.float32)

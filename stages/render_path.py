@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import torch
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import FEATURE_MAP_CHANNELS
 from stages.analysis.videos import Video, VideoRole, write_videos
@@ -52,7 +52,9 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
     check_method(container, parameters.method)
-    gaussians, method = read_gaussians(container), read_method(container, context.input_optional("secret"))
+    device = working_device()
+    gaussians = read_gaussians(container, device)
+    method = read_method(container, context.input_optional("secret"), device)
     path = path_along(read_scene(context.input("cover")), parameters)
     filmed: dict[str, list[Picture]] = {}
     for number, rendering in enumerate(photographs(gaussians, method, path), start=1):
@@ -63,7 +65,7 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
     videos = encoded(filmed, parameters, context)
     write_videos(context.output("videos"), videos)
     write_videos(context.output("public_videos"), [video for video in videos if video.role == "cover"])
-    context.record(device=choose_device().describe())
+    context.record(device=describe_drawing(device))
 
 
 def path_along(scene: Scene, parameters: RenderPathParameters) -> Cameras:

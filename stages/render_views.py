@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import torch
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.renders import collect_renders, write_renders
 from stages.hiding.method import module_of
@@ -39,13 +39,13 @@ def render_views(context: Context, parameters: RenderViewsParameters) -> None:
     so that renders of several containers of one cover are of the same views.
     """
     torch.set_num_threads(parameters.threads)
-    container, scene = context.input("container"), read_scene(context.input("cover"))
+    container, scene, device = context.input("container"), read_scene(context.input("cover")), working_device()
     check_method(container, parameters.method)
     rig = scene.cameras.select(scene.train_names or scene.cameras.names)
     path = camera_path(rig, scene.points, parameters.views, parameters.bends)
 
     def told() -> Iterator[Rendering]:
-        rendered = photographs(read_gaussians(container), read_method(container), path)
+        rendered = photographs(read_gaussians(container, device), read_method(container, device=device), path)
         for number, rendering in enumerate(rendered, start=1):
             yield rendering
             context.progress(number, parameters.views)
@@ -54,4 +54,4 @@ def render_views(context: Context, parameters: RenderViewsParameters) -> None:
     write_renders(
         context.output("renders"), collect_renders(parameters.method, path.names, told(), parameters.feature_maps)
     )
-    context.record(device=choose_device().describe())
+    context.record(device=describe_drawing(device))

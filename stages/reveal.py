@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
@@ -69,10 +69,11 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
         context.progress(before + done, 2 * views)
         context.stop_if_requested()
 
-    messages = _as_published(published, secret, scene, lambda done: progress(done, 0))
+    device = working_device()
+    messages = _as_published(published, secret, scene, device, lambda done: progress(done, 0))
     scores = score(
-        read_gaussians(container),
-        read_method(container, secret),
+        read_gaussians(container, device),
+        read_method(container, secret, device),
         parameters.method,
         scene,
         messages,
@@ -82,14 +83,14 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
     )
     write_rows(context.output("scores"), scores.rows)
     write_comparisons(context.output("pictures"), scores.comparisons(scene))
-    context.record(device=choose_device().describe())
+    context.record(device=describe_drawing(device))
 
 
 def _as_published(
-    published: Artifact, secret: Artifact, scene: Scene, progress: Callable[[int], None]
+    published: Artifact, secret: Artifact, scene: Scene, device: torch.device, progress: Callable[[int], None]
 ) -> dict[str, MessageViews]:
     """What the secret shows of each message in every view of the cover, all of every picture counting."""
-    gaussians, method = read_gaussians(published), read_method(published, secret)
+    gaussians, method = read_gaussians(published, device), read_method(published, secret, device)
     names = strings(secret, "messages")
     shown: dict[str, list[Picture]] = {name: [] for name in names}
     for done, rendering in enumerate(photographs(gaussians, method, scene.cameras), start=1):

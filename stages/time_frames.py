@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import torch
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import module_of
@@ -51,10 +51,11 @@ def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
     check_method(container, parameters.method)
-    gaussians, method = read_gaussians(container), read_method(container)
+    device = working_device()
+    gaussians, method = read_gaussians(container, device), read_method(container, device=device)
     scene = read_scene(context.input("cover"))
     cameras = single_cameras(scene.cameras.select(scene.test_names or scene.cameras.names))
-    features = torch.zeros(len(gaussians), feature_dim(gaussians))
+    features = torch.zeros(len(gaussians), feature_dim(gaussians), device=device)
     drawings: dict[str, Draw] = {
         "seconds_per_frame": lambda camera: method.render(gaussians, camera),
         "seconds_per_feature_map": lambda camera: splat(gaussians, features, camera),
@@ -69,12 +70,18 @@ def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
         for quantity, draw in drawings.items()
     ]
     write_rows(context.output("timings"), rows)
-    context.record(device=choose_device().describe(), threads=parameters.threads)
+    context.record(device=describe_drawing(device), threads=parameters.threads)
 
 
 def feature_dim(gaussians: Gaussians) -> int:
     """M of the container's features, or 3 where Gaussians carry colours."""
     return gaussians[FEATURES].shape[1] if FEATURES in gaussians.parameters else 3
+
+
+def wait_for(rendering: Rendering) -> None:
+    """Until the GPU has drawn it: torch only queues what it does there."""
+    if rendering.feature_map.is_cuda:
+        torch.cuda.synchronize(rendering.feature_map.device)
 
 
 def median_seconds(
@@ -85,7 +92,7 @@ def median_seconds(
     for frame in range(warmup + frames):
         start = time.perf_counter()
         with torch.no_grad():
-            draw(cameras[frame % len(cameras)])
+            wait_for(draw(cameras[frame % len(cameras)]))
         seconds.append(time.perf_counter() - start)
         after_each()
     return statistics.median(seconds[warmup:])

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, stage
 from stages.hiding.method import build_method, module_of
 from stages.hiding.storage import write_container
@@ -45,7 +45,7 @@ def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
     points, colors = starting_points(scene, {}, parameters.start())
     generator = np.random.default_rng(parameters.seed)
     training = Training(
-        gaussians_at(points, method.initial_attributes(colors, generator)),
+        gaussians_at(points, method.initial_attributes(colors, generator)).to(working_device()),
         method,
         training_views(scene),
         [cover_term(parameters.ssim_weight_cover)],
@@ -54,4 +54,4 @@ def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
     curves = train(context, training)
     write_container(context.output("splats"), training.gaussians, method)
     write_rows(context.output("curves"), curves)
-    context.record(device=choose_device().describe(), gaussians=len(training.gaussians))
+    context.record(device=describe_drawing(training.device), gaussians=len(training.gaussians))

@@ -38,7 +38,7 @@ STAGE_FACING = {
     for name in ("stage", "artifact", "errors", "plain_text", "drawing", "companion", "checkpoint", "data_folder")
 }
 LIBRARY_FLOORS = ["timing", "imaging", "scene", "tracing", "hiding", "training", "analysis"]
-RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device", "opencl.harmonics", "opencl.ssim"}
+RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device", "opencl.harmonics", "opencl.routes", "opencl.ssim"}
 
 
 def sources(package: str) -> Iterator[tuple[str, Path]]:

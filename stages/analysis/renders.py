@@ -44,7 +44,7 @@ def collect_renders(
         pictures.append(tensor_to_picture(rendering.pictures[COVER]))
         if number in kept and rendering.feature_map.shape[-1] > COLORS:
             names.append(view_names[number])
-            maps.append(rendering.feature_map.numpy().astype(np.float16))
+            maps.append(rendering.feature_map.cpu().numpy().astype(np.float16))
     height, width, _ = pictures[0].shape
     none = np.zeros((0, height, width, 0), np.float16)
     return Renders(method, tuple(view_names), np.stack(pictures), tuple(names), np.stack(maps) if maps else none)

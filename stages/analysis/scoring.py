@@ -132,19 +132,19 @@ def views_for_the_public(scene: Scene, shown_train_views: int) -> set[str]:
 def _score_cover(
     scores: Scores, rendering: Rendering, scene: Scene, row: int, split: str, perceptual: Perceptual
 ) -> None:
-    truth = picture_to_tensor(scene.pictures[row])
     picture = rendering.pictures[COVER]
+    truth = picture_to_tensor(scene.pictures[row], picture.device)
     scores.add(scene.cameras.names[row], split, picture_figures(picture, truth, perceptual))
     if split == "test":
-        scores.residuals[scene.cameras.names[row]] = (picture.clamp(0, 1) - truth).numpy()
+        scores.residuals[scene.cameras.names[row]] = (picture.clamp(0, 1) - truth).cpu().numpy()
 
 
 def _score_message(
     scores: Scores, rendering: Rendering, message: MessageViews, row: int, split: str, perceptual: Perceptual
 ) -> None:
-    truth = picture_to_tensor(message.pictures[row])
-    coverage = torch.from_numpy(message.coverage[row])
     picture = rendering.pictures[message.name]
+    truth = picture_to_tensor(message.pictures[row], picture.device)
+    coverage = torch.from_numpy(message.coverage[row]).to(picture.device)
     figures = picture_figures(picture, truth, perceptual) | covered_figures(picture, truth, coverage)
     scores.add(message.view_names[row], split, figures | {"legal": float(message.legal[row])}, message.name)
 
@@ -152,7 +152,7 @@ def _score_message(
 def _score_image(scores: Scores, rendering: Rendering, image: HiddenImage, perceptual: Perceptual) -> None:
     """The hidden image, where alone it is defined: what the decoder shows at other views is left to itself."""
     picture = rendering.pictures[image.name]
-    figures = picture_figures(picture, picture_to_tensor(image.picture), perceptual)
+    figures = picture_figures(picture, picture_to_tensor(image.picture, picture.device), perceptual)
     scores.add(image.view, "train", figures | {"hides_image": 1.0}, image.name)
     scores.hidden = (image, tensor_to_picture(picture))
 

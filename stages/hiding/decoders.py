@@ -73,7 +73,7 @@ def decode(
     if precision == torch.bfloat16 and values.device.type == "cpu" and not has_bfloat16_convolutions():
         values = _through_rounded(between, values)
     else:
-        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=precision == torch.bfloat16):
+        with torch.autocast(values.device.type, dtype=torch.bfloat16, enabled=precision == torch.bfloat16):
             for module in between:
                 values = module(values)
     decoded: Tensor = last(values.float())

@@ -63,3 +63,9 @@ def settings_of(name: str) -> tuple[str, ...]:
 def build_method(name: str, settings: Mapping[str, object]) -> Method:
     """The method `name`, made from its settings. Its networks' weights are drawn from torch's global generator."""
     return cast(Method, importlib.import_module(module_of(name)).build(settings))
+
+
+def move_networks(method: Method, device: torch.device | str) -> None:
+    """Put the method's networks on a device, that of the Gaussians which it is to render."""
+    for network in method.networks.values():
+        network.to(device)

@@ -59,7 +59,8 @@ def clear_coverage(gaussians: Gaussians, cameras: Cameras, clear_from: float) ->
     """
     shares = []
     for camera in single_cameras(cameras):
-        depths = gaussians.means @ camera.world_to_camera[2, :3] + camera.world_to_camera[2, 3]
+        towards = camera.world_to_camera[2].to(gaussians.device)
+        depths = gaussians.means @ towards[:3] + towards[3]
         clear = (depths >= clear_from).to(gaussians.means.dtype)
         shares.append(float(splat(gaussians, clear[:, None], camera).feature_map.mean()))
     return np.array(shares, np.float32)

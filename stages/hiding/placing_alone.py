@@ -79,7 +79,8 @@ def sharp_coverage(gaussians: Gaussians, cameras: Cameras, clear_from: float) ->
     largest = gaussians.scales.max(dim=1).values
     shares = []
     for camera in single_cameras(cameras):
-        depths = gaussians.means @ camera.world_to_camera[2, :3] + camera.world_to_camera[2, 3]
+        towards = camera.world_to_camera[2].to(gaussians.device)
+        depths = gaussians.means @ towards[:3] + towards[3]
         small = largest * camera.intrinsics[0, 0] <= BLURRED * camera.width * depths
         sharp = (small & (depths >= clear_from)).to(gaussians.means.dtype)
         shares.append(float(splat(gaussians, sharp[:, None], camera).feature_map.mean()))
@@ -110,7 +111,8 @@ def middle_and_radius(gaussians: Gaussians) -> tuple[Float[np.ndarray, " 3"], fl
 
     Medians over Gaussians that count by their opacity times width: stray ones and a far background move neither.
     """
-    means, weights = gaussians.means.detach().numpy().astype(np.float64), visibility(gaussians).astype(np.float64)
+    means = gaussians.means.detach().cpu().numpy().astype(np.float64)
+    weights = visibility(gaussians).astype(np.float64)
     middle = np.array([weighted_median(column, weights) for column in means.T])
     radius = weighted_median(np.linalg.norm(means - middle, axis=1), weights)
     return middle, max(radius, float(gaussians.scales.detach().median()), 1e-12)
@@ -119,7 +121,7 @@ def middle_and_radius(gaussians: Gaussians) -> tuple[Float[np.ndarray, " 3"], fl
 def visibility(gaussians: Gaussians) -> Float[np.ndarray, " N"]:
     """How much is seen of each of N Gaussians: its opacity times the root of its two larger standard deviations."""
     width = gaussians.scales.sort(dim=1).values[:, 1:].prod(dim=1).sqrt()
-    return (gaussians.opacities * width).detach().numpy().clip(np.finfo(np.float32).tiny)
+    return (gaussians.opacities * width).detach().cpu().numpy().clip(np.finfo(np.float32).tiny)
 
 
 def weighted_median(values: Float[np.ndarray, " N"], weights: Float[np.ndarray, " N"]) -> float:

@@ -9,7 +9,7 @@ import torch
 
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
-from stages.hiding.method import Method, build_method
+from stages.hiding.method import Method, build_method, move_networks
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.scene.attributes import mapping, string, strings
 from stages.scene.gaussians import Gaussians
@@ -24,9 +24,9 @@ def write_container(writer: ArtifactWriter, gaussians: Gaussians, method: Method
     Nothing of a message is written: not its decoder, nor its name, nor how many there are. Rows are sorted by position,
     since the order in which Gaussians were made would tell which of them started as a message's.
     """
-    order = np.lexsort(gaussians.means.detach().numpy().T)
+    order = np.lexsort(gaussians.means.detach().cpu().numpy().T)
     for parameter, tensor in gaussians.parameters.items():
-        writer.write(parameter, tensor.detach().numpy()[order])
+        writer.write(parameter, tensor.detach().cpu().numpy()[order])
     writer.attributes.update(method=method.name, settings=dict(method.settings), gaussians=len(gaussians))
     _write_networks(writer, method, PUBLIC_NETWORKS)
 
@@ -42,13 +42,14 @@ def write_secret(
     _write_networks(writer, method, SECRET_NETWORKS)
 
 
-def read_gaussians(artifact: Artifact) -> Gaussians:
-    """The Gaussians of `splats` or of a `container`."""
-    return Gaussians({name: torch.from_numpy(artifact.read(name)) for name in artifact.names if "/" not in name})
+def read_gaussians(artifact: Artifact, device: torch.device | str = "cpu") -> Gaussians:
+    """The Gaussians of `splats` or of a `container`, on a device."""
+    read = {name: torch.from_numpy(artifact.read(name)) for name in artifact.names if "/" not in name}
+    return Gaussians(read).to(device)
 
 
-def read_method(container: Artifact, secret: Artifact | None = None) -> Method:
-    """The method that renders a container; with the secret it renders the messages too.
+def read_method(container: Artifact, secret: Artifact | None = None, device: torch.device | str = "cpu") -> Method:
+    """The method that renders a container; with the secret it renders the messages too. Networks are on `device`.
 
     Raises `UserError` where the weights in the artifacts do not fit the method, or are not there: what a network starts
     with would show something else every time.
@@ -63,6 +64,7 @@ def read_method(container: Artifact, secret: Artifact | None = None) -> Method:
             _read_networks(artifact, method, names)
     for network in method.networks.values():
         network.requires_grad_(False)
+    move_networks(method, device)
     return method
 
 
@@ -91,7 +93,7 @@ def _write_networks(writer: ArtifactWriter, method: Method, names: Sequence[str]
     for name in names:
         network = method.networks.get(name)
         for weight, tensor in network.state_dict().items() if network is not None else ():
-            writer.write(f"{name}/{weight}", tensor.contiguous().numpy())
+            writer.write(f"{name}/{weight}", tensor.contiguous().cpu().numpy())
 
 
 def _read_networks(artifact: Artifact, method: Method, names: Sequence[str]) -> None:

@@ -105,9 +105,10 @@ def single_cameras(cameras: Cameras) -> tuple[Camera, ...]:
     )
 
 
-def pixel_directions(camera: Camera) -> Float[Tensor, "H W 3"]:
-    """Unit vectors in world coordinates from the camera through the middle of each pixel."""
-    x, y = torch.meshgrid(torch.arange(camera.width) + 0.5, torch.arange(camera.height) + 0.5, indexing="xy")
+def pixel_directions(camera: Camera, device: torch.device | str = "cpu") -> Float[Tensor, "H W 3"]:
+    """Unit vectors in world coordinates from the camera through the middle of each pixel, computed on `device`."""
+    across, down = (torch.arange(side, device=device) + 0.5 for side in (camera.width, camera.height))
+    x, y = torch.meshgrid(across, down, indexing="xy")
     pixels = torch.stack([x, y, torch.ones_like(x)], dim=-1)
-    local = pixels @ torch.linalg.inv(camera.intrinsics).T
-    return torch.nn.functional.normalize(local @ camera.world_to_camera[:3, :3], dim=-1)
+    local = pixels @ torch.linalg.inv(camera.intrinsics).T.to(device)
+    return torch.nn.functional.normalize(local @ camera.world_to_camera[:3, :3].to(device), dim=-1)

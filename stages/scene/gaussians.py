@@ -58,6 +58,15 @@ class Gaussians:
         """What the method added to the geometry."""
         return {name: tensor for name, tensor in self.parameters.items() if name not in GEOMETRY}
 
+    @property
+    def device(self) -> torch.device:
+        """Where all tensors are."""
+        return self.means.device
+
+    def to(self, device: torch.device | str) -> Gaussians:
+        """The same Gaussians on a device; tensors that are there already are shared."""
+        return Gaussians({name: tensor.to(device) for name, tensor in self.parameters.items()})
+
 
 def neighbour_distances(points: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " N"]:
     """Root mean square distance to the three nearest other points, as 3DGS starts its scales; 1 for a lone point."""

@@ -10,6 +10,7 @@
 Autograd works through an iteration in the reverse order of its forward pass, so that one mark where a part's results
 are made says when its backward pass begins. torch's own profiler would need no marks, but it records thousands of
 events an iteration: a fifth of the time while it runs and seconds to read it. This costs microseconds and can stay on.
+On a GPU, which works off what torch queues, a part's time is that of queueing, and of waiting where a number is read.
 It computes nothing, so that no bit of a result depends on it. Where no stopwatch runs, parts and marks do nothing.
 """
 

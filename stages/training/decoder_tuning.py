@@ -116,7 +116,7 @@ class DecoderTuning(NetworkTraining):
 def tinted(picture: Float[Tensor, "H W 3"], generator: np.random.Generator) -> Float[Tensor, "H W 3"]:
     """The picture, or its gradients, through a random tint; not clamped."""
     gains, shifts = random_tint(generator)
-    return picture * torch.from_numpy(gains) + torch.from_numpy(shifts)
+    return picture * torch.from_numpy(gains).to(picture.device) + torch.from_numpy(shifts).to(picture.device)
 
 
 def decoded(codec: WatermarkCodec, picture: Picture) -> Float[Tensor, "H W 3"]:

@@ -43,14 +43,16 @@ class DensitySettings:
 class DensityControl:
     """Gathers what the rasterizer says between two refinements, then refines."""
 
-    def __init__(self, settings: DensitySettings, extent: float, count: int):
+    def __init__(self, settings: DensitySettings, extent: float, count: int, device: torch.device | str = "cpu"):
+        """Of `count` Gaussians on a device, where what is gathered is kept."""
         self.settings = settings
         self.extent = extent
+        self.device = device
         self._forget(count)
 
     def _forget(self, count: int) -> None:
-        self.gradient_sums = torch.zeros(count)
-        self.views_seen = torch.zeros(count)
+        self.gradient_sums = torch.zeros(count, device=self.device)
+        self.views_seen = torch.zeros(count, device=self.device)
 
     def observe(self, rendering: Rendering, width: int, height: int) -> None:
         """Add one view's screen-space gradients (after backward); 3DGS measures them in device coordinates."""
@@ -64,6 +66,8 @@ class DensityControl:
 
     def refine(self, optimizer: GaussianOptimizer, prune_large: bool, generator: torch.Generator) -> None:
         """Clone small and split large Gaussians with strong gradients, prune transparent and overgrown ones.
+
+        `generator` is one of the CPU's on every device, so that a seed draws the same numbers on all of them.
 
         (3DGS prunes afterwards, and so a copy of a transparent one with it. Here such a copy stays until the next time:
         of the fox's 60,000 in 1,000 iterations that were four.)
@@ -88,7 +92,7 @@ class DensityControl:
     def reset_opacity(self, optimizer: GaussianOptimizer) -> None:
         """Lower every opacity to at most 0.01, so that what is not needed does not come back."""
         logits = optimizer.gaussians["logit_opacities"].detach()
-        ceiling = torch.logit(torch.tensor(RESET_OPACITY))
+        ceiling = torch.logit(logits.new_tensor(RESET_OPACITY))
         optimizer.overwrite("logit_opacities", logits.clamp_max(ceiling))
 
     def _strongest(self, strength: Float[Tensor, " N"], count: int) -> Bool[Tensor, " N"]:
@@ -112,7 +116,8 @@ def _children(gaussians: Gaussians, parents: Int[Tensor, " P"], generator: torch
     """Two Gaussians drawn from each parent's own density, 1.6 times smaller, with the parent's other attributes."""
     rows = parents.repeat(CHILDREN)
     children = {name: tensor.detach()[rows] for name, tensor in gaussians.parameters.items()}
-    offsets = torch.randn(len(rows), 3, generator=generator) * children["log_scales"].exp()
+    drawn = torch.randn(len(rows), 3, generator=generator).to(gaussians.device)
+    offsets = drawn * children["log_scales"].exp()
     rotations = rotation_matrices(children["quats"])
     children["means"] = children["means"] + torch.einsum("nij,nj->ni", rotations, offsets)
     children["log_scales"] = children["log_scales"] - torch.log(torch.tensor(CHILD_SHRINKAGE))

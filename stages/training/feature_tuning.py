@@ -23,14 +23,16 @@ def half_watermarked(
 ) -> tuple[TrainingViews, tuple[int, ...]]:
     """The views with the watermark in the cover's pictures of a random half of them, and the rows of these, in order.
 
-    Of an odd number of views, the smaller half. The rest, messages among it, is shared with `views`.
+    Of an odd number of views, the smaller half. The rest, messages among it, is shared with `views`. The codec is where
+    the watermark is, pictures stay on the CPU.
     """
     count = len(views.cameras)
     chosen = np.random.default_rng(seed).permutation(count)[: count // 2]
     rows = tuple(sorted(int(row) for row in chosen))
     pictures = views.pictures[COVER].clone()
     for row in rows:
-        pictures[row] = watermarked(pictures[row].float() / 255, codec, watermark).mul(255).round().to(torch.uint8)
+        marked = watermarked(pictures[row].to(watermark.device).float() / 255, codec, watermark)
+        pictures[row] = marked.mul(255).round().to(torch.uint8).cpu()
     return replace(views, pictures={**views.pictures, COVER: pictures}), rows
 
 

@@ -11,11 +11,12 @@ import torch
 from pydantic import Field, model_validator
 from torch import Tensor
 
+from opencl.routes import working_device
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from stages.hiding.coupled import FEATURES
 from stages.hiding.key import key_generator
-from stages.hiding.method import Method, build_method, settings_of
+from stages.hiding.method import Method, build_method, move_networks, settings_of
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
@@ -105,7 +106,8 @@ def hiding_training(
     fixed: Sequence[FixedView] = (),
 ) -> Training:
     """A training from the first iteration: Gaussians at the cover's sparse points and at `message_points` of each
-    message that is `placed` in its world. Those of other messages are grey at first.
+    message that is `placed` in its world. Those of other messages are grey at first. All is made on the CPU, so that a
+    seed means the same everywhere, and then moved to where stages work.
 
     Raises `UserError` where `initial_features` are zeros and the method has no features, and for decoders that are too
     narrow for the messages.
@@ -121,7 +123,9 @@ def hiding_training(
         network_rate=parameters.network_rate,
         final_rate_share=parameters.final_rate_share,
     )
-    return Training(gaussians_at(points, attributes), method, views, terms, settings, fixed)
+    device = working_device()
+    move_networks(method, device)
+    return Training(gaussians_at(points, attributes).to(device), method, views, terms, settings, fixed)
 
 
 def _check_width(parameters: HidingParameters, method: Method, messages: int) -> None:

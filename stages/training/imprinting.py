@@ -85,7 +85,7 @@ class Imprint(torch.nn.Module):
 class Imprinting(NetworkTraining):
     """`gaussians`, which begin with a grain of the first level, become those with the imprint; `codec`, which expects
     the watermark, becomes their decoder. `clean` are the Gaussians without the grain. Geometry, opacities and the
-    method's own networks stay as they are.
+    method's own networks stay as they are. All of these are on one device, pictures on the CPU.
     """
 
     def __init__(
@@ -100,6 +100,7 @@ class Imprinting(NetworkTraining):
         self.imprint = Imprint(codec, gaussians.attributes)
         gaussians.parameters.update(self.imprint.attributes)
         self.gaussians, self.method, self.pictures, self.settings = gaussians, method, pictures, settings
+        self.device = gaussians.device
         self.clean = {name: tensor.detach() for name, tensor in clean.attributes.items()}
         self.black = (PHOTOS, CLEAN, OTHERS) if pictures.others else (PHOTOS, CLEAN)
         image = pictures.image.pictures if pictures.image is not None else {}
@@ -152,12 +153,12 @@ class Imprinting(NetworkTraining):
             errors |= self._changed(self.pictures.image, 0)[1]
         errors[RENDERS] = self._shown(pictures[COVER], generator, self.pictures.watermark)
         for kind, picture in self._without(photo, clean, generator).items():
-            errors[kind] = self._shown(picture_to_tensor(picture), generator)
+            errors[kind] = self._shown(picture_to_tensor(picture, self.device), generator)
         return errors
 
     def _changed(self, before: TrainingViews, row: int) -> tuple[Mapping[str, Tensor], dict[str, Float[Tensor, ""]]]:
         """The pictures of one view as they are now, and how far they are from what they were."""
-        truths = before.truths(row)
+        truths = before.truths(row, self.device)
         pictures = self.method.render(self.gaussians, before.cameras[row], 1.0, [*truths]).pictures
         return pictures, {name: (pictures[name] - truth).square().mean() for name, truth in truths.items()}
 
@@ -178,7 +179,8 @@ class Imprinting(NetworkTraining):
         shown = self.imprint.codec.watermark_decoder(read.permute(2, 0, 1)[None])[0].permute(1, 2, 0)
         if watermark is None:
             return shown.square().mean()
-        return (shown - picture_to_tensor(resize_picture(watermark, read.shape[1], read.shape[0]))).square().mean()
+        expected = picture_to_tensor(resize_picture(watermark, read.shape[1], read.shape[0]), self.device)
+        return (shown - expected).square().mean()
 
     def _as_read(self, picture: Float[Tensor, "H W 3"], generator: np.random.Generator) -> Float[Tensor, "h w 3"]:
         """Tinted, or the imprint would be a tint, which all see; in 8 bits; and distorted where that is wanted.
@@ -190,5 +192,5 @@ class Imprinting(NetworkTraining):
         if self.settings.distorted:
             written = random_distortion(written, generator)
         if written.shape != picture.shape:
-            return picture_to_tensor(written)
-        return picture + (picture_to_tensor(written) - picture).detach()
+            return picture_to_tensor(written, self.device)
+        return picture + (picture_to_tensor(written, self.device) - picture).detach()

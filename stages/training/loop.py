@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 from jaxtyping import Float, UInt8
@@ -30,14 +30,17 @@ LOSS = "loss"
 
 @dataclass(frozen=True)
 class TrainingViews:
-    """T views to learn from: a camera each, and a picture each for every name that the objective compares."""
+    """T views to learn from: a camera each, and a picture each for every name that the objective compares.
+
+    All on the CPU, wherever the training is: of large pictures only those of one view need room on a GPU.
+    """
 
     cameras: tuple[Camera, ...]
     pictures: Mapping[str, UInt8[Tensor, "T H W 3"]]
 
-    def truths(self, view: int) -> dict[str, Tensor]:
-        """The pictures of one view, float32 in [0, 1]."""
-        return {name: pictures[view].float() / 255 for name, pictures in self.pictures.items()}
+    def truths(self, view: int, device: torch.device | str = "cpu") -> dict[str, Tensor]:
+        """The pictures of one view on a device, float32 in [0, 1]. They go there as bytes, a quarter as many."""
+        return {name: pictures[view].to(device).float() / 255 for name, pictures in self.pictures.items()}
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,8 @@ Observer = Callable[[], None]
 class Training:
     """A training under way: Gaussians, networks, their optimizers, and every source of randomness.
 
-    `state` takes and sets all of it that changes: what is added here belongs there, too.
+    It works on the device of its Gaussians, where the method's networks must be, too; only what is drawn at random is
+    drawn on the CPU. `state` takes and sets all of it that changes: what is added here belongs there, too.
     """
 
     def __init__(
@@ -96,7 +100,8 @@ class Training:
         fixed: Sequence[FixedView] = (),
     ):
         self.gaussians, self.method, self.views, self.terms, self.settings = gaussians, method, views, terms, settings
-        self.fixed = fixed
+        self.device = gaussians.device
+        self.fixed = [replace(view, truth=view.truth.to(self.device)) for view in fixed]
         self.optimizer = GaussianOptimizer(gaussians, self._learning_rates())
         self.network_optimizer = self._network_optimizer()
         self.sampler = ViewSampler(len(views.cameras), settings.seed)
@@ -106,7 +111,9 @@ class Training:
         self.iteration = 0
         self.curves = Curves(settings.iterations, [*terms, *(view.term for view in fixed)], method.name)
         self.density = (
-            DensityControl(settings.density, settings.extent, len(gaussians)) if settings.density is not None else None
+            DensityControl(settings.density, settings.extent, len(gaussians), self.device)
+            if settings.density is not None
+            else None
         )
 
     def _learning_rates(self) -> dict[str, float]:
@@ -132,7 +139,7 @@ class Training:
         shown_at = 1.0 if settings.goes_on else progress
         with part("data"):
             view = self.sampler.draw()
-            camera, truths = self.views.cameras[view], self.views.truths(view)
+            camera, truths = self.views.cameras[view], self.views.truths(view, self.device)
         with part(ACTIVATIONS):
             rendering = self.method.render(self.gaussians, camera, shown_at, [term.picture for term in self.terms])
         compared = [Compared(term, rendering.pictures[term.picture], truths[term.picture]) for term in self.terms]

@@ -94,16 +94,16 @@ class NetworkTraining(ABC):
         ]
 
     def state(self) -> State:
-        """All that changes. Arrays share their memory with the training: save them before it goes on."""
+        """All that changes. Arrays may share their memory with the training: save them before it goes on."""
         tensors = {f"weights/{name}": tensor for name, tensor in self.network.state_dict().items()}
         for name, parameter in self.network.named_parameters():
             moments = self.adam.state.get(parameter, {})
             tensors |= {f"moments/{name}/{moment}": tensor for moment, tensor in moments.items()}
-        arrays = {name: tensor.detach().contiguous().numpy() for name, tensor in tensors.items()}
+        arrays = {name: tensor.detach().contiguous().cpu().numpy() for name, tensor in tensors.items()}
         return State({**arrays, "history": np.array(self.history, float).reshape(-1, len(self.weights))}, {})
 
     def set_state(self, state: State) -> None:
-        """Go on from a state of a training with the same inputs and settings."""
+        """Go on from a state of a training with the same inputs and settings, on the device that the network is on."""
         arrays = dict(state.arrays)
         self.history = arrays.pop("history").tolist()
         tensors = {name: torch.from_numpy(array).clone() for name, array in arrays.items()}
@@ -111,7 +111,7 @@ class NetworkTraining(ABC):
         for name, parameter in self.network.named_parameters():
             moments = _under(f"moments/{name}/", tensors)
             if moments:
-                self.adam.state[parameter] = moments
+                self.adam.state[parameter] = {each: tensor.to(parameter.device) for each, tensor in moments.items()}
 
 
 def train_network(context: Context, training: NetworkTraining) -> list[MetricRow]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing
 from pipeline.checkpoint import Checkpoint, Checkpoints, State
 from pipeline.errors import Interrupted
 from pipeline.stage import Context
@@ -19,7 +19,7 @@ CHECKPOINTS = "checkpoints"
 """Part of an iteration, as the stopwatch names it."""
 
 LIBRARIES = ("torch", "numpy", "pyopencl")
-"""Whose versions may change a training's bits, beside the OpenCL device."""
+"""Whose versions may change a training's bits, beside the device that draws."""
 
 
 def train(context: Context, training: Training, checkpoints: Checkpoints | None = None) -> list[MetricRow]:
@@ -29,7 +29,7 @@ def train(context: Context, training: Training, checkpoints: Checkpoints | None 
     """
     iterations = training.settings.iterations
     if checkpoints is None:
-        checkpoints = Checkpoints(context, LIBRARIES, {"device": choose_device().describe()})
+        checkpoints = Checkpoints(context, LIBRARIES, {"device": describe_drawing(training.device)})
     with watching(Stopwatch()) as stopwatch:
         session = _Session(context, training, checkpoints, stopwatch)
         session.go_on()

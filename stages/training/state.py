@@ -24,7 +24,7 @@ STATISTICS = ("gradient_sums", "views_seen")
 
 
 def state_of(training: Training) -> State:
-    """The state between two iterations. Its arrays share their memory with the training: save them before the next."""
+    """The state between two iterations. Its arrays may share the training's memory: save them before the next."""
     tensors: dict[str, Tensor] = {
         **{f"gaussians/{name}": tensor for name, tensor in training.gaussians.parameters.items()},
         **_moments(training.optimizer.adam, _gaussian_parameters(training)),
@@ -35,7 +35,7 @@ def state_of(training: Training) -> State:
         "generators/views": training.sampler.generator.get_state(),
         "generators/splitting": training.generator.get_state(),
     }
-    arrays = {name: tensor.detach().contiguous().numpy() for name, tensor in tensors.items()}
+    arrays = {name: tensor.detach().contiguous().cpu().numpy() for name, tensor in tensors.items()}
     return State(
         arrays | _curve_arrays(training.curves),
         {"iteration": training.iteration, "remaining_views": list(training.sampler.remaining)},
@@ -43,21 +43,23 @@ def state_of(training: Training) -> State:
 
 
 def set_state(training: Training, state: State) -> None:
-    """Has a training, new and made from the same inputs and parameters, go on from a state."""
+    """Has a training, new and made from the same inputs and parameters, go on from a state, on the device it is on."""
     values: Mapping[str, Any] = state.values
     tensors = {name: torch.from_numpy(array) for name, array in state.arrays.items()}
     training.iteration = values["iteration"]
     training.sampler.remaining = list(values["remaining_views"])
     training.sampler.generator.set_state(tensors["generators/views"].clone())
     training.generator.set_state(tensors["generators/splitting"].clone())
-    training.optimizer.replace_all({name: tensors[f"gaussians/{name}"] for name in training.gaussians.parameters})
+    training.optimizer.replace_all(
+        {name: tensors[f"gaussians/{name}"].to(training.device) for name in training.gaussians.parameters}
+    )
     _set_moments(training.optimizer.adam, _gaussian_parameters(training), tensors)
     with torch.no_grad():
         for name, tensor in _network_values(training):
             tensor.copy_(tensors[f"networks/{name}"])  # into place: their layout in memory stays what it was
     _set_moments(training.network_optimizer, _network_parameters(training), tensors)
     training.averages.values = {
-        name.removeprefix("averages/"): tensor.clone()
+        name.removeprefix("averages/"): tensor.to(training.device, copy=True)
         for name, tensor in tensors.items()
         if name.startswith("averages/")
     }
@@ -108,16 +110,17 @@ def _under(name: str, names: Iterable[str]) -> list[str]:
 
 
 def _laid_out_as(parameter: Tensor, tensor: Tensor) -> Tensor:
-    """A copy with the parameter's layout in memory, as Adam makes its moments; the count of steps has no layout."""
+    """A copy on the parameter's device and with its layout in memory, as Adam makes its moments; the count of steps,
+    which fused Adam wants there, too, has no layout."""
     if tensor.shape != parameter.shape:
-        return tensor.clone()
+        return tensor.to(parameter.device, copy=True)
     return torch.empty_like(parameter, requires_grad=False).copy_(tensor)
 
 
 def _set_statistics(density: DensityControl | None, tensors: Mapping[str, Tensor]) -> None:
     for name in STATISTICS:
         if density is not None:
-            setattr(density, name, tensors[f"density/{name}"].clone())
+            setattr(density, name, tensors[f"density/{name}"].to(density.device, copy=True))
 
 
 def _curve_arrays(curves: Curves) -> Arrays:

@@ -62,6 +62,7 @@ def machine(monkeypatch, driver):
     monkeypatch.setattr(routes, "Backend", lambda device: ("copies", device))
     monkeypatch.setattr(routes, "default_backend", lambda: "default")
     monkeypatch.setattr(torch.cuda, "init", lambda: None)
+    monkeypatch.setattr(torch.cuda, "current_device", lambda: 0)
 
     def become(*devices, torch_of="cuda", asked=""):
         monkeypatch.setattr(routes, "list_devices", lambda: list(devices))
@@ -121,6 +122,45 @@ def test_intel_s_tensors(machine):
     machine(gpu(), intel, torch_of="xpu")
     assert routes.backend_for(torch.device("xpu", 0)) == ("copies", intel)
     assert routes.backend_for(torch.device("mps", 0)) == "default"
+
+
+def test_stages_work_on_the_cpu_where_torch_has_no_cuda(machine):
+    machine(gpu(), torch_of="xpu")
+    assert routes.working_device() == torch.device("cpu")
+
+
+@pytest.mark.parametrize(("asked", "where"), [("", "cuda"), ("nvidia", "cuda"), ("1:0", "cuda"), ("portable", "cpu")])
+def test_stages_work_on_the_gpu_unless_another_device_is_asked_for(machine, asked, where):
+    machine(gpu(), asked=asked)
+    assert routes.working_device().type == where
+    assert (routes.backend_for(CUDA) == "default") == (where == "cpu")
+
+
+@pytest.mark.parametrize(("asked", "where"), [("", "cuda"), ("portable", "cpu")])
+def test_stages_work_on_a_gpu_that_opencl_does_not_see(machine, asked, where):
+    machine(asked=asked)
+    assert routes.working_device().type == where
+
+
+def test_stages_work_on_the_gpu_that_torch_works_on(machine, monkeypatch):
+    machine(gpu())
+    monkeypatch.setattr(torch.cuda, "current_device", lambda: 1)
+    assert routes.working_device() == torch.device("cuda", 1)
+
+
+def test_stages_work_on_amd_s_gpu(machine):
+    machine(gpu("Advanced Micro Devices, Inc.", "AMD Accelerated Parallel Processing"), torch_of="hip")
+    assert routes.working_device().type == "cuda"
+
+
+def test_what_draws_is_told_with_where_its_tensors_come_from(monkeypatch):
+    described = default_backend().device.describe()
+    assert routes.describe_drawing(torch.device("cpu")) == described
+    monkeypatch.setattr(routes, "backend_for", lambda tensor_device: default_backend())
+    assert routes.describe_drawing(CUDA) == f"{described}, tensors copied from cuda:0"
+    in_place = SimpleNamespace(device=default_backend().device, tensor_device=CUDA)
+    monkeypatch.setattr(routes, "backend_for", lambda tensor_device: in_place)
+    assert routes.describe_drawing(CUDA) == described
 
 
 def test_a_gpu_is_found_by_its_place_on_the_bus(driver, machine):

@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable
 
 from stages.analysis.attacks.target import Attacker, Knowledge, Target
-from stages.hiding.method import Method
+from stages.hiding.method import Method, move_networks
 from stages.scene.gaussians import Gaussians
 from stages.training.loop import Training, TrainingSettings
 from stages.training.objectives import cover_term
@@ -38,8 +38,9 @@ class _Run:
     """A training under way, which can be looked at after ever more iterations."""
 
     def __init__(self, target: Target, seed: int, knowledge: Knowledge, iterations: int, frozen: bool):
-        gaussians = _copied(target.gaussians)
+        gaussians = _copied(target.gaussians).to(knowledge.device)
         method = copy.deepcopy(target.method)
+        move_networks(method, knowledge.device)
         for network in method.networks.values():
             network.requires_grad_(not frozen)
         untouched = dict.fromkeys(gaussians.attributes.keys() - method.learning_rates.keys(), 0.0)
@@ -64,7 +65,7 @@ class _Run:
             training.step(training.iteration + 1)
             training.iteration += 1
             self.knowledge.after_each()
-        return Target(_copied(training.gaussians), _fixed(training.method))
+        return Target(_copied(training.gaussians).to("cpu"), _fixed(training.method))
 
 
 def _copied(gaussians: Gaussians) -> Gaussians:
@@ -73,6 +74,7 @@ def _copied(gaussians: Gaussians) -> Gaussians:
 
 def _fixed(method: Method) -> Method:
     copied = copy.deepcopy(method)
+    move_networks(copied, "cpu")
     for network in copied.networks.values():
         network.requires_grad_(False)
     return copied

@@ -66,12 +66,14 @@ class Knowledge:
     """What an attacker knows beside the container: the cover's training photos, with their cameras.
 
     That is more than a thief need have; with renders of the container in their place attacks are weaker. `extent` is
-    that of the rig. Attacks that take long call `after_each` now and then: it raises where the work is to stop.
+    that of the rig. Attacks that take long call `after_each` now and then: it raises where the work is to stop. Those
+    that train do so on `device`; targets are on the CPU.
     """
 
     views: TrainingViews
     extent: float
     after_each: Callable[[], None] = lambda: None
+    device: torch.device | str = "cpu"
 
 
 Attacker = Callable[[float], Target]

@@ -153,7 +153,7 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         self, decoders: Sequence[HomogeneousDecoder], rendering: Rendering, camera: Camera
     ) -> list[Float[Tensor, "H W C"]]:
         """The feature map divided for each picture, beside the direction of view, through each decoder."""
-        view = harmonics(pixel_directions(camera), VIEW_DEGREE)[..., 1:]
+        view = harmonics(pixel_directions(camera, rendering.alphas.device), VIEW_DEGREE)[..., 1:]
         half_alphas = rendering.alphas[..., None] / 2
         centred = rendering.feature_map - half_alphas
         outputs = []

@@ -47,7 +47,7 @@ def grained(gaussians: Gaussians, method: Method, cameras: Cameras, level: float
     sees any.
     """
     direction = _direction(gaussians, method, cameras)
-    signs = torch.from_numpy(coins).float()
+    signs = torch.from_numpy(coins).float().to(gaussians.device)
     before = _covers(gaussians, method, cameras)
     amount = 0.01
     for _ in range(ROUNDS):
@@ -81,14 +81,14 @@ def _direction(gaussians: Gaussians, method: Method, cameras: Cameras) -> Float[
             found=", ".join(gaussians.attributes),
             expected=f"{FEATURES} or {BASE}",
         )
-    return COLORS[GRAIN]
+    return COLORS[GRAIN].to(gaussians.device)
 
 
 def _derivatives(gaussians: Gaussians, method: Method, camera: Camera) -> Float[Tensor, "C M"]:
     """Of the cover's three colours, and then of all messages' channels, by the feature map at the same pixel."""
     leaf = gaussians[FEATURES].detach().clone().requires_grad_(True)
     rendering = method.render(Gaussians(gaussians.parameters | {FEATURES: leaf}), camera)
-    cover = rendering.pictures[COVER] @ COLORS.T
+    cover = rendering.pictures[COVER] @ COLORS.T.to(gaussians.device)
     messages = [picture for name, picture in rendering.pictures.items() if name != COVER]
     channels = torch.cat([cover, *messages], dim=-1)[SPACING // 2 :: SPACING, SPACING // 2 :: SPACING]
     rows = [

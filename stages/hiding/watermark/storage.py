@@ -17,7 +17,7 @@ def write_codec(writer: ArtifactWriter, codec: WatermarkCodec) -> None:
     """Write a codec: one that was trained on photos is no secret, one whose decoder was tuned belongs to the owner."""
     writer.attributes.update(settings=dict(codec.settings))
     for name, tensor in codec.state_dict().items():
-        writer.write(name.replace(".", "/"), tensor.contiguous().numpy())
+        writer.write(name.replace(".", "/"), tensor.contiguous().cpu().numpy())
 
 
 def read_codec(artifact: Artifact) -> WatermarkCodec:

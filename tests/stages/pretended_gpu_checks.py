@@ -1,0 +1,255 @@
+"""On a GPU that is only pretended, stages make the very bits that they make on the CPU.
+
+No file of tests by its name: `test_pretended_gpu.py` runs it in a process of its own, as the pretence needs.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from opencl import routes
+from tests.pretended_gpu import NAME, pretend_gpu, pretending
+
+CPU, GPU = torch.device("cpu"), pretend_gpu()
+working_on = [CPU]
+routes.working_device = lambda: working_on[0]  # before stages import it
+
+from pipeline.artifact import Artifact  # noqa: E402
+from pipeline.stage import Parameters, Stage, run_stage  # noqa: E402
+from stages.attack import AttackParameters, attack  # noqa: E402
+from stages.evaluate import EvaluateParameters, evaluate  # noqa: E402
+from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws  # noqa: E402
+from stages.hide_image import HideImageParameters, hide_image  # noqa: E402
+from stages.hide_scenes import HideScenesParameters, hide_scenes  # noqa: E402
+from stages.hiding import convolution, placing_alone  # noqa: E402
+from stages.hiding.method import move_networks  # noqa: E402
+from stages.imaging.metric_table import MetricRow, read_rows  # noqa: E402
+from stages.imprint_watermark import ImprintWatermarkParameters, imprint_watermark  # noqa: E402
+from stages.render_hidden import RenderHiddenParameters, render_hidden  # noqa: E402
+from stages.render_path import RenderPathParameters, render_path  # noqa: E402
+from stages.render_views import RenderViewsParameters, render_views  # noqa: E402
+from stages.reveal import RevealParameters, reveal  # noqa: E402
+from stages.scene.gaussians import Gaussians  # noqa: E402
+from stages.time_frames import TimeFramesParameters, time_frames  # noqa: E402
+from stages.train_scene import TrainSceneParameters, train_scene  # noqa: E402
+from stages.training.averaging import Averages  # noqa: E402
+from stages.training.density_control import DensitySettings  # noqa: E402
+from stages.training.loop import Training  # noqa: E402
+from stages.training.schedules import DensitySchedule  # noqa: E402
+from stages.training.state import set_state, state_of  # noqa: E402
+from tests.stages import small, watermarks  # noqa: E402
+from tests.stages.training.trainings import prepared  # noqa: E402
+
+Inputs = dict[str, Artifact | tuple[Artifact, ...]]
+
+HIDING = {"iterations": 6, "decoder_width": 8, "feature_dim": 8}
+
+
+@dataclass(frozen=True)
+class Job:
+    """A stage, and where its inputs come from: a file of `small` or `watermarks`, or what another job makes."""
+
+    stage: Stage
+    parameters: Parameters
+    inputs: dict[str, str]
+
+
+def hiding(method: str) -> Job:
+    return Job(
+        hide_scenes,
+        HideScenesParameters.model_validate({**HIDING, "method": method}),
+        {"cover": "cover", "messages": "views"},
+    )
+
+
+SECRET_SCENE = {"container": "homogeneous.container", "secret": "homogeneous.secret", "cover": "cover"}
+SECRET_IMAGE = {"container": "image.container", "secret": "image.secret", "cover": "cover"}
+
+JOBS = {
+    "plain": Job(
+        train_scene, TrainSceneParameters.model_validate({"iterations": 6, "opacity_weight": 0.1}), {"scene": "cover"}
+    ),
+    "views_of_a_message": Job(
+        render_hidden,
+        RenderHiddenParameters(name="statue", search_width=8),
+        {"splats": "plain.splats", "message": "cover", "cover": "cover"},
+    ),
+    "views_of_splats_alone": Job(
+        render_hidden,
+        RenderHiddenParameters(name="statue", search_width=8),
+        {"splats": "plain.splats", "cover": "cover"},
+    ),
+    **{method: hiding(method) for method in ("gs_hider", "homogeneous", "sh", "decoder")},
+    "image": Job(
+        hide_image,
+        HideImageParameters.model_validate(HIDING),
+        {"cover": "cover", "image": "emblem"},
+    ),
+    "scores": Job(
+        evaluate,
+        EvaluateParameters(method="homogeneous", threads=1),
+        {**SECRET_SCENE, "messages": "views", "reference": "plain.splats"},
+    ),
+    "scores_of_an_image": Job(evaluate, EvaluateParameters(threads=1), {**SECRET_IMAGE, "image": "emblem"}),
+    "revealed": Job(
+        reveal,
+        RevealParameters(method="homogeneous", threads=1),
+        {**SECRET_SCENE, "published": "homogeneous.container"},
+    ),
+    "renders": Job(
+        render_views,
+        RenderViewsParameters(views=5, feature_maps=2, threads=1),
+        {"container": "gs_hider.container", "cover": "cover"},
+    ),
+    "videos": Job(render_path, RenderPathParameters(frames=3, threads=1), SECRET_IMAGE),
+    "timings": Job(
+        time_frames,
+        TimeFramesParameters(frames=2, threads=1),
+        {"container": "gs_hider.container", "cover": "cover"},
+    ),
+    "attacked": Job(
+        attack,
+        AttackParameters(method="homogeneous", attacks=("reoptimisation",), reoptimised=(3, 6), seeds=(0,)),
+        {**SECRET_SCENE, "messages": "views"},
+    ),
+    "finetuned": Job(
+        finetune_rtws,
+        FinetuneRtwsParameters(iterations=6),
+        {**SECRET_IMAGE, "image": "emblem", "codec": "codec", "watermark": "emblem"},
+    ),
+    "imprinted": Job(
+        imprint_watermark,
+        ImprintWatermarkParameters(iterations=6, shipped_photos=(), distorted=True),
+        {**SECRET_IMAGE, "codec": "codec", "watermark": "emblem"},
+    ),
+    "imprinted_splats": Job(
+        imprint_watermark,
+        ImprintWatermarkParameters(iterations=6, shipped_photos=(), method="plain"),
+        {"container": "plain.splats", "cover": "cover", "codec": "codec", "watermark": "emblem"},
+    ),
+}
+FILES: dict[str, Callable[[Path], Artifact]] = {
+    "cover": small.scene,
+    "views": small.message_views,
+    "emblem": watermarks.emblem,
+    "codec": watermarks.codec,
+}
+
+
+@pytest.fixture(autouse=True)
+def little_work_and_the_same_kernels(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """On some processors the CPU's own tensors are convolved another way, which is none of the matter here."""
+    monkeypatch.setattr(convolution, "converts_for_weights", lambda: False)
+    monkeypatch.setattr(placing_alone, "TURNS", 1)
+    torch.set_num_threads(1)
+    yield
+    working_on[0] = CPU
+
+
+@pytest.fixture(scope="module")
+def on_cpu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict[str, Artifact]]:
+    """What each job makes on the CPU; of files, the file under its own name."""
+    folder = tmp_path_factory.mktemp("cpu")
+
+    @functools.cache
+    def made(name: str) -> dict[str, Artifact]:
+        if name in FILES:
+            return {name: FILES[name](folder / name)}
+        return run_stage(JOBS[name].stage, JOBS[name].parameters, inputs_of(JOBS[name], made), folder / name)
+
+    return made
+
+
+def inputs_of(job: Job, made: Callable[[str], dict[str, Artifact]]) -> Inputs:
+    found: Inputs = {}
+    for port, source in job.inputs.items():
+        maker, _, output = source.partition(".")
+        artifact = made(maker)[output or maker]
+        found[port] = (artifact,) if job.stage.inputs[port].many else artifact
+    return found
+
+
+@pytest.mark.parametrize("name", JOBS)
+def test_a_stage(name: str, on_cpu: Callable[[str], dict[str, Artifact]], tmp_path: Path) -> None:
+    job, expected = JOBS[name], on_cpu(name)
+    working_on[0] = GPU
+    with pretending():
+        found = run_stage(job.stage, job.parameters, inputs_of(job, on_cpu), tmp_path)
+    for output, artifact in found.items():
+        assert list(artifact.names) == list(expected[output].names)
+        for array in artifact.names:
+            np.testing.assert_array_equal(artifact.read(array), expected[output].read(array), f"{output}/{array}")
+        if artifact.kind == "metrics" and name != "timings":
+            assert repr(read_rows(artifact)) == repr(read_rows(expected[output]))
+
+
+ITERATIONS = 46
+
+
+def training_on(device: torch.device, method: str) -> Training:
+    """One in which Gaussians are refined six times, opacities are reset twice, and averages are taken."""
+    density = DensitySettings(gradient_threshold=1e-7, dense_fraction=0.2, largest_fraction=2, maximum_gaussians=70)
+    made = prepared(method, ITERATIONS, density=density)
+    move_networks(made.method, device)
+    settings = replace(made.settings, opacity_weight=0.1, scale_weight=0.1)
+    gaussians = Gaussians({name: tensor.detach() for name, tensor in made.gaussians.parameters.items()})
+    training = Training(gaussians.to(device), made.method, made.views, made.terms, settings)
+    training.schedule = DensitySchedule(start=4, stop=40, interval=6, opacity_reset_interval=15)
+    training.averages = Averages(0.7, ITERATIONS)
+    return training
+
+
+@pytest.mark.parametrize("method", ["plain", "gs_hider", "homogeneous"])
+def test_a_training_that_goes_on_from_a_checkpoint(method: str) -> None:
+    undisturbed = training_on(CPU, method)
+    expected_rows = undisturbed.run(lambda: None)
+    with pretending():
+        stopped, training = training_on(GPU, method), training_on(GPU, method)
+        while stopped.iteration < 39:  # averages are being taken
+            stop_after_one(stopped)
+        set_state(training, state_of(stopped))
+        rows = training.run(lambda: None)
+        found = state_of(training)
+    assert all(tensor.device == GPU for tensor in training.gaussians.parameters.values())
+    assert repr(rows) == repr(expected_rows)
+    expected = state_of(undisturbed)
+    assert found.values == expected.values
+    assert found.arrays.keys() == expected.arrays.keys()
+    for name, array in expected.arrays.items():
+        np.testing.assert_array_equal(found.arrays[name], array, name)
+
+
+class Stopped(Exception):
+    pass
+
+
+def stop_after_one(training: Training) -> None:
+    def stop() -> None:
+        raise Stopped
+
+    with pytest.raises(Stopped):
+        training.run(stop)
+
+
+def test_the_pretence_refuses_what_cuda_refuses() -> None:
+    with pretending():
+        there, here = torch.ones(3, device=GPU), torch.ones(3)
+        assert (there * torch.tensor(2.0) + here.to(GPU)).cpu().tolist() == [3, 3, 3]
+        assert there[torch.tensor([0, 2])].device.type == NAME
+        for mixed in (lambda: there + here, lambda: torch.cat([here, there]), lambda: here.add_(there)):
+            with pytest.raises(RuntimeError, match="one of shape"):
+                mixed()
+        with pytest.raises(RuntimeError):
+            there.numpy()
+        adam = torch.optim.Adam([there.requires_grad_()], fused=True)
+        there.sum().backward()
+        adam.state[there] = {"step": torch.tensor(1.0), "exp_avg": there.detach(), "exp_avg_sq": there.detach()}
+        with pytest.raises(RuntimeError, match="_fused_adam_"):
+            adam.step()

@@ -1,0 +1,23 @@
+"""Stages keep their tensors where they work: tried on a GPU that is only pretended, since none was at hand."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from opencl.device import DEVICE_VARIABLE
+from tests.pretended_gpu import available
+
+CHECKS = Path(__file__).with_name("pretended_gpu_checks.py")
+
+
+@pytest.mark.skipif(not available, reason="this torch can be told of no device that is written in Python")
+def test_stages_make_the_bits_of_the_cpu() -> None:
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", str(CHECKS)]
+    environment = {**os.environ, DEVICE_VARIABLE: "portable computing", "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, env=environment, cwd=CHECKS.parents[2], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
