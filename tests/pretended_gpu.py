@@ -82,22 +82,26 @@ class PretendedTensor(Tensor):
         return _done(operation, args, kwargs or {})
 
 
-class _Pretending(TorchDispatchMode):
-    """Sees what no argument tells of: tensors that are made on the device."""
+class Pretending(TorchDispatchMode):
+    """Sees what no argument tells of: tensors that are made on the device. Keeps the names of operations, by where."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.on_device: set[str] = set()
+        self.on_cpu: set[str] = set()
 
     def __torch_dispatch__(self, operation: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        return _done(operation, args, kwargs or {})
+        results = _done(operation, args, kwargs or {})
+        there = any(isinstance(leaf, PretendedTensor) for leaf in tree_leaves((args, kwargs, results)))
+        (self.on_device if there else self.on_cpu).add(operation._schema.name)
+        return results
 
 
 @contextmanager
-def pretending() -> Iterator[None]:
-    """Inside, tensors can be made on the device and moved there.
-
-    torch goes backward through each device's operations in a thread of its own. Where pictures are drawn on the CPU and
-    compared here, which thread is first would decide in which order gradients are added, and so their last bits.
-    """
-    with torch.autograd.set_multithreading_enabled(False), _Pretending():
-        yield
+def pretending() -> Iterator[Pretending]:
+    """Inside, tensors can be made on the device and moved there."""
+    with Pretending() as mode:
+        yield mode
 
 
 def _done(operation: Any, args: Any, kwargs: dict[str, Any]) -> Any:

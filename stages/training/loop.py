@@ -16,6 +16,7 @@ from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 from stages.timing.stopwatch import part
 from stages.training.averaging import Averages
+from stages.training.backward import in_one_thread
 from stages.training.curves import Curves
 from stages.training.density_control import DensityControl, DensitySettings
 from stages.training.objectives import Compared, FixedView, PictureTerm, total_loss
@@ -148,7 +149,7 @@ class Training:
             loss = total_loss(compared)
             for penalty in self._penalties():
                 loss = loss + penalty / len(self.views.cameras)
-        with part(LOSS, "backward"):
+        with part(LOSS, "backward"), in_one_thread():
             loss.backward()
         with part("figures"), torch.no_grad():
             figures = {"loss": float(loss)} | {each.term.picture: each.squared_error() for each in compared}

@@ -20,6 +20,7 @@ from pipeline.checkpoint import Checkpoints, State
 from pipeline.errors import Interrupted
 from pipeline.stage import Context
 from stages.imaging.metric_table import MetricRow
+from stages.training.backward import in_one_thread
 from stages.training.schedules import decayed
 
 LARGEST_GRADIENT = 1.0
@@ -72,7 +73,8 @@ class NetworkTraining(ABC):
         for group in self.adam.param_groups:
             group["lr"] = rate * group.get("share", 1.0)
         errors = self.errors(iteration)
-        torch.stack([self.weighed(name, errors[name], progress) for name in self.weights]).sum().backward()
+        with in_one_thread():
+            torch.stack([self.weighed(name, errors[name], progress) for name in self.weights]).sum().backward()
         for group in self.adam.param_groups:
             torch.nn.utils.clip_grad_norm_(group["params"], LARGEST_GRADIENT)
         self.adam.step()

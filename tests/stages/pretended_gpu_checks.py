@@ -30,7 +30,7 @@ from stages.hide_image import HideImageParameters, hide_image  # noqa: E402
 from stages.hide_scenes import HideScenesParameters, hide_scenes  # noqa: E402
 from stages.hiding import convolution, placing_alone  # noqa: E402
 from stages.hiding.method import move_networks  # noqa: E402
-from stages.imaging.metric_table import MetricRow, read_rows  # noqa: E402
+from stages.imaging.metric_table import read_rows  # noqa: E402
 from stages.imprint_watermark import ImprintWatermarkParameters, imprint_watermark  # noqa: E402
 from stages.render_hidden import RenderHiddenParameters, render_hidden  # noqa: E402
 from stages.render_path import RenderPathParameters, render_path  # noqa: E402
@@ -46,6 +46,12 @@ from stages.training.schedules import DensitySchedule  # noqa: E402
 from stages.training.state import set_state, state_of  # noqa: E402
 from tests.stages import small, watermarks  # noqa: E402
 from tests.stages.training.trainings import prepared  # noqa: E402
+
+HEAVY = {
+    f"aten::{name}"
+    for name in ("convolution", "convolution_backward", "_fused_adam_", "sigmoid", "exp", "sigmoid_backward")
+}
+"""Operations on networks, Gaussians and their gradients: none is left to the CPU."""
 
 Inputs = dict[str, Artifact | tuple[Artifact, ...]]
 
@@ -180,8 +186,12 @@ def inputs_of(job: Job, made: Callable[[str], dict[str, Artifact]]) -> Inputs:
 def test_a_stage(name: str, on_cpu: Callable[[str], dict[str, Artifact]], tmp_path: Path) -> None:
     job, expected = JOBS[name], on_cpu(name)
     working_on[0] = GPU
-    with pretending():
+    with pretending() as mode:
         found = run_stage(job.stage, job.parameters, inputs_of(job, on_cpu), tmp_path)
+    assert mode.on_device & HEAVY
+    assert not mode.on_cpu & HEAVY or name == "attacked"
+    if "curves" in found or name == "attacked":
+        assert "aten::_fused_adam_" in mode.on_device
     for output, artifact in found.items():
         assert list(artifact.names) == list(expected[output].names)
         for array in artifact.names:
