@@ -20,7 +20,8 @@ FEATURE_MAP_CHANNELS = (0, 1, 2)
 
 @dataclass(frozen=True)
 class Comparison:
-    """K views of one thing: `truth` beside `rendered`; both are the same for a feature map, and without a truth."""
+    """K views of one thing: `truth` beside `rendered`. Both are the same for a feature map, and where there is no
+    truth: then one of them is stored."""
 
     title: str
     role: Role
@@ -47,7 +48,8 @@ def write_comparisons(writer: ArtifactWriter, comparisons: Iterable[Comparison])
     """Write a `comparisons` artifact; none at all is allowed."""
     described: list[Any] = []
     for position, comparison in enumerate(comparisons):
-        writer.write(f"{position}/truth", comparison.truth)
+        if comparison.has_truth:
+            writer.write(f"{position}/truth", comparison.truth)
         writer.write(f"{position}/rendered", comparison.rendered)
         described.append(
             {
@@ -71,7 +73,7 @@ def read_comparisons(artifact: Artifact) -> tuple[Comparison, ...]:
             method=str(entry["method"]),
             names=tuple(cast(list[str], entry["names"])),
             splits=tuple(cast(list[str], entry["splits"])),
-            truth=artifact.read(f"{position}/truth"),
+            truth=artifact.read(f"{position}/{'truth' if entry.get('has_truth', True) else 'rendered'}"),
             rendered=artifact.read(f"{position}/rendered"),
             has_truth=bool(entry.get("has_truth", True)),
         )
