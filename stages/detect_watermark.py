@@ -39,9 +39,10 @@ from stages.hiding.watermark.rendering import each_render, renders
 from stages.hiding.watermark.storage import read_codec
 from stages.imaging.distortions import noisy
 from stages.imaging.image import filling, read_image
+from stages.imaging.photo_digests import HELD_OUT
 from stages.imaging.pictures import Picture, picture_to_tensor
 from stages.imaging.psnr import psnr
-from stages.imaging.shipped_photos import DIGESTS, ShippedPhotos, read_photo
+from stages.imaging.shipped_photos import ShippedPhotos, read_photo
 from stages.imaging.windows import random_window
 from stages.scene.camera_path import camera_path
 from stages.scene.cameras import Cameras
@@ -91,7 +92,7 @@ class DetectWatermarkParameters(Parameters):
         "cover without the watermark. Beside them as many noisy ones as of one source.",
     )
     shipped_photos: ShippedPhotos = Field(
-        tuple(DIGESTS), description="Photos that packages ship, by their files' names, as far as they are installed."
+        HELD_OUT, description="Photos that packages ship, by their files' names, as far as they are installed."
     )
     seed: int = Field(0, ge=0, description="Of windows of photos, and of distortions.")
     threads: int = Field(1, ge=1, description="Threads of torch.")

@@ -13,7 +13,8 @@ from stages.hiding.watermark.codec import new_codec
 from stages.hiding.watermark.storage import write_codec
 from stages.imaging.image import read_image
 from stages.imaging.metric_table import write_rows
-from stages.imaging.shipped_photos import HELD_OUT, HOW_TO_INSTALL, SAMPLES, ShippedPhotos, read_photo
+from stages.imaging.photo_digests import HELD_OUT, SAMPLES
+from stages.imaging.shipped_photos import HOW_TO_INSTALL, ShippedPhotos, read_photo
 from stages.scene.scene import TEST_VIEW_EVERY
 from stages.training.codec import CodecSettings, CodecTraining
 from stages.training.codec_photos import read_photos
