@@ -83,12 +83,24 @@ def area_cell(experiments: Sequence[Experiment], quantity: str, comparison: Comp
 
 def verdict(experiments: Sequence[Experiment], quantity: str) -> str:
     """In words, whether a detector tells what hides from what does not, beside two trainings that hide nothing."""
-    hiding, chance = (area_of(experiments, quantity, comparison) for comparison in (HIDING, CHANCE))
+    hiding, chance = area_of(experiments, quantity, HIDING), area_by_chance(experiments, quantity)
     if math.isnan(hiding.value):
         return "not measured"
     if hiding.low <= 0.5:
         return "not told apart"
-    if hiding.low <= chance.two_sided.value:
+    if hiding.low <= chance:
         return "told apart, but so are two that hide nothing"
     told = "told apart" if hiding.value > UNNOTICED else "hardly told apart"
-    return told + (", how far chance does it was not measured" if math.isnan(chance.value) else "")
+    return told + (", how far chance does it was not measured" if math.isnan(chance) else "")
+
+
+def area_by_chance(experiments: Sequence[Experiment], quantity: str) -> float:
+    """How far apart two trainings lie that hide nothing: the mean of the captures' two-sided areas, NaN without any.
+
+    Which of the two comes first means nothing, so that a capture where the area is 0.28 is as far from chance as one
+    with 0.72, and the mean of both is no chance.
+    """
+    by_capture = {each.capture: [own for own in experiments if own.capture == each.capture] for each in experiments}
+    areas = [area_of(own, quantity, CHANCE).two_sided.value for own in by_capture.values()]
+    measured = [area for area in areas if not math.isnan(area)]
+    return sum(measured) / len(measured) if measured else math.nan

@@ -1,0 +1,48 @@
+"""What is said of a detector in words: beside what it says of two trainings that hide nothing, capture by capture."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from stages.analysis.measurements import Measurement
+from stages.analysis.paper.detection import area_by_chance, verdict
+from stages.analysis.paper.runs import Experiment
+from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
+
+LOGIT = "learned_on_renders"
+VIEWS = 60
+
+
+def seen(capture: str, hiding: float, chance: float | None) -> Experiment:
+    """Logits by which so large a share of the pairs of views are in order, in each of the two comparisons."""
+    logits = {CLEAN: np.linspace(0, 1, VIEWS), HIDDEN: _above(hiding)}
+    if chance is not None:
+        logits[CLEAN_AGAIN] = _above(chance)
+    rows = [Measurement(LOGIT, float(value), condition) for condition, all_ in logits.items() for value in all_]
+    return Experiment(capture, "gs_hider", "0", tuple(rows), {})
+
+
+def _above(share: float) -> np.ndarray:
+    """Values of which this share lies above 0 to 1, the rest below."""
+    return np.where((np.arange(VIEWS) * 7 % VIEWS + 0.5) / VIEWS < share, 2.0, -1.0)
+
+
+def test_controls_on_both_sides_of_chance_are_as_far_from_it() -> None:
+    controls = [seen("fox", 0.7, 0.75), seen("bonsai", 0.7, 0.25)]
+    assert area_by_chance(controls, LOGIT) == pytest.approx(0.75)
+    assert verdict(controls, LOGIT) == "told apart, but so are two that hide nothing"
+
+
+def test_controls_near_chance_do_not_excuse() -> None:
+    assert verdict([seen("fox", 0.95, 0.55), seen("bonsai", 0.95, 0.45)], LOGIT) == "told apart"
+
+
+def test_chance_that_was_not_measured_is_said() -> None:
+    unknown = [seen("fox", 0.95, None)]
+    assert math.isnan(area_by_chance(unknown, LOGIT))
+    assert verdict(unknown, LOGIT) == "told apart, how far chance does it was not measured"
+    assert verdict([], LOGIT) == "not measured"
+    assert verdict([seen("fox", 0.5, 0.5)], LOGIT) == "not told apart"
