@@ -14,6 +14,7 @@ from opencl.cuda import CudaBackend
 from opencl.cuda_driver import CudaDriver, load_driver
 from opencl.device import DEVICE_VARIABLE, Device, list_devices
 from opencl.nvidia import MISSING_ICD, is_nvidia, opencl_device_of, torch_device_of
+from opencl.repeatable import ask_for_the_same_bits
 
 _VENDORS = {"xpu": "intel", "mps": "apple"}
 """Makers of GPUs, by torch's name for the kind of device; "cuda" is AMD's or NVIDIA's, as torch was built."""
@@ -50,7 +51,8 @@ def working_device() -> torch.device:
     """Where who draws had best keep all tensors: on torch's current CUDA device where there is one, else on the CPU.
 
     With GS_HIDER_DEVICE on CUDA only where it names what `backend_for` draws that device's tensors on as a GPU: who
-    asks for PoCL wants the CPU to do all of it. Cameras may stay on the CPU.
+    asks for PoCL wants the CPU to do all of it. Cameras may stay on the CPU. From then on this process's CUDA gives
+    the same bits each time (`repeatable`).
     """
     if not torch.cuda.is_available():
         return torch.device("cpu")
@@ -59,6 +61,7 @@ def working_device() -> torch.device:
     own = _own_device(tensor_device, cuda_driver()) if setting else None
     if setting and (own is None or not own.answers_to(setting)):
         return torch.device("cpu")
+    ask_for_the_same_bits()
     return tensor_device
 
 

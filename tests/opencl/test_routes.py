@@ -73,7 +73,13 @@ def machine(monkeypatch, driver):
         monkeypatch.setattr(routes, "load_driver", lambda: driver if torch_of == "cuda" else None)
         monkeypatch.setenv(DEVICE_VARIABLE, asked)
 
+    cudnn, filled = torch.backends.cudnn, torch.utils.deterministic.fill_uninitialized_memory
+    flags = cudnn.allow_tf32, cudnn.deterministic, cudnn.benchmark
+    monkeypatch.setenv("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     yield become
+    cudnn.allow_tf32, cudnn.deterministic, cudnn.benchmark = flags
+    torch.use_deterministic_algorithms(False)
+    torch.utils.deterministic.fill_uninitialized_memory = filled
     routes._backend_for.cache_clear()
 
 
@@ -146,6 +152,14 @@ def test_stages_work_on_the_gpu_that_torch_works_on(machine, monkeypatch):
     machine(gpu())
     monkeypatch.setattr(torch.cuda, "current_device", lambda: 1)
     assert routes.working_device() == torch.device("cuda", 1)
+
+
+def test_whoever_works_on_a_gpu_gets_float32_and_the_same_bits(machine):
+    machine(gpu())
+    routes.working_device()
+    assert not torch.backends.cudnn.allow_tf32
+    assert torch.backends.cudnn.deterministic
+    assert torch.are_deterministic_algorithms_enabled()
 
 
 def test_stages_work_on_amd_s_gpu(machine):
