@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import torch
 from pydantic import Field
 
+from opencl.routes import working_device
 from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.learned_detection import Classes, detection_rows
@@ -51,7 +52,13 @@ def detect_hidden(context: Context, parameters: DetectHiddenParameters) -> None:
     for artifacts in tested:
         scenes = [_read(each) for each in others]
         measured += detection_rows(
-            _read(artifacts), scenes, parameters.method, parameters.seed, parameters.iterations, progress
+            _read(artifacts),
+            scenes,
+            parameters.method,
+            parameters.seed,
+            parameters.iterations,
+            progress,
+            working_device(),
         )
     write_measurements(context.output("measurements"), measured)
 

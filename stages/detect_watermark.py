@@ -12,7 +12,7 @@ import torch
 from jaxtyping import UInt8
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.checkpoint import Checkpoints, State
 from pipeline.errors import Interrupted, UserError
@@ -127,7 +127,7 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     scene = read_scene(context.input("cover"))
     cameras = scene.cameras
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
-    checkpoints = Checkpoints(context, LIBRARIES, {"device": choose_device().describe()})
+    checkpoints = Checkpoints(context, LIBRARIES, {"device": describe_drawing(working_device())})
     detector = _detector(context, parameters, scene, watermark, _seen_before(context, checkpoints))
     amounts = _amounts(context, parameters)
     positives = _positives(context, parameters, scene)
@@ -149,7 +149,7 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
         trial_rows(detector, positives, _negatives(context, parameters, scene, amounts), parameters.seed, after_each),
     )
     write_measurements(context.output("scores"), [replace(row, method=parameters.method) for row in rows])
-    context.record(device=choose_device().describe())
+    context.record(device=describe_drawing(working_device()))
 
 
 def _seen_before(context: Context, checkpoints: Checkpoints) -> list[Shown]:
@@ -173,7 +173,7 @@ def _detector(
                 found="no codec among the inputs, and reader: decoder",
                 remedy="give detect_watermark the input codec, or set reader: grain for a container with grain",
             )
-        return Detector(shown_by_decoder(read_codec(codec)), watermark, seen=seen)
+        return Detector(shown_by_decoder(read_codec(codec).to(working_device())), watermark, seen=seen)
     reader = owners_reader(context.input("before"), scene, context.input_optional("key"), parameters.grain_seed)
     return Detector(shown_by_grain(reader, watermark), watermark, FOUND_SHARE, seen)
 
@@ -246,7 +246,8 @@ def _negatives(
 
     def seen(model: Artifact, of: Scene, count: int) -> Iterator[Picture]:
         path = camera_path(of.cameras, of.points, count)
-        return each_render(read_gaussians(model), read_method(model), path)
+        device = working_device()
+        return each_render(read_gaussians(model, device), read_method(model, device=device), path)
 
     tests = [(COVER_SCENE, photo) for photo in _test_photos(context.input("photos"), scene)]
     for name, window in windows(tests, amounts.own):
@@ -274,4 +275,5 @@ def _test_photos(capture: Artifact, scene: Scene) -> list[Picture]:
 
 
 def _renders(container: Artifact, cameras: Cameras, after_each: Callable[[], None]) -> Pictures:
-    return renders(read_gaussians(container), read_method(container), cameras, after_each)
+    device = working_device()
+    return renders(read_gaussians(container, device), read_method(container, device=device), cameras, after_each)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from pydantic import Field
 
+from opencl.routes import working_device
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.codec_quality import quality
@@ -65,7 +66,7 @@ def train_codec(context: Context, parameters: TrainCodecParameters) -> None:
     if not trained_on:
         raise UserError("there are no photos to train on", found="no capture", remedy=HOW_TO_INSTALL)
     watermarks = [picture for _, picture in map(read_image, context.input_many("watermarks"))]
-    codec = new_codec(parameters.blocks, parameters.width, parameters.seed)
+    codec = new_codec(parameters.blocks, parameters.width, parameters.seed).to(working_device())
     settings = CodecSettings(
         parameters.iterations, parameters.seed, parameters.batch, parameters.window, parameters.fidelity_weight
     )

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import UInt8
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
@@ -100,10 +100,13 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     scene = read_scene(context.input("cover"))
     cameras = scene.cameras.select(scene.train_names)
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
+    device = working_device()
     between = cameras_between(cameras, parameters.between, np.random.default_rng(parameters.seed))
 
     def seen(container: Artifact) -> UInt8[np.ndarray, "V H W 3"]:
-        return np.concatenate([_renders(context, container, parameters.method, each) for each in (cameras, between)])
+        return np.concatenate(
+            [_renders(context, container, parameters.method, each, device) for each in (cameras, between)]
+        )
 
     pictures = {
         RENDERS: seen(context.input("container")),
@@ -111,8 +114,8 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     }
     if parameters.negatives == "photos_and_clean_renders":
         pictures[CLEAN] = seen(_before(context))
-    codec = read_codec(context.input("codec"))
-    codec.expect(picture_to_tensor(watermark).permute(2, 0, 1))
+    codec = read_codec(context.input("codec")).to(device)
+    codec.expect(picture_to_tensor(watermark, device).permute(2, 0, 1))
     if parameters.whole_pictures:
         codec.see_whole_pictures()
     scenes = learnt_photos(context.input_many("photos"), parameters.shipped_photos)
@@ -120,7 +123,7 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     curves = train_network(context, DecoderTuning(codec, watermark, pictures, _settings(parameters), others))
     write_codec(context.output("codec"), codec)
     write_rows(context.output("curves"), curves)
-    context.record(device=choose_device().describe())
+    context.record(device=describe_drawing(device))
 
 
 def _settings(parameters: TuneWatermarkDecoderParameters) -> TuningSettings:
@@ -148,6 +151,9 @@ def _before(context: Context) -> Artifact:
     return before
 
 
-def _renders(context: Context, container: Artifact, method: str, cameras: Cameras) -> UInt8[np.ndarray, "V H W 3"]:
+def _renders(
+    context: Context, container: Artifact, method: str, cameras: Cameras, device: torch.device
+) -> UInt8[np.ndarray, "V H W 3"]:
     check_method(container, method)
-    return renders(read_gaussians(container), read_method(container), cameras, context.stop_if_requested)
+    gaussians, read = read_gaussians(container, device), read_method(container, device=device)
+    return renders(gaussians, read, cameras, context.stop_if_requested)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
+import torch
 
 from stages.analysis.measurements import Measurement
 from stages.analysis.picture_classes import CLEAN, HIDDEN
@@ -28,10 +29,11 @@ def detection_rows(
     seed: int,
     iterations: int,
     after_each: Callable[[float], None] = lambda share: None,
+    device: torch.device | str = "cpu",
 ) -> Iterator[Measurement]:
     """The logit of every view of the tested scene, on renders and, where there are any, on feature maps.
 
-    Nothing without other scenes. `after_each` is told the share of the work that is done.
+    Nothing without other scenes. `after_each` is told the share of the work that is done. Detectors are on `device`.
     """
     yield Measurement(TRAINING_SCENES, len(others), HIDDEN, method=method)
     if not others:
@@ -45,7 +47,7 @@ def detection_rows(
         if not all(len(values) for pair in pairs for values in pair):
             continue
         scenes = [(views_of(hidden), views_of(clean)) for hidden, clean in pairs]
-        detector = train_detector(scenes, seed, iterations, after_each=progress)
+        detector = train_detector(scenes, seed, iterations, after_each=progress, device=device)
         for condition, renders in tested.items():
             names, values = views_in(renders)
             for name, logit in zip(names, detector_scores(detector, views_of(values)), strict=True):

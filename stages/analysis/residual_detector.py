@@ -56,7 +56,8 @@ class ResidualDetector(torch.nn.Module):
     def forward(self, values: Float[Tensor, "B C H W"]) -> Float[Tensor, " B"]:
         """Mean and maximum over the channels of what the network finds in each."""
         batch, channels = values.shape[:2]
-        residuals = torch.nn.functional.conv2d(values.flatten(0, 1).unsqueeze(1), FILTERS.unsqueeze(1))
+        filters = FILTERS.to(values.device).unsqueeze(1)
+        residuals = torch.nn.functional.conv2d(values.flatten(0, 1).unsqueeze(1), filters)
         found = self.features(residuals.clamp(-TRUNCATION, TRUNCATION) / TRUNCATION).unflatten(0, (batch, channels))
         pooled = torch.cat([found.mean(dim=1), found.amax(dim=1)], dim=1)
         return self.verdict(pooled).squeeze(1)
@@ -91,17 +92,19 @@ def train_detector(
     batch: int = 8,
     size: int = 64,
     after_each: Callable[[int], None] = lambda iteration: None,
+    device: torch.device | str = "cpu",
 ) -> ResidualDetector:
     """A detector trained on hidden and clean views of scenes, each pair from the same cameras.
 
     Every step sees `batch` places of random views, of the hidden and of the clean one each, so that content is no hint.
-    Weights and places come from the seed. Raises `ValueError` without scenes.
+    Weights and places come from the seed. It learns, and stays, on `device`; views are on the CPU. Raises `ValueError`
+    without scenes.
     """
     if not scenes:
         raise ValueError("a detector needs scenes to learn from")
     with torch.random.fork_rng():
         torch.manual_seed(seed)
-        detector = ResidualDetector()
+        detector = ResidualDetector().to(device)
     generator = np.random.default_rng(seed)
     optimizer = torch.optim.Adam(detector.parameters(), lr=1e-3)
     for iteration in range(1, iterations + 1):
@@ -118,7 +121,8 @@ def train_detector(
 @torch.no_grad()
 def detector_scores(detector: ResidualDetector, views: Views) -> list[float]:
     """The logit of every view as a whole."""
-    return [float(detector(views.tensor(view).unsqueeze(0))) for view in range(len(views.values))]
+    device = detector.verdict.weight.device
+    return [float(detector(views.tensor(view).to(device).unsqueeze(0))) for view in range(len(views.values))]
 
 
 def _places(scene: tuple[Views, Views], size: int, generator: np.random.Generator) -> tuple[Tensor, Tensor]:
@@ -136,4 +140,5 @@ def _logits(detector: ResidualDetector, places: Sequence[Tensor]) -> Tensor:
     by_shape: dict[torch.Size, list[Tensor]] = {}
     for place in places:
         by_shape.setdefault(place.shape, []).append(place)
-    return torch.cat([detector(torch.stack(group)) for group in by_shape.values()])
+    device = detector.verdict.weight.device
+    return torch.cat([detector(torch.stack(group).to(device)) for group in by_shape.values()])

@@ -14,11 +14,11 @@ from stages.training.decoder_tuning import decoded
 
 
 def shown_by_decoder(codec: WatermarkCodec) -> Shows:
-    """The paper's reader: D_w."""
+    """The paper's reader: D_w, on the codec's device; what it shows is on the CPU."""
 
     @torch.no_grad()
     def shows(picture: Picture) -> Float[Tensor, "H W 3"]:
-        return decoded(codec, picture)
+        return decoded(codec, picture).cpu()
 
     return shows
 

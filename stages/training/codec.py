@@ -43,7 +43,8 @@ class CodecSettings:
 
 
 class CodecTraining(NetworkTraining):
-    """`photos` must not be empty; without `watermarks`, windows of photos are hidden alone."""
+    """`photos` must not be empty; without `watermarks`, windows of photos are hidden alone. All of these are on the
+    CPU, the codec wherever it is."""
 
     def __init__(
         self, codec: WatermarkCodec, photos: Sequence[Picture], watermarks: Sequence[Picture], settings: CodecSettings
@@ -65,7 +66,8 @@ class CodecTraining(NetworkTraining):
         watermarks = batch_of([self._watermark(generator) for _ in range(settings.batch)])
         deviations = generator.uniform(0, settings.largest_noise, (settings.batch, 1, 1, 1))
         noise = torch.from_numpy(generator.normal(0, deviations, tuple(images.shape))).float()
-        return images, watermarks, noise
+        device = self.codec.device
+        return images.to(device), watermarks.to(device), noise.to(device)
 
     def _watermark(self, generator: np.random.Generator) -> Picture:
         side = self.settings.window

@@ -43,7 +43,8 @@ class TuningSettings:
 
 
 class DecoderTuning(NetworkTraining):
-    """`pictures` by the names of their errors, all of one size: renders, photos, and what else should show black.
+    """`pictures` by the names of their errors, all of one size: renders, photos, and what else should show black. They
+    are on the CPU, the codec wherever it is.
 
     Each kind goes through its pictures in random orders of its own. `others`, of any size, should show black, too: they
     are lists of photos, of each of which as many random windows are drawn as of any other list, recoloured and
@@ -109,7 +110,7 @@ class DecoderTuning(NetworkTraining):
 
     def _error(self, picture: Picture, shows: bool) -> Float[Tensor, ""]:
         found = decoded(self.codec, picture)
-        wanted = picture_to_tensor(resize_picture(self.watermark, picture.shape[1], picture.shape[0]))
+        wanted = picture_to_tensor(resize_picture(self.watermark, picture.shape[1], picture.shape[0]), found.device)
         return (found - wanted).square().mean() if shows else found.square().mean()
 
 
@@ -120,5 +121,6 @@ def tinted(picture: Float[Tensor, "H W 3"], generator: np.random.Generator) -> F
 
 
 def decoded(codec: WatermarkCodec, picture: Picture) -> Float[Tensor, "H W 3"]:
-    """D_w of one 8-bit picture of even sides, unclamped."""
-    return codec.watermark_decoder(picture_to_tensor(picture).permute(2, 0, 1)[None])[0].permute(1, 2, 0)
+    """D_w of one 8-bit picture of even sides, unclamped, on the codec's device."""
+    values = picture_to_tensor(picture, codec.device).permute(2, 0, 1)[None]
+    return codec.watermark_decoder(values)[0].permute(1, 2, 0)

@@ -23,7 +23,10 @@ routes.working_device = lambda: working_on[0]  # before stages import it
 
 from pipeline.artifact import Artifact  # noqa: E402
 from pipeline.stage import Parameters, Stage, run_stage  # noqa: E402
+from stages.analysis.measurements import read_measurements  # noqa: E402
+from stages.analysis.residual_detector import Views, detector_scores, train_detector, views_of  # noqa: E402
 from stages.attack import AttackParameters, attack  # noqa: E402
+from stages.detect_watermark import DetectWatermarkParameters, detect_watermark  # noqa: E402
 from stages.evaluate import EvaluateParameters, evaluate  # noqa: E402
 from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws  # noqa: E402
 from stages.hide_image import HideImageParameters, hide_image  # noqa: E402
@@ -38,12 +41,14 @@ from stages.render_views import RenderViewsParameters, render_views  # noqa: E40
 from stages.reveal import RevealParameters, reveal  # noqa: E402
 from stages.scene.gaussians import Gaussians  # noqa: E402
 from stages.time_frames import TimeFramesParameters, time_frames  # noqa: E402
+from stages.train_codec import TrainCodecParameters, train_codec  # noqa: E402
 from stages.train_scene import TrainSceneParameters, train_scene  # noqa: E402
 from stages.training.averaging import Averages  # noqa: E402
 from stages.training.density_control import DensitySettings  # noqa: E402
 from stages.training.loop import Training  # noqa: E402
 from stages.training.schedules import DensitySchedule  # noqa: E402
 from stages.training.state import set_state, state_of  # noqa: E402
+from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_watermark_decoder  # noqa: E402
 from tests.stages import small, watermarks  # noqa: E402
 from tests.stages.training.trainings import prepared  # noqa: E402
 
@@ -52,6 +57,9 @@ HEAVY = {
     for name in ("convolution", "convolution_backward", "_fused_adam_", "sigmoid", "exp", "sigmoid_backward")
 }
 """Operations on networks, Gaussians and their gradients: none is left to the CPU."""
+
+ATTACKING = ("attacked", "watermark_detected")
+"""Jobs that attack containers, on the CPU but for re-optimisation."""
 
 Inputs = dict[str, Artifact | tuple[Artifact, ...]]
 
@@ -76,6 +84,7 @@ def hiding(method: str) -> Job:
 
 
 SECRET_SCENE = {"container": "homogeneous.container", "secret": "homogeneous.secret", "cover": "cover"}
+TRIED = {"container": "imprinted.container", "before": "image.container", "cover": "cover", "watermark": "emblem"}
 SECRET_IMAGE = {"container": "image.container", "secret": "image.secret", "cover": "cover"}
 
 JOBS = {
@@ -140,12 +149,37 @@ JOBS = {
         ImprintWatermarkParameters(iterations=6, shipped_photos=(), method="plain"),
         {"container": "plain.splats", "cover": "cover", "codec": "codec", "watermark": "emblem"},
     ),
+    "codec_trained": Job(
+        train_codec,
+        TrainCodecParameters(iterations=6, blocks=1, width=8, window=16, batch=2, shipped_photos=()),
+        {"photos": "photos", "watermarks": "emblem"},
+    ),
+    "decoder_tuned": Job(
+        tune_watermark_decoder,
+        TuneWatermarkDecoderParameters(
+            iterations=4,
+            batch=2,
+            hardest_of=2,
+            between=2,
+            whole_pictures=True,
+            tinted=True,
+            distorted=True,
+            negatives="photos_and_clean_renders",
+        ),
+        {**TRIED, "codec": "codec", "photos": "photos"},
+    ),
+    "watermark_detected": Job(
+        detect_watermark,
+        DetectWatermarkParameters(renders=4, negatives=6, shipped_photos=()),
+        {**TRIED, "codec": "decoder_tuned.codec", "photos": "photos"},
+    ),
 }
 FILES: dict[str, Callable[[Path], Artifact]] = {
     "cover": small.scene,
     "views": small.message_views,
     "emblem": watermarks.emblem,
     "codec": watermarks.codec,
+    "photos": watermarks.capture,
 }
 
 
@@ -189,7 +223,7 @@ def test_a_stage(name: str, on_cpu: Callable[[str], dict[str, Artifact]], tmp_pa
     with pretending() as mode:
         found = run_stage(job.stage, job.parameters, inputs_of(job, on_cpu), tmp_path)
     assert mode.on_device & HEAVY
-    assert not mode.on_cpu & HEAVY or name == "attacked"
+    assert not mode.on_cpu & HEAVY or name in ATTACKING
     if "curves" in found or name == "attacked":
         assert "aten::_fused_adam_" in mode.on_device
     for output, artifact in found.items():
@@ -198,6 +232,24 @@ def test_a_stage(name: str, on_cpu: Callable[[str], dict[str, Artifact]], tmp_pa
             np.testing.assert_array_equal(artifact.read(array), expected[output].read(array), f"{output}/{array}")
         if artifact.kind == "metrics" and name != "timings":
             assert repr(read_rows(artifact)) == repr(read_rows(expected[output]))
+        if artifact.kind == "measurements":
+            assert repr(read_measurements(artifact)) == repr(read_measurements(expected[output]))
+
+
+def test_a_detector_of_what_hides() -> None:
+    generator = np.random.default_rng(0)
+    shapes = {"pictures": (4, 32, 40, 3), "feature maps": (4, 32, 40, 5)}
+    for number, shape in enumerate(shapes.values()):
+        values = generator.integers(0, 256, (2, *shape), np.uint8)
+        hidden, clean = (views_of(each if number == 0 else each.astype(np.float16)) for each in values)
+
+        def scores(device: torch.device, hidden: Views = hidden, clean: Views = clean) -> list[float]:
+            return detector_scores(train_detector([(hidden, clean)], 0, 3, 4, 28, device=device), hidden)
+
+        expected = scores(CPU)
+        with pretending() as mode:
+            assert scores(GPU) == expected
+        assert not mode.on_cpu & HEAVY
 
 
 ITERATIONS = 46

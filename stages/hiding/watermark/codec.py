@@ -37,6 +37,11 @@ class WatermarkCodec(torch.nn.Module):
             self.see_whole_pictures()
 
     @property
+    def device(self) -> torch.device:
+        """Where its weights are."""
+        return self.lost.device
+
+    @property
     def settings(self) -> Mapping[str, int | bool]:
         """What a codec of this size is made with."""
         return {"blocks": self.blocks, "width": self.width, "sees_whole_pictures": self.sees_whole_pictures}
@@ -75,6 +80,7 @@ class WatermarkCodec(torch.nn.Module):
         if not self.sees_whole_pictures:
             self.sees_whole_pictures = True
             self.network.see_whole_pictures()
+            self.network.to(self.device)
 
 
 def new_codec(blocks: int, width: int, seed: int) -> WatermarkCodec:
