@@ -7,6 +7,7 @@ from typing import Annotated
 import torch
 from pydantic import Field
 
+from opencl.routes import working_device
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
@@ -89,6 +90,7 @@ def probe_secrecy(context: Context, parameters: ProbeSecrecyParameters) -> None:
         settings=SecrecySettings(
             parameters.wrong_decoders, parameters.start_seed, parameters.shares, parameters.seeds, surrogates
         ),
+        device=working_device(),
     )
 
     def tick(done: int, total: int) -> None:

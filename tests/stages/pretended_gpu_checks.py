@@ -35,6 +35,7 @@ from stages.hiding import convolution, placing_alone  # noqa: E402
 from stages.hiding.method import move_networks  # noqa: E402
 from stages.imaging.metric_table import read_rows  # noqa: E402
 from stages.imprint_watermark import ImprintWatermarkParameters, imprint_watermark  # noqa: E402
+from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy  # noqa: E402
 from stages.render_hidden import RenderHiddenParameters, render_hidden  # noqa: E402
 from stages.render_path import RenderPathParameters, render_path  # noqa: E402
 from stages.render_views import RenderViewsParameters, render_views  # noqa: E402
@@ -58,8 +59,8 @@ HEAVY = {
 }
 """Operations on networks, Gaussians and their gradients: none is left to the CPU."""
 
-ATTACKING = ("attacked", "watermark_detected")
-"""Jobs that attack containers, on the CPU but for re-optimisation."""
+ON_BOTH = ("attacked", "watermark_detected", "secrecy")
+"""Jobs of which a part stays on the CPU: attacks but re-optimisation, and readings but surrogates."""
 
 Inputs = dict[str, Artifact | tuple[Artifact, ...]]
 
@@ -168,6 +169,11 @@ JOBS = {
         ),
         {**TRIED, "codec": "codec", "photos": "photos"},
     ),
+    "secrecy": Job(
+        probe_secrecy,
+        ProbeSecrecyParameters(method="homogeneous", wrong_decoders=1, shares=(0.2,), seeds=(0,), steps=4, crop=8),
+        {**SECRET_SCENE, "messages": "views"},
+    ),
     "watermark_detected": Job(
         detect_watermark,
         DetectWatermarkParameters(renders=4, negatives=6, shipped_photos=()),
@@ -223,7 +229,7 @@ def test_a_stage(name: str, on_cpu: Callable[[str], dict[str, Artifact]], tmp_pa
     with pretending() as mode:
         found = run_stage(job.stage, job.parameters, inputs_of(job, on_cpu), tmp_path)
     assert mode.on_device & HEAVY
-    assert not mode.on_cpu & HEAVY or name in ATTACKING
+    assert not mode.on_cpu & HEAVY or name in ON_BOTH
     if "curves" in found or name == "attacked":
         assert "aten::_fused_adam_" in mode.on_device
     for output, artifact in found.items():

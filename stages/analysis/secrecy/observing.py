@@ -41,6 +41,16 @@ class Observed:
         """The same view with another feature map."""
         return replace(self, rendering=replace(self.rendering, feature_map=feature_map))
 
+    def to(self, device: torch.device) -> Observed:
+        """The same view there; its camera may stay where it is."""
+        rendering = replace(
+            self.rendering,
+            pictures={name: picture.to(device) for name, picture in self.rendering.pictures.items()},
+            feature_map=self.rendering.feature_map.to(device),
+            alphas=self.rendering.alphas.to(device),
+        )
+        return replace(self, rendering=rendering, truths=self.truths.to(device), coverage=self.coverage.to(device))
+
     def crop(self, row: int, column: int, height: int, width: int) -> Observed:
         """A part of at most so many pixels: its camera looks through the same pixels."""
         rows, columns = slice(row, row + height), slice(column, column + width)

@@ -32,7 +32,7 @@ from stages.analysis.secrecy.open_message import open_reader
 from stages.analysis.secrecy.readers import MESSAGE_DECODER, attackers_reader, read
 from stages.analysis.secrecy.surrogate import SurrogateSettings, seen_views, train_surrogate
 from stages.analysis.secrecy.wrong_decoder import wrong_readings
-from stages.hiding.method import Method
+from stages.hiding.method import Method, move_networks
 from stages.imaging.pictures import tensor_to_picture
 from stages.scene.cameras import single_cameras
 from stages.scene.gaussians import Gaussians
@@ -43,6 +43,8 @@ Readings = Sequence[Float[Tensor, "L H W 3"]]
 
 PROBES_SEED = 0
 """Of the scene decoder's random probes: any will do."""
+
+CPU = torch.device("cpu")
 
 LAST_STEPS = 100
 """Over which a surrogate's loss is averaged."""
@@ -72,7 +74,8 @@ class SecrecySettings:
 class Probe:
     """Everything that is known of one container. `public` is its method without the secret, `owner` with it.
 
-    `clean` is the control, a container that hides nothing: its Gaussians and its method, where there is one.
+    `clean` is the control, a container that hides nothing: its Gaussians and its method, where there is one. All of
+    these are on the CPU; surrogates learn on `device`.
     """
 
     gaussians: Gaussians
@@ -82,6 +85,7 @@ class Probe:
     messages: Mapping[str, MessageViews]
     clean: tuple[Gaussians, Method] | None
     settings: SecrecySettings
+    device: torch.device = CPU
     rows: list[Measurement] = field(default_factory=list)
     pictures: list[Comparison] = field(default_factory=list)
 
@@ -176,9 +180,10 @@ class Probe:
     def _trained(self, names: Sequence[str], views: Sequence[Observed], seed: int, tick: Callable[[], None]) -> Trained:
         seen = self._observed(self.public, names)
         reader = attackers_reader(self.public, len(self.messages), seed)
+        move_networks(reader, self.device)
         losses = train_surrogate(reader, seen, self.settings.surrogates, seed, tick)
         with torch.no_grad():
-            network = [read(reader, each) for each in views]
+            network = [read(reader, each.to(self.device)).cpu() for each in views]
         return Trained(network, linear_surrogate(seen, views), float(np.mean(losses[-LAST_STEPS:])))
 
     def _add(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -52,20 +52,20 @@ def train_surrogate(
     """Train the reader's message decoder on the `seen` views, to the least squared error; the loss of every step.
 
     `seed` decides the squares. A decoder is given as many pixels around a square as it sees beyond one: where it would
-    find zeros in their place, as at no such place of a whole picture, it would learn what is of no use. Raises
-    `ValueError` without any view.
+    find zeros in their place, as at no such place of a whole picture, it would learn what is of no use. The views may
+    be on the CPU, whatever device the reader's networks are on. Raises `ValueError` without any view.
     """
     if not seen:
         raise ValueError("without a view there is nothing to train on")
     generator = np.random.default_rng(seed)
     decoder = reader.networks[MESSAGE_DECODER].requires_grad_()
     adam = torch.optim.Adam(decoder.parameters(), lr=settings.rate)
-    margin = pixels_beyond(reader)
+    margin, device = pixels_beyond(reader), next(decoder.parameters()).device
     losses = []
     for step in range(settings.steps):
         adam.param_groups[0]["lr"] = settings.rate * 0.5 * (1 + math.cos(math.pi * step / settings.steps))
         square = _random_square(seen[int(generator.integers(len(seen)))], settings.crop, margin, generator)
-        loss = square.error(reader)
+        loss = square.to(device).error(reader)
         adam.zero_grad(set_to_none=True)
         loss.backward()
         adam.step()
@@ -82,6 +82,10 @@ class _Square:
     observed: Observed
     rows: slice
     columns: slice
+
+    def to(self, device: torch.device) -> _Square:
+        """The same there."""
+        return replace(self, observed=self.observed.to(device))
 
     def error(self, reader: Method) -> Float[Tensor, ""]:
         """The mean squared error inside."""
