@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from pydantic import Field, field_validator
 
-from opencl.device import choose_device
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName
@@ -80,7 +79,7 @@ def attack(context: Context, parameters: AttackParameters) -> None:
     hidden, device = at_least_one_hidden(messages, secret, "attack"), working_device()
     assay = Assay(
         Target(read_gaussians(container), read_method(container)),
-        Scorer(read_method(container, secret), scene, hidden, _measured_views(scene, parameters.test_views)),
+        Scorer(read_method(container, secret), scene, hidden, _measured_views(scene, parameters.test_views), device),
         Knowledge(training_views(scene), rig_extent(scene.cameras), context.stop_if_requested, device),
         parameters.method,
         parameters.cover_losses,
@@ -94,7 +93,7 @@ def attack(context: Context, parameters: AttackParameters) -> None:
         context.progress(done, len(parameters.attacks))
         rows += kept(context.scratch, name, partial(assay.curve, name, every[name]))
     write_measurements(context.output("measurements"), rows)
-    context.record(device=choose_device().describe(), reoptimised_on=describe_drawing(device))
+    context.record(device=describe_drawing(device))
 
 
 def _measured_views(scene: Scene, most: int) -> list[str]:

@@ -12,7 +12,7 @@ from stages.analysis.attacks.catalogue import ONE_COLOUR
 from stages.analysis.attacks.target import Picture, Target
 from stages.analysis.fidelity import Perceptual, covered_figures, one_colour_psnr, picture_figures, shows_something
 from stages.hiding.decoders import Decoder, decode
-from stages.hiding.method import Method
+from stages.hiding.method import Method, move_networks
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.rendering import COVER
 from stages.imaging.metric_table import mean_of_known
@@ -27,10 +27,21 @@ Figures = Mapping[tuple[str | None, str], float]
 
 
 class Scorer:
-    """Measures on some views of the scene; `owner` is the method with the secret, which no attacker has."""
+    """Measures on some views of the scene; `owner` is the method with the secret, which no attacker has.
 
-    def __init__(self, owner: Method, scene: Scene, messages: Mapping[str, MessageViews], views: Sequence[str]):
-        self.owner, self.scene, self.messages = copy.deepcopy(owner), scene, messages
+    It renders on `device`; targets, and all pictures, are on the CPU.
+    """
+
+    def __init__(
+        self,
+        owner: Method,
+        scene: Scene,
+        messages: Mapping[str, MessageViews],
+        views: Sequence[str],
+        device: torch.device | str = "cpu",
+    ):
+        self.owner, self.scene, self.messages, self.device = copy.deepcopy(owner), scene, messages, device
+        move_networks(self.owner, device)
         self.views, self.rows = tuple(views), scene.rows(views)
 
     def cover_psnr(self, attacked: Target) -> float:
@@ -81,11 +92,13 @@ class Scorer:
             if name in self.owner.networks:
                 self.owner.networks[name].load_state_dict(attacked.method.networks[name].state_dict())
         cameras = self.scene.cameras.select(self.views)
+        gaussians = attacked.gaussians.to(self.device)
         moved = attacked.motion.world_to_camera(cameras.world_to_camera)
         for camera in single_cameras(
             type(cameras)(cameras.names, moved, cameras.intrinsics, cameras.width, cameras.height)
         ):
-            pictures = self.owner.render(attacked.gaussians, camera, wanted=tuple(wanted)).pictures
+            rendered = self.owner.render(gaussians, camera, wanted=tuple(wanted)).pictures
+            pictures = {name: picture.cpu() for name, picture in rendered.items()}
             if attacked.on_pictures is not None:
                 pictures[COVER] = attacked.on_pictures(pictures[COVER].clamp(0, 1))
                 if attacked.shows_message_in_renders and len(wanted) > 1:
@@ -97,5 +110,5 @@ class Scorer:
         """All messages as the secret decoder reads them in the cover's picture (3DGS+Decoder)."""
         decoder = self.owner.networks[SECRET_NETWORKS[0]]
         assert isinstance(decoder, Decoder)
-        channels = decode(decoder, picture, getattr(torch, str(self.owner.settings["precision"])))
-        return channels.split(3, dim=-1)
+        channels = decode(decoder, picture.to(self.device), getattr(torch, str(self.owner.settings["precision"])))
+        return channels.cpu().split(3, dim=-1)
