@@ -238,5 +238,5 @@ HELD_OUT = (
 )
 """Those that nothing is trained on: they alone show things that no photo of a training shows. Among the first ten are
 pale skies and lamps before a grey wall, in which decoders see watermarks first; the next twelve were every third of
-`EXAMPLES`, before an orange left that lies where the apple does. `PLACES` came last, and to learn from two thirds of them
-made no decoder better (`workflows/figures/tried.md`)."""
+`EXAMPLES`, before an orange left that lies where the apple does. `PLACES` came last, and to learn from two thirds of
+them made no decoder better (`workflows/figures/tried.md`)."""
