@@ -18,5 +18,5 @@ def ask_for_the_same_bits() -> None:
     torch.backends.cudnn.deterministic, torch.backends.cudnn.benchmark = True, False
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # looked at when matrices are first multiplied there
     torch.use_deterministic_algorithms(True, warn_only=True)
-    # Or else torch writes all new memory once, to find who reads it; a property of the module, which mypy does not see.
-    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
+    # Or else torch writes all new memory once, to find who reads it.
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # torch adds it unseen

@@ -62,12 +62,16 @@ def _named(wanted: object) -> object:
 
 
 def _installed_ones(wanted: tuple[str, ...]) -> tuple[str, ...]:
+    unknown = [name for name in wanted if name not in DIGESTS]
+    if unknown:
+        raise ValueError(f"no package ships {', '.join(unknown)}; stages/imaging/photo_digests.py has all names")
     at_hand = installed_photos()
     return tuple(name for name in wanted if name in at_hand)
 
 
 ShippedPhotos = Annotated[tuple[str, ...], BeforeValidator(_named), AfterValidator(_installed_ones)]
-"""A parameter: names of shipped photos, or one of `SETS`; those of them are kept that are installed."""
+"""A parameter: names of shipped photos, or one of `SETS`; those of them are kept that are installed. A name that is
+none of a shipped photo is an error, or a misspelt one would be left out unseen."""
 
 
 def read_photo(name: str) -> Picture:

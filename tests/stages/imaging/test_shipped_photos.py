@@ -77,6 +77,8 @@ def test_a_set_stands_for_those_of_it_that_are_installed(unpacked: Path, monkeyp
     assert parameter.validate_json('["cat.png", "dog.png"]') == ("cat.png",)
     with pytest.raises(ValidationError, match="there is no set of photos 'held_in'"):
         parameter.validate_json('"held_in"')
+    with pytest.raises(ValidationError, match="no package ships cta.png"):
+        parameter.validate_json('["cat.png", "cta.png"]')
 
 
 def test_another_picture_of_its_name_is_refused(unpacked: Path, capsys: pytest.CaptureFixture[str]) -> None:
