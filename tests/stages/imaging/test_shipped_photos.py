@@ -77,7 +77,7 @@ def test_a_set_stands_for_those_of_it_that_are_installed(unpacked: Path, monkeyp
     assert parameter.validate_json('["cat.png", "dog.png"]') == ("cat.png",)
     with pytest.raises(ValidationError, match="there is no set of photos 'held_in'"):
         parameter.validate_json('"held_in"')
-    with pytest.raises(ValidationError, match="no package ships cta.png"):
+    with pytest.raises(ValidationError, match="no package ships cta"):
         parameter.validate_json('["cat.png", "cta.png"]')
 
 
