@@ -35,6 +35,10 @@ whose watermark is a little blurred; what explains nine tenths of the watermark 
 THRESHOLD, DETECTED, TRIALS = "threshold", "detected", "trials"
 FALSE_POSITIVES, BOUND, BOUND_BY_SCENE, SCENES = "false_positives", "upper_bound", "upper_bound_by_scene", "scenes"
 
+THRESHOLD_AT_99, FALSE_POSITIVES_AT_99, BOUND_AT_99 = "threshold_at_99", "false_positives_at_99", "upper_bound_at_99"
+"""The usual point of a ROC curve: by the threshold that 99 % of the clean channel's renders reach, all of them, however
+high it is. Whoever is asked about pictures as they were rendered may have that one; no distorted render reaches it."""
+
 COVER_BEFORE, COVER_AFTER = "cover, before", "cover, after"
 """Conditions of the container's own PSNR on test views."""
 
@@ -142,7 +146,8 @@ def trial_rows(
 ) -> Iterator[Measurement]:
     """PSNR_W on test views, the threshold, survival of distortions, and what is shown of every kind of negative.
 
-    Of `negatives` only one picture is held at a time.
+    And how many negatives are taken for the watermark by the threshold at which 99 % of the clean channel's renders are
+    found. Of `negatives` only one picture is held at a time. Raises `ValueError` without renders.
     """
 
     def look(picture: Picture) -> Shown:
@@ -153,18 +158,22 @@ def trial_rows(
         shown = look(picture)
         for quantity, value in figures(shown).items():
             yield Measurement(quantity, value, RENDERS, view=view, split="test")
+    calibration = [look(picture).share for picture in positives.calibration]
     threshold = detector.own_share
     if threshold is None:
-        threshold = min(HIGHEST_THRESHOLD, threshold_at([look(picture).share for picture in positives.calibration]))
+        threshold = min(HIGHEST_THRESHOLD, threshold_at(calibration))
     yield Measurement(THRESHOLD, threshold, CLEAN_CHANNEL)
     held_out = [*(picture for _, picture in positives.tests), *positives.others]
-    yield from _detected(CLEAN_CHANNEL, None, [look(picture).share for picture in held_out], threshold)
+    clean = [look(picture).share for picture in held_out]
+    yield from _detected(CLEAN_CHANNEL, None, clean, threshold)
     for distortion in DISTORTIONS:
         shares = [look(picture).share for picture in _distorted(distortion, held_out, seed)]
         yield from _detected(distortion.name, distortion.severity, shares, threshold)
     for name, severity, pictures in positives.attacked:
         yield from _detected(name, severity, [look(picture).share for picture in pictures], threshold)
-    yield from _negative_rows([(each, look(picture)) for each, picture in negatives], threshold)
+    trials = [(each, look(picture)) for each, picture in negatives]
+    yield from _negative_rows(trials, threshold)
+    yield from _rows_at_99(trials, threshold_at([*calibration, *clean]))
 
 
 def figures(shown: Shown) -> dict[str, float]:
@@ -198,8 +207,22 @@ def _negative_rows(trials: Sequence[tuple[Negative, Shown]], threshold: float) -
         yield from _bounds(total, [trial for trial in trials if trial[0].total == total], threshold)
 
 
+def _rows_at_99(trials: Sequence[tuple[Negative, Shown]], threshold: float) -> Iterator[Measurement]:
+    yield Measurement(THRESHOLD_AT_99, threshold, CLEAN_CHANNEL)
+    for total in (OWN_SCENE, OTHER_SCENES):
+        own = [trial for trial in trials if trial[0].total == total]
+        wrong = len(_wrong(own, threshold))
+        yield Measurement(FALSE_POSITIVES_AT_99, wrong, total)
+        yield Measurement(BOUND_AT_99, upper_bound(wrong, len(own)), total)
+
+
+def _wrong(trials: Sequence[tuple[Negative, Shown]], threshold: float) -> list[int]:
+    """Positions of those that are taken for the watermark."""
+    return [position for position, (_, shown) in enumerate(trials) if shown.share >= threshold]
+
+
 def _bounds(condition: str, trials: Sequence[tuple[Negative, Shown]], threshold: float) -> list[Measurement]:
-    wrong = [position for position, (_, shown) in enumerate(trials) if shown.share >= threshold]
+    wrong = _wrong(trials, threshold)
     scenes = [negative.scene for negative, _ in trials]
     return [
         Measurement(TRIALS, len(trials), condition),

@@ -13,11 +13,14 @@ from pipeline.artifact import Artifact
 from pipeline.errors import Interrupted, UserError
 from pipeline.stage import run_stage
 from stages.add_grain import AddGrainParameters, add_grain
+from stages.analysis.detection import upper_bound
 from stages.analysis.measurements import read_measurements
 from stages.analysis.watermark_trials import (
+    BOUND_AT_99,
     CLEAN_CHANNEL,
     DETECTED,
     FALSE_POSITIVES,
+    FALSE_POSITIVES_AT_99,
     NOISE,
     OTHER_SCENES,
     OWN_SCENE,
@@ -26,8 +29,10 @@ from stages.analysis.watermark_trials import (
     QUANTISATION,
     SCENES,
     THRESHOLD,
+    THRESHOLD_AT_99,
     TRIALS,
     Detector,
+    Negative,
     Positives,
     trial_rows,
 )
@@ -41,6 +46,7 @@ from stages.detect_watermark import (
 )
 from stages.draw_key import DrawKeyParameters, draw_key
 from stages.hiding.watermark.reading import FOUND_SHARE
+from stages.imaging.pictures import Picture, picture_to_tensor
 from stages.scene.scene import read_scene
 from tests.stages import small, watermarks
 from tests.stages.hiding.relocalisation import scenes
@@ -131,6 +137,25 @@ def test_every_look_is_counted() -> None:
     assert len(looks) == positives.looked_at
     [trials] = [row for row in rows if (row.quantity, row.condition) == (TRIALS, PRUNING)]
     assert (trials.severity, trials.value) == (0.25, 4)
+
+
+def test_false_positives_at_99_percent_are_those_that_outdo_the_worst_renders() -> None:
+    """Of 200 renders two may be missed; a decoder that shows the picture itself explains as much as it is bright."""
+
+    def grey(level: int) -> Picture:
+        return np.full((6, 8, 3), level, np.uint8)
+
+    renders = [grey(level) for level in (150, 151, 152, *[200] * 197)]
+    others = [(Negative("photos", str(level), OTHER_SCENES), grey(level)) for level in (0, 149, 151, 152, 180)]
+    own = [(Negative("photos", "cover", OWN_SCENE), grey(151))]
+    detector = Detector(picture_to_tensor, grey(200))
+    positives = Positives([("0.png", renders[0])], renders[1:100], renders[100:])
+    rows = trial_rows(detector, positives, [*others, *own], 0, lambda: None)
+    values = {(row.quantity, row.condition): row.value for row in rows}
+    assert values[THRESHOLD_AT_99, CLEAN_CHANNEL] == pytest.approx(1 - (48 / 200) ** 2)
+    assert values[FALSE_POSITIVES_AT_99, OTHER_SCENES] == 2
+    assert values[BOUND_AT_99, OTHER_SCENES] == upper_bound(2, 5)
+    assert values[FALSE_POSITIVES_AT_99, OWN_SCENE] == 0
 
 
 @pytest.mark.parametrize(("own_share", "found"), [(0.75, 1), (0.8, 0), (None, 1)])

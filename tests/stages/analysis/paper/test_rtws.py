@@ -15,12 +15,14 @@ from stages.analysis.paper.rtws import rtws
 from stages.analysis.paper.runs import Experiment, Run, Study
 from stages.analysis.watermark_trials import (
     BOUND,
+    BOUND_AT_99,
     BOUND_BY_SCENE,
     CLEAN_CHANNEL,
     COVER_AFTER,
     COVER_BEFORE,
     DETECTED,
     FALSE_POSITIVES,
+    FALSE_POSITIVES_AT_99,
     OTHER_SCENES,
     OWN_SCENE,
     PRUNING,
@@ -28,6 +30,7 @@ from stages.analysis.watermark_trials import (
     PSNR_WATERMARK,
     RENDERS,
     SCENES,
+    THRESHOLD_AT_99,
     TRIALS,
 )
 from stages.imaging.distortions import DISTORTIONS
@@ -99,10 +102,26 @@ def test_a_good_psnr_does_not_hide_false_positives(chapter: Chapter) -> None:
 
 
 def test_every_distortion_and_the_codec_have_a_line(chapter: Chapter) -> None:
-    survival, codec = chapter.grids[2:]
+    survival, codec = chapter.grids[2:]  # what was measured before there was a point of 99 % has no grid of it
     assert len(survival.lines) == 1 + len(DISTORTIONS)
     assert {cell.text for line in survival.lines[1:] for cell in line.cells} == {"50.0 %"}
     assert [cell.text for cell in codec.lines[0].cells] == ["36.50", "33.50"]
+
+
+def test_a_decoder_that_is_surer_of_its_renders_than_of_anything_else_is_right_at_99_percent() -> None:
+    found = detection("paper", "gs_hider", 900)
+    at_99 = [Measurement(THRESHOLD_AT_99, 0.9986, CLEAN_CHANNEL)]
+    for condition, wrong in ((OTHER_SCENES, 0), (OWN_SCENE, 9)):
+        at_99 += [Measurement(FALSE_POSITIVES_AT_99, wrong, condition)]
+        at_99 += [Measurement(BOUND_AT_99, (wrong + 3) / 4000, condition)]
+    chapter = rtws(Study((), experiments=(replace(found, rows=(*found.rows, *at_99)),)), read_published())
+    [grid] = [grid for grid in chapter.grids if grid.caption.startswith("At 99 %")]
+    assert [cell.text for cell in grid.lines[0].cells] == ["0.9986", "0", "0.00075", "9", "0.003"]
+    verdicts = {relation.text: relation.verdict for relation in chapter.relations}
+    bound = "GS-Hider, RTWS: upper bound of false positives"
+    assert verdicts[f"{bound} at 99 % detection, other scenes, in %"] == "holds"
+    assert verdicts[f"{bound} at 99 % detection, the cover without it, in %"] == "does not hold"
+    assert verdicts[f"{bound}, other scenes, in %"] == "does not hold"
 
 
 def test_seeds_of_a_capture_are_averaged() -> None:
