@@ -146,8 +146,9 @@ def trial_rows(
 ) -> Iterator[Measurement]:
     """PSNR_W on test views, the threshold, survival of distortions, and what is shown of every kind of negative.
 
-    And how many negatives are taken for the watermark by the threshold at which 99 % of the clean channel's renders are
-    found. Of `negatives` only one picture is held at a time. Raises `ValueError` without renders.
+    And, of a reader that has no threshold of its own, how many negatives it takes for the watermark by the one at which
+    99 % of the clean channel's renders are found. Of `negatives` only one picture is held at a time. Raises `ValueError`
+    without renders.
     """
 
     def look(picture: Picture) -> Shown:
@@ -173,7 +174,8 @@ def trial_rows(
         yield from _detected(name, severity, [look(picture).share for picture in pictures], threshold)
     trials = [(each, look(picture)) for each, picture in negatives]
     yield from _negative_rows(trials, threshold)
-    yield from _rows_at_99(trials, threshold_at([*calibration, *clean]))
+    if detector.own_share is None:
+        yield from _rows_at_99(trials, threshold_at([*calibration, *clean]))
 
 
 def figures(shown: Shown) -> dict[str, float]:

@@ -166,6 +166,7 @@ def test_a_threshold_that_is_known_is_kept_whatever_renders_reach(own_share: flo
     values = {(row.quantity, row.condition): row.value for row in rows}
     assert values[DETECTED, CLEAN_CHANNEL] == found
     assert values[THRESHOLD, CLEAN_CHANNEL] == (own_share or pytest.approx(0.7975))
+    assert ((THRESHOLD_AT_99, CLEAN_CHANNEL) in values) == (own_share is None)
 
 
 def test_a_decoder_is_asked_for_where_one_is_to_read(tmp_path: Path, inputs: Inputs) -> None:

@@ -95,8 +95,8 @@ BOUND_NOTE = (
 )
 AT_99_NOTE = (
     "The usual point of a ROC curve, for pictures as they were rendered: the threshold is what 99 % of all clean "
-    "renders reach, test views and new cameras, however high that is. Distorted renders seldom reach such a one; the "
-    "threshold that they are judged by is that of the other tables."
+    "renders reach by construction, test views and new cameras, however high that is. Distorted renders seldom reach "
+    "such a one; the threshold that they are judged by is that of the other tables. A grain's owner has one of his own."
 )
 NOTES = {IMPRINTED: IMPRINT_NOTE, GRAINED: OWNERS_NOTE}
 

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Float
+from torch import Tensor
 
 from pipeline.artifact import Artifact
 from stages.hiding.key import key_generator
@@ -14,7 +16,7 @@ from stages.hiding.relocalisation.alignment import aligned
 from stages.hiding.relocalisation.landmarks import landmarks
 from stages.hiding.relocalisation.recognition import recognised
 from stages.hiding.storage import read_gaussians, read_method
-from stages.hiding.watermark.coins import Coins, standard_score, thrown, with_decoys
+from stages.hiding.watermark.coins import standard_score, with_decoys
 from stages.imaging.pictures import Picture, resize_picture
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
@@ -32,12 +34,12 @@ FOUND_SHARE = 0.75
 class GrainReader:
     """Finds the camera of a picture, and how far the picture follows the coins.
 
-    `gaussians` and `method` are the container without grain, `coins` those of its Gaussians, `cameras` a rig that looks
-    at it, at least one: what a picture shows must be seen by some of them.
+    `gaussians` and `method` are the container without grain, `throws` the coins of its Gaussians, then the decoys,
+    `cameras` a rig that looks at it, at least one: what a picture shows must be seen by some of them.
     """
 
-    def __init__(self, gaussians: Gaussians, method: Method, cameras: Cameras, coins: Coins):
-        self.gaussians, self.method, self.throws = gaussians, method, with_decoys(coins)
+    def __init__(self, gaussians: Gaussians, method: Method, cameras: Cameras, throws: Float[Tensor, "N K"]):
+        self.gaussians, self.method, self.throws = gaussians, method, throws
         self.landmarks = landmarks(gaussians, method, cameras)
         self.intrinsics = np.median(cameras.intrinsics, axis=0)
         self.longer_side = max(cameras.width, cameras.height)
@@ -71,5 +73,5 @@ class GrainReader:
 def owners_reader(before: Artifact, scene: Scene, key: Artifact | None, seed: int) -> GrainReader:
     """Of the container from before the grain, with the key, or else the seed, that `add_grain` had."""
     gaussians = read_gaussians(before)
-    coins = thrown(len(gaussians), key_generator(key, seed))
-    return GrainReader(gaussians, read_method(before), scene.cameras.select(scene.train_names), coins)
+    throws = with_decoys(len(gaussians), key_generator(key, seed))
+    return GrainReader(gaussians, read_method(before), scene.cameras.select(scene.train_names), throws)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from jaxtyping import Float
+from torch import Tensor
 
-from stages.hiding.watermark.coins import standard_score, thrown, with_decoys
+from stages.hiding.rendering import splat
+from stages.hiding.watermark.coins import DECOYS, standard_score, thrown, with_decoys
+from stages.hiding.watermark.colors import COLORS, GRAIN
 from stages.hiding.watermark.grain import grained
 from stages.hiding.watermark.reading import CERTAIN, GrainReader
 from stages.imaging.distortions import jpeg, noisy
@@ -14,8 +18,16 @@ from tests.stages.hiding.relocalisation.scenes import HEIGHT, WIDTH, beside, clo
 
 GAUSSIANS, METHOD = cloud()
 RIG = rig()
-COINS = thrown(len(GAUSSIANS), np.random.default_rng(11))
-READER = GrainReader(GAUSSIANS, METHOD, RIG, COINS)
+SECRET = 11
+
+
+def throws(seed: int) -> Float[Tensor, "N K"]:
+    """Coins and decoys by what takes the place of a key."""
+    return with_decoys(len(GAUSSIANS), np.random.default_rng(seed))
+
+
+COINS = thrown(len(GAUSSIANS), np.random.default_rng(SECRET))
+READER = GrainReader(GAUSSIANS, METHOD, RIG, throws(SECRET))
 
 
 def test_chance_has_mean_zero_and_deviation_one() -> None:
@@ -24,8 +36,7 @@ def test_chance_has_mean_zero_and_deviation_one() -> None:
     noise = np.random.default_rng(3).integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8)
     other, method = cloud(seed=5)
     for picture in (noise, photograph(GAUSSIANS, METHOD, beside(RIG)), photograph(other, method, beside(RIG))):
-        throws = [thrown(len(GAUSSIANS), np.random.default_rng(seed)) for seed in range(60)]
-        scores = [standard_score(picture, GAUSSIANS, METHOD, camera, with_decoys(coins)) for coins in throws]
+        scores = [standard_score(picture, GAUSSIANS, METHOD, camera, throws(seed)) for seed in range(60)]
         assert abs(np.mean(scores)) < 4 / np.sqrt(len(scores))
         assert 0.7 < np.std(scores) < 1.4
         assert max(scores) < CERTAIN
@@ -38,9 +49,22 @@ def test_grain_is_found_by_who_knows_the_coins() -> None:
     generator = np.random.default_rng(0)
     for distortion in (jpeg(90), jpeg(70), jpeg(50, full_color=True), noisy(5.0)):
         assert READER.score(distortion.apply(picture, generator)) > CERTAIN
-    another = GrainReader(GAUSSIANS, METHOD, RIG, thrown(len(GAUSSIANS), np.random.default_rng(12)))
+    another = GrainReader(GAUSSIANS, METHOD, RIG, throws(SECRET + 1))
     assert abs(another.score(picture)) < 5
     assert READER.score(picture) == READER.score(picture)
+
+
+@pytest.mark.parametrize(("known", "drowns"), [(SECRET, True), (SECRET + 1, False), (SECRET + 2, False)])
+def test_a_grain_drowns_in_no_decoys_but_its_own(known: int, drowns: bool) -> None:
+    """Who knows the source but not the key may add what decoys he likes; with the owner's the attack would work."""
+    camera = single_cameras(beside(RIG))[0]
+    decoys = splat(GAUSSIANS, throws(known)[:, 1:].contiguous(), camera).feature_map.double().numpy()
+    pattern = decoys @ np.random.default_rng(0).choice([-1.0, 1.0], DECOYS)
+    change = 4.0 * pattern / pattern.std()  # levels of 255
+    marked = photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS), METHOD, beside(RIG))
+    changed = np.clip(np.rint(marked + change[..., None] * COLORS[GRAIN].double().numpy()), 0, 255).astype(np.uint8)
+    score = standard_score(changed, GAUSSIANS, METHOD, camera, READER.throws)
+    assert (score < CERTAIN) == drowns
 
 
 def test_what_has_no_grain_shows_nothing() -> None:
@@ -57,4 +81,4 @@ def test_what_has_no_grain_shows_nothing() -> None:
 def test_a_camera_that_sees_nothing_tells_nothing() -> None:
     empty = type(GAUSSIANS)({name: values[:0] for name, values in GAUSSIANS.parameters.items()})
     picture = photograph(GAUSSIANS, METHOD, beside(RIG))
-    assert standard_score(picture, empty, METHOD, single_cameras(beside(RIG))[0], with_decoys(COINS[:0])) == 0
+    assert standard_score(picture, empty, METHOD, single_cameras(beside(RIG))[0], throws(SECRET)[:0]) == 0
