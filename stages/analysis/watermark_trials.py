@@ -147,8 +147,8 @@ def trial_rows(
     """PSNR_W on test views, the threshold, survival of distortions, and what is shown of every kind of negative.
 
     And, of a reader that has no threshold of its own, how many negatives it takes for the watermark by the one at which
-    99 % of the clean channel's renders are found. Of `negatives` only one picture is held at a time. Raises `ValueError`
-    without renders.
+    99 % of the clean channel's renders are found. Of `negatives` only one picture is held at a time. Raises
+    `ValueError` without renders.
     """
 
     def look(picture: Picture) -> Shown:
