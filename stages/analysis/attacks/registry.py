@@ -47,7 +47,7 @@ def attacks(reoptimised: Sequence[int]) -> Mapping[AttackName, Attack]:
         "cropping": Attack(seeded(cropping), strongest=MOST_PRUNED),
         "rigid_motion": Attack(seeded(rigid_motion.rigid_motion), lambda target: rigid_motion.SEVERITIES),
         "channel_dropping": Attack(seeded(features.channel_dropping), features.channel_counts, applies=_has_features),
-        "unread_directions": Attack(unread_directions, features.channel_counts, applies=_has_features, random=False),
+        "unread_directions": Attack(unread_directions, features.channel_counts, applies=_has_features),
         "channel_permutation": Attack(
             seeded(features.channel_permutation), features.permuted_counts, applies=_has_features
         ),

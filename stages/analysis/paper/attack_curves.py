@@ -72,21 +72,25 @@ class Curve:
 
         At every loss an attacker takes the point, of those that cost no more, that leaves least of the message; between
         points the line. What kills the message and spares the cover counts over the whole width. Beyond the last point
-        the curve goes on level. `most` is taken to be `LEAST_LOSS` at least.
+        the curve goes on level. Of no more width than `LEAST_LOSS`, what is left for nothing.
         """
-        width = max(most, LEAST_LOSS)
-        line, lowest = [(0.0, self.unattacked.message)], self.unattacked.message
+        free = (point.message for point in self.points if self.loss(point) <= LEAST_LOSS)
+        lowest = min([self.unattacked.message, *free])
+        if most <= LEAST_LOSS:
+            return lowest
+        line = [(0.0, lowest)]
         for loss, message in sorted((self.loss(point), point.message) for point in self.points):
-            lowest = min(lowest, message)
-            line.append((loss, lowest))
+            if loss > LEAST_LOSS:
+                lowest = min(lowest, message)
+                line.append((loss, lowest))
         line.append((math.inf, lowest))
         area = 0.0
         for (left, high), (right, low) in pairwise(line):
-            end = min(right, width)
+            end = min(right, most)
             if end > left:
                 at_end = low if math.isinf(right) else high + (low - high) * (end - left) / (right - left)
                 area += (end - left) * (high + at_end) / 2
-        return area / width
+        return area / most
 
 
 def curves(experiment: Experiment, condition: str) -> tuple[Curve, ...]:

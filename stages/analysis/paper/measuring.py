@@ -84,14 +84,20 @@ def measure(runs: Iterable[Run], figure: Figure) -> Measured:
     """The figure of runs of one kind on each capture where it was measured.
 
     The spread is that of runs that differ in the seed alone; runs that differ in something else, such as the message,
-    are averaged, and have none.
+    are averaged, and have none. Runs that differ in nothing that is known of them, not even the seed, count as one.
     """
-    values: dict[str, dict[tuple[str, ...], list[float]]] = {}
+    values: dict[str, dict[tuple[str, ...], dict[str, list[float]]]] = {}
     for run in runs:
         value = figure(run)
         if not math.isnan(value):
-            values.setdefault(run.capture, {}).setdefault(run.other, []).append(value)
-    return Measured({capture: _spread(list(groups.values())) for capture, groups in values.items()})
+            groups = values.setdefault(run.capture, {})
+            groups.setdefault(run.other, {}).setdefault(run.seed, []).append(value)
+    return Measured({capture: _spread([*map(_by_seed, groups.values())]) for capture, groups in values.items()})
+
+
+def _by_seed(values: Mapping[str, Sequence[float]]) -> list[float]:
+    """A value for each seed."""
+    return [mean(own) for own in values.values()]
 
 
 @dataclass(frozen=True)
@@ -105,12 +111,12 @@ class Noise:
 
 def noise(runs: Iterable[Run], figure: Figure) -> Noise:
     """From one seed to the next, pooled over all runs that others differ from in their seed alone."""
-    groups: dict[tuple[str, object, object], list[float]] = {}
+    groups: dict[tuple[str, object, object], dict[str, list[float]]] = {}
     for run in runs:
         value = figure(run)
         if math.isfinite(value):
-            groups.setdefault((run.capture, run.kind, run.other), []).append(value)
-    repeated = {key: group for key, group in groups.items() if len(group) > 1}
+            groups.setdefault((run.capture, run.kind, run.other), {}).setdefault(run.seed, []).append(value)
+    repeated = {key: _by_seed(group) for key, group in groups.items() if len(group) > 1}
     if not repeated:
         return Noise()
     freedom = sum(len(group) - 1 for group in repeated.values())

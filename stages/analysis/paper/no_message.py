@@ -27,7 +27,7 @@ from stages.analysis.paper.grid import (
 from stages.analysis.paper.measuring import cover, measure
 from stages.analysis.paper.published import PUBLISHED_AS, Published, average
 from stages.analysis.paper.relations import Relation
-from stages.analysis.paper.runs import Run, Study
+from stages.analysis.paper.runs import Run, Study, usual_settings
 
 MOST_LOST_WITHOUT_A_MESSAGE = 0.7
 
@@ -91,6 +91,5 @@ def _relations(runs: tuple[Run, ...], study: Study, tables: Published) -> tuple[
 
 def _is_larger(run: Run, tables: Published) -> bool:
     """Whether features or decoder are larger than the paper's, and neither is smaller."""
-    return bool(run.settings) and all(
-        isinstance(value, float) and value > tables.setup[name] for name, value in run.settings
-    )
+    usual = usual_settings(run.method, tables.setup)
+    return bool(run.settings) and all(isinstance(value, float) and value > usual[name] for name, value in run.settings)

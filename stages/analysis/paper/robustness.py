@@ -31,9 +31,10 @@ VIEW_WEIGHTS: tuple[AttackName, AttackName] = ("view_weight_pruning", "view_weig
 CURVE_NOTE = (
     "At each loss of the cover an attacker takes the severity, of those that cost the cover no more, that leaves least "
     "of the message. So an attack that kills the message and spares the cover is a vertical drop, and counts over the "
-    "whole width. The width is the largest loss of the cover that the curves of GS-Hider and of ours both reach; where "
-    "that is nothing, what is left at 0.05 dB. A message that reads worse than the best picture of one colour is gone, "
-    "and an owner who sees it says so: it counts as such a picture. ±: over the attack's seeds."
+    "whole width. What costs the cover up to 0.05 dB costs nothing. The width is the largest loss of the cover that "
+    "the curves of GS-Hider and of ours both reach; where that is nothing, what is left for nothing. A message that "
+    "reads worse than the best picture of one colour is gone, and an owner who sees it says so: it counts as such a "
+    "picture. ±: over the attack's seeds."
 )
 
 READINGS: Mapping[Reading, str] = {
@@ -270,11 +271,14 @@ def _points(attacked: Attacked) -> Grid:
                 most = max(most, len(cells))
     severities = "; ".join(f"{ATTACKS[attack].title} by {ATTACKS[attack].severity}" for attack in attacked.attacks)
     return Grid(
-        "Every point of the curves: PSNR of cover and message (dB)",
+        "The points of the curves: PSNR of cover and message (dB)",
         ("Attack", "Picture"),
         _headings(most),
         tuple(Line(names, _filled(cells, most)) for names, cells in lines),
-        (f"Small figures are severities, means over captures and seeds. {severities}.",),
+        (
+            "Means over captures and seeds, point by point, of as many points as all have; where a curve has more, its "
+            f"area counts them. Small figures are severities. {severities}.",
+        ),
     )
 
 

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pipeline.errors import UserError
 from pipeline.stage import Item
 from stages.analysis.measurements import Measurement, read_measurements
-from stages.analysis.page.material import METHOD_TITLES, PLAIN
+from stages.analysis.page.material import METHOD_TITLES, OURS, PLAIN
 from stages.imaging.metric_table import MetricRow, read_rows
 
 SETTINGS = {
     "lambda_message": "λ = {}",
     "feature_dim": "M = {}",
     "layers": "{} layers",
+    "decoder_width": "decoders {} wide",
     "iterations": "{} iterations",
 }
 """Columns of items that tell runs of one method apart, and how a line of a table is called after them."""
+
+DECODER_WIDTHS = {OURS: 32.0}
+DECODER_WIDTH = 64.0
+"""Usual widths of decoders, in channels: of these methods, and of others."""
 
 Settings = tuple[tuple[str, float | str], ...]
 
@@ -213,9 +219,15 @@ def _experiments_of(item: Item, columns: Columns) -> list[Experiment]:
     ]
 
 
+def usual_settings(method: str, setup: Mapping[str, float]) -> Mapping[str, float]:
+    """A method's usual settings: those of the paper, and how wide its decoders are, which the paper does not say."""
+    return {**setup, "decoder_width": DECODER_WIDTHS.get(method, DECODER_WIDTH)}
+
+
 def _settings(item: Item, method: str, rows: Sequence[MetricRow], usual: Mapping[str, float]) -> Settings:
     """What is stated and unusual; plain 3DGS has no setting of hiding."""
     names = list(SETTINGS) if method != PLAIN else ["iterations"]
+    usual = usual_settings(method, usual)
     if any(row.quantity == "hides_image" for row in rows):
         usual = {**usual, "lambda_message": usual["lambda_image"]}
     stated = {name: _value(item.values[name]) for name in names if item.values.get(name) is not None}
@@ -235,11 +247,16 @@ def _distinct(runs: Iterable[Run]) -> tuple[Run, ...]:
             for other in kept
             if (other.capture, other.method, other.settings) == (run.capture, run.method, run.settings)
         ]
-        if any(set(run.rows) <= set(other.rows) for other in alike):
+        if any(_scored(run) <= _scored(other) for other in alike):
             continue
-        kept = [other for other in kept if other not in alike or not set(other.rows) <= set(run.rows)]
+        kept = [other for other in kept if other not in alike or not _scored(other) <= _scored(run)]
         kept.append(run)
     return tuple(kept)
+
+
+def _scored(run: Run) -> set[tuple[MetricRow, bool]]:
+    """Its rows, and whether they were measured: NaN alone is not equal to itself."""
+    return {(replace(row, value=0.0), False) if math.isnan(row.value) else (row, True) for row in run.rows}
 
 
 def _check_captures(items: Sequence[Item], columns: Columns) -> None:

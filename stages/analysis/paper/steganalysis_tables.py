@@ -92,7 +92,9 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
             "0.5: no better than chance; 1: always right. All together: the mean of the captures. In small letters the "
             "95 % interval, by drawing runs of neighbouring views (and captures, under All together: of as few as here "
             "that says little). ↓: the detector gives the first class less; its opposite is scored, which anyone would "
-            "use. The curves of all captures together pool them, as the paper's figure does.",
+            "use. Of all together it is the opposite of all: directions that differ from capture to capture cancel, as "
+            "they do for whoever cannot know them. The curves of all captures together pool them, as the paper's "
+            "figure does.",
             *(_finding(method, experiments) for method, experiments in by_method.items()),
             "The GS-Hider paper compares renders with photos only, and prints a figure without values. KeySS (ICLR "
             "2026) reports 0.45 of itself in the same way, two-sided 0.55.",
@@ -158,10 +160,11 @@ def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
         ),
         (
             f"Each detector knows the method, and learnt from {' or '.join(map(str, counts))} other scene(s), of each "
-            "of which it saw one container and one clean training: it may have learnt what sets these few apart, and "
-            "one that saw hundreds would do better. Of detectors that differ in their seed the mean counts. An area "
-            "near 0.5 is no proof of security; one that is far from it, and farther than that of two clean trainings, "
-            "is proof of the opposite. Below 0.5: what it learnt elsewhere is the other way round here."
+            "of which it saw one container and one clean training: it may have learnt what sets these few apart, be it "
+            "the message where they hide the same one, and one that saw hundreds would do better. Of detectors that "
+            "differ in their seed the mean counts. An area near 0.5 is no proof of security; one that is far from it, "
+            "and farther than that of two clean trainings, is proof of the opposite. Below 0.5: what it learnt "
+            "elsewhere is the other way round here."
             if counts
             else "Not measured: it takes renders of two captures at least, one to learn from and one to be tested on.",
         ),

@@ -72,8 +72,12 @@ def test_the_order_of_points_does_not_matter_and_more_points_leave_no_more(
     assert left >= min(MESSAGE, *(MESSAGE - message for _, message in points)) - 1e-9
 
 
-def test_no_width_means_what_is_left_at_next_to_no_loss() -> None:
-    assert curve((LEAST_LOSS, 4), (1, 9)).message_left(0) == pytest.approx(MESSAGE - 2)
+def test_what_costs_next_to_nothing_costs_nothing() -> None:
+    """No width means what is left then; and in a width it is a vertical drop."""
+    for free in (-0.2, 0, 0.4 * LEAST_LOSS, 0.99 * LEAST_LOSS):
+        assert curve((free, 4), (1, 9)).message_left(0) == pytest.approx(MESSAGE - 4)
+        assert curve((free, 4)).message_left(3) == pytest.approx(MESSAGE - 4)
+    assert curve((1.1 * LEAST_LOSS, 4)).message_left(0) > MESSAGE - 4
 
 
 def test_what_reads_worse_than_the_floor_reads_as_the_floor() -> None:

@@ -10,8 +10,11 @@ from stages.analysis.paper.runs import Run
 from stages.imaging.metric_table import MetricRow
 
 
-def run(psnr: float, capture: str = "fox", other: tuple[str, ...] = (), method: str = "gs_hider") -> Run:
-    return Run(capture, method, (), "", (MetricRow("psnr", psnr, "dB", "a", "test"),), other)
+def run(
+    psnr: float, capture: str = "fox", other: tuple[str, ...] = (), method: str = "gs_hider", seed: str = ""
+) -> Run:
+    """Of a seed of its own for each figure, unless one is given."""
+    return Run(capture, method, (), seed or f"{psnr}", (MetricRow("psnr", psnr, "dB", "a", "test"),), other)
 
 
 PSNR = cover("psnr")
@@ -51,6 +54,15 @@ def test_noise_is_pooled_over_what_differs_in_seed_alone() -> None:
     assert found.deviation == pytest.approx(math.sqrt((2 + 2) / (1 + 2)))
     assert found.count == 5
     assert math.isnan(noise(runs[-1:], PSNR).deviation)
+
+
+def test_what_has_the_same_seed_tells_no_noise() -> None:
+    """As two trainings with other bounds of Gaussians do, of which a run of plain 3DGS says nothing."""
+    alike = [run(24.0, seed="0"), run(26.0, seed="0")]
+    assert noise(alike, PSNR).count == 0
+    assert measure(alike, PSNR).by_capture["fox"].count == 1
+    found = noise([*alike, run(27.0, seed="1")], PSNR)
+    assert (found.deviation, found.count) == (pytest.approx(math.sqrt(2)), 2)
 
 
 def test_differences_and_ratios_are_of_captures_that_both_have() -> None:

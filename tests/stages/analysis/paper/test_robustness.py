@@ -126,7 +126,7 @@ def test_a_message_that_is_gone_counts_as_one_colour(chapter: Chapter) -> None:
     left = written(chapter, f"What is left of the message {FOUND}")[permuted]
     assert (left["Homogeneous GS-Hider"], left["GS-Hider"]) == ("13.00", "13.00")
     assert written(chapter, f"What attackers gain {FOUND}")[permuted]["Homogeneous GS-Hider"] == "12.00"
-    points = written(chapter, "Every point of the curves")
+    points = written(chapter, "The points of the curves")
     raw = points["Channels permuted, scene decoder with them", "Homogeneous GS-Hider · Message"]
     assert raw["Point 1"] == "5.00"
     assert any("one colour" in note for grid in chapter.grids for note in grid.notes)

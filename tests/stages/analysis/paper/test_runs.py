@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from pipeline.stage import Item
 from stages.analysis.paper.chapter import usual
 from stages.analysis.paper.published import read_published
 from stages.analysis.paper.runs import Columns, Study, method_title, read_study
+from stages.imaging.metric_table import MetricRow
 from tests.stages.analysis.paper import synthetic
 from tests.stages.analysis.paper.synthetic import image_rows, metrics, scene_rows
 
@@ -57,6 +59,34 @@ def test_settings_are_what_is_unusual(tmp_path: Path) -> None:
     assert usual(hiding) == hiding[:1]
     assert usual(hiding[1:]) == hiding[1:]
     assert {name for run in study.runs if run.method == "plain" for name, _ in run.settings} <= {"iterations"}
+
+
+def test_decoders_of_an_unusual_width_are_named(tmp_path: Path) -> None:
+    """What is usual depends on the method."""
+    wide = {"gs_hider": (64, 96), "homogeneous": (32, 64)}
+    study = read(
+        [
+            item(
+                tmp_path,
+                f"{method} {width}",
+                scene_rows("fox", method, cover=width / 1000, messages=("reef",)),
+                capture="fox",
+                method=method,
+                decoder_width=width,
+            )
+            for method, widths in wide.items()
+            for width in widths
+        ]
+    )
+    titles = [method_title(run) for run in study.runs if run.method != "plain"]
+    ours = "Homogeneous GS-Hider"
+    assert titles == ["GS-Hider", "GS-Hider, decoders 96 wide", ours, f"{ours}, decoders 64 wide"]
+
+
+def test_what_was_not_measured_makes_no_second_run(tmp_path: Path) -> None:
+    rows = [*scene_rows("fox", "plain"), MetricRow("psnr_covered", math.nan, "dB", "a", "test", None, None, "plain")]
+    study = read([item(tmp_path, name, rows, capture="fox", method="plain", seed=0) for name in ("a", "b")])
+    assert len(study.runs) == 1
 
 
 def test_an_image_has_a_weight_of_its_own(tmp_path: Path) -> None:
