@@ -88,5 +88,8 @@ def noise_note(spreads: Mapping[str, Noise], quantity: str = "psnr", unit: str =
         if not math.isnan(spread.deviation)
     ]
     if not told:
-        return "How large the noise is was not measured: no two runs differ in their seed alone."
+        return (
+            "How large the noise is was not measured here: no two runs differ in their seed alone. Table 1 "
+            "(fidelity.yaml) has three seeds."
+        )
     return f"One seed to the next differs by {' and '.join(told)}, as a standard deviation."
