@@ -30,8 +30,8 @@ EDGES = (1.5, 4.0, 12.0)
 """Pixels: Gaussians of these standard deviations part a picture's details into bands, the finest first, and what is
 coarser than all of them is not compared. JPEG leaves next to nothing of the finest in colours, and other pictures
 differ most in the coarsest: each band has weights of its own. At 200 pixels, after JPEG of quality 70 (4:2:0), the
-finest alone found the grain in 17 of 30 renders (fox and bonsai, 3DGS and GS-Hider), all bands in 28, for up to a third
-of what renders score as they are (27 to 41) and 0.05 seconds a picture; at 400 pixels 0.2."""
+finest alone found the grain in 18 of 30 renders (fox and bonsai, 3DGS and GS-Hider), all bands in 28, for up to a third
+of what renders score as they are (25 to 39) and 0.05 seconds a picture; at 400 pixels 0.2."""
 
 NEIGHBOURHOOD = 9
 """Sides in pixels over which a picture's own variance is taken: a quiet place tells more than a busy one."""
