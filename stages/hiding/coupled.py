@@ -78,6 +78,10 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
     ) -> list[Float[Tensor, "H W C"]]:
         """What each of `decoders` makes of a feature map: three channels for each of its pictures."""
 
+    def attribute_shapes(self) -> dict[str, tuple[int, ...]]:
+        """M values of a feature."""
+        return {FEATURES: (self.feature_dim,)}
+
     def render(
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None
     ) -> Rendering:
