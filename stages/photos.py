@@ -139,5 +139,5 @@ def held_out_names(names: Iterable[str], place: Path | None, splits: Mapping[str
     if place is None or place.is_dir():
         return []
     names = list(names)
-    held_out = set(map(photo_finder(names), held_out_files(place)))
+    held_out = set(map(photo_finder(names, place), held_out_files(place)))
     return [name for name in names if name in held_out]

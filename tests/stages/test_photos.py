@@ -14,7 +14,7 @@ from pipeline.stage import Services, run_stage
 from stages.imaging.pictures import read_picture
 from stages.photos import PhotosParameters, photos
 from stages.scene.capture import picture_path, read_capture
-from tests.stages.scene.test_colmap import QUATERNION, TRANSLATION, write_binary_model
+from tests.stages.scene.test_colmap import QUATERNION, TRANSLATION, write_binary_model, write_text_model
 from tests.stages.scene.test_transforms import MATRIX
 
 
@@ -172,6 +172,23 @@ def test_a_photo_is_matched_by_its_whole_name_before_its_stem(tmp_path: Path) ->
         take(tmp_path / "photos" / name)
     write_transforms(tmp_path / "photos", "a.1")
     assert read_capture(capture(tmp_path / "photos", tmp_path / "out")).names == ("a.1.jpg",)
+
+
+@pytest.mark.parametrize("kind", ["frames", "test_filenames", "model"])
+def test_paths_that_no_photo_can_have_are_refused(tmp_path: Path, kind: str) -> None:
+    """They cost no more than reading them, and no more of them is told than where they begin."""
+    folder, endless = tmp_path / "photos", "d/" * 10_000 + "a.jpg"
+    take(folder / "a.jpg", size=(320, 240))
+    write_transforms(folder, endless if kind == "frames" else "a.jpg")
+    if kind == "test_filenames":
+        content = json.loads((folder / "transforms.json").read_text()) | {"test_filenames": [endless]}
+        (folder / "transforms.json").write_text(json.dumps(content))
+    if kind == "model":
+        write_text_model(folder / "sparse")
+        images = folder / "sparse" / "images.txt"
+        images.write_text(images.read_text().replace("a.jpg", endless))
+    source = "sparse" if kind == "model" else "transforms.json"
+    expect_refusal(folder, tmp_path / "out", source, "too long", "at most 4096 characters")
 
 
 def expect_refusal(folder: Path, directory: Path, *words: str, **parameters: object) -> None:
