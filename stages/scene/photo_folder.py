@@ -83,12 +83,12 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
     (place, photos), (_, left_out) = (beside, inside) if len(beside[1]) >= len(inside[1]) else (inside, beside)
     if photos:
         there = sum(file.is_file() for file in place.iterdir())
-        return PhotoFolder(_named(place, photos), there - len(photos), tuple(left_out))
+        return PhotoFolder(named_photos(place, photos), there - len(photos), tuple(left_out))
     for place in own:
         files = _files_below(place)
         photos = [file for file in files if _is_photo(file)]
         if photos:
-            return PhotoFolder(_named(place, photos), len(files) - len(photos))
+            return PhotoFolder(named_photos(place, photos), len(files) - len(photos))
     searched = images or f"it or in its folder {', '.join(SUBFOLDERS)}"
     raise UserError(
         "a folder without photos",
@@ -113,8 +113,12 @@ def _files_below(place: Path) -> list[Path]:
     return sorted(found)
 
 
-def _named(place: Path, photos: Sequence[Path]) -> dict[str, Path]:
-    """The photos by their paths from `place`, sorted, with a low line for each slash: names are names of files, too."""
+def named_photos(place: Path, photos: Sequence[Path]) -> dict[str, Path]:
+    """The photos by their paths from `place`, sorted, with a low line for each slash: names are names of files, too.
+
+    Raises `UserError` for photos that would be called the same, or are but for their extension, and for names that
+    tables cannot hold.
+    """
     named: dict[str, Path] = {}
     for photo in photos:
         name = "_".join(photo.relative_to(place).parts)

@@ -333,6 +333,44 @@ def test_splits_of_nerfs_synthetic_scenes(tmp_path: Path) -> None:
     assert any("transforms_train.json and transforms_test.json" in line for line in log)
 
 
+def test_splits_of_photos_in_several_folders(tmp_path: Path) -> None:
+    """Folders that hold all of a split are in no name, others are: two cameras of a rig number their photos alike."""
+    folder = tmp_path / "rig"
+    frames = {"train": ["train/left/r_0", "train/left/r_1.png", "./train/right/r_0"], "test": ["other/far/r_0"]}
+    for split, paths in frames.items():
+        for path in paths:
+            take(folder / f"{path.removesuffix('.png')}.png", size=(64, 64 + 2 * ("right" in path)))
+        posed = [{"file_path": path, "transform_matrix": MATRIX} for path in paths]
+        (folder / f"transforms_{split}.json").write_text(json.dumps({"camera_angle_x": 0.69, "frames": posed}))
+    artifact = capture(folder, tmp_path / "out")
+    found = read_capture(artifact)
+    assert found.names == ("test_r_0.png", "train_left_r_0.png", "train_left_r_1.png", "train_right_r_0.png")
+    assert artifact.attributes["test_names"] == ["test_r_0.png"]
+    right = folder / "train" / "right" / "r_0.png"
+    assert picture_path(artifact, "train_right_r_0.png").read_bytes() == right.read_bytes()
+    assert found.poses is not None
+    assert [lens.height for lens in found.poses.lenses] == [64, 64, 64, 66]
+
+
+def test_splits_whose_photos_would_be_called_the_same_are_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "rig"
+    paths = ["train/left/far_0", "train/left_far/0"]
+    for path in paths:
+        take(folder / f"{path}.png", size=(64, 64))
+    posed = [{"file_path": path, "transform_matrix": MATRIX} for path in paths]
+    (folder / "transforms_train.json").write_text(json.dumps({"camera_angle_x": 0.69, "frames": posed}))
+    expect_refusal(folder, tmp_path / "out", "left_far_0.png", "left/far_0.png and left_far/0.png")
+    posed = [{"file_path": path, "transform_matrix": MATRIX} for path in ("train/left/far_0", "./train/left/far_0.png")]
+    (folder / "transforms_train.json").write_text(json.dumps({"camera_angle_x": 0.69, "frames": posed}))
+    expect_refusal(folder, tmp_path / "twice", "far_0.png is posed twice")
+
+
+def test_a_folder_of_photos_is_not_asked_for_beside_splits(tmp_path: Path) -> None:
+    nerf_synthetic(tmp_path / "lego", train=["r_0"], test=["r_0"])
+    found = "images: train, beside transforms_train.json and transforms_test.json"
+    expect_refusal(tmp_path / "lego", tmp_path / "out", found, "Leave images out", images="train")
+
+
 def test_splits_without_frames(tmp_path: Path) -> None:
     folder = tmp_path / "lego"
     nerf_synthetic(folder, train=["r_0", "r_1"], test=[])
