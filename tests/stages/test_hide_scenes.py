@@ -35,6 +35,14 @@ def test_only_what_is_hidden_is_scored(tmp_path: Path, method: str, hidden: int 
     assert (sizes["total_bytes"] > sizes["container_bytes"]) == decoded
 
 
+@pytest.mark.parametrize("given", [0, 1])
+def test_more_messages_than_there_are_cannot_be_hidden(tmp_path: Path, given: int) -> None:
+    inputs = {"cover": scene(tmp_path / "cover"), "messages": (message_views(tmp_path / "views"),)[:given]}
+    parameters = HideScenesParameters.model_validate({**SETTINGS, "hidden": 2})
+    with pytest.raises(UserError, match=f"hidden: 2, {given} messages; expected hidden to be at most {given}"):
+        run_stage(hide_scenes, parameters, inputs, tmp_path / "made")
+
+
 def test_features_of_zeros_are_refused_by_methods_that_have_none(tmp_path: Path) -> None:
     parameters = HideScenesParameters.model_validate({**SETTINGS, "method": "sh", "initial_features": "zeros"})
     with pytest.raises(UserError, match="no features"):

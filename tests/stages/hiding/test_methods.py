@@ -32,6 +32,13 @@ def test_stated_shapes_are_those_of_the_attributes(name: str, messages: list[str
     assert method.attribute_shapes().keys() == method.learning_rates.keys()
 
 
+@pytest.mark.parametrize("name", ["gs_hider", "homogeneous", "decoder"])
+@pytest.mark.parametrize("precision", ["nn", "float64", "", 3])
+def test_whatever_else_torch_has_is_no_precision(name: str, precision: object) -> None:
+    with pytest.raises(KeyError):
+        build_method(name, SETTINGS[name] | {"precision": precision})
+
+
 @pytest.mark.parametrize("setting", ["feature_dim", "layers", "decoder_width"])
 def test_what_could_not_be_imported_is_not_trained(setting: str) -> None:
     assert getattr(HidingParameters.model_validate({setting: LARGEST_SETTING}), setting) == LARGEST_SETTING
