@@ -272,7 +272,7 @@ def read_poses(
 
     A posed photo is matched as `photo_finder` says; its lens is scaled to the photo's size, which is
     another than that of the photos that were posed where they are `resized`. Raises
-    `UserError` for what cannot be read, for poses whose photo is not there, twice posed photos, and other aspects.
+    `UserError` for what cannot be read, for poses whose photo is not there, paths too long, twice posed photos, and other aspects.
     """
     photo_named = photo_finder(sizes, place)
 

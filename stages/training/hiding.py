@@ -116,8 +116,8 @@ def hiding_training(
     message that is `placed` in its world. Those of other messages are grey at first. All is made on the CPU, so that a
     seed means the same everywhere, and then moved to where stages work.
 
-    Raises `UserError` where `initial_features` are zeros and the method has no features, and for decoders that are too
-    narrow for the messages.
+    Raises `UserError` where `initial_features` are zeros and the method has no features, and where they are colours and
+    the decoders too narrow to start by showing those of all messages.
     """
     method = parameters.build_method(messages)
     points, colors = starting_points(cover, placed or {}, parameters.start(message_points))
