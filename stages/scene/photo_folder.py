@@ -270,9 +270,9 @@ def read_poses(
 ) -> tuple[PoseSource, list[PosedPhoto]]:
     """The poses of a COLMAP model or a transforms.json, under the names of the photos in `sizes`.
 
-    A posed photo is matched as `photo_finder` says; its lens is scaled to the photo's size, which is
-    another than that of the photos that were posed where they are `resized`. Raises
-    `UserError` for what cannot be read, for poses whose photo is not there, paths too long, twice posed photos, and other aspects.
+    A posed photo is matched as `photo_finder` says; its lens is scaled to the photo's size, which is another than that
+    of the photos that were posed where they are `resized`. Raises `UserError` for what cannot be read, for poses whose
+    photo is not there, paths that are too long, twice posed photos, and other aspects.
     """
     photo_named = photo_finder(sizes, place)
 
