@@ -21,7 +21,7 @@ from stages.analysis.measurements import KIND, write_measurements
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.what_is_hidden import at_least_one_hidden
-from stages.imaging.lpips import load_lpips
+from stages.imaging.lpips import load_lpips, networks_for
 from stages.imaging.lpips_weights import weights_installed
 from stages.scene.cameras import rig_extent
 from stages.scene.message_views import read_messages
@@ -84,7 +84,7 @@ def attack(context: Context, parameters: AttackParameters) -> None:
         parameters.method,
         parameters.cover_losses,
         parameters.seeds,
-        _perceptual(parameters.lpips),
+        _perceptual(context, parameters.lpips, scene),
         context.stop_if_requested,
     )
     every = attacks(parameters.reoptimised)
@@ -103,6 +103,8 @@ def _measured_views(scene: Scene, most: int) -> list[str]:
     return [names[position] for position in chosen]
 
 
-def _perceptual(wanted: bool) -> Perceptual:
+def _perceptual(context: Context, wanted: bool, scene: Scene) -> Perceptual:
+    cameras = scene.cameras
+    wanted = wanted and bool(networks_for(["vgg"], cameras.width, cameras.height, context.log))
     metric = load_lpips("vgg") if wanted else None
     return {} if metric is None else {"lpips_vgg": metric}

@@ -19,7 +19,7 @@ from stages.hiding.method import module_of
 from stages.hiding.storage import bytes_of, check_method, read_gaussians, read_method
 from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
 from stages.imaging.image import filling, read_image
-from stages.imaging.lpips import Lpips, load_lpips
+from stages.imaging.lpips import Lpips, load_lpips, networks_for
 from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network, weights_installed
 from stages.imaging.metric_table import MetricRow, write_rows
 from stages.scene.message_views import MessageViews, read_messages
@@ -36,7 +36,10 @@ NETWORKS: Mapping[Networks, tuple[Network, ...]] = {
 
 
 class EvaluateParameters(Parameters):
-    """What is measured. LPIPS as far as its weights are installed: once they are, scores without it are made again."""
+    """What is measured. LPIPS as far as its weights are installed: once they are, scores without it are made again.
+
+    Nor is it measured on pictures that its network has too many layers for.
+    """
 
     method: str = Field("gs_hider", description="The container's method.")
     lpips: Networks = Field("vgg", description="LPIPS's network, used on test views.")
@@ -73,7 +76,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     torch.set_num_threads(parameters.threads)
     device, scene = working_device(), read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
-    perceptual = _perceptual(parameters, device)
+    perceptual = _perceptual(context, parameters, scene, device)
     container, reference = context.input("container"), context.input_optional("reference")
     secret = context.input_optional("secret")
     check_method(container, parameters.method)
@@ -123,8 +126,10 @@ def _hidden_image(image: Artifact | None, secret: Artifact | None, scene: Scene)
     return HiddenImage(name, view, filling(picture, scene.cameras.width, scene.cameras.height))
 
 
-def _perceptual(parameters: EvaluateParameters, device: torch.device) -> Perceptual:
-    return {f"lpips_{network}": _lpips(network, device) for network in NETWORKS[parameters.lpips]}
+def _perceptual(context: Context, parameters: EvaluateParameters, scene: Scene, device: torch.device) -> Perceptual:
+    cameras = scene.cameras
+    networks = networks_for(NETWORKS[parameters.lpips], cameras.width, cameras.height, context.log)
+    return {f"lpips_{network}": _lpips(network, device) for network in networks}
 
 
 def _lpips(network: Network, device: torch.device) -> Lpips:

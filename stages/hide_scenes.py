@@ -8,6 +8,7 @@ import torch
 from pydantic import Field
 
 from opencl.routes import describe_drawing
+from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, stage
 from stages.hiding.method import module_of
 from stages.hiding.storage import write_container, write_secret
@@ -52,7 +53,9 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
     """Fit the cover and hide the messages; without messages, the cover alone is fitted by the same method."""
     torch.set_num_threads(parameters.threads)
     cover = read_scene(context.input("cover"))
-    messages = read_messages(context.input_many("messages")[: parameters.hidden], cover.cameras.names)
+    given = context.input_many("messages")
+    _refuse_too_few(parameters.hidden, len(given))
+    messages = read_messages(given[: parameters.hidden], cover.cameras.names)
     training = hiding_training(
         parameters,
         cover,
@@ -70,3 +73,13 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
     write_secret(context.output("secret"), training.method, list(messages))
     write_rows(context.output("curves"), curves)
     context.record(device=describe_drawing(training.device), gaussians=len(training.gaussians))
+
+
+def _refuse_too_few(hidden: int | None, given: int) -> None:
+    if hidden is not None and hidden > given:
+        raise UserError(
+            "more messages are to be hidden than there are",
+            found=f"hidden: {hidden}, {given} messages",
+            expected=f"hidden to be at most {given}",
+            remedy="Give hide_scenes more messages, or leave hidden out: then all are hidden.",
+        )

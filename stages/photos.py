@@ -8,6 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from pipeline.errors import UserError
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
 from stages.imaging.backgrounds import over_background
 from stages.imaging.orientation import UPRIGHT, as_stored
@@ -44,7 +45,7 @@ class PhotosParameters(Parameters):
         description="Which folder of `folder` holds the photos, such as images_4: those of Mip-NeRF 360 come in "
         "several sizes. The paper trains on a quarter of the size outdoors (images_4), on half of it indoors "
         "(images_2). By default those in `folder` itself, those in images if they are more, else those in the folders "
-        "in images.",
+        "in images. Frames of a transforms_train.json name theirs, beside which it cannot be given.",
     )
     poses: ExternalPath | None = Field(
         None, description="COLMAP model's folder or transforms.json, where the poses lie outside the folder of photos."
@@ -70,6 +71,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     """Read every photo once, so that damage shows here, and keep them as they came."""
     place = find_poses(parameters.folder) if parameters.poses is None else poses_at(parameters.poses)
     splits = find_splits(parameters.folder) if place is None else {}
+    _refuse_images(parameters, splits)
     found = (
         find_split_photos(parameters.folder, splits) if splits else find_photos(parameters.folder, parameters.images)
     )
@@ -114,6 +116,17 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     )
 
 
+def _refuse_images(parameters: PhotosParameters, splits: Mapping[str, Path]) -> None:
+    if splits and parameters.images is not None:
+        raise UserError(
+            "the files of poses name the photos of each split, wherever they lie",
+            where=parameters.folder,
+            found=f"images: {parameters.images}, beside {' and '.join(file.name for file in splits.values())}",
+            expected="no parameter images",
+            remedy="Leave images out, or take those files out of the folder to have the poses estimated.",
+        )
+
+
 def facts_of(context: Context, found: PhotoFolder, posed: bool) -> dict[str, PhotoFacts]:
     """What is known of every photo, by name."""
     facts = {}
@@ -139,5 +152,5 @@ def held_out_names(names: Iterable[str], place: Path | None, splits: Mapping[str
     if place is None or place.is_dir():
         return []
     names = list(names)
-    held_out = set(map(photo_finder(names), held_out_files(place)))
+    held_out = set(map(photo_finder(names, place), held_out_files(place)))
     return [name for name in names if name in held_out]

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.analysis.comparisons import FEATURE_MAP_CHANNELS
+from stages.analysis.feature_map import feature_map_picture
 from stages.analysis.filming import encoded
 from stages.analysis.videos import write_videos
 from stages.hiding.message_names import FEATURE_MAP
@@ -19,6 +19,7 @@ from stages.imaging.pictures import Picture, tensor_to_picture
 from stages.imaging.video import enlarged
 from stages.scene.camera_path import Course, camera_path
 from stages.scene.cameras import Cameras
+from stages.scene.gaussians import Gaussians
 from stages.scene.scene import Scene, read_scene
 
 
@@ -56,7 +57,7 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
     path = path_along(read_scene(context.input("cover")), parameters)
     filmed: dict[str, list[Picture]] = {}
     for number, rendering in enumerate(photographs(gaussians, method, path), start=1):
-        for title, picture in panels_of(rendering).items():
+        for title, picture in panels_of(gaussians, rendering).items():
             filmed.setdefault(title, []).append(enlarged(picture))
         context.progress(number, parameters.frames)
         context.stop_if_requested()
@@ -73,9 +74,10 @@ def path_along(scene: Scene, parameters: RenderPathParameters) -> Cameras:
     return camera_path(cameras, scene.points, parameters.frames, parameters.bends, parameters.course)
 
 
-def panels_of(rendering: Rendering) -> dict[str, Picture]:
-    """The cover, the messages and the feature map of one camera; a picture that no decoder made is no feature map."""
+def panels_of(gaussians: Gaussians, rendering: Rendering) -> dict[str, Picture]:
+    """The cover, the messages and, where there are coupled features, the feature map of one camera."""
     panels = {title: tensor_to_picture(picture) for title, picture in rendering.pictures.items()}
-    if rendering.feature_map.shape[-1] > len(FEATURE_MAP_CHANNELS):
-        panels[FEATURE_MAP] = tensor_to_picture(rendering.feature_map[..., list(FEATURE_MAP_CHANNELS)])
+    features = feature_map_picture(gaussians, rendering)
+    if features is not None:
+        panels[FEATURE_MAP] = tensor_to_picture(features)
     return panels

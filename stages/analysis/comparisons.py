@@ -14,9 +14,6 @@ from stages.scene.attributes import mappings
 
 Role = Literal["cover", "message", "feature_map"]
 
-FEATURE_MAP_CHANNELS = (0, 1, 2)
-"""Shown as red, green and blue, as in the paper's figure of the feature map."""
-
 
 @dataclass(frozen=True)
 class Comparison:

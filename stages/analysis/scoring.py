@@ -10,7 +10,8 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from stages.analysis.comparisons import FEATURE_MAP_CHANNELS, Comparison
+from stages.analysis.comparisons import Comparison
+from stages.analysis.feature_map import feature_map_picture
 from stages.analysis.fidelity import Perceptual, covered_figures, picture_figures
 from stages.analysis.leakage import residual_correlations
 from stages.hiding.message_names import FEATURE_MAP
@@ -117,7 +118,7 @@ def score(
             _score_message(scores, rendering, message, row, split, measured)
         if view in shown:
             scores.shown.append(view)
-            _show(scores, rendering, scene, messages, row)
+            _show(scores, gaussians, rendering, scene, messages, row)
         if image is not None and view == image.view:
             _score_image(scores, rendering, image, measured)
         progress(row + 1, len(scene.cameras))
@@ -157,13 +158,20 @@ def _score_image(scores: Scores, rendering: Rendering, image: HiddenImage, perce
     scores.hidden = (image, tensor_to_picture(picture))
 
 
-def _show(scores: Scores, rendering: Rendering, scene: Scene, messages: Mapping[str, MessageViews], row: int) -> None:
+def _show(
+    scores: Scores,
+    gaussians: Gaussians,
+    rendering: Rendering,
+    scene: Scene,
+    messages: Mapping[str, MessageViews],
+    row: int,
+) -> None:
     scores.show(COVER, scene.pictures[row], rendering.pictures[COVER])
     for message in messages.values():
         scores.show(message.name, message.pictures[row], rendering.pictures[message.name])
-    if rendering.feature_map.shape[-1] > len(FEATURE_MAP_CHANNELS):
-        channels = rendering.feature_map[..., list(FEATURE_MAP_CHANNELS)]
-        scores.show(FEATURE_MAP, tensor_to_picture(channels), channels)
+    features = feature_map_picture(gaussians, rendering)
+    if features is not None:
+        scores.show(FEATURE_MAP, tensor_to_picture(features), features)
 
 
 def leakage_rows(scores: Scores, messages: Mapping[str, MessageViews]) -> list[MetricRow]:

@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from stages.hiding.decoders import PRECISIONS
 from stages.hiding.rendering import ACTIVATIONS, COVER, Rendering, splat
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
@@ -35,7 +36,7 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
     """`raw_features [N,M]`, a scene decoder that is public, and a message decoder with 3·L channels that is not.
 
     Without messages (L = 0), or where the secret is not at hand, there is no message decoder. Weights come from torch's
-    generator, the scene decoder's first.
+    generator, the scene decoder's first. Raises `KeyError` for a precision that is none of `PRECISIONS`.
     """
 
     def __init__(
@@ -49,7 +50,7 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
     ):
         self.feature_dim = feature_dim
         self.messages = tuple(messages)
-        self.precision = getattr(torch, precision)
+        self.precision = PRECISIONS[precision]
         self.settings: Mapping[str, int | float | str] = {
             "feature_dim": feature_dim,
             "layers": layers,
@@ -77,6 +78,10 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
         self, decoders: Sequence[DecoderType], rendering: Rendering, camera: Camera
     ) -> list[Float[Tensor, "H W C"]]:
         """What each of `decoders` makes of a feature map: three channels for each of its pictures."""
+
+    def attribute_shapes(self) -> dict[str, tuple[int, ...]]:
+        """M values of a feature."""
+        return {FEATURES: (self.feature_dim,)}
 
     def render(
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None

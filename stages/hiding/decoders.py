@@ -11,6 +11,9 @@ from torch import Tensor
 
 from stages.hiding.convolution import Convolution
 
+PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
+"""What `decode` computes in, by the setting `precision`."""
+
 
 class Decoder(torch.nn.Sequential):
     """Convolutions from `feature_dim` channels over `width` ones to `channels`, zero padding, ReLU between.

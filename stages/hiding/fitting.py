@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 import torch
 
 from pipeline.errors import UserError
-from stages.hiding.method import Method, build_method
+from stages.hiding.method import LARGEST_SETTING, Method, build_method
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
-from stages.hiding.rendering import COVER
 from stages.hiding.weights import Weights
 from stages.scene.gaussians import GEOMETRY
 
-LARGEST_SETTING = 1024
 LONGEST_WORD = 100  # characters
 SHAPES: dict[str, tuple[int, ...]] = dict(zip(GEOMETRY, ((3,), (4,), (3,), ()), strict=True))
 Shape = tuple[int, ...]
@@ -46,7 +43,7 @@ def fitted_method(
             for network, weights in networks.items():
                 state = {weight: torch.from_numpy(values.copy()) for weight, values in weights.items()}
                 method.networks[network].load_state_dict(state)
-            needed = _attribute_shapes(name, full, messages)
+            needed = method.attribute_shapes()
     except (TypeError, ValueError, KeyError, AttributeError, RuntimeError, OverflowError) as error:
         raise UserError(
             f"the settings are none of the method {name}",
@@ -96,13 +93,6 @@ def _difference(these: Mapping[str, Shape], those: Mapping[str, Shape]) -> str:
     """What is only among these, the first few of it."""
     only = [f"{name[:LONGEST_WORD]!r} {shape}" for name, shape in sorted(these.items()) if those.get(name) != shape]
     return ", ".join(only[:3]) or "nothing else"
-
-
-def _attribute_shapes(name: str, settings: Mapping[str, object], messages: Sequence[str]) -> dict[str, Shape]:
-    """The shapes of the attributes that the method gives to Gaussians, asked for with no Gaussians at all."""
-    colors = {picture: np.zeros((0, 3)) for picture in (COVER, *messages)}
-    attributes = build_method(name, settings).initial_attributes(colors, np.random.default_rng(0))
-    return {attribute: tuple(tensor.shape[1:]) for attribute, tensor in attributes.items()}
 
 
 def _check_attributes(where: object, needed: Mapping[str, Shape], shapes: Mapping[str, Shape]) -> None:

@@ -19,7 +19,7 @@ from pipeline.errors import UserError
 from stages.hiding.bundle import GAUSSIANS
 from stages.hiding.columns import VERTEX, attribute_of, layout_of
 from stages.hiding.coupled import FEATURES
-from stages.hiding.fitting import LARGEST_SETTING
+from stages.hiding.method import LARGEST_SETTING
 from stages.scene.garbage import LARGEST, SMALLEST_QUATERNION
 from stages.scene.ply.reading import ROWS_AT_ONCE, Ply, listed, read_ply
 from stages.scene.splat_files.values import LARGEST_LOGIT

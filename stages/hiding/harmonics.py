@@ -30,6 +30,15 @@ def initial_harmonics(
     return base, torch.zeros(len(base), harmonics_count(sh_degree) - 1, 3)
 
 
+def harmonics_shapes(sh_degree: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The shapes of one Gaussian's constant harmonic and of its others: (3,) and (K, 3).
+
+    Raises `ValueError` for a degree outside 0..3, `TypeError` for one that is no whole number.
+    """
+    base, rest = initial_harmonics(np.zeros((0, 3)), sh_degree)
+    return tuple(base.shape[1:]), tuple(rest.shape[1:])
+
+
 def degree_at(sh_degree: int, progress: float) -> int:
     """The degree of harmonics that is in use so far."""
     return min(sh_degree, int(progress / DEGREE_RAISED_EVERY))

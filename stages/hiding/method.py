@@ -16,6 +16,8 @@ from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 
 PACKAGE = "stages.hiding.methods"
+LARGEST_SETTING = 1024
+"""What a number among a method's settings is at most: beyond it no container is trained, and none imported."""
 
 
 class Method(Protocol):
@@ -35,6 +37,9 @@ class Method(Protocol):
         self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
     ) -> dict[str, Float[Tensor, "N ..."]]:
         """Attributes of N new Gaussians that look so in every picture, by its name: sRGB in [0, 1], 0.5 if unknown."""
+
+    def attribute_shapes(self) -> dict[str, tuple[int, ...]]:
+        """The shape of each attribute of one Gaussian, however it started: those of `learning_rates`."""
 
     def render(
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from opencl.rasterizer import RasterSettings, rasterize
+from opencl.rasterizer import rasterize
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 from stages.timing.stopwatch import backward_of, part
@@ -35,16 +35,10 @@ class Rendering:
     means2d: Float[Tensor, "N 2"]
 
 
-def splat(
-    gaussians: Gaussians,
-    features: Float[Tensor, "N M"],
-    camera: Camera,
-    background: Float[Tensor, " M"] | None = None,
-    settings: RasterSettings | None = None,
-) -> Rendering:
+def splat(gaussians: Gaussians, features: Float[Tensor, "N M"], camera: Camera) -> Rendering:
     """Blend the features of all Gaussians for one camera (Eq. 3 and 4); `pictures` is still empty.
 
-    No Gaussians at all give the background, or zeros.
+    No Gaussians at all give zeros.
     """
     scales, opacities = gaussians.scales, gaussians.opacities
     backward_of(ACTIVATIONS, scales, opacities)
@@ -59,8 +53,6 @@ def splat(
             camera.intrinsics,
             camera.width,
             camera.height,
-            background=background,
-            settings=settings or RasterSettings(),
         )
     backward_of(RASTERIZER, out.features, out.alphas)
     return Rendering({}, out.features, out.alphas, out.radii, out.means2d)

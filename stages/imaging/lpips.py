@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -66,6 +68,18 @@ class Lpips:
 
     def _convolve(self, layer: int, values: Tensor, padding: int, stride: int = 1) -> Tensor:
         return functional.conv2d(values, self._kernels[layer], self._biases[layer], stride, padding).relu_()
+
+
+def networks_for(wanted: Sequence[Network], width: int, height: int, log: Callable[[str], None]) -> tuple[Network, ...]:
+    """Those of the networks that pictures of this size are large enough for; `log` is told of the others."""
+    side = min(width, height)
+    for network in wanted:
+        if side < SMALLEST_SIDE[network]:
+            log(
+                f"LPIPS ({network}) is not measured: pictures of {width} x {height} pixels have less than the "
+                f"{SMALLEST_SIDE[network]} a side that it needs"
+            )
+    return tuple(network for network in wanted if side >= SMALLEST_SIDE[network])
 
 
 def load_lpips(network: Network, device: torch.device | str = "cpu") -> Lpips | None:

@@ -133,11 +133,9 @@ def _encode(picture: Picture, file_format: str, **options: int | bool) -> bytes:
     return buffer.getvalue()
 
 
-def picture_to_tensor(
-    picture: NDArray[np.uint8], device: torch.device | str = "cpu", dtype: torch.dtype = torch.float32
-) -> Float[Tensor, "*shape"]:
-    """Bytes 0 to 255 as values in [0, 1], of the same shape (one picture or many)."""
-    return torch.from_numpy(np.array(picture)).to(device=device).to(dtype) / 255
+def picture_to_tensor(picture: NDArray[np.uint8], device: torch.device | str = "cpu") -> Float[Tensor, "*shape"]:
+    """Bytes 0 to 255 as float32 in [0, 1], of the same shape (one picture or many)."""
+    return torch.from_numpy(np.array(picture)).to(device).float() / 255
 
 
 def tensor_to_picture(values: Float[Tensor, "*shape"]) -> NDArray[np.uint8]:

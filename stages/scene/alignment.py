@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from stages.scene.cameras import Cameras
 from stages.scene.similarity import Similarity
 
+CANDIDATES = 24  # that a caller is given to score, at most
 AZIMUTHS = 24  # turns about the up axis that are tried
 ZOOMS = (1.0, 1.2, 1.4, 0.85)  # how much larger than the nominal scale the message is tried
 CLOSEST = 0.6  # no candidate brings the cameras closer to the focus than this share of the message's own distance
@@ -134,9 +135,8 @@ def candidates(
     points: Float[np.ndarray, "P 3"],
     *,
     cover_points: Float[np.ndarray, "Q 3"] | None = None,
-    count: int = 24,
 ) -> list[Similarity]:
-    """At most `count` similarities from the message's world into the cover's, the plain match of both rigs first.
+    """At most `CANDIDATES` similarities from the message's world into the cover's, the plain match of both rigs first.
 
     `points` are the message's. The others are, for one scale after the other, the turns and tilts that keep the
     cover's cameras to sides from which the message was photographed and fill most cells of their pictures with points
@@ -154,7 +154,7 @@ def candidates(
         ranked.append([(scale, *turns[row]) for row in np.argsort(-np.array(filled), kind="stable")])
     plain = (ranked[0][0][0], 0.0, 0.0)
     choices = dict.fromkeys([plain, *chain.from_iterable(zip(*ranked, strict=True))])
-    return [placement(cover_rig, message_rig, *choice) for choice in islice(choices, count)]
+    return [placement(cover_rig, message_rig, *choice) for choice in islice(choices, CANDIDATES)]
 
 
 def best(choices: Sequence[Similarity], score: Callable[[Similarity], Score]) -> Similarity:

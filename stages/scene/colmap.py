@@ -131,12 +131,12 @@ class _Reader:
 
 
 def _binary_lenses(path: Path) -> dict[int, Lens]:
-    reader, lenses = _Reader(path), {}
+    reader, lenses = _Reader(path), dict[int, Lens]()
     for _ in range(reader.integer("Q")):
         camera, number, width, height = (int(value) for value in reader.take("iiQQ"))
         model = tuple(MODELS)[number] if 0 <= number < len(MODELS) else str(number)
         count = sum(MODELS[model]) + 2 if model in MODELS else 0
-        lenses[camera] = Lens(model, reader.take(f"{count}d"), width, height)
+        _enter(lenses, camera, Lens(model, reader.take(f"{count}d"), width, height))
     return lenses
 
 
@@ -151,13 +151,19 @@ def _binary_images(path: Path) -> list[tuple[str, tuple[float, ...], int]]:
 
 
 def _text_lenses(path: Path) -> dict[int, Lens]:
-    lenses = {}
+    lenses: dict[int, Lens] = {}
     for number, line in _lines(path):
         if _says_something(line):
             with _naming_line(number):
                 camera, model, width, height, *parameters = line.split()
-                lenses[int(camera)] = Lens(model, tuple(map(float, parameters)), int(width), int(height))
+                _enter(lenses, int(camera), Lens(model, tuple(map(float, parameters)), int(width), int(height)))
     return lenses
+
+
+def _enter(lenses: dict[int, Lens], camera: int, lens: Lens) -> None:
+    if camera in lenses:
+        raise ValueError(f"camera {camera} is there twice; which of the two took a photo, nobody could tell")
+    lenses[camera] = lens
 
 
 def _text_images(path: Path) -> list[tuple[str, tuple[float, ...], int]]:

@@ -13,6 +13,7 @@ import numpy as np
 from PIL import Image
 
 from pipeline.errors import UserError
+from pipeline.plain_text import in_a_line
 from stages.imaging.names import LONGEST_NAME, can_be_written
 from stages.imaging.orientation import BROKEN_EXIF, SIDEWAYS, UPRIGHT, orientation_of
 from stages.imaging.pictures import open_picture, read_picture
@@ -31,6 +32,8 @@ ASPECT_TOLERANCE = 0.01
 LARGEST_SIDE = 1_000_000
 LONGEST_FILE_NAME = 255
 """Bytes, of most file systems."""
+LONGEST_PATH = 4096
+"""Characters, as Linux has it: what is longer in a file of poses is none of a photo."""
 
 
 @dataclass(frozen=True)
@@ -80,12 +83,12 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
     (place, photos), (_, left_out) = (beside, inside) if len(beside[1]) >= len(inside[1]) else (inside, beside)
     if photos:
         there = sum(file.is_file() for file in place.iterdir())
-        return PhotoFolder(_named(place, photos), there - len(photos), tuple(left_out))
+        return PhotoFolder(named_photos(place, photos), there - len(photos), tuple(left_out))
     for place in own:
         files = _files_below(place)
         photos = [file for file in files if _is_photo(file)]
         if photos:
-            return PhotoFolder(_named(place, photos), len(files) - len(photos))
+            return PhotoFolder(named_photos(place, photos), len(files) - len(photos))
     searched = images or f"it or in its folder {', '.join(SUBFOLDERS)}"
     raise UserError(
         "a folder without photos",
@@ -110,8 +113,12 @@ def _files_below(place: Path) -> list[Path]:
     return sorted(found)
 
 
-def _named(place: Path, photos: Sequence[Path]) -> dict[str, Path]:
-    """The photos by their paths from `place`, sorted, with a low line for each slash: names are names of files, too."""
+def named_photos(place: Path, photos: Sequence[Path]) -> dict[str, Path]:
+    """The photos by their paths from `place`, sorted, with a low line for each slash: names are names of files, too.
+
+    Raises `UserError` for photos that would be called the same, or are but for their extension, and for names that
+    tables cannot hold.
+    """
     named: dict[str, Path] = {}
     for photo in photos:
         name = "_".join(photo.relative_to(place).parts)
@@ -226,19 +233,29 @@ def find_poses(folder: Path) -> Path | None:
     return model
 
 
-def photo_finder(photos: Collection[str]) -> Callable[[str], str | None]:
-    """What finds the photo that a file of poses means by a path, or None.
+def photo_finder(photos: Collection[str], place: Path) -> Callable[[str], str | None]:
+    """What finds the photo that a file of poses, which is at `place`, means by a path, or None.
 
-    It has its file name, else its stem; of photos in several folders, the folders before it, too.
+    It has its file name, else its stem; of photos in several folders, the folders before it, too. Its time is in
+    proportion to the path; it raises `UserError` for one that no photo can have.
 
-    >>> find = photo_finder(["left_1.jpg", "right_1.jpg", "2.png"])
+    >>> find = photo_finder(["left_1.jpg", "right_1.jpg", "2.png"], Path("transforms.json"))
     >>> find("images/left/1.jpg"), find("right/1"), find("images/2.jpg"), find("1.jpg")
     ('left_1.jpg', 'right_1.jpg', '2.png', None)
     """
     stems = {Path(name).stem: name for name in photos}
+    most_parts = 1 + max((name.count("_") for name in photos), default=0)  # a name has a low line for each folder
 
     def find(path: str) -> str | None:
-        parts = Path(path).parts
+        if len(path) > LONGEST_PATH:
+            raise UserError(
+                "the path of a photo is too long",
+                where=place,
+                found=f"{in_a_line(path, 60)}, of {len(path)} characters",
+                expected=f"at most {LONGEST_PATH} characters",
+                remedy="Repair the file of poses, or take it out of the folder to have the poses estimated.",
+            )
+        parts = Path(path).parts[-most_parts:]
         for name in ("_".join(parts[start:]) for start in range(len(parts))):
             found = name if name in photos else stems.get(name) or stems.get(Path(name).stem)
             if found:
@@ -253,11 +270,11 @@ def read_poses(
 ) -> tuple[PoseSource, list[PosedPhoto]]:
     """The poses of a COLMAP model or a transforms.json, under the names of the photos in `sizes`.
 
-    A posed photo is matched as `photo_finder` says; its lens is scaled to the photo's size, which is
-    another than that of the photos that were posed where they are `resized`. Raises
-    `UserError` for what cannot be read, for poses whose photo is not there, twice posed photos, and other aspects.
+    A posed photo is matched as `photo_finder` says; its lens is scaled to the photo's size, which is another than that
+    of the photos that were posed where they are `resized`. Raises `UserError` for what cannot be read, for poses whose
+    photo is not there, paths that are too long, twice posed photos, and other aspects.
     """
-    photo_named = photo_finder(sizes)
+    photo_named = photo_finder(sizes, place)
 
     def size_of(name: str) -> tuple[int, int]:
         photo = photo_named(name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from jaxtyping import Float32, Float64, UInt8
 from stages.scene.lens import Lens
 from stages.scene.pairing import Pair
 
-JOB, FACTS, ARRAYS = "job.json", "facts.json", "arrays.npz"
+JOB, FACTS, ARRAYS, CORNERS = "job.json", "facts.json", "arrays.npz", "corners.npy"
 PHASES = ("features", "matching", "mapping")
 
 
@@ -72,15 +73,13 @@ def read_job(path: Path) -> Job:
 class Reconstruction:
     """R registered photos (`rows`, ascending, of the job's V), P points, and one pinhole for all pictures.
 
-    `corners` are, for each of C lenses, where in its working pictures the corners of the pinhole's pixels lie (see
-    `undistort`); `lens_of` is the lens of each registered photo. The reprojection error is in working pixels. Where
-    too few photos registered there may be no points, no lens and no pinhole: `corners` is empty then.
+    `lens_of` is the lens of each registered photo, the row of `read_corners`. The reprojection error is in working
+    pixels. Where too few photos registered there may be no points, no lens and no pinhole: there are no corners then.
     """
 
     rows: tuple[int, ...]
     world_to_camera: Float64[np.ndarray, "R 4 4"]
     intrinsics: Float64[np.ndarray, "3 3"]
-    corners: Float32[np.ndarray, "C rows columns 2"]
     lens_of: tuple[int, ...]
     points: Float32[np.ndarray, "P 3"]
     point_colors: UInt8[np.ndarray, "P 3"]
@@ -102,7 +101,6 @@ class Reconstruction:
             folder / ARRAYS,
             world_to_camera=self.world_to_camera,
             intrinsics=self.intrinsics,
-            corners=self.corners,
             points=self.points,
             point_colors=self.point_colors,
         )
@@ -116,3 +114,27 @@ def read_reconstruction(folder: Path) -> Reconstruction:
         facts[name] = tuple(facts[name])
     with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
         return Reconstruction(**facts, **{name: arrays[name] for name in arrays.files})
+
+
+def write_corners(
+    folder: Path, shape: tuple[int, ...], corners: Iterable[Float32[np.ndarray, "rows columns 2"]]
+) -> None:
+    """Write `shape[0]` lenses' corners as they come: where every photo has a lens of its own, all together would take
+    gigabytes.
+
+    Not into a file that is mapped: where the disk is full, that ends the process without a word.
+    """
+    with (folder / CORNERS).open("wb") as file:
+        header = {"descr": np.lib.format.dtype_to_descr(np.dtype(np.float32)), "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(file, header)
+        for positions in corners:
+            file.write(positions.astype(np.float32, copy=False).tobytes())
+
+
+def read_corners(folder: Path) -> Float32[np.ndarray, "C rows columns 2"]:
+    """For each of C lenses, where in its working pictures the corners of the pinhole's pixels lie (see `undistort`).
+
+    They stay on the disk; only what is looked at is read.
+    """
+    corners: np.ndarray = np.load(folder / CORNERS, mmap_mode="r", allow_pickle=False)
+    return corners

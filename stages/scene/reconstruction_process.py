@@ -21,7 +21,7 @@ from pipeline.companion import end_with_stage, say
 from stages.scene.feature_database import DATABASE, UNFINISHED
 from stages.scene.lens import Lens
 from stages.scene.pairing import Pair, in_batches
-from stages.scene.reconstruction_job import PHASES, Job, Reconstruction, read_job, working_name
+from stages.scene.reconstruction_job import PHASES, Job, Reconstruction, read_job, working_name, write_corners
 from stages.scene.undistortion import LensView, corner_positions, shared_pinhole
 
 SMALLEST_MODEL = 3  # photos
@@ -174,14 +174,16 @@ def row_of(name: str) -> int:
 
 
 def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str, float]) -> Reconstruction:
-    """The model in the job's terms, with the pinhole that undistortion needs."""
+    """The model in the job's terms, with the pinhole that undistortion needs; writes the lenses' corners."""
     if model is None or model.num_reg_images() < SMALLEST_MODEL:
-        return nothing(job, seconds)
+        return nothing(seconds)
     images = sorted((model.images[key] for key in model.reg_image_ids()), key=lambda image: image.name)
     numbers = sorted({image.camera_id for image in images})
     cameras = [model.cameras[number] for number in numbers]
     lenses = [LensView(camera.img_from_cam, camera.cam_from_img, camera.width, camera.height) for camera in cameras]
     pinhole = shared_pinhole(lenses, job.width, job.height)
+    shape = (len(lenses), job.height + 1, job.width + 1, 2)
+    write_corners(job.folder, shape, (corner_positions(lens, pinhole) for lens in lenses))
     poses = np.tile(np.eye(4), (len(images), 1, 1))
     poses[:, :3] = [image.cam_from_world().matrix() for image in images]
     kept = [point for _, point in sorted(model.points3D.items()) if point.track.length() >= SHORTEST_TRACK]
@@ -189,7 +191,6 @@ def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str,
         rows=tuple(row_of(image.name) for image in images),
         world_to_camera=poses,
         intrinsics=pinhole.intrinsics,
-        corners=np.stack([corner_positions(lens, pinhole) for lens in lenses]),
         lens_of=tuple(numbers.index(image.camera_id) for image in images),
         points=np.array([point.xyz for point in kept], np.float32).reshape(-1, 3),
         point_colors=np.array([point.color for point in kept], np.uint8).reshape(-1, 3),
@@ -200,13 +201,12 @@ def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str,
     )
 
 
-def nothing(job: Job, seconds: dict[str, float]) -> Reconstruction:
+def nothing(seconds: dict[str, float]) -> Reconstruction:
     """No photo was placed."""
     return Reconstruction(
         rows=(),
         world_to_camera=np.empty((0, 4, 4)),
         intrinsics=np.eye(3),
-        corners=np.empty((0, job.height + 1, job.width + 1, 2), np.float32),
         lens_of=(),
         points=np.empty((0, 3), np.float32),
         point_colors=np.empty((0, 3), np.uint8),

@@ -1,11 +1,13 @@
 """Captures whose poses come in one file for each split, as those of NeRF's synthetic scenes, which Blender rendered.
 
 `transforms_train.json` and `transforms_test.json` name pictures of the same name in the folders `train` and `test`, so
-names begin with the split here: `train_r_0.png`. The split `val` is left out, as others leave it out.
+names begin with the split here: `train_r_0.png`. Where a split's pictures lie in several folders, these are in the
+names, too: `train_left_r_0.png`. The split `val` is left out, as others leave it out.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +15,7 @@ from pathlib import Path
 from pipeline.errors import UserError
 from stages.scene.capture import PoseSource
 from stages.scene.colmap import PosedPhoto
-from stages.scene.photo_folder import SUFFIXES, PhotoFolder, read_poses, refuse_unwritten_names
+from stages.scene.photo_folder import SUFFIXES, PhotoFolder, named_photos, read_poses, refuse_unwritten_names
 from stages.scene.transforms import frame_files
 
 TRAIN, TEST = "train", "test"
@@ -33,14 +35,15 @@ def find_splits(folder: Path) -> dict[str, Path]:
 def find_split_photos(folder: Path, splits: Mapping[str, Path]) -> PhotoFolder:
     """The photos that the splits' frames name, which may leave the extension out, and no others.
 
-    Raises `UserError` where one is not there, lies outside of `folder`, since what does could change unseen, or has a
-    name that tables cannot hold.
+    Raises `UserError` where one is not there, or lies outside of `folder`, since what does could change unseen, and for
+    names as `named_photos` does.
     """
     photos: dict[str, Path] = {}
     for split, file in splits.items():
-        for frame in frame_files(file):
-            photo = _photo_of(folder, file, frame)
-            photos[f"{split}_{photo.name}"] = photo
+        own = list(dict.fromkeys(_photo_of(folder, file, frame) for frame in frame_files(file)))
+        if own:
+            shared = Path(os.path.commonpath([photo.parent for photo in own]))
+            photos |= {f"{split}_{name}": photo for name, photo in named_photos(shared, own).items()}
     refuse_unwritten_names(folder, photos)
     return PhotoFolder(dict(sorted(photos.items())), 0)
 

@@ -19,7 +19,16 @@ from stages.scene.capture import Capture, KnownPoses, in_order_of_numbers
 from stages.scene.feature_database import drop_damaged_database
 from stages.scene.lens import MODELS, Lens
 from stages.scene.pairing import Matching, choose_pairs
-from stages.scene.reconstruction_job import ARRAYS, FACTS, Job, Reconstruction, read_reconstruction, working_name
+from stages.scene.reconstruction_job import (
+    ARRAYS,
+    CORNERS,
+    FACTS,
+    Job,
+    Reconstruction,
+    read_corners,
+    read_reconstruction,
+    working_name,
+)
 from stages.scene.scene import Scene, held_out_names
 from stages.scene.undistortion import training_size, undistort
 
@@ -158,7 +167,7 @@ def starting_lens(capture: Capture, row: int, size: tuple[int, int], model: str)
 
 def run_process(job: Job, watcher: Watcher) -> None:
     """Run the process to its end; it is killed where the watcher asks to stop."""
-    for name in (FACTS, ARRAYS):
+    for name in (FACTS, ARRAYS, CORNERS):
         (job.folder / name).unlink(missing_ok=True)
     damage = drop_damaged_database(job.folder, len(job.lenses))
     if damage is not None:
@@ -179,7 +188,7 @@ def run_process(job: Job, watcher: Watcher) -> None:
         [job.write()],
         heard,
         watch=lambda: watcher.phase(*at),
-        remedy="Less memory is needed with a smaller matching_size or max_features.",
+        remedy="Less memory is needed with a smaller matching_size, max_features or width.",
     )
 
 
@@ -216,11 +225,12 @@ def scene_of(
 ) -> Scene:
     """Undistorted pictures of the registered photos, straight from the photos at full size."""
     names = tuple(capture.names[row] for row in result.rows)
+    corners = read_corners(job.folder)
     undistorted = np.empty((len(names), job.height, job.width, 3), np.uint8)
     for place, (row, lens) in enumerate(zip(result.rows, result.lens_of, strict=True)):
         watcher.phase("undistortion", place, len(names))
         scale = np.array(capture.sizes[row], np.float32) / np.array(sizes[row], np.float32)
-        undistorted[place] = undistort(read_picture(pictures[capture.names[row]]), result.corners[lens] * scale)
+        undistorted[place] = undistort(read_picture(pictures[capture.names[row]]), np.asarray(corners[lens]) * scale)
     cameras = Cameras(
         names, result.world_to_camera, np.tile(result.intrinsics, (len(names), 1, 1)), job.width, job.height
     )

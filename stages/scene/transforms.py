@@ -31,6 +31,13 @@ DISTORTIONS = {
 """Distortion parameters of the camera models, in COLMAP's order."""
 TWO_FOCAL_LENGTHS = {"SIMPLE_PINHOLE": "PINHOLE", "SIMPLE_RADIAL": "OPENCV", "RADIAL": "OPENCV"}
 """Models of COLMAP with one focal length, by the one that says the same with two, as these files have them."""
+INTRINSICS = frozenset(
+    (
+        *("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", "x_fov", "y_fov"),
+        *("camera_model", "is_fisheye", "k1", "k2", "k3", "k4", "p1", "p2"),
+    )
+)
+"""What the file may say for all frames, or a frame for itself."""
 IN_PIXELS = frozenset(("fl_x", "fl_y", "cx", "cy"))
 
 
@@ -45,10 +52,11 @@ def read_transforms(
     whose pose is missing, not finite or no rotation, and what is wrong otherwise.
     """
     content = _content(path)
+    shared = {name: content[name] for name in INTRINSICS & content.keys()}
     photos = []
     for number, frame in enumerate(content["frames"]):
         try:
-            photos.append(_posed_photo(content, frame, size_of, resized))
+            photos.append(_posed_photo(shared, frame, size_of, resized))
         except (KeyError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
             name = in_a_line(str(frame.get("file_path", number) if isinstance(frame, dict) else number))
             raise UserError(
@@ -90,9 +98,9 @@ def _content(path: Path) -> Mapping[str, Any]:
 
 
 def _posed_photo(
-    content: Mapping[str, Any], frame: Mapping[str, Any], size_of: Callable[[str], tuple[int, int]], resized: bool
+    shared: Mapping[str, Any], frame: Mapping[str, Any], size_of: Callable[[str], tuple[int, int]], resized: bool
 ) -> PosedPhoto:
-    name, given = Path(frame["file_path"]).as_posix(), {**content, **frame}
+    name, given = Path(frame["file_path"]).as_posix(), {**shared, **frame}
     if resized and IN_PIXELS & given.keys() and not {"w", "h"} <= given.keys():
         raise ValueError("w and h are missing: resized photos do not tell what intrinsics in pixels are relative to")
     return PosedPhoto(name, _pose(frame["transform_matrix"]), _lens(given, lambda: size_of(name)))

@@ -26,7 +26,7 @@ class DensitySettings:
     `gradient_threshold`: mean screen-space gradient, in normalised device coordinates, above which a Gaussian is
     refined; `dense_fraction`: of the rig's extent, below which it is cloned and above which it is split;
     `smallest_opacity`: pruned below; `largest_fraction` of the extent: pruned above, once an opacity reset has passed;
-    `maximum_gaussians`: no more than these, the strongest gradients first.
+    `maximum_gaussians`: no more than these, the strongest gradients first; a bound that 3DGS does not have.
 
     Its code also compares radii on the screen with 20 pixels, but has just set them to zero: nothing was ever pruned by
     that, in its paper neither, as its authors say (issues 123 and 643 of their repository). To do it costs a scene
@@ -41,13 +41,17 @@ class DensitySettings:
 
 
 class DensityControl:
-    """Gathers what the rasterizer says between two refinements, then refines."""
+    """Gathers what the rasterizer says between two refinements, then refines.
+
+    `limited`: whether the bound on Gaussians has kept any from being refined so far.
+    """
 
     def __init__(self, settings: DensitySettings, extent: float, count: int, device: torch.device | str = "cpu"):
         """Of `count` Gaussians on a device, where what is gathered is kept."""
         self.settings = settings
         self.extent = extent
         self.device = device
+        self.limited = False
         self._forget(count)
 
     def _forget(self, count: int) -> None:
@@ -99,6 +103,7 @@ class DensityControl:
         chosen = strength >= self.settings.gradient_threshold
         room = max(0, self.settings.maximum_gaussians - count)
         if int(chosen.sum()) > room:
+            self.limited = True
             order = torch.argsort(strength, descending=True, stable=True)[:room]
             limited = torch.zeros_like(chosen)
             limited[order] = True

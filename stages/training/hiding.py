@@ -16,7 +16,7 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from stages.hiding.coupled import FEATURES
 from stages.hiding.key import key_generator
-from stages.hiding.method import Method, build_method, move_networks, settings_of
+from stages.hiding.method import LARGEST_SETTING, Method, build_method, move_networks, settings_of
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
@@ -44,9 +44,16 @@ class HidingParameters(TrainingParameters):
         description="How Gaussians become pictures: as in the paper, or with features divided by shares; or one of "
         "the paper's baselines 3DGS+SH and 3DGS+Decoder.",
     )
-    feature_dim: int = Field(16, ge=1, description="M: channels of the coupled feature of each Gaussian.")
-    layers: int = Field(5, ge=2, description="Convolutions in each decoder.")
-    decoder_width: int = Field(64, ge=1, description="Channels between the decoders' convolutions. Of homogeneous: 32.")
+    feature_dim: int = Field(
+        16, ge=1, le=LARGEST_SETTING, description="M: channels of the coupled feature of each Gaussian."
+    )
+    layers: int = Field(5, ge=2, le=LARGEST_SETTING, description="Convolutions in each decoder.")
+    decoder_width: int = Field(
+        64,
+        ge=1,
+        le=LARGEST_SETTING,
+        description="Channels between the decoders' convolutions. Of homogeneous: 32.",
+    )
     kernel_size: Literal[1, 3, 5] = Field(
         3,
         description="Of the decoders' convolutions. The paper: 3. With 1, that of homogeneous, every pixel is "
@@ -109,8 +116,8 @@ def hiding_training(
     message that is `placed` in its world. Those of other messages are grey at first. All is made on the CPU, so that a
     seed means the same everywhere, and then moved to where stages work.
 
-    Raises `UserError` where `initial_features` are zeros and the method has no features, and for decoders that are too
-    narrow for the messages.
+    Raises `UserError` where `initial_features` are zeros and the method has no features, and where they are colours and
+    the decoders too narrow to start by showing those of all messages.
     """
     method = parameters.build_method(messages)
     points, colors = starting_points(cover, placed or {}, parameters.start(message_points))

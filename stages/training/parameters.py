@@ -11,7 +11,7 @@ from stages.training.starting_points import Start
 
 
 class TrainingParameters(Parameters):
-    """Constants of the optimisation; the defaults are those of 3DGS."""
+    """Constants of the optimisation; the defaults are those of 3DGS, but that it has no `maximum_gaussians`."""
 
     iterations: int = Field(30_000, ge=1, description="Optimisation steps, one view each; schedules scale with it.")
     schedule_share: float = Field(
@@ -39,7 +39,12 @@ class TrainingParameters(Parameters):
     position_rate: float = Field(1.6e-4, gt=0, description="First learning rate of positions, times the rig's extent.")
     final_position_rate: float = Field(1.6e-6, gt=0, description="Last learning rate of positions, likewise.")
     densify_gradient: float = Field(2e-4, gt=0, description="Mean screen-space gradient above which one is refined.")
-    maximum_gaussians: int = Field(1_000_000, ge=1, description="Density control adds none beyond these.")
+    maximum_gaussians: int = Field(
+        1_000_000,
+        ge=1,
+        description="Density control adds none beyond these, for want of memory; the log says when that first limits "
+        "it. 3DGS and the paper: no bound.",
+    )
     sparse_points: bool = Field(True, description="Start with a Gaussian on every sparse point.")
     random_points: int = Field(
         0, ge=0, description="Start with this many grey ones, too, anywhere in the space before the cameras."

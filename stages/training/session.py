@@ -42,6 +42,7 @@ class _Session:
     def __init__(self, context: Context, training: Training, checkpoints: Checkpoints, stopwatch: Stopwatch):
         self.context, self.training = context, training
         self.checkpoints, self.stopwatch = checkpoints, stopwatch
+        self.told_of_bound = False
 
     def go_on(self) -> None:
         """From the last good checkpoint, if there is one."""
@@ -67,12 +68,23 @@ class _Session:
         training, iterations = self.training, self.training.settings.iterations
         newest = training.curves.newest(training.iteration, len(training.gaussians))
         self.context.progress(training.iteration, iterations, loss=newest.loss, psnr=newest.decibels[COVER])
+        self._tell_of_bound()
         stops = self.context.stop_requested()
         if stops or self.checkpoints.due():
             with part(CHECKPOINTS):
                 self.checkpoints.save(self._state())
         if stops:
             raise Interrupted(f"stopped after iteration {training.iteration} of {iterations}")
+
+    def _tell_of_bound(self) -> None:
+        """Once: 3DGS has no bound on Gaussians, and figures of a training that reached ours are not its own."""
+        density = self.training.density
+        if density is not None and density.limited and not self.told_of_bound:
+            self.told_of_bound = True
+            self.context.log(
+                f"growth is limited to maximum_gaussians, {density.settings.maximum_gaussians:,}, from iteration "
+                f"{self.training.iteration} on"
+            )
 
     def _state(self) -> State:
         state = state_of(self.training)

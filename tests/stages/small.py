@@ -43,11 +43,11 @@ def scene(folder: Path) -> Artifact:
     return load(folder)
 
 
-def message_views(folder: Path) -> Artifact:
+def message_views(folder: Path, name: str = "statue") -> Artifact:
     coverage = np.ones((VIEWS, HEIGHT, WIDTH), np.float32)
     colors = np.full((60, 3), 200, np.uint8)
     with create(folder, "views", private=True) as writer:
-        write_message_views(writer, MessageViews("statue", NAMES, pictures(1), coverage, points() / 2, colors))
+        write_message_views(writer, MessageViews(name, NAMES, pictures(1), coverage, points() / 2, colors))
     return load(folder)
 
 

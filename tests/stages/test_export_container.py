@@ -199,6 +199,26 @@ def test_another_method_than_declared_is_told(tmp_path: Path) -> None:
         imported(tmp_path, "gs_hider", bundle)
 
 
+@pytest.mark.parametrize("method", ["gs_hider", "homogeneous"])
+@pytest.mark.parametrize("messages", [0, 3])
+def test_decoders_too_narrow_to_start_as_colours_come_back(tmp_path: Path, method: str, messages: int) -> None:
+    """From zeros they are trained all the same, and what is trained can be imported."""
+    views = [small.message_views(tmp_path / str(number), f"statue {number}") for number in range(messages)]
+    made = run_stage(
+        hide_scenes,
+        HideScenesParameters.model_validate(
+            {"method": method, "feature_dim": 4, "layers": 2, "decoder_width": 2, "iterations": 1}
+            | {"initial_features": "zeros"}
+        ),
+        {"cover": small.scene(tmp_path / "scene"), "messages": tuple(views)},
+        tmp_path / "hidden",
+    )
+    files = exported(tmp_path, made["container"], made["secret"])
+    again = imported(tmp_path, method, files["bundle"].path, files["secret_bundle"].path)
+    assert again["container"].digest == made["container"].digest
+    assert again["secret"].digest == made["secret"].digest
+
+
 def test_trained_containers_come_back_and_show_the_same(tmp_path: Path) -> None:
     """Through the stages that make them; the pictures of cover and message are those of the original, bit for bit."""
     scene, views = small.scene(tmp_path / "scene"), small.message_views(tmp_path / "views")

@@ -8,9 +8,12 @@ import pytest
 
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
+from stages.analysis.comparisons import read_comparisons
+from stages.analysis.videos import read_videos
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.imaging.metric_table import read_rows
+from stages.render_path import RenderPathParameters, render_path
 from tests.stages.small import message_views, scene
 
 SETTINGS = {"iterations": 2, "decoder_width": 8, "feature_dim": 8}
@@ -32,6 +35,14 @@ def test_only_what_is_hidden_is_scored(tmp_path: Path, method: str, hidden: int 
     assert (sizes["total_bytes"] > sizes["container_bytes"]) == decoded
 
 
+@pytest.mark.parametrize("given", [0, 1])
+def test_more_messages_than_there_are_cannot_be_hidden(tmp_path: Path, given: int) -> None:
+    inputs = {"cover": scene(tmp_path / "cover"), "messages": (message_views(tmp_path / "views"),)[:given]}
+    parameters = HideScenesParameters.model_validate({**SETTINGS, "hidden": 2})
+    with pytest.raises(UserError, match=f"hidden: 2, {given} messages; expected hidden to be at most {given}"):
+        run_stage(hide_scenes, parameters, inputs, tmp_path / "made")
+
+
 def test_features_of_zeros_are_refused_by_methods_that_have_none(tmp_path: Path) -> None:
     parameters = HideScenesParameters.model_validate({**SETTINGS, "method": "sh", "initial_features": "zeros"})
     with pytest.raises(UserError, match="no features"):
@@ -47,3 +58,29 @@ def test_the_released_codes_start_is_grey_and_random(tmp_path: Path) -> None:
         tmp_path / "made",
     )
     assert abs(made["container"].read("raw_features")).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("method", "feature_dim", "roles"),
+    [
+        ("gs_hider", 2, ["cover", "message", "feature_map"]),
+        ("gs_hider", 3, ["cover", "message", "feature_map"]),
+        ("sh", 8, ["cover", "message"]),
+        ("decoder", 8, ["cover", "message"]),
+    ],
+)
+def test_a_feature_map_is_shown_of_features_however_few_and_of_nothing_else(
+    tmp_path: Path, method: str, feature_dim: int, roles: list[str]
+) -> None:
+    """3DGS+SH blends six channels, too: the cover's and the message's own pictures."""
+    cover, views = scene(tmp_path / "cover"), message_views(tmp_path / "views")
+    settings = {**SETTINGS, "method": method, "feature_dim": feature_dim}
+    parameters = HideScenesParameters.model_validate(settings)
+    made = run_stage(hide_scenes, parameters, {"cover": cover, "messages": (views,)}, tmp_path / "made")
+    inputs = {"container": made["container"], "secret": made["secret"], "cover": cover}
+    scores = run_stage(
+        evaluate, EvaluateParameters(method=method, lpips="none"), inputs | {"messages": (views,)}, tmp_path / "scores"
+    )
+    assert [comparison.role for comparison in read_comparisons(scores["pictures"])] == roles
+    filmed = run_stage(render_path, RenderPathParameters(method=method, frames=2), inputs, tmp_path / "filmed")
+    assert [video.role for video in read_videos(filmed["videos"])] == [*roles, "side_by_side"]

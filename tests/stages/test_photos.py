@@ -14,7 +14,7 @@ from pipeline.stage import Services, run_stage
 from stages.imaging.pictures import read_picture
 from stages.photos import PhotosParameters, photos
 from stages.scene.capture import picture_path, read_capture
-from tests.stages.scene.test_colmap import QUATERNION, TRANSLATION, write_binary_model
+from tests.stages.scene.test_colmap import QUATERNION, TRANSLATION, write_binary_model, write_text_model
 from tests.stages.scene.test_transforms import MATRIX
 
 
@@ -174,6 +174,23 @@ def test_a_photo_is_matched_by_its_whole_name_before_its_stem(tmp_path: Path) ->
     assert read_capture(capture(tmp_path / "photos", tmp_path / "out")).names == ("a.1.jpg",)
 
 
+@pytest.mark.parametrize("kind", ["frames", "test_filenames", "model"])
+def test_paths_that_no_photo_can_have_are_refused(tmp_path: Path, kind: str) -> None:
+    """They cost no more than reading them, and no more of them is told than where they begin."""
+    folder, endless = tmp_path / "photos", "d/" * 10_000 + "a.jpg"
+    take(folder / "a.jpg", size=(320, 240))
+    write_transforms(folder, endless if kind == "frames" else "a.jpg")
+    if kind == "test_filenames":
+        content = json.loads((folder / "transforms.json").read_text()) | {"test_filenames": [endless]}
+        (folder / "transforms.json").write_text(json.dumps(content))
+    if kind == "model":
+        write_text_model(folder / "sparse")
+        images = folder / "sparse" / "images.txt"
+        images.write_text(images.read_text().replace("a.jpg", endless))
+    source = "sparse" if kind == "model" else "transforms.json"
+    expect_refusal(folder, tmp_path / "out", source, "too long", "at most 4096 characters")
+
+
 def expect_refusal(folder: Path, directory: Path, *words: str, **parameters: object) -> None:
     with pytest.raises(UserError) as raised:
         capture(folder, directory, **parameters)
@@ -289,50 +306,6 @@ def test_a_grey_that_a_picture_of_16_bits_calls_transparent(tmp_path: Path, back
     artifact = capture(tmp_path / "photos", tmp_path / "out", background=background)
     shown = read_picture(picture_path(artifact, "grey.png"))
     assert shown[0, :, 0].tolist() == [first, 255, 117, 4]
-
-
-def nerf_synthetic(folder: Path, **names: list[str]) -> None:
-    """A capture as Blender's renderings come: a folder and a file of poses for each split."""
-    for split, frames in names.items():
-        for name in frames:
-            take(folder / split / f"{Path(name).name}.png", size=(64, 64))
-            take(folder / split / f"{Path(name).name}_depth_0001.png", size=(64, 64))
-        posed = [{"file_path": f"./{split}/{name}", "rotation": 0.01, "transform_matrix": MATRIX} for name in frames]
-        (folder / f"transforms_{split}.json").write_text(json.dumps({"camera_angle_x": 0.69, "frames": posed}))
-
-
-def test_splits_of_nerfs_synthetic_scenes(tmp_path: Path) -> None:
-    folder = tmp_path / "lego"
-    nerf_synthetic(folder, train=["r_0", "r_1"], val=["r_0"], test=["r_0", "r_1", "r_2"])
-    log: list[str] = []
-    artifact = capture(folder, tmp_path / "out", log)
-    found = read_capture(artifact)
-    assert found.names == ("test_r_0.png", "test_r_1.png", "test_r_2.png", "train_r_0.png", "train_r_1.png")
-    assert artifact.attributes["test_names"] == ["test_r_0.png", "test_r_1.png", "test_r_2.png"]
-    assert picture_path(artifact, "test_r_1.png").read_bytes() == (folder / "test" / "r_1.png").read_bytes()
-    assert found.poses is not None
-    assert found.poses.source == "transforms"
-    assert found.poses.lenses[4].matrix()[0, 0] == pytest.approx(32 / np.tan(0.345))
-    assert any("transforms_train.json and transforms_test.json" in line for line in log)
-
-
-def test_splits_without_frames(tmp_path: Path) -> None:
-    folder = tmp_path / "lego"
-    nerf_synthetic(folder, train=["r_0", "r_1"], test=[])
-    artifact = capture(folder, tmp_path / "out")
-    assert read_capture(artifact).names == ("train_r_0.png", "train_r_1.png")
-    assert "test_names" not in artifact.attributes
-    nerf_synthetic(folder, train=[], test=["r_0"])
-    expect_refusal(folder, tmp_path / "none", "transforms_train.json", "without poses")
-
-
-@pytest.mark.parametrize("frame", ["../elsewhere/r_0", "/etc/r_0", "train/r_7", "", "train", "a\0b", "a" * 5000])
-def test_frames_whose_photo_is_not_in_the_capture_are_refused(tmp_path: Path, frame: str) -> None:
-    nerf_synthetic(tmp_path / "lego", train=["r_0"])
-    take(tmp_path / "elsewhere" / "r_0.png")
-    posed = [{"file_path": frame, "transform_matrix": MATRIX}]
-    (tmp_path / "lego" / "transforms_train.json").write_text(json.dumps({"camera_angle_x": 1, "frames": posed}))
-    expect_refusal(tmp_path / "lego", tmp_path / "out", "transforms_train.json", "do not exist")
 
 
 def test_frames_that_nerfstudio_holds_out(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from stages.scene.alignment import project
 from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, KnownPoses, PoseSource, write_capture
 from stages.scene.lens import Lens
-from stages.scene.scene import read_scene
+from stages.scene.scene import Scene, read_scene
 from stages.sfm import SfmParameters, sfm
 from stages.synthesize import SynthesizeParameters, synthesize
 from tests.stages.scene.rigs import arc
@@ -114,10 +114,14 @@ def test_true_cameras_are_recovered(estimated: Artifact) -> None:
 def test_the_scene_is_whole(estimated: Artifact) -> None:
     scene = read_scene(estimated)
     assert scene.pictures.shape == (VIEWS, 74, 100, 3)
+    expect_points_where_pictures_show_them(scene)
+
+
+def expect_points_where_pictures_show_them(scene: Scene) -> None:
     assert len(scene.points) == len(scene.point_colors) > 50
     pixels, depth = project(scene.cameras, scene.points.astype(np.float64))
     assert (depth > 0).all()
-    nearest = pixels.astype(int).clip(0, [99, 73])
+    nearest = pixels.astype(int).clip(0, np.array(scene.pictures.shape[2:0:-1]) - 1)
     shown = np.stack([scene.pictures[view, at[:, 1], at[:, 0]] for view, at in enumerate(nearest)]).astype(float)
     difference = np.abs(np.median(shown, axis=0) - scene.point_colors).mean()
     assert difference < 30  # of 255: pictures, cameras, points and colours belong together
@@ -138,6 +142,18 @@ def test_given_poses_are_kept(truth: Cameras, source: PoseSource, tmp_path: Path
     on_wall = scene.read("points")
     nearest = np.abs(distances_to_walls(on_wall.astype(np.float64))).min(axis=1)
     assert np.median(nearest) < 0.02
+
+
+def test_every_photo_may_have_a_lens_of_its_own(truth: Cameras, tmp_path: Path) -> None:
+    """Zoomed from photo to photo: all come out as seen by one pinhole camera."""
+    zoomed = truth.intrinsics.copy()
+    zoomed[:, [0, 1], [0, 1]] *= np.linspace(1, 1.4, VIEWS)[:, None]
+    cameras = replace(truth, intrinsics=zoomed)
+    scene = read_scene(run(write(cameras, "colmap", tmp_path), tmp_path / "out"))
+    focal_lengths = scene.cameras.intrinsics[:, 0, 0]
+    assert focal_lengths == pytest.approx(zoomed[-1, 0, 0] * 100 / SIZE[0], rel=1e-6)
+    assert len(scene.cameras) == VIEWS
+    expect_points_where_pictures_show_them(scene)
 
 
 def distances_to_walls(points: np.ndarray) -> np.ndarray:

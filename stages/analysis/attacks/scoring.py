@@ -11,7 +11,7 @@ import torch
 from stages.analysis.attacks.catalogue import ONE_COLOUR
 from stages.analysis.attacks.target import Picture, Target
 from stages.analysis.fidelity import Perceptual, covered_figures, one_colour_psnr, picture_figures, shows_something
-from stages.hiding.decoders import Decoder, decode
+from stages.hiding.decoders import PRECISIONS, Decoder, decode
 from stages.hiding.method import Method, move_networks
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.rendering import COVER
@@ -110,5 +110,5 @@ class Scorer:
         """All messages as the secret decoder reads them in the cover's picture (3DGS+Decoder)."""
         decoder = self.owner.networks[SECRET_NETWORKS[0]]
         assert isinstance(decoder, Decoder)
-        channels = decode(decoder, picture.to(self.device), getattr(torch, str(self.owner.settings["precision"])))
+        channels = decode(decoder, picture.to(self.device), PRECISIONS[str(self.owner.settings["precision"])])
         return channels.cpu().split(3, dim=-1)

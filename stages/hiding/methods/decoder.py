@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 import torch
 
 from stages.hiding.coupled import DECODERS
-from stages.hiding.decoders import Decoder, decode
+from stages.hiding.decoders import PRECISIONS, Decoder, decode
 from stages.hiding.methods.plain import Plain
 from stages.hiding.rendering import COVER, Rendering
 from stages.scene.cameras import Camera
@@ -25,6 +25,7 @@ class PlainWithDecoder(Plain):
     """3DGS, and a message decoder D_m of 3·L channels on its unclamped pictures.
 
     The decoder starts from torch's random weights: nothing of a picture of the cover is a message's from the start.
+    Raises `KeyError` for a precision that is none of `PRECISIONS`.
     """
 
     name = "decoder"
@@ -32,7 +33,7 @@ class PlainWithDecoder(Plain):
     def __init__(self, sh_degree: int, layers: int, decoder_width: int, precision: str, messages: Sequence[str] = ()):
         super().__init__(sh_degree)
         self.messages = tuple(messages)
-        self.precision = getattr(torch, precision)
+        self.precision = PRECISIONS[precision]
         self.settings = {
             "sh_degree": sh_degree,
             "layers": layers,

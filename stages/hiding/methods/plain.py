@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.hiding.harmonics import RATES, degree_at, initial_harmonics, seen_colors
+from stages.hiding.harmonics import RATES, degree_at, harmonics_shapes, initial_harmonics, seen_colors
 from stages.hiding.rendering import COVER, Rendering, splat
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
@@ -33,6 +33,11 @@ class Plain:
     ) -> dict[str, Float[Tensor, "N ..."]]:
         """The points' colours, the same from everywhere."""
         base, rest = initial_harmonics(colors[COVER], self.sh_degree)
+        return {"sh_base": base, "sh_rest": rest}
+
+    def attribute_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Harmonics up to `sh_degree`."""
+        base, rest = harmonics_shapes(self.sh_degree)
         return {"sh_base": base, "sh_rest": rest}
 
     def render(

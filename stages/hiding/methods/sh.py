@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.hiding.harmonics import RATES, degree_at, initial_harmonics, seen_colors
+from stages.hiding.harmonics import RATES, degree_at, harmonics_shapes, initial_harmonics, seen_colors
 from stages.hiding.rendering import COVER, Rendering, splat
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
@@ -48,6 +48,15 @@ class HarmonicsForEach:
             )
             attributes |= {"message_sh_base": torch.stack(bases, dim=1), "message_sh_rest": torch.stack(rests, dim=1)}
         return attributes
+
+    def attribute_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Harmonics up to `sh_degree`, of the cover and of every message."""
+        base, rest = harmonics_shapes(self.sh_degree)
+        shapes = {"sh_base": base, "sh_rest": rest}
+        if self.messages:
+            count = len(self.messages)
+            shapes |= {"message_sh_base": (count, *base), "message_sh_rest": (count, *rest)}
+        return shapes
 
     def render(
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None

@@ -1,4 +1,4 @@
-"""One element as a PLY file, binary and little-endian."""
+"""One element, the vertices, as a PLY file, binary and little-endian."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from stages.scene.ply.header import LARGEST_HEADER, LITTLE_ENDIAN, NAME, NAMES
 from stages.scene.ply.reading import ROWS_AT_ONCE, listed, types_of
 
 
-def write_ply(
-    path: Path, columns: Mapping[str, Shaped[np.ndarray, " N"]], comments: Sequence[str] = (), element: str = "vertex"
-) -> None:
-    """Write one element with a property for each of the `columns`, which have N values each, N = 0 included.
+def write_ply(path: Path, columns: Mapping[str, Shaped[np.ndarray, " N"]], comments: Sequence[str] = ()) -> None:
+    """Write the element `vertex` with a property for each of the `columns`, which have N values each, N = 0 included.
 
     Types are those of NumPy that PLY has (integers up to 32 bits, floats of 32 and 64). Raises `ValueError` for others,
     for no column or columns of different lengths, and for names and comments that a header cannot hold.
@@ -25,7 +23,7 @@ def write_ply(
     if len(counts) != 1 or not all(column.ndim == 1 for column in columns.values()):
         raise ValueError(f"columns of different lengths: {sorted(counts)}")
     (count,) = counts
-    header = _header_of(element, count, row, comments)
+    header = _header_of(count, row, comments)
     with path.open("wb") as file:
         file.write(header)
         for start in range(0, count, ROWS_AT_ONCE):
@@ -35,18 +33,18 @@ def write_ply(
             file.write(rows.tobytes())
 
 
-def _header_of(element: str, count: int, row: np.dtype, comments: Sequence[str]) -> bytes:
+def _header_of(count: int, row: np.dtype, comments: Sequence[str]) -> bytes:
     types = types_of(row)
-    for name in (element, *types):
+    for name in types:
         if not NAME.fullmatch(name):
-            raise ValueError(f"{name!r} cannot name an element or property of a PLY")
+            raise ValueError(f"{name!r} cannot name a property of a PLY")
     if any("\n" in comment or "\r" in comment for comment in comments):
         raise ValueError("a comment of a PLY is one line")
     unknown = [str(kind) for kind in types.values() if kind not in NAMES]
     if unknown:
         raise ValueError(f"PLY has no type for {listed(unknown)}")
     lines = ["ply", f"format {LITTLE_ENDIAN} 1.0", *(f"comment {comment}" for comment in comments)]
-    lines += [f"element {element} {count}"]
+    lines += [f"element vertex {count}"]
     lines += [f"property {NAMES[kind]} {name}" for name, kind in types.items()]
     header = "\n".join([*lines, "end_header", ""]).encode()
     if len(header) > LARGEST_HEADER:

@@ -131,6 +131,19 @@ def test_a_photo_of_a_camera_that_is_missing_is_named(tmp_path: Path) -> None:
         read_colmap_model(tmp_path)
 
 
+def test_a_camera_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+    write_text_model(tmp_path / "text")
+    cameras = tmp_path / "text" / "cameras.txt"
+    cameras.write_text(cameras.read_text() + "7 PINHOLE 640 480 400 400 320 240\n")
+    with pytest.raises(UserError, match=r"cameras\.txt.*line 3: camera 7 is there twice"):
+        read_colmap_model(tmp_path / "text")
+    write_binary_model(tmp_path / "binary")
+    cameras = tmp_path / "binary" / "cameras.bin"
+    cameras.write_bytes(struct.pack("<Q", 2) + 2 * cameras.read_bytes()[8:])
+    with pytest.raises(UserError, match=r"cameras\.bin.*camera 7 is there twice"):
+        read_colmap_model(tmp_path / "binary")
+
+
 def test_half_a_binary_model_beside_a_whole_one_of_text_is_not_read(tmp_path: Path) -> None:
     write_text_model(tmp_path)
     (tmp_path / "cameras.bin").write_bytes(b"")

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from pathlib import Path
 
 import numpy as np
@@ -125,3 +126,12 @@ def test_a_byte_order_mark_is_passed_over(tmp_path: Path) -> None:
     path = write(tmp_path, [{"file_path": "a", "transform_matrix": MATRIX}], fl_x=100.0)
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
     assert len(read_transforms(path, size_of)) == 1
+
+
+def test_what_the_file_says_beside_poses_is_not_read_for_every_frame(tmp_path: Path) -> None:
+    other = {f"note {number}": number for number in range(100_000)}
+    frames = [{"file_path": f"{number:04d}", "transform_matrix": MATRIX} for number in range(2000)]
+    path = write(tmp_path, frames, fl_x=100.0, **other)
+    start = time.monotonic()
+    assert len(read_transforms(path, size_of)) == 2000
+    assert time.monotonic() - start < 3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import pytest
 import torch
 
 from stages.hiding.rendering import Rendering
@@ -67,6 +68,17 @@ def test_never_more_than_the_maximum_and_the_strongest_first() -> None:
     gaussians = refined(optimizer, seen_with_gradients([2e-3, 5e-3, 3e-3]), maximum_gaussians=4)
     assert len(gaussians) == 4
     assert torch.equal(gaussians.means[3], gaussians.means[1])
+
+
+@pytest.mark.parametrize(("maximum", "limited"), [(4, True), (5, False)])
+def test_it_is_known_whether_the_maximum_kept_any_from_growing(maximum: int, limited: bool) -> None:
+    optimizer = optimizer_with([0.01, 0.01, 0.01])
+    control = DensityControl(DensitySettings(maximum_gaussians=maximum), EXTENT, 3)
+    assert not control.limited
+    for gradients in ([2e-3, 5e-3, 0], [0.0] * maximum):
+        control.observe(seen_with_gradients(gradients), width=2, height=2)
+        control.refine(optimizer, prune_large=False, generator=torch.Generator().manual_seed(0))
+    assert control.limited == limited
 
 
 def test_unseen_views_do_not_dilute_the_gradient() -> None:

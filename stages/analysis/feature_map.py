@@ -1,0 +1,25 @@
+"""The feature map as a picture, for methods that have one."""
+
+from __future__ import annotations
+
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+from stages.hiding.coupled import FEATURES
+from stages.hiding.rendering import Rendering
+from stages.scene.gaussians import Gaussians
+
+CHANNELS = 3
+"""The first are shown as red, green and blue, as in the paper's figure of the feature map."""
+
+
+def feature_map_picture(gaussians: Gaussians, rendering: Rendering) -> Float[Tensor, "H W 3"] | None:
+    """The first channels of what was blended of coupled features; what is missing of three is black.
+
+    None where the Gaussians have no such features: what is blended then are the pictures themselves, however many.
+    """
+    if FEATURES not in gaussians.parameters:
+        return None
+    shown = rendering.feature_map[..., :CHANNELS]
+    return functional.pad(shown, (0, CHANNELS - shown.shape[-1]))

@@ -1,0 +1,46 @@
+"""What every method states of itself holds for the Gaussians that it starts, and for what may be trained."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from stages.hiding.method import LARGEST_SETTING, build_method
+from stages.hiding.rendering import COVER
+from stages.training.hiding import HidingParameters
+
+COUPLED = {"feature_dim": 5, "layers": 2, "decoder_width": 6, "kernel_size": 1, "precision": "float32"}
+SETTINGS = {
+    "gs_hider": COUPLED,
+    "homogeneous": COUPLED,
+    "plain": {"sh_degree": 3},
+    "sh": {"sh_degree": 2},
+    "decoder": {"sh_degree": 1, "layers": 2, "decoder_width": 6, "precision": "float32"},
+}
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+@pytest.mark.parametrize("messages", [[], ["one", "two"]])
+def test_stated_shapes_are_those_of_the_attributes(name: str, messages: list[str]) -> None:
+    if name == "plain" and messages:
+        return  # it hides nothing
+    method = build_method(name, SETTINGS[name] | ({"messages": messages} if messages else {}))
+    colors = {picture: np.full((4, 3), 0.5) for picture in (COVER, *messages)}
+    attributes = method.initial_attributes(colors, np.random.default_rng(0))
+    assert method.attribute_shapes() == {name: tuple(values.shape[1:]) for name, values in attributes.items()}
+    assert method.attribute_shapes().keys() == method.learning_rates.keys()
+
+
+@pytest.mark.parametrize("name", ["gs_hider", "homogeneous", "decoder"])
+@pytest.mark.parametrize("precision", ["nn", "float64", "", 3])
+def test_whatever_else_torch_has_is_no_precision(name: str, precision: object) -> None:
+    with pytest.raises(KeyError):
+        build_method(name, SETTINGS[name] | {"precision": precision})
+
+
+@pytest.mark.parametrize("setting", ["feature_dim", "layers", "decoder_width"])
+def test_what_could_not_be_imported_is_not_trained(setting: str) -> None:
+    assert getattr(HidingParameters.model_validate({setting: LARGEST_SETTING}), setting) == LARGEST_SETTING
+    with pytest.raises(ValidationError, match=setting):
+        HidingParameters.model_validate({setting: LARGEST_SETTING + 1})
