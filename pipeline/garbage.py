@@ -245,7 +245,7 @@ class _Collector:
             if _is_empty(folder):
                 empty[f"scratch/{folder.name}"] = 0
                 continue
-            done = folder.name in self.records
+            done = self.store.find(folder.name) is not None  # a record stays where its artifacts have to be made again
             days = (self.now - _newest(folder)) / DAY
             if not done and folder.name in self.begun:
                 self.remarks.append(f"checkpoint {folder.name[:8]}: a kept run began it and may go on from it")

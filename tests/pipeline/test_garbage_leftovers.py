@@ -56,6 +56,22 @@ def test_a_checkpoint_of_a_run_that_no_longer_counts_goes_when_it_is_old(chain: 
     assert not folder.exists()
 
 
+def test_a_checkpoint_of_what_is_being_made_again_stays(chain: Workspace) -> None:
+    """Where an artifact was damaged its record is there all the same."""
+    ran = chain.run()
+    store = store_of(chain)
+    folder = store.folder("scratch", str(ran.ended["twice"].key))
+    (folder / "checkpoint").write_text("half")
+    made = ran.ended["twice"].outputs["numbers"]
+    next(made.glob("arrays.zarr/values/c/*")).write_bytes(b"")
+    store.set_aside(made.name)
+    collected(chain)
+    assert (folder / "checkpoint").exists()
+    chain.run()
+    collected(chain)
+    assert not folder.exists()
+
+
 def test_a_folder_with_nothing_in_it_is_no_checkpoint(workspace: Workspace) -> None:
     """Every stage is given one, and whoever fails or is interrupted before it saves anything leaves it empty."""
     workspace.write("stages:\n  base: {uses: numbers}\n  bad: {uses: fail, in: {numbers: base}}\n").run()
