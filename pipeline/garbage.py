@@ -271,8 +271,8 @@ class _Collector:
     def damaged(self, kept: set[str]) -> dict[str, int]:
         """What goes of that which was set aside: of what is needed, a copy may be found, or something may be read."""
         records = self.entries(f"damaged/{ACTIONS}", lambda name: self.is_done_with(name))
-        left = {name_in_damaged(name) for name in self.store.entries(f"damaged/{ACTIONS}").keys() - records.keys()}
-        told = [self.store.damaged.record(key) for key in left]
+        left = self.store.entries(f"damaged/{ACTIONS}").keys() - records.keys()
+        told = [self.store.damaged.record(name) for name in left]
         needed = {digest for record in told if record for digest in record.outputs.values()}
         needed |= {digest for key in kept for digest in self.records[key].outputs.values()}
 
