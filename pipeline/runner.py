@@ -20,10 +20,10 @@ from pipeline.changes import FAILED
 from pipeline.disk import words_of
 from pipeline.events import Event, Noted, Remarked, StageEnded, State, Summary
 from pipeline.executor import Executor, Lost
-from pipeline.explain import key_of, key_parts
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import Journal, StageResult
 from pipeline.interruption import interruptible
+from pipeline.keys import key_of, key_parts
 from pipeline.loss import words_of_loss
 from pipeline.provenance import git_commit
 from pipeline.record import Record
