@@ -89,8 +89,7 @@ class Run:
         finally:
             if self._executor:
                 self._executor.close()
-            if not self._running:  # else a worker of a cluster may still have to see it
-                self._stop_flag.unlink(missing_ok=True)
+            self._stop_flag.unlink(missing_ok=True)
         counts: Counter[State] = Counter(self._ended.values())
         summary = Summary(time.monotonic() - started, dict(counts), self._stopped_at is not None)
         self.tell(summary)
