@@ -116,7 +116,7 @@ class Catalogue:
             raise UserError(f"no stage {uses!r}; there are {', '.join(self.names())}{nearest(uses, self.names())}")
         cached = self._cached(uses, DECLARATION)
         if cached is None:
-            cached = self._keep(uses, DECLARATION, _describe(uses, self.stage(uses)))
+            cached = self._keep(uses, DECLARATION, _describe(self.stage(uses)))
         return Declaration(
             uses=uses,
             inputs={name: Input(**port) for name, port in cached["inputs"].items()},
@@ -243,7 +243,7 @@ def _holds_marker(annotation: Any) -> bool:
     return any(_holds_marker(argument) for argument in typing.get_args(annotation))
 
 
-def _describe(uses: str, declared: Stage) -> dict[str, Any]:
+def _describe(declared: Stage) -> dict[str, Any]:
     return {
         "inputs": {name: asdict(port) for name, port in declared.inputs.items()},
         "outputs": {name: asdict(port) for name, port in declared.outputs.items()},
