@@ -17,7 +17,7 @@ def show(
     pictures: Annotated[
         Path | None,
         typer.Option(
-            "--pictures", "--png", metavar="FOLDER", help="Also writes its pictures there, as PNG.", show_default=False
+            "--pictures", metavar="FOLDER", help="Also writes its pictures there, as PNG.", show_default=False
         ),
     ] = None,
     limit: Annotated[
