@@ -15,9 +15,9 @@ from typing import Any
 
 from pipeline.canonical import Json
 from pipeline.errors import CommandError
-from pipeline.explain import key_parts
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import StageResult
+from pipeline.keys import key_parts
 from pipeline.plan import Step, make_plan
 from pipeline.provenance import now
 from pipeline.record import Record

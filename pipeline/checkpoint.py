@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 EVERY = 60.0  # seconds: what a kill costs at most, where a checkpoint takes less than 0.6 s
-LARGEST_SHARE = 0.01  # of the time may go into checkpoints: one that takes 2 s is due every 200 s
+LARGEST_SHARE = 0.01  # of the time may go into checkpoints, up to `LONGEST`: one that takes 2 s is due every 200 s
 LONGEST = 600.0  # seconds: a disk that stalls once must not put the next checkpoint off by an hour
 EVERY_VARIABLE = "GS_HIDER_CHECKPOINT_SECONDS"
 """Environment variable: so many seconds between two checkpoints, whatever they cost; 0 for one at every chance."""
@@ -84,7 +84,8 @@ class Checkpoints:
     `libraries` are those whose versions a result depends on, and `circumstances` what else it depends on (a device): a
     checkpoint that another version or another device wrote is used, and the stage's log says so. `every` seconds lie
     between two checkpoints, whatever they cost; by default as `EVERY_VARIABLE` says, and without it 60, or more where
-    checkpoints would otherwise take over a hundredth of the time. Raises UserError where that variable is no number.
+    checkpoints would otherwise take over a hundredth of the time, but at most ten minutes. Raises UserError where that
+    variable is no number.
     """
 
     def __init__(

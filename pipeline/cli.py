@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import shlex
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -30,6 +29,7 @@ from pipeline.console import (
     VarsFiles,
     WorkflowFile,
     command_line,
+    command_line_with,
     near,
     reported,
     say,
@@ -208,6 +208,7 @@ def explain(
 
 @app.command()
 def accept(
+    context: typer.Context,
     workflow: WorkflowFile,
     stage: StageName,
     settings: Settings = None,
@@ -252,7 +253,7 @@ def accept(
             say(f"{stage}: cached, there is nothing to accept")
         if not dry_run:
             for name in still_to_accept(project.graph, project.store):
-                say(f"{name} has changed code, too: python -m pipeline accept {shlex.quote(str(workflow))} {name}")
+                say(f"{name} has changed code, too: {command_line_with(context, stage=name)}")
 
 
 @app.command()

@@ -17,7 +17,7 @@ def show(
     pictures: Annotated[
         Path | None,
         typer.Option(
-            "--pictures", "--png", metavar="FOLDER", help="Also writes its pictures there, as PNG.", show_default=False
+            "--pictures", metavar="FOLDER", help="Also writes its pictures there, as PNG.", show_default=False
         ),
     ] = None,
     limit: Annotated[
@@ -39,7 +39,7 @@ def show(
     Of a private artifact only names, shapes and sizes are shown, unless --reveal is given. Its pictures are written,
     as files that only you can read, into private places: folders that only you can enter, since they or one above them
     are yours and closed to others (mode 0700), and that are in no git work tree. With --reveal they are written
-    anywhere.
+    anywhere. No picture is written over another one.
     """
     with reported(store):
         from pipeline.description import as_json as description_as_json

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -110,4 +110,24 @@ def near(path: Path) -> Path:
 
 def command_line() -> str:
     """The command that is being executed, by the interpreter as it was named."""
-    return shlex.join([sys.orig_argv[0], "-m", "pipeline", *sys.argv[1:]])
+    return _typed(sys.argv[1:])
+
+
+def command_line_with(context: typer.Context, **others: str) -> str:
+    """The command that is being executed, but `others` in place of what was given for these parameters."""
+    words = [str(context.info_name)]
+    for parameter in context.command.params:
+        name = str(parameter.name)
+        source = context.get_parameter_source(name)
+        if source is None or source.name != "COMMANDLINE":
+            continue
+        value = others.get(name, context.params[name])
+        option = [parameter.opts[0]] if parameter.param_type_name == "option" else []
+        for each in value if isinstance(value, list | tuple) else [value]:
+            words += option if each is True else [*option, str(each)]
+    return _typed(words)
+
+
+def _typed(words: Sequence[str]) -> str:
+    """A command as one types it."""
+    return shlex.join([sys.orig_argv[0], "-m", "pipeline", *words])

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from pipeline.disk import close_to_others, leads_elsewhere
 from pipeline.errors import UserError
@@ -48,16 +48,19 @@ class Damaged:
         """Where the damaged records of an action lie."""
         return sorted(self.folder.glob(f"{ACTIONS}/{key}*"))
 
-    def record(self, key: str) -> Record | None:
-        """What a damaged record says that is whole itself, and lacks its artifacts; None where it does not."""
-        return read_record(self.folder / ACTIONS / key / RECORD, key)
+    def record(self, name: str) -> Record | None:
+        """What a damaged record says that is whole itself, and lacks its artifacts; None where it does not.
+
+        `name` is one of the store's `entries`.
+        """
+        return read_record(self.folder / ACTIONS / PurePosixPath(name).name / RECORD, name_in_damaged(name))
 
 
 def name_in_damaged(name: str) -> str:
-    """The digest or key of something damaged: its name without the folder, and the number that may follow.
+    """The digest or key of something damaged: its name without the folder, and the number or `.json` that may follow.
 
-    >>> name_in_damaged("damaged/objects/abc.2"), name_in_damaged("abc")
-    ('abc', 'abc')
+    >>> name_in_damaged("damaged/objects/abc.2"), name_in_damaged("damaged/actions/abc.json"), name_in_damaged("abc")
+    ('abc', 'abc', 'abc')
     """
     return name.rpartition("/")[2].partition(".")[0]
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import pydantic
+from pydantic.fields import FieldInfo
 
 from pipeline.canonical import Json, digest_of, digest_of_file, plain
 from pipeline.data_folder import data_files
@@ -115,7 +116,7 @@ class Catalogue:
             raise UserError(f"no stage {uses!r}; there are {', '.join(self.names())}{nearest(uses, self.names())}")
         cached = self._cached(uses, DECLARATION)
         if cached is None:
-            cached = self._keep(uses, DECLARATION, _describe(uses, self.stage(uses)))
+            cached = self._keep(uses, DECLARATION, _describe(self.stage(uses)))
         return Declaration(
             uses=uses,
             inputs={name: Input(**port) for name, port in cached["inputs"].items()},
@@ -198,8 +199,18 @@ def import_stage(package: str, uses: str) -> Stage:
 
 
 def validate(declared: Stage, arguments: Mapping[str, Json]) -> Parameters:
-    """The parameters of a stage. In JSON's terms, where a list may stand for a tuple and a text for a path."""
-    return declared.parameters.model_validate_json(json.dumps(arguments))
+    """The parameters of a stage. In JSON's terms, where a list may stand for a tuple and a text for a path.
+
+    Null stands for the stage's own default, where there is one and null itself is no value of the parameter.
+    """
+    fields = declared.parameters.model_fields
+    stated = {name: value for name, value in arguments.items() if value is not None or not _is_own(fields.get(name))}
+    return declared.parameters.model_validate_json(json.dumps(stated))
+
+
+def _is_own(field: FieldInfo | None) -> bool:
+    """Whether null takes a parameter back to the stage's own default."""
+    return field is not None and not field.is_required() and type(None) not in typing.get_args(field.annotation)
 
 
 def check_completed(declared: Stage, parameters: Parameters, planned: Mapping[str, Json]) -> None:
@@ -232,7 +243,7 @@ def _holds_marker(annotation: Any) -> bool:
     return any(_holds_marker(argument) for argument in typing.get_args(annotation))
 
 
-def _describe(uses: str, declared: Stage) -> dict[str, Any]:
+def _describe(declared: Stage) -> dict[str, Any]:
     return {
         "inputs": {name: asdict(port) for name, port in declared.inputs.items()},
         "outputs": {name: asdict(port) for name, port in declared.outputs.items()},

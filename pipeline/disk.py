@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import errno
 import json
-import math
 import os
 import shutil
 import stat
@@ -145,15 +144,17 @@ def close_to_others(folder: Path) -> None:
             folder.chmod(0o700)
 
 
-def size_words(size: float) -> str:
+def size_words(size: int) -> str:
     """
-    >>> size_words(0), size_words(1536), size_words(2_500_000_000)
-    ('0 B', '1.5 KB', '2.5 GB')
+    >>> size_words(512), size_words(1536), size_words(12_600_000), size_words(10**9)
+    ('512 B', '1.5 kB', '12.6 MB', '1.0 GB')
     """
-    if size < 1000:
-        return f"{size:.0f} B"
-    power = min(4, int(math.log(size, 1000)))
-    return f"{size / 1000**power:.1f} {'KMGT'[power - 1]}B"
+    amount, unit = float(size), "B"
+    for unit in ("B", "kB", "MB", "GB", "TB"):
+        if amount < 1000 or unit == "TB":
+            break
+        amount /= 1000
+    return f"{amount:.0f} {unit}" if unit == "B" else f"{amount:.1f} {unit}"
 
 
 def _room_words(store: Path | str) -> str:

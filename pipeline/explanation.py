@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.changes import Change, changes
-from pipeline.explain import key_parts
 from pipeline.graph import Graph, Node, Source
+from pipeline.keys import key_parts
 from pipeline.plan import Known, Step
 from pipeline.record import Record
 from pipeline.store import Store

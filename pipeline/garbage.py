@@ -9,7 +9,8 @@ Kept is what a rerun of the kept runs would look up, so that it finds everything
 - what is damaged and was set aside, as long as a kept run needs it and it was not made again.
 
 Checkpoints are kept as long as a kept run may go on from them, and otherwise for `CHECKPOINT_DAYS`. The folder of an
-action that left nothing in it is none.
+action that left nothing in it is none. What the files outside are called that results were made from is kept with
+these, since it may tell of a message; what can be computed again, for `CACHE_DAYS` after it was last of use.
 
 Deleted is in an order that leaves a valid store wherever it breaks off: links first, then records, then the artifacts
 that no record names any more. What breaks off half way is left over, and goes the next time.
@@ -35,6 +36,7 @@ from pipeline.store import Store
 from pipeline.temporary import left_behind
 
 CHECKPOINT_DAYS = 14.0
+CACHE_DAYS = 30.0
 JOURNALS_KEPT = 20  # of a workflow, at least: `explain` and `status` learn from them
 DAY = 86400.0  # seconds
 
@@ -43,7 +45,7 @@ DAY = 86400.0  # seconds
 class Rules:
     """What is to be kept: the last runs of each workflow, at least one, and results younger than so many days.
 
-    `forgotten` are workflows whose runs do not count any more.
+    `forgotten` are workflows whose runs do not count any more, and of whose files nothing is to be remembered.
     """
 
     keep_last: int = 3
@@ -245,7 +247,7 @@ class _Collector:
             if _is_empty(folder):
                 empty[f"scratch/{folder.name}"] = 0
                 continue
-            done = folder.name in self.records
+            done = self.store.find(folder.name) is not None  # a record stays where its artifacts have to be made again
             days = (self.now - _newest(folder)) / DAY
             if not done and folder.name in self.begun:
                 self.remarks.append(f"checkpoint {folder.name[:8]}: a kept run began it and may go on from it")
@@ -266,13 +268,35 @@ class _Collector:
         self.drop("workflows' histories", self.entries("runs", lambda name: name in self.rules.forgotten))
         self.drop("workflows' logs", self.entries("logs", lambda name: name not in known - self.rules.forgotten))
         self.drop("lists of code", self.entries("code", lambda name: name.removesuffix(".json") not in codes))
+        self.drop("lists of files outside, by name", self.listings(kept))
+        self.drop("what can be computed again, and was of no use lately", self.cached())
         self.drop("broken uploads and copies of what is deleted", self.store.abandoned())
+
+    def listings(self, kept: set[str]) -> dict[str, int]:
+        """Lists of files that no kept result was made from; the next plan writes those again that it reads."""
+        named = {digest for key in kept for group in self.records[key].external.values() for digest in group}
+        return self.here("external", lambda path: path.stem not in named)
+
+    def cached(self) -> dict[str, int]:
+        """What goes of the cache. Nobody knows whose files it remembers: of none any more, once one is forgotten."""
+
+        def is_old(path: Path) -> bool:
+            status = path.lstat()
+            return self.now - max(status.st_atime, status.st_mtime) > CACHE_DAYS * DAY
+
+        files = self.here("cache/external", lambda path: bool(self.rules.forgotten) or is_old(path))
+        return files | self.here("cache/declarations", is_old) | self.here("cache/sources", is_old)
+
+    def here(self, folder: str, goes: Callable[[Path], bool]) -> dict[str, int]:
+        """As `entries`, of a folder that is never in a bucket."""
+        found = [Path(entry.path) for entry in entries_of(self.store.root, *folder.split("/"))]
+        return {f"{folder}/{path.name}": size_of(path) for path in found if goes(path)}
 
     def damaged(self, kept: set[str]) -> dict[str, int]:
         """What goes of that which was set aside: of what is needed, a copy may be found, or something may be read."""
         records = self.entries(f"damaged/{ACTIONS}", lambda name: self.is_done_with(name))
-        left = {name_in_damaged(name) for name in self.store.entries(f"damaged/{ACTIONS}").keys() - records.keys()}
-        told = [self.store.damaged.record(key) for key in left]
+        left = self.store.entries(f"damaged/{ACTIONS}").keys() - records.keys()
+        told = [self.store.damaged.record(name) for name in left]
         needed = {digest for record in told if record for digest in record.outputs.values()}
         needed |= {digest for key in kept for digest in self.records[key].outputs.values()}
 

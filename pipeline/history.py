@@ -14,7 +14,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import shutil
 import uuid
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -164,10 +163,6 @@ class History:
                     if result.outputs or result.state == "failed":
                         told.add(name)
         return found
-
-    def forget(self, workflow: str) -> None:
-        """Deletes the journals of a workflow."""
-        shutil.rmtree(self._runs / workflow, ignore_errors=True)
 
     def last(self, workflow: str, names: Collection[str]) -> dict[str, LastResult]:
         """The last result of each of the stages `names`, as far back as needed."""

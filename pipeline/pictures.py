@@ -8,6 +8,7 @@ beyond that are cut off, grey values scaled.
 from __future__ import annotations
 
 import itertools
+import os
 import re
 import shutil
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from pipeline.artifact import Artifact
 from pipeline.description import range_of
+from pipeline.errors import CommandError
 from pipeline.manifest import ArrayRecord
 from pipeline.privacy import make_folder, new_file
 
@@ -77,17 +79,17 @@ def write_pictures(artifact: Artifact, folder: Path, most: int | None) -> tuple[
     """Writes at most `most` pictures, as `drawn` draws them, into `folder`; None for `most` writes all.
 
     Returns their paths, and how many there are in the artifact. Files of a private artifact are closed to others, and
-    so is the folder where it is made here.
+    so is the folder where it is made here. Raises CommandError, and writes nothing, where one of the files exists.
     """
     found = pictures_of(artifact)
     chosen = found if most is None else drawn(found, most)
+    digits = max((len(str(max(picture.index))) for picture in found if picture.index), default=1)
+    paths = [folder / picture.file_name(digits) for picture in chosen]
+    _check_free(paths)
     if chosen:
         make_folder(folder.absolute(), artifact.private)
-    digits = max((len(str(max(picture.index))) for picture in found if picture.index), default=1)
     scales: dict[str, tuple[float, float]] = {}
-    paths = []
-    for picture in chosen:
-        path = folder / picture.file_name(digits)
+    for picture, path in zip(chosen, paths, strict=True):
         with new_file(path, artifact.private) as file:
             if picture.index is None:
                 with artifact.file(picture.source).open("rb") as source:
@@ -98,8 +100,19 @@ def write_pictures(artifact: Artifact, folder: Path, most: int | None) -> tuple[
                 _to_image(artifact.item(picture.source, picture.index), *scales[picture.source]).save(
                     file, format="PNG"
                 )
-        paths.append(path)
     return paths, len(found)
+
+
+def _check_free(paths: Sequence[Path]) -> None:
+    """Raises CommandError where a file exists: pictures of another artifact may have the same names."""
+    taken = next(filter(os.path.lexists, paths), None)
+    if taken:
+        raise CommandError(
+            "a picture of this name exists already",
+            where=taken,
+            expected="a folder without pictures of these names, or one that is not there yet",
+            remedy="Choose another folder, or remove the pictures first.",
+        )
 
 
 def drawn(pictures: Sequence[Picture], most: int) -> list[Picture]:

@@ -13,11 +13,11 @@ from typing import Any, Literal
 
 from pipeline.changes import Change, changes
 from pipeline.collection import without_collection
-from pipeline.explain import key_of, key_parts
 from pipeline.external import Contents
 from pipeline.external_cache import ExternalCache
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import LastResult, StageResult
+from pipeline.keys import key_of, key_parts
 from pipeline.loss import words_of_loss
 from pipeline.store import Store
 

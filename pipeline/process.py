@@ -16,7 +16,9 @@ leave half of the machine idle under one large training alone.
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -77,5 +79,17 @@ def _kernel_cache_parent() -> Path:
     try:
         wished.mkdir(parents=True, exist_ok=True)
     except OSError:
-        return Path(tempfile.mkdtemp(prefix="gs-hider-pocl-"))
-    return wished if os.access(wished, os.W_OK) else Path(tempfile.mkdtemp(prefix="gs-hider-pocl-"))
+        return _passing_folder()
+    return wished if os.access(wished, os.W_OK) else _passing_folder()
+
+
+def _passing_folder() -> Path:
+    """A new folder that goes when this process ends."""
+    folder = Path(tempfile.mkdtemp(prefix="gs-hider-pocl-"))
+    atexit.register(_remove_own, folder, os.getpid())
+    return folder
+
+
+def _remove_own(folder: Path, process: int) -> None:
+    if os.getpid() == process:  # a forked child owns nothing
+        shutil.rmtree(folder, ignore_errors=True)

@@ -54,14 +54,17 @@ class Record:
     @property
     def inputs(self) -> dict[str, list[str]]:
         """The digests of the artifacts that it took, by input."""
-        given = self.parts.get("inputs")
-        groups = given.items() if isinstance(given, dict) else ()
-        return {name: [str(digest) for digest in group] for name, group in groups if isinstance(group, list)}
+        return _groups(self.parts.get("inputs"))
 
     @property
     def taken(self) -> list[str]:
         """The digests of all artifacts that it took."""
         return [digest for digests in self.inputs.values() for digest in digests]
+
+    @property
+    def external(self) -> dict[str, list[str]]:
+        """The digests of the files and folders outside the store that it took, by parameter."""
+        return _groups(self.parts.get("external"))
 
     @property
     def private(self) -> bool:
@@ -86,6 +89,12 @@ def read_record(path: Path, key: str) -> Record | None:
     if not all(map(_is_digest, outputs.values())) or not isinstance(provenance, dict) or not _is_told(provenance):
         return None
     return Record(key, parts, outputs, provenance)
+
+
+def _groups(given: Json) -> dict[str, list[str]]:
+    """Digests by the name that they were given under; what is none is left out."""
+    groups = given.items() if isinstance(given, dict) else ()
+    return {name: [str(digest) for digest in group] for name, group in groups if isinstance(group, list)}
 
 
 def _is_digest(value: object) -> bool:

@@ -39,6 +39,7 @@ from pipeline.history import History
 from pipeline.pins import Pins
 from pipeline.record import KEY, RECORD, Record, read_record
 from pipeline.remote_artifacts import RemoteArtifacts
+from pipeline.remote_damaged import RemoteDamaged, damaged_record_name
 from pipeline.remote_history import RemoteHistory
 from pipeline.remote_pins import RemotePins
 from pipeline.sealed import write_text_whole
@@ -119,6 +120,10 @@ class RemoteStore(Store):
     @property
     def pins(self) -> Pins:
         return RemotePins(self._bucket)
+
+    @property
+    def damaged(self) -> RemoteDamaged:
+        return RemoteDamaged(self.root / "damaged", self._bucket, self.temporary)
 
     @property
     def actions(self) -> frozenset[str]:
@@ -272,15 +277,13 @@ class RemoteStore(Store):
                 self._listing.objects.discard(digest)
 
     def remains(self, key: str) -> tuple[str, ...]:
-        names = (_record_name(key), _damaged_record_name(key))
+        names = (_record_name(key), damaged_record_name(key))
         return tuple(f"{self.address}/{name}" for name in names if self._bucket.get(name) is not None)
 
     def set_record_aside(self, key: str) -> None:
         """Moves a damaged record to `damaged`; a sound copy takes its place, if one is here with its artifacts."""
         altered = self.kept_record(key) is None
-        data = self._bucket.get(_record_name(key))
-        if data is not None:
-            self._bucket.put(_damaged_record_name(key), data)
+        self.damaged.take_record(key, _record_name(key))
         copy = self._mirror.record(key)
         self._bucket.delete([_record_name(key)])
         if altered and copy and all(map(self.holds, copy.outputs.values())):
@@ -383,10 +386,6 @@ class RemoteStore(Store):
 
 def _record_name(key: str) -> str:
     return f"actions/{key}.json"
-
-
-def _damaged_record_name(key: str) -> str:
-    return f"damaged/actions/{key}.json"
 
 
 def _code_name(digest: str) -> str:

@@ -46,11 +46,6 @@ class RemoteHistory(History):
                 aside.replace(lacking[name])
         return sorted((path for path in paths.values() if path.is_file()), reverse=True)
 
-    def forget(self, workflow: str) -> None:
-        """Deletes the journals of a workflow, here and in the bucket."""
-        self._bucket.delete(self._bucket.names(f"runs/{workflow}"))
-        super().forget(workflow)
-
     def _journal(self, folder: Path, **facts: object) -> Journal:
         return RemoteJournal(folder, self._put, **facts)
 

@@ -20,10 +20,10 @@ from pipeline.changes import FAILED
 from pipeline.disk import words_of
 from pipeline.events import Event, Noted, Remarked, StageEnded, State, Summary
 from pipeline.executor import Executor, Lost
-from pipeline.explain import key_of, key_parts
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import Journal, StageResult
 from pipeline.interruption import interruptible
+from pipeline.keys import key_of, key_parts
 from pipeline.loss import words_of_loss
 from pipeline.provenance import git_commit
 from pipeline.record import Record
@@ -89,8 +89,7 @@ class Run:
         finally:
             if self._executor:
                 self._executor.close()
-            if not self._running:  # else a worker of a cluster may still have to see it
-                self._stop_flag.unlink(missing_ok=True)
+            self._stop_flag.unlink(missing_ok=True)
         counts: Counter[State] = Counter(self._ended.values())
         summary = Summary(time.monotonic() - started, dict(counts), self._stopped_at is not None)
         self.tell(summary)

@@ -8,8 +8,9 @@ from itertools import groupby
 
 from pipeline.canonical import Json
 from pipeline.description import Description, FileDescription, Origin
+from pipeline.disk import size_words
 from pipeline.plain_text import in_a_line, without_controls
-from pipeline.tables import in_short, number_words, rows_table, size_words, table
+from pipeline.tables import in_short, number_words, rows_table, table
 from pipeline.wording import duration
 
 ROWS = 40  # of a table or a text; more are told in short

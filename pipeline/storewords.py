@@ -9,10 +9,11 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from pipeline.disk import size_words
 from pipeline.garbage import Collection as Garbage
 from pipeline.pins import Pin
 from pipeline.plain_text import in_a_line, without_controls
-from pipeline.tables import size_words, table
+from pipeline.tables import table
 from pipeline.verification import Checked
 from pipeline.wording import duration
 

@@ -114,16 +114,3 @@ def number_words(value: float) -> str:
     ('0', '31000', '16.97', '1.6e-06', '-inf')
     """
     return f"{value:.0f}" if abs(value) < 1e9 and value == int(value) else f"{value:.4g}"
-
-
-def size_words(size: int) -> str:
-    """
-    >>> size_words(512), size_words(12_600_000)
-    ('512 B', '12.6 MB')
-    """
-    amount, unit = float(size), "B"
-    for unit in ("B", "kB", "MB", "GB", "TB"):
-        if amount < 1000 or unit == "TB":
-            break
-        amount /= 1000
-    return f"{amount:.0f} {unit}" if unit == "B" else f"{amount:.1f} {unit}"

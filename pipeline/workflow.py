@@ -186,15 +186,19 @@ class _Parser:
         settings: dict[str, Located],
         stages: Mapping[str, object],
     ) -> Scope:
-        """The value of every var, in the order of the workflow: one may refer to those before it."""
-        given = dict(self.mapping(vars_, "'vars'")) if vars_ is not None else {}
+        """The value of every var, in the order of the workflow: one may refer to those before it.
+
+        Null takes back what the workflow states; where it states nothing, a value has to be given.
+        """
+        stated = self.mapping(vars_, "'vars'") if vars_ is not None else {}
+        given = dict(stated)
         for file in files:
             given |= self.mapping(file, "the file of vars", tuple(given))
         scope: dict[str, Located | None] = {}
         for name, value in given.items():
             if name in settings:
                 scope[name] = settings[name]
-            elif value.value is None:
+            elif value.value is None and stated[name].value is None:
                 self.problems.add(value.place, f"the var {name!r} has no value; give it with --set {name}=VALUE")
                 scope[name] = None
             else:

@@ -19,9 +19,9 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.explain import key_of, key_parts
 from pipeline.graph import Node, Source
 from pipeline.history import StageResult
+from pipeline.keys import key_of, key_parts
 from pipeline.manifest import FileRecord, Manifest
 from pipeline.project import open_project
 from pipeline.provenance import machine

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -106,12 +107,33 @@ def test_accepted_twice_keeps_both_notes(session: Session) -> None:
 def test_others_that_changed_too_are_named(session: Session) -> None:
     ran(session)
     session.world.code["lib.c"].unused += 1
-    status, said = call(session, "accept", "s0")
+    status, said = call(session, "accept", "s0", "--set", "s0.seed=0", "--json")
     assert status == 0
-    assert f"s2 has changed code, too: python -m pipeline accept {session.workspace.file} s2" in said
+    (told,) = [line for line in said.splitlines() if "changed code" in line]
+    words = shlex.split(told.removeprefix("s2 has changed code, too: "))
+    assert words[:3] == [sys.orig_argv[0], "-m", "pipeline"]
+    where = ["--store", str(session.workspace.folder / "store"), "--stages", session.workspace.package]
+    assert sorted(words[3:]) == sorted(
+        ["accept", str(session.workspace.file), "s2", "--set", "s0.seed=0", "--json", *where]
+    )
     assert "s1" not in said
-    assert call(session, "accept", "s2")[0] == 0
+    prepare(session)
+    assert CliRunner().invoke(app, words[3:]).exit_code == 0
     assert set(ran(session).values()) == {"cached"}
+
+
+def test_an_item_that_changed_too_is_named_as_a_shell_takes_it(session: Session) -> None:
+    """Brackets without quotes are a pattern of file names."""
+    text = "stages:\n  s: {foreach: {base: [1, 2]}, uses: source, with: {base: '${item.base}'}}\n"
+    prepare(session)
+    session.workspace.write(text).run()
+    session.world.code["source"].unused = 1
+    session.world.write()
+    session.workspace.write(text)
+    forget(session.world.package)
+    where = ["--store", str(session.workspace.folder / "store"), "--stages", session.workspace.package]
+    done = CliRunner().invoke(app, ["accept", str(session.workspace.file), "s[1]", *where])
+    assert " 's[2]' " in done.output
 
 
 def change_parameter(session: Session) -> None:

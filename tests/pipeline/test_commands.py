@@ -90,13 +90,13 @@ def test_pictures(chain: Workspace, tmp_path: Path, public_folder: Path) -> None
     done = call("show", tmp_path / "seen", "--pictures", public_folder / "out")
     assert (done.exit_code, len(list((public_folder / "out").iterdir()))) == (0, 16)
     assert "16 pictures of 20; --all or --limit N writes more" in done.stderr
-    refused = call("show", tmp_path / "hidden", "--png", public_folder / "hidden")
+    refused = call("show", tmp_path / "hidden", "--pictures", public_folder / "hidden")
     assert (refused.exit_code, refused.stdout) == (2, "")
     assert "private" in refused.stderr
     assert not (public_folder / "hidden").exists()
-    assert call("show", tmp_path / "hidden", "--png", tmp_path / "out", "--all").exit_code == 0
+    assert call("show", tmp_path / "hidden", "--pictures", tmp_path / "out", "--all").exit_code == 0
     assert len(list((tmp_path / "out").iterdir())) == 20
-    assert call("show", tmp_path / "hidden", "--png", public_folder / "hidden", "--reveal").exit_code == 0
+    assert call("show", tmp_path / "hidden", "--pictures", public_folder / "hidden", "--reveal").exit_code == 0
     modes = {stat.S_IMODE(path.stat().st_mode) for path in (public_folder / "hidden").iterdir()}
     assert (modes, stat.S_IMODE((public_folder / "hidden").stat().st_mode)) == ({0o600}, 0o700)
     assert "It holds no pictures." in call("show", "twice", "--pictures", tmp_path / "none").stderr

@@ -10,9 +10,10 @@ import pytest
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.description import Range, as_json, describe, range_of
+from pipeline.disk import size_words
 from pipeline.errors import CorruptArtifact
 from pipeline.showing import lines_of
-from pipeline.tables import in_short, rows_table, size_words
+from pipeline.tables import in_short, rows_table
 from tests.pipeline.helpers import Workspace
 from tests.pipeline.test_runner import CHAIN
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from pipeline.changes import changes
-from pipeline.explain import key_of, key_parts
 from pipeline.explanation import Explanation, as_json, explain, in_words
 from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code, read_module
 from pipeline.graph import Node, Source
 from pipeline.history import History, StageResult
+from pipeline.keys import key_of, key_parts
 from pipeline.plan import Known, make_plan
 from tests.pipeline.helpers import Workspace
 from tests.pipeline.test_runner import CHAIN

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from pipeline.garbage import CHECKPOINT_DAYS, JOURNALS_KEPT, Rules, collect
+from pipeline.garbage import CACHE_DAYS, CHECKPOINT_DAYS, JOURNALS_KEPT, Rules, collect
 from pipeline.verification import verify_store
 from tests.pipeline.collecting import assert_sound, collected, is_cached, store_of
 from tests.pipeline.helpers import Workspace
@@ -53,6 +53,22 @@ def test_a_checkpoint_of_a_run_that_no_longer_counts_goes_when_it_is_old(chain: 
     collected(chain, keep_last=4)
     assert folder.exists()
     collected(chain, keep_last=3)
+    assert not folder.exists()
+
+
+def test_a_checkpoint_of_what_is_being_made_again_stays(chain: Workspace) -> None:
+    """Where an artifact was damaged its record is there all the same."""
+    ran = chain.run()
+    store = store_of(chain)
+    folder = store.folder("scratch", str(ran.ended["twice"].key))
+    (folder / "checkpoint").write_text("half")
+    made = ran.ended["twice"].outputs["numbers"]
+    next(made.glob("arrays.zarr/values/c/*")).write_bytes(b"")
+    store.set_aside(made.name)
+    collected(chain)
+    assert (folder / "checkpoint").exists()
+    chain.run()
+    collected(chain)
     assert not folder.exists()
 
 
@@ -103,6 +119,52 @@ def test_leftovers_go(chain: Workspace) -> None:
     assert (store.root / "logs" / "chain").exists()
     assert_sound(store)
     assert is_cached(chain)
+
+
+def test_names_of_files_go_with_what_was_made_from_them(workspace: Workspace) -> None:
+    """A plan that reads a file again writes them again."""
+    file, text = workspace.folder / "message.txt", "name: of_file\nstages:\n  base: {uses: numbers, with: {file: %s}}\n"
+    listings = workspace.folder / "store" / "external"
+    for number in (1, 2):
+        file.write_text(f"{number}\n")
+        workspace.write(text % file).run()
+    workspace.write("name: other\nstages:\n  base: {uses: numbers}\n").run()
+    assert len(list(listings.iterdir())) == 2
+    collected(workspace, keep_last=1)
+    (of_file,) = {name for record in store_of(workspace).records() for name in record.external.get("file", ())}
+    assert [path.stem for path in listings.iterdir()] == [of_file]
+    collected(workspace, forgotten=frozenset({"of_file"}))
+    assert not list(listings.iterdir())
+    assert workspace.write(text % file).plan()["base"].state == "run"
+    assert [path.stem for path in listings.iterdir()] == [of_file]
+
+
+def test_what_can_be_computed_again_goes_when_it_is_of_no_use(workspace: Workspace) -> None:
+    """When it was last of use tells the later one of two times: not every disk notes when a file is read."""
+    store = store_of(workspace)
+    now = time.time()
+    long_ago = now - (CACHE_DAYS + 1) * 86400
+    kinds, times = {"declarations", "external", "sources"}, {"used": (now, long_ago), "new": (long_ago, now)}
+    for kind in kinds:
+        for name, read_and_written in {**times, "old": (long_ago, long_ago)}.items():
+            file = store.folder("cache", kind) / f"{name}.json"
+            file.touch()
+            os.utime(file, read_and_written)
+    collected(workspace)
+    left = {f"{path.parent.name}/{path.stem}" for path in store.root.glob("cache/*/*")}
+    assert left == {f"{kind}/{name}" for kind in kinds for name in times}
+
+
+def test_what_is_remembered_of_files_goes_with_a_forgotten_workflow(chain: Workspace) -> None:
+    """Names of files may tell of a message."""
+    chain.run()
+    store = store_of(chain)
+    store.folder("cache", "external").joinpath("of-a-folder.json").write_text("{}")
+    collected(chain)
+    assert list(store.root.glob("cache/external/*"))
+    collected(chain, forgotten=frozenset({"chain"}))
+    assert not list(store.root.glob("cache/external/*"))
+    assert list(store.root.glob("cache/declarations/*"))
 
 
 def test_old_journals_go_but_not_the_last_word_on_a_stage(chain: Workspace) -> None:

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from pipeline.artifact import Artifact, ArtifactWriter, create, load
-from pipeline.errors import CorruptArtifact
+from pipeline.errors import CommandError, CorruptArtifact
 from pipeline.pictures import pictures_of, write_pictures
 
 RANDOM = np.random.default_rng(0)
@@ -24,8 +24,8 @@ def writing(folder: Path, private: bool = False) -> Iterator[ArtifactWriter]:
         yield writer
 
 
-def written(folder: Path, most: int | None = None) -> dict[str, np.ndarray]:
-    paths, _ = write_pictures(load(folder / "artifact"), folder / "out", most)
+def written(folder: Path, most: int | None = None, name: str = "out") -> dict[str, np.ndarray]:
+    paths, _ = write_pictures(load(folder / "artifact"), folder / name, most)
     return {path.name: np.asarray(Image.open(path)) for path in paths}
 
 
@@ -100,7 +100,7 @@ def test_a_few_are_drawn_evenly_from_all(tmp_path: Path) -> None:
         writer.write("a", np.zeros((80, 16, 16), np.uint8))
         writer.write("b", np.zeros((80, 16, 16), np.uint8))
     assert sorted(written(tmp_path, 4)) == ["a-00.png", "a-40.png", "b-00.png", "b-40.png"]
-    assert sorted(written(tmp_path, 5)) == ["a-00.png", "a-40.png", "b-00.png", "b-40.png"]
+    assert sorted(written(tmp_path, 5, "five")) == ["a-00.png", "a-40.png", "b-00.png", "b-40.png"]
     assert write_pictures(load(tmp_path / "artifact"), tmp_path / "all", None)[1] == 160
     assert len(list((tmp_path / "all").iterdir())) == 160
 
@@ -123,6 +123,17 @@ def test_more_arrays_than_pictures_are_asked_for(tmp_path: Path, most: int) -> N
         for name in "abcde":
             writer.write(name, np.zeros((2, 16, 16), np.uint8))
     assert 0 < len(written(tmp_path, most)) <= most
+
+
+def test_what_is_there_is_not_written_over(tmp_path: Path) -> None:
+    """Pictures of another artifact may have the same names, and nobody could tell them apart."""
+    with writing(tmp_path) as writer:
+        writer.write("a", np.zeros((3, 16, 16), np.uint8))
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/a-1.png").write_text("kept")
+    with pytest.raises(CommandError, match=r"out/a-1\.png: a picture of this name exists already"):
+        written(tmp_path)
+    assert [(path.name, path.read_text()) for path in (tmp_path / "out").iterdir()] == [("a-1.png", "kept")]
 
 
 def test_private_pictures_are_closed(tmp_path: Path) -> None:

@@ -151,6 +151,24 @@ def test_gc_keeps_what_is_left_of_it(workspace: Workspace, drawn: Ran) -> None:
     assert workspace.write(DRAWN).run().states["key"] == "failed"
 
 
+def test_gc_keeps_what_is_left_of_each_of_several(workspace: Workspace, drawn: Ran, tmp_path: Path) -> None:
+    """One was given up, and what was drawn in its place is damaged, too; then the first comes back from a copy."""
+    store = drawn.project.store
+    record = store.damaged.folder / "actions" / str(drawn.ended["key"].key)
+    cut(drawn)
+    verify(drawn)
+    record.rename(tmp_path / "kept")
+    again = workspace.run()
+    cut(again)
+    verify(again)
+    (tmp_path / "kept").rename(record.with_name(f"{record.name}.2"))
+    workspace.write("name: drawn\nstages:\n  other: {uses: numbers}\n").run()
+    collect(store, Rules(keep_last=1)).delete()
+    assert {path.name for path in record.parent.iterdir()} == {record.name, f"{record.name}.2"}
+    drawn_keys = {ran.ended["key"].outputs["numbers"].name for ran in (drawn, again)}
+    assert {path.name for path in store.root.glob("damaged/objects/*")} >= drawn_keys
+
+
 def test_to_say_so_changes_no_key(tmp_path: Path) -> None:
     """Else the version that protects keys would have drawn new ones."""
     from pipeline.fingerprint import read_module
@@ -181,3 +199,15 @@ def test_in_a_bucket(remote: Elsewhere, monkeypatch: pytest.MonkeyPatch, verifie
         collect(store, Rules()).delete()
     assert remote.machine("C").run("hide.factor=3.0").states["key"] == "failed"
     assert bucket.names(f"files/{digest}").keys() == files.keys(), "what is whole of it is not deleted"
+
+
+def test_in_a_bucket_gc_keeps_what_is_left_of_it(remote: Elsewhere, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Although no run needs it any more, on whatever machine it was found damaged."""
+    monkeypatch.setattr("pipeline.remote.SPARED", 0.0)
+    digest = remote.write(DRAWN).run().ended["key"].outputs["numbers"].name
+    bucket = remote.store()._bucket
+    bucket.put(next(iter(bucket.names(f"files/{digest}"))), b"?")
+    assert [checked for checked in verify_store(remote.machine("B").store()) if checked.damage]
+    remote.write("name: drawn\nstages:\n  other: {uses: numbers}\n").run()
+    collect(remote.store(), Rules(keep_last=1)).delete()
+    assert remote.write(DRAWN).machine("C").run().states["key"] == "failed"

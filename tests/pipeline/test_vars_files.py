@@ -52,6 +52,30 @@ def test_later_files_win_and_settings_win_over_all(profiled: Workspace) -> None:
     assert parameters(profiled, "count=9", vars_files=[cpu, late]) == {"count": 9, "note": "late9 9"}
 
 
+def test_null_takes_back_what_the_workflow_states(profiled: Workspace) -> None:
+    """The stage's own default counts then."""
+    cpu = profiled.folder / "profiles/cpu.yaml"
+    null = write(profiled, "null.yaml", "count: null\nboth: null\n")
+    own = {"count": 3, "note": ""}
+    profiled.write(WORKFLOW.replace("count: 3", "count: 4"))
+    assert parameters(profiled, vars_files=[cpu, null]) == own
+    assert parameters(profiled, "count=null", "both=null", vars_files=[cpu]) == own
+    assert parameters(profiled, vars_files=[null, cpu]) == {"count": 5, "note": ""}
+
+
+def test_null_is_as_if_nothing_were_stated(workspace: Workspace) -> None:
+    """But where it is a value of the parameter, and where there is no default."""
+    workspace.write("stages:\n  base: {uses: numbers}\n").run()
+    workspace.write("stages:\n  base: {uses: numbers, with: {count: 4}}\n")
+    assert workspace.run("base.count=null").states == {"base": "cached"}
+    assert workspace.run("base.count=null", "base.first=1").states == {"base": "ran"}
+    workspace.write("stages:\n  key: {uses: draw, with: {seed: 1}}\n")
+    assert workspace.open("key.seed=null").graph.nodes["key"].unrepeatable
+    workspace.write("stages:\n  said: {uses: say, with: {word: this}}\n")
+    (problem,) = workspace.problems("said.word=null")
+    assert problem.startswith("--set said.word: parameter 'word' should be a valid string; found null; so are an empty")
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
@@ -64,7 +88,7 @@ def test_later_files_win_and_settings_win_over_all(profiled: Workspace) -> None:
         ("count: 5\n  note: [\n", "2:7: not YAML: mapping values are not allowed here"),
         ("count: 5\ncount: 6\n", "2:1: 'count' is there twice"),
         ("note: ${nought}\n", "1:7: ${nought} is not known; known are ${count}"),
-        ("count: null\n", "1:8: the var 'count' has no value; give it with --set count=VALUE"),
+        ("file: null\n", "1:7: the var 'file' has no value; give it with --set file=VALUE"),
         ("- count\n", "1:1: the file of vars is a list; expected a mapping"),
         ("", "1:1: the file of vars is nothing; expected a mapping"),
         ("file: nowhere.txt\n", "1:7: parameter 'file': there is no file or folder"),

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from pipeline import fingerprint
-from pipeline.explain import key_of, key_parts
 from pipeline.graph import Node, Source
+from pipeline.keys import key_of, key_parts
 from pipeline.project import open_project
 
 ROOT = Path(__file__).parents[2]

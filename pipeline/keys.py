@@ -1,4 +1,4 @@
-"""What the key of an action is made of."""
+"""Keys of actions: what each is made of, and the hash of that."""
 
 from __future__ import annotations
 
