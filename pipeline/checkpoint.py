@@ -96,15 +96,20 @@ class Checkpoints:
         every: float | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self._context = context
         self._folder = context.scratch
         self._log = context.log
         self._made_with = versions_of(libraries) | dict(circumstances or {})
         self._every = every if every is not None else wished_seconds()
         self._clock = clock
+        self._began = clock()
         self._due_at = clock() + (EVERY if self._every is None else self._every)
 
     def newest(self) -> Checkpoint | None:
-        """The last good one, every byte of it checked; None where there is none. The log names damaged ones."""
+        """The last good one, every byte of it checked; None where there is none. The log names damaged ones.
+
+        What it took to come so far counts as the stage's time, too.
+        """
         for path in reversed(self._complete()):
             try:
                 return self._read(path)
@@ -152,6 +157,7 @@ class Checkpoints:
             written=datetime.now().astimezone().isoformat(" ", "seconds"),
             made_with=dict(self._made_with),
             values=dict(state.values),
+            seconds=self._context.seconds_before + self._clock() - self._began,
             table=_write_packed(writer, state.arrays),
         )
         publish(writer.seal(), self._folder / f"checkpoint-{last + 1}")
@@ -164,6 +170,7 @@ class Checkpoints:
         artifact.verify()
         checkpoint = Checkpoint(attributes["written"], State(_read_packed(artifact), attributes["values"]))
         self._compare(attributes["made_with"])
+        self._context.worked_before(attributes.get("seconds", 0.0))
         return checkpoint
 
     def _compare(self, made_with: Mapping[str, str]) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import torch
 from pydantic import Field
 
-from opencl.routes import working_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.learned_detection import Classes, detection_rows
@@ -61,6 +61,7 @@ def detect_hidden(context: Context, parameters: DetectHiddenParameters) -> None:
             working_device(),
         )
     write_measurements(context.output("measurements"), measured)
+    context.record(device=describe_drawing(working_device()))
 
 
 def _rows_of(context: Context, parameters: DetectHiddenParameters) -> list[tuple[str, Mapping[str, Artifact]]]:

@@ -7,7 +7,7 @@ from typing import Annotated
 import torch
 from pydantic import Field
 
-from opencl.routes import working_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
@@ -100,3 +100,4 @@ def probe_secrecy(context: Context, parameters: ProbeSecrecyParameters) -> None:
     rows, pictures = probe.run(tick)
     write_measurements(context.output("measurements"), rows)
     write_comparisons(context.output("pictures"), pictures)
+    context.record(device=describe_drawing(probe.device))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from pydantic import Field
 
-from opencl.routes import working_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.codec_quality import quality
@@ -78,4 +78,8 @@ def train_codec(context: Context, parameters: TrainCodecParameters) -> None:
         "other photos of the captures": [photo for photos in captures for photo in photos[::TEST_VIEW_EVERY]],
     }
     write_measurements(context.output("scores"), quality(codec, held_out, watermarks, parameters.seed))
-    context.record(photos=len(trained_on), parameters=sum(weight.numel() for weight in codec.parameters()))
+    context.record(
+        device=describe_drawing(working_device()),
+        photos=len(trained_on),
+        parameters=sum(weight.numel() for weight in codec.parameters()),
+    )

@@ -16,6 +16,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from opencl.routes import describe_drawing, working_device
 from pipeline.checkpoint import Checkpoints, State
 from pipeline.errors import Interrupted
 from pipeline.stage import Context
@@ -121,7 +122,7 @@ def train_network(context: Context, training: NetworkTraining) -> list[MetricRow
 
     Raises `Interrupted` where the engine asks to stop, with a checkpoint saved.
     """
-    checkpoints = Checkpoints(context, LIBRARIES)
+    checkpoints = Checkpoints(context, LIBRARIES, {"device": describe_drawing(working_device())})
     found = checkpoints.newest()
     if found is not None:
         training.set_state(found.state)

@@ -57,7 +57,6 @@ class _Session:
         values: Mapping[str, Any] = found.state.values
         set_state(self.training, found.state)
         self.stopwatch.add(values["seconds"])
-        self.context.worked_before(sum(seconds for *_, seconds in values["seconds"]))
         iterations = self.training.settings.iterations
         self.context.log(
             f"goes on from iteration {self.training.iteration} of {iterations} (checkpoint of {found.written})"

@@ -235,6 +235,22 @@ def test_the_environment_may_set_the_pause(context: Context, monkeypatch: pytest
         Checkpoints(context)
 
 
+def test_a_checkpoint_knows_what_it_took(tmp_path: Path) -> None:
+    """Over all sessions, each of which began at its own time."""
+    clock = Clock()
+
+    def session(seconds: float) -> float:
+        context = Context({}, {}, tmp_path, "test", Services())
+        checkpoints = Checkpoints(context, clock=clock)
+        checkpoints.newest()
+        clock.now += seconds
+        checkpoints.save(STATE)
+        clock.now += 1000  # of what comes after a checkpoint nothing is kept
+        return context.seconds_before
+
+    assert [session(seconds) for seconds in (30, 5, 1)] == [0, 30, 35]
+
+
 def test_seconds_before_a_checkpoint_are_seconds_of_the_stage(workspace: Workspace) -> None:
     ran = workspace.write("stages:\n  a: {uses: resumed}\n").run()
     assert ran.ended["a"].seconds >= 1000
