@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import torch
@@ -13,10 +13,11 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
-from stages.analysis.scoring import score
+from stages.analysis.scoring import HiddenImage, score
 from stages.hiding.method import module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.what_is_hidden import view_of_an_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import Picture, tensor_to_picture
 from stages.scene.attributes import strings
@@ -49,6 +50,7 @@ class RevealParameters(Parameters):
 def reveal(context: Context, parameters: RevealParameters) -> None:
     """Render cover and messages from the cover's cameras: the cover is scored against its photos, and each message
     against what the secret shows of the published container, for the message's own pictures the owner need not have.
+    An image is looked at in the view that hides it, where alone it is defined.
     """
     torch.set_num_threads(parameters.threads)
     container, published, secret = (context.input(name) for name in ("container", "published", "secret"))
@@ -64,6 +66,7 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
         )
     scene = read_scene(context.input("cover"))
     views = len(scene.cameras)
+    view = view_of_an_image(secret, scene, "reveal")
 
     def progress(done: int, before: int) -> None:
         context.progress(before + done, 2 * views)
@@ -71,19 +74,26 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
 
     device = working_device()
     messages = _as_published(published, secret, scene, device, lambda done: progress(done, 0))
+    image = _image_as_published(messages, view) if view is not None else None
     scores = score(
         read_gaussians(container, device),
         read_method(container, secret, device),
         parameters.method,
         scene,
-        messages,
+        messages if image is None else {},
         {},
         parameters.shown_train_views,
         lambda done, _: progress(done, views),
+        image,
     )
     write_rows(context.output("scores"), scores.rows)
     write_comparisons(context.output("pictures"), scores.comparisons(scene))
     context.record(device=describe_drawing(device))
+
+
+def _image_as_published(messages: Mapping[str, MessageViews], view: str) -> HiddenImage:
+    [image] = messages.values()
+    return HiddenImage(image.name, view, image.pictures[image.view_names.index(view)])
 
 
 def _as_published(

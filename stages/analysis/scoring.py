@@ -103,7 +103,7 @@ def score(
 ) -> Scores:
     """Measure every view; pictures are kept of all test views and of the first few training views.
 
-    LPIPS is measured on test views, and where an image is hidden, since it costs more than the rest together.
+    LPIPS is measured on test views, since it costs more than the rest together, and of an image where it is hidden.
     """
     scores = Scores(name)
     tests = set(scene.test_names)
@@ -112,7 +112,7 @@ def score(
     for row, rendering in enumerate(photographs(gaussians, method, scene.cameras)):
         view = scene.cameras.names[row]
         split = "test" if view in tests else "train"
-        measured = perceptual if view in tests | hiding else {}
+        measured = perceptual if view in tests else {}
         _score_cover(scores, rendering, scene, row, split, measured)
         for message in messages.values():
             _score_message(scores, rendering, message, row, split, measured)
@@ -120,7 +120,7 @@ def score(
             scores.shown.append(view)
             _show(scores, gaussians, rendering, scene, messages, row)
         if image is not None and view == image.view:
-            _score_image(scores, rendering, image, measured)
+            _score_image(scores, rendering, image, perceptual)
         progress(row + 1, len(scene.cameras))
     return scores
 

@@ -97,13 +97,13 @@ def record(name: str, uses: str, /, *inputs: str, private: bool = False, **param
 
 
 LINEAGE = (
-    record("town_photos", "synthesize", scene="courtyard"),
-    record("town", "sfm", "town_photos", width=192),
+    record("cover_photos", "synthesize", scene="courtyard"),
+    record("cover", "sfm", "cover_photos", width=192),
     record(f"photos[{PLANTED}]", "synthesize", scene=PLANTED),  # nobody said that it is private
-    record(f"views[{PLANTED}]", "render_hidden", f"photos[{PLANTED}]", "town", private=True, name=PLANTED),
-    record("hiding", "hide_scenes", "town", f"views[{PLANTED}]", private=True, lambda_message=0.654),
-    record("scores", "evaluate", "hiding", "town", f"views[{PLANTED}]", private=True),
-    record(f"timings[town,{PLANTED}]", "time_frames", "hiding", "town", method="gs_hider"),
+    record(f"views[{PLANTED}]", "render_hidden", f"photos[{PLANTED}]", "cover", private=True, name=PLANTED),
+    record("hiding", "hide_scenes", "cover", f"views[{PLANTED}]", private=True, lambda_message=0.654),
+    record("scores", "evaluate", "hiding", "cover", f"views[{PLANTED}]", private=True),
+    record(f"timings[cover,{PLANTED}]", "time_frames", "hiding", "cover", method="gs_hider"),
 )
 
 
@@ -177,7 +177,7 @@ def test_the_public_page_shows_the_scene(inputs: dict, tmp_path: Path) -> None:
         "41.7",
         "This scene",
         "3DGS",
-        "town_photos",
+        "synthesize",
         "9.8.7",
         "courtyard",
     ):
@@ -217,6 +217,20 @@ def test_the_owner_sees_everything(inputs: dict, tmp_path: Path) -> None:
     assert owner.private
 
 
+def test_a_hidden_image_is_told_of_at_its_view(inputs: dict, tmp_path: Path) -> None:
+    """What the decoder shows elsewhere is left to itself: there is nothing to say of test views."""
+    rows = [
+        *PUBLIC_ROWS,
+        MetricRow("psnr", 30.0, "dB", "hiding.png", "train", None, method="gs_hider"),
+        MetricRow("psnr", 43.21, "dB", "hiding.png", "train", PLANTED, method="gs_hider"),
+        MetricRow("hides_image", 1.0, "", "hiding.png", "train", PLANTED, method="gs_hider"),
+    ]
+    given = {**inputs, "scores": (metrics(tmp_path / "image", rows, True),)}
+    top = top_of(text_of(pages(given, tmp_path / "made")["owner"]))
+    assert f"the cover reaches 31.25 dB, {PLANTED} 43.21 dB at the view that hides it." in top
+    assert f'<span class="label">{PLANTED}, at its view</span> <strong>43.21 dB</strong>' in top
+
+
 def scenes(folder: Path, **made: tuple[int, int, bool]) -> dict[str, tuple[Item, ...]]:
     """Scenes by the stages that made them: how many photos were placed of how many, and whether they are private."""
     items = []
@@ -239,16 +253,16 @@ def with_scenes(inputs: dict, items: dict[str, tuple[Item, ...]], folder: Path) 
 
 
 def test_how_many_photos_were_placed_stands_at_the_top(inputs: dict, tmp_path: Path) -> None:
-    items = scenes(tmp_path / "scenes", town=(15, 25, False), **{f"scene[{PLANTED}]": (8, 8, True)})
+    items = scenes(tmp_path / "scenes", cover=(15, 25, False), **{f"scene[{PLANTED}]": (8, 8, True)})
     made = with_scenes(inputs, items, tmp_path / "made")
     owner = top_of(text_of(made["owner"]))
-    assert "town: 15 of 25 photos could be placed" in owner
+    assert "cover: 15 of 25 photos could be placed" in owner
     assert "<strong>8 of 8</strong>" in owner
     assert f"scene[{PLANTED}]: 8" not in owner, "nothing is amiss there"
     public = top_of(text_of(made["public"]))
     assert '<span class="label">Photos placed</span> <strong>15 of 25</strong>' in public
     assert "8 of 8" not in public
-    assert "town" not in public
+    assert "cover" not in public
 
 
 def test_the_public_is_not_told_of_a_scene_that_nobody_said_was_private(inputs: dict, tmp_path: Path) -> None:
@@ -263,7 +277,7 @@ def test_a_scene_that_no_photos_were_placed_in_is_passed_over(inputs: dict, tmp_
     """Such as one made by a stage of one's own."""
     with create(tmp_path / "scene", "scene") as writer:
         writer.write_file("points.txt", "none")
-    items = {"scenes": (Item("town", {}, "town", load(tmp_path / "scene")),)}
+    items = {"scenes": (Item("cover", {}, "cover", load(tmp_path / "scene")),)}
     assert "placed" not in text_of(with_scenes(inputs, items, tmp_path / "made")["owner"])
 
 

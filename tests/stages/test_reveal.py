@@ -55,6 +55,19 @@ def test_each_message_is_held_against_what_the_published_container_shows(tmp_pat
     assert by_title[MESSAGE].truth.std() > 1
 
 
+def test_an_image_is_looked_at_where_it_is_hidden(tmp_path: Path) -> None:
+    inputs = inputs_of(tmp_path, "homogeneous")
+    view = inputs["cover"].attributes["names"][3]
+    with create(tmp_path / "secret of an image", "secret", private=True) as writer:
+        write_secret(writer, target_and_owner("homogeneous")[1], (MESSAGE,), view)
+    outputs = revealed(tmp_path / "outputs", "homogeneous", {**inputs, "secret": load(tmp_path / "secret of an image")})
+    [found] = [row for row in read_rows(outputs["scores"]) if row.message == MESSAGE and row.quantity == "psnr"]
+    assert found.view == view
+    [shown] = [each for each in read_comparisons(outputs["pictures"]) if each.title == MESSAGE]
+    assert shown.names == (view,)
+    assert shown.truth.std() > 1
+
+
 def test_a_secret_of_no_message_is_told(tmp_path: Path) -> None:
     inputs = inputs_of(tmp_path, "homogeneous", messages=())
     with pytest.raises(UserError, match=r"nothing can be revealed.*a secret of no message"):

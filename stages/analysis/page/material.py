@@ -92,11 +92,12 @@ def public_lineage(lineage: Sequence[LineageRecord]) -> tuple[LineageRecord, ...
 
     A stage that makes anything private is left out, and so is a public one that served such stages only: the photos
     of what was made private later are as telling as the stage that did it. What a stage was told about something that
-    it took from one left out, its parameters, is left out as well. So are the columns of its row, which its name ends
-    with, and the modules that had changed where its result was accepted: either may tell of a message.
+    it took from one left out, its parameters, is left out as well. So are names, which may tell what they serve
+    ("cover"), with the columns of rows, and the modules that had changed where a result was accepted: any may tell of a
+    message.
     """
     kept = public_stages(lineage)
-    names = _names_without_rows([record.name for record in lineage if record.name in kept])
+    names = _names_to_the_public([record for record in lineage if record.name in kept])
     return tuple(
         replace(
             _with_public_facts(record),
@@ -119,18 +120,14 @@ def public_stages(lineage: Sequence[LineageRecord]) -> frozenset[str]:
     return frozenset(kept)
 
 
-def _names_without_rows(names: Sequence[str]) -> dict[str, str]:
-    """What stages are called to the public: by their entries in the workflow, with a number from the second on.
-
-    >>> _names_without_rows(["town", "timings[town,reef]", "timings[town,moon]"])
-    {'town': 'town', 'timings[town,reef]': 'timings', 'timings[town,moon]': 'timings 2'}
-    """
+def _names_to_the_public(records: Sequence[LineageRecord]) -> dict[str, str]:
+    """What stages are called to the public, by their names: as their kind, with a number from the second on."""
     count = Counter[str]()
     found = {}
-    for name in names:
-        entry = name.partition("[")[0]
-        count[entry] += 1
-        found[name] = entry if count[entry] == 1 else f"{entry} {count[entry]}"
+    for record in records:
+        count[record.uses] += 1
+        number = count[record.uses]
+        found[record.name] = record.uses if number == 1 else f"{record.uses} {number}"
     return found
 
 

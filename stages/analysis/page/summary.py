@@ -30,9 +30,24 @@ def owner_summary(material: Material) -> str:
     count = {0: "No message is", 1: "One message is"}.get(len(messages), f"{len(messages)} messages are")
     figures = [
         f"the cover reaches {_test_psnr(material)}",
-        *(f"{name} {_test_psnr(material, name)}" for name in messages),
+        *(f"{name} {_message_psnr(material, name)}" for name in messages),
     ]
     return f"{count} hidden in one Gaussian splatting scene. On test views {', '.join(figures)}."
+
+
+def _message_psnr(material: Material, message: str) -> str:
+    """On test views; of an image, which one view hides, there."""
+    there = _image_psnr(material, message)
+    if math.isnan(there):
+        return _test_psnr(material, message)
+    return f"{write_figure('psnr', there)} dB at the view that hides it"
+
+
+def _image_psnr(material: Material, message: str) -> float:
+    """Of a hidden image at its view; NaN for a scene."""
+    rows = rows_about(material.scores, material.methods[0], message)
+    views = {row.view for row in rows if row.quantity == "hides_image" and row.value > 0}
+    return mean_of([row for row in rows if row.view in views], Column("psnr", "train"))
 
 
 def _shown_summary(material: Material) -> str:
@@ -77,9 +92,10 @@ def scene_tiles(material: Material, name: str) -> tuple[Tile, ...]:
 
 
 def message_tiles(material: Material) -> tuple[Tile, ...]:
-    """Each message over the pixels that it covers, beside the best constant picture."""
+    """Each message over the pixels that it covers, beside the best constant picture; an image at its view."""
     tiles: list[Tile] = []
     for message in material.messages:
+        tiles += _tile(f"{message}, at its view", "psnr", _image_psnr(material, message), " dB")
         rows = rows_about(material.scores, material.methods[0], message)
         covered = mean_of(rows, Column("psnr_covered", "test"))
         constant = write_figure("psnr_constant", mean_of(rows, Column("psnr_constant", "test")))
