@@ -128,7 +128,9 @@ class Backend:
                 self.queue.finish()
 
     def build(self, program: ProgramKey) -> pyopencl.Program:
-        """Compile a program."""
+        """Compile a program. Raises ValueError for one in double precision that the device has none of."""
+        if program.dtype == torch.float64 and not self.device.handle.double_fp_config:
+            raise ValueError(f"found float64, expected float32: {self.device.name} has no double precision")
         # PoCL keeps compiled kernels itself; pyopencl's cache of binaries would only come on top of that.
         return pyopencl.Program(self.context, program.text()).build(options=["-w"], cache_dir=False)
 

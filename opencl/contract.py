@@ -9,6 +9,9 @@ from typing import Literal
 from jaxtyping import Float, Int
 from torch import Tensor
 
+SMALLEST_LOW_PASS = 1e-6
+"""Square pixels: the square of this is far from the smallest number that float32 can tell from 0."""
+
 
 @dataclass(frozen=True)
 class RasterSettings:
@@ -51,6 +54,11 @@ class RasterSettings:
         for name in ("near", "low_pass", "alpha_minimum", "radius_sigmas", "field_of_view_margin"):
             if getattr(self, name) <= 0:
                 raise ValueError(f"RasterSettings.{name}: found {getattr(self, name)}, expected more than 0")
+        if self.low_pass < SMALLEST_LOW_PASS:
+            raise ValueError(
+                f"RasterSettings.low_pass: found {self.low_pass}, expected {SMALLEST_LOW_PASS} at least, under which "
+                "variances in float32 have no inverse"
+            )
         if not self.alpha_minimum <= self.alpha_maximum < 1:
             raise ValueError(
                 f"RasterSettings.alpha_maximum: found {self.alpha_maximum}, "

@@ -10,16 +10,19 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 _SLOTS = 64
+_CACHE, _RESERVED = "POCL_CACHE_DIR", "GS_HIDER_KERNELS_OF"
+"""Variables: PoCL's own, and beside it which process reserved that directory. A child inherits both."""
 
 
 def reserve_kernel_cache(environment: MutableMapping[str, str] = os.environ) -> FileLock | None:
     """Point `POCL_CACHE_DIR` at a directory that no other running process uses; keep the lock while kernels are used.
 
     Slots under the user's cache directory are taken in order, so that compiled kernels are found again by the next
-    process. A `POCL_CACHE_DIR` that is set already is respected (None is returned). To be called before any platform
-    is asked for.
+    process. A `POCL_CACHE_DIR` that is set already is respected (None is returned), unless another process reserved it
+    for itself, the parent of this one. To be called before any platform is asked for.
     """
-    if environment.get("POCL_CACHE_DIR"):
+    given = environment.get(_CACHE)
+    if given and not _is_anothers(given, environment.get(_RESERVED, "")):
         return None
     for folder in (_in_users_cache, _for_this_process):
         try:
@@ -27,6 +30,12 @@ def reserve_kernel_cache(environment: MutableMapping[str, str] = os.environ) -> 
         except OSError:
             continue
     raise OSError("no directory for compiled kernels can be written; set POCL_CACHE_DIR to one")
+
+
+def _is_anothers(directory: str, reserved: str) -> bool:
+    """Whether what was noted in `_RESERVED` is that another process has this directory."""
+    process, _, noted = reserved.partition(":")
+    return noted == directory and process != str(os.getpid())
 
 
 def _in_users_cache(environment: Mapping[str, str]) -> Path:
@@ -48,6 +57,6 @@ def _reserve_slot(root: Path, environment: MutableMapping[str, str]) -> FileLock
             continue
         directory = root / str(slot)
         directory.mkdir(exist_ok=True)
-        environment["POCL_CACHE_DIR"] = str(directory)
+        environment[_CACHE], environment[_RESERVED] = str(directory), f"{os.getpid()}:{directory}"
         return lock
     raise OSError(f"{root}: {_SLOTS} processes use OpenCL at once; set POCL_CACHE_DIR for each further one")

@@ -96,7 +96,7 @@ class ProgramKey:
             "SORT_CHUNK": SORT_CHUNK,
             "SSIM_STRIP": SSIM_STRIP[self.schedule],
         }
-        lines = [f"#define {name} ((REAL){value!r})" for name, value in reals.items()]
+        lines = [f"#define {name} ((REAL){float(value)!r})" for name, value in reals.items()]
         lines += [f"#define {name} {value}" for name, value in integers.items()]
         lines += [f"#define {option}" for option in self.options]
         if self.settings.antialiased:

@@ -20,7 +20,12 @@ from stages.imaging.pictures import picture_to_tensor
 from stages.scene.cameras import single_cameras
 from stages.scene.message_views import read_messages
 from stages.scene.scene import Scene, read_scene
-from stages.training.feature_tuning import FeatureRates, feature_training, half_watermarked
+from stages.training.feature_tuning import (
+    FeatureRates,
+    feature_training,
+    half_watermarked,
+    refuse_unknown_attributes,
+)
 from stages.training.objectives import FixedView, PictureTerm, hiding_terms
 from stages.training.session import train
 from stages.training.views import training_views
@@ -79,6 +84,7 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
         parameters.seed,
     )
     gaussians, method = read_gaussians(container, device), read_method(container, secret, device)
+    refuse_unknown_attributes(gaussians, method, "finetune_rtws")
     terms = hiding_terms([*messages], parameters.lambda_message, parameters.ssim_weight, parameters.ssim_weight)
     fixed = _hidden_image(context.input_optional("image"), secret, scene, parameters)
     rates = FeatureRates(parameters.feature_rate, parameters.final_rate_share)

@@ -33,6 +33,7 @@ from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import Scene, read_scene
 from stages.training.codec_photos import learnt_photos
+from stages.training.feature_tuning import refuse_unknown_attributes
 from stages.training.imprinting import Imprinting, ImprintPictures, ImprintSettings
 from stages.training.loop import TrainingViews
 from stages.training.network import train_network
@@ -93,6 +94,7 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     device = working_device()
     scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec")).to(device)
     gaussians, method = read_gaussians(container, device), read_method(container, secret, device)
+    refuse_unknown_attributes(gaussians, method, "imprint_watermark")
     pictures = _pictures(context, parameters, scene, gaussians, method)
     codec.expect(picture_to_tensor(pictures.watermark, device).permute(2, 0, 1))
     coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.seed))

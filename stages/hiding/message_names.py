@@ -14,7 +14,9 @@ from stages.imaging.names import LONGEST_NAME, can_be_written
 
 FEATURE_MAP = "feature map"
 SIDE_BY_SIDE = "side by side"
-TAKEN = (COVER, FEATURE_MAP, SIDE_BY_SIDE)
+LOSS = "loss"
+"""A curve of every training, beside those of its pictures."""
+TAKEN = (COVER, FEATURE_MAP, SIDE_BY_SIDE, LOSS)
 
 
 def is_taken(name: str) -> bool:

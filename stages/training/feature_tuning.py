@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pipeline.errors import UserError
 from stages.hiding.method import Method
 from stages.hiding.rendering import COVER
 from stages.hiding.watermark.codec import WatermarkCodec
@@ -80,6 +81,21 @@ def feature_training(
         density=None,
     )
     return Training(gaussians, method, views, terms, settings, fixed)
+
+
+def refuse_unknown_attributes(gaussians: Gaussians, method: Method, stage: str) -> None:
+    """Raise `UserError` where Gaussians hold attributes that the method, as `stage` was given it, knows nothing of.
+
+    So it is with those of the messages of 3DGS+SH where the secret, which names them, is not given.
+    """
+    unknown = gaussians.attributes.keys() - method.learning_rates.keys()
+    if unknown:
+        raise UserError(
+            "the container holds attributes of messages",
+            found=", ".join(sorted(unknown)),
+            expected="the secret beside it, which says how many messages these are of",
+            remedy=f"give {stage} the input secret: hide.secret",
+        )
 
 
 def attribute_rates(method: Method, rate: float) -> dict[str, float]:

@@ -19,6 +19,7 @@ from stages.training.averaging import Averages
 from stages.training.backward import in_one_thread
 from stages.training.curves import Curves
 from stages.training.density_control import DensityControl, DensitySettings
+from stages.training.divergence import refuse_divergence
 from stages.training.objectives import Compared, FixedView, PictureTerm, total_loss
 from stages.training.optimizer import GaussianOptimizer
 from stages.training.prior import prior
@@ -133,7 +134,10 @@ class Training:
         return torch.optim.Adam(weights, lr=self.settings.network_rate, fused=True) if weights else None
 
     def step(self, iteration: int) -> dict[str, float]:
-        """One view, one step; `iteration` counts from 1. Returns the loss and each picture's squared error."""
+        """One view, one step; `iteration` counts from 1. Returns the loss and each picture's squared error.
+
+        Raises `UserError` where the loss is no number: nothing comes of such a training.
+        """
         settings = self.settings
         progress = min(1.0, iteration / settings.scheduled)
         self._set_learning_rates(progress)
@@ -153,6 +157,7 @@ class Training:
             loss.backward()
         with part("figures"), torch.no_grad():
             figures = {"loss": float(loss)} | {each.term.picture: each.squared_error() for each in compared}
+        refuse_divergence(figures["loss"], iteration)
         self._update(iteration, rendering, camera)
         return figures
 

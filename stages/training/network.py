@@ -22,6 +22,7 @@ from pipeline.errors import Interrupted
 from pipeline.stage import Context
 from stages.imaging.metric_table import MetricRow
 from stages.training.backward import in_one_thread
+from stages.training.divergence import refuse_divergence
 from stages.training.schedules import decayed
 
 LARGEST_GRADIENT = 1.0
@@ -67,7 +68,7 @@ class NetworkTraining(ABC):
         """The squared errors of one step, by the names of `weights`; `iteration` counts from 1."""
 
     def step(self) -> None:
-        """One step."""
+        """One step. Raises `UserError` where an error is no number: nothing comes of such a training."""
         iteration = self.iteration + 1
         progress = iteration / self.iterations
         rate = decayed(self.rate, self.final_rate, progress)
@@ -81,6 +82,7 @@ class NetworkTraining(ABC):
         self.adam.step()
         self.adam.zero_grad(set_to_none=True)
         self.history.append([float(errors[name].detach()) for name in self.weights])
+        refuse_divergence(sum(self.history[-1]), iteration)
 
     def decibels(self, first: int, last: int) -> dict[str, float]:
         """The PSNR over steps `first` + 1 to `last` by the names of the errors; at least one step."""

@@ -56,6 +56,7 @@ class _Session:
     def _go_on_from(self, found: Checkpoint) -> None:
         values: Mapping[str, Any] = found.state.values
         set_state(self.training, found.state)
+        self.told_of_bound = self.training.density is not None and self.training.density.limited
         self.stopwatch.add(values["seconds"])
         iterations = self.training.settings.iterations
         self.context.log(

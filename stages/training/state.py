@@ -38,7 +38,11 @@ def state_of(training: Training) -> State:
     arrays = {name: tensor.detach().contiguous().cpu().numpy() for name, tensor in tensors.items()}
     return State(
         arrays | _curve_arrays(training.curves),
-        {"iteration": training.iteration, "remaining_views": list(training.sampler.remaining)},
+        {
+            "iteration": training.iteration,
+            "remaining_views": list(training.sampler.remaining),
+            "limited": training.density is not None and training.density.limited,
+        },
     )
 
 
@@ -64,6 +68,8 @@ def set_state(training: Training, state: State) -> None:
         if name.startswith("averages/")
     }
     _set_statistics(training.density, tensors)
+    if training.density is not None:
+        training.density.limited = values.get("limited", False)
     _set_curves(training.curves, state.arrays)
 
 

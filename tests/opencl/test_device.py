@@ -76,6 +76,17 @@ def test_processes_do_not_share_compiled_kernels(tmp_path):
     assert third["POCL_CACHE_DIR"] == first["POCL_CACHE_DIR"]
 
 
+def test_a_child_does_not_take_its_parent_s_directory_for_the_user_s(tmp_path):
+    inherited = {"XDG_CACHE_HOME": str(tmp_path)}
+    lock = reserve_kernel_cache(inherited)
+    assert lock is not None
+    parents = inherited["POCL_CACHE_DIR"]
+    assert reserve_kernel_cache(inherited) is None, "the parent asks again"
+    inherited["GS_HIDER_KERNELS_OF"] = f"{os.getpid() + 1}:{parents}"  # as another process finds it
+    assert reserve_kernel_cache(inherited) is not None
+    assert inherited["POCL_CACHE_DIR"] != parents
+
+
 def test_a_directory_of_the_user_s_is_respected():
     environment = {"POCL_CACHE_DIR": "/somewhere"}
     assert reserve_kernel_cache(environment) is None

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 import torch
 
 from opencl.contract import RasterSettings
+from opencl.program import ProgramKey
 from opencl.rasterizer import rasterize
+from opencl.routes import backend_for
 from opencl.validation import check_arguments
 from tests.opencl.scenes import make_scene
 
@@ -67,6 +73,7 @@ def test_a_background_is_looked_at_on_the_cpu_alone():
     ("values", "message"),
     [
         ({"near": 0.0}, "near: found 0.0, expected more than 0"),
+        ({"low_pass": 1e-24}, "low_pass: found 1e-24, expected 1e-06 at least"),
         ({"low_pass": float("nan")}, "low_pass: found nan, expected a finite number"),
         ({"alpha_maximum": 1.0}, "alpha_maximum: found 1.0"),
         ({"alpha_maximum": 0.001}, "alpha_maximum: found 0.001, expected at least alpha_minimum"),
@@ -77,6 +84,22 @@ def test_a_background_is_looked_at_on_the_cpu_alone():
 def test_settings_out_of_range(values, message):
     with pytest.raises(ValueError, match=message):
         RasterSettings(**values)
+
+
+def test_numbers_of_numpy_are_as_good_as_others():
+    """They are floats to Python, and were written into kernels as np.float64(0.3)."""
+    scene = make_scene(count=20, dtype=torch.float32)
+    settings = RasterSettings(low_pass=np.float64(0.3), near=np.float64(0.2))
+    assert torch.equal(replace(scene, settings=settings).draw().features, scene.draw().features)
+
+
+def test_double_precision_is_refused_where_there_is_none(monkeypatch):
+    backend = backend_for(torch.device("cpu"))
+    monkeypatch.setattr(backend, "device", SimpleNamespace(handle=SimpleNamespace(double_fp_config=0), name="a phone"))
+    program = ProgramKey("geometry", backend.schedule, torch.float64, RasterSettings())
+    with pytest.raises(ValueError, match="found float64, expected float32: a phone has no double precision"):
+        backend.build(program)
+    backend.build(replace(program, dtype=torch.float32))
 
 
 def test_tensors_need_not_be_contiguous():

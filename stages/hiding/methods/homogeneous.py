@@ -136,9 +136,9 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         """Σ s_k s_l over pairs of pictures, and Σ max(0, |r_k| - s_k / 2) over pictures and readings, as means.
 
         s_k are the shares of a Gaussian, r_k its readings. Features change by it, and how long readings are: were they
-        fixed, the fox would lose 0.6 dB. Without a message there is none.
+        fixed, the fox would lose 0.6 dB. Without a message there is none, nor without Gaussians.
         """
-        if not self.messages:
+        if not self.messages or not len(gaussians):
             return None
         directions = torch.cat([decoder.directions for decoder in self.decoders]).detach()
         readings = torch.cat([decoder.readings for decoder in self.decoders])

@@ -11,7 +11,7 @@ from stages.render_hidden import RenderHiddenParameters
 
 
 @pytest.mark.parametrize("parameters", [RenderHiddenParameters, ImageParameters])
-@pytest.mark.parametrize("name", ["cover", "Cover", "feature map", "feature_map", " side  by side", ""])
+@pytest.mark.parametrize("name", ["cover", "Cover", "loss", "feature map", "feature_map", " side  by side", ""])
 def test_a_name_that_is_taken_is_refused(
     parameters: type[RenderHiddenParameters | ImageParameters], name: MessageName
 ) -> None:

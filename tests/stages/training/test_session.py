@@ -5,13 +5,35 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import torch
 
+from pipeline.errors import UserError
 from pipeline.stage import Services, run_stage
+from stages.scene.gaussians import Gaussians
 from stages.train_scene import TrainSceneParameters, train_scene
 from tests.stages import small
+from tests.stages.training.trainings import prepared
 
 ITERATIONS = 400
 """Density control refines several times."""
+
+
+def test_a_training_that_diverges_ends_at_once() -> None:
+    """With an error that says where, and not with a container of which nothing is a number."""
+    training = prepared("gs_hider", 10)
+    training.step(1)
+    with torch.no_grad():
+        next(training.method.networks["scene_decoder"].parameters()).fill_(torch.nan)
+    with pytest.raises(UserError, match="iteration 2: the training has diverged; found a loss of nan"):
+        training.step(2)
+
+
+def test_nothing_is_left_to_hold_back_where_no_gaussians_are() -> None:
+    """Density control may prune all: a mean over none is no number."""
+    training = prepared("homogeneous", 10)
+    assert training.method.penalty(training.gaussians) is not None
+    none = {name: values[:0] for name, values in training.gaussians.parameters.items()}
+    assert training.method.penalty(Gaussians(none)) is None
 
 
 @pytest.mark.parametrize(("maximum", "told"), [(70, 1), (1_000_000, 0)])

@@ -1,0 +1,19 @@
+"""A training that has lost its way ends at once, and not with a result of which nothing is a number."""
+
+from __future__ import annotations
+
+import math
+
+from pipeline.errors import UserError
+
+
+def refuse_divergence(loss: float, iteration: int) -> None:
+    """Raise `UserError` for a loss that is NaN or infinite; `iteration` counts from 1."""
+    if not math.isfinite(loss):
+        raise UserError(
+            "the training has diverged",
+            where=f"iteration {iteration}",
+            found=f"a loss of {loss}",
+            expected="a finite one",
+            remedy="Lower its learning rates; with those by default, look for what is odd about the photos or poses.",
+        )
