@@ -144,6 +144,14 @@ def test_given_poses_are_kept(truth: Cameras, source: PoseSource, tmp_path: Path
     assert np.median(nearest) < 0.02
 
 
+def test_poses_that_are_to_be_given_are_not_estimated_where_none_came(tmp_path: Path) -> None:
+    with create(tmp_path / "capture", "capture") as writer:
+        capture = Capture(("a.png", "b.png", "c.png"), (SIZE,) * 3, (None,) * 3, ordered=False)
+        write_capture(writer, capture, lambda name: encoded(np.zeros((*SIZE[::-1], 3), np.uint8)))
+    with pytest.raises(UserError, match=r"none came.*3 photos without poses.*transforms\.json.*SFM\.poses=auto"):
+        run(load(tmp_path / "capture"), tmp_path / "out", poses="given")
+
+
 def test_every_photo_may_have_a_lens_of_its_own(truth: Cameras, tmp_path: Path) -> None:
     """Zoomed from photo to photo: all come out as seen by one pinhole camera."""
     zoomed = truth.intrinsics.copy()
