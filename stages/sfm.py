@@ -45,7 +45,7 @@ class SfmParameters(Parameters):
     outputs={"scene": Output("scene")},
     version=1,
     modules=lambda parameters: [PROCESS],
-    remarks="stages.scene.remarks:photos_not_placed",
+    remarks="stages.scene.remarks:photos_missing_or_cropped",
 )
 def sfm(context: Context, parameters: SfmParameters) -> None:
     """Estimate cameras and points, or keep the poses that came with the photos and triangulate points."""
@@ -74,6 +74,7 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
         pycolmap=result.version,
         device="cpu",
         lenses=list(result.lens_parameters),
+        shares_shown=[round(result.lens_shares[lens], 3) for lens in result.lens_of],
         seconds_of_phases=dict(result.seconds),
     )
 

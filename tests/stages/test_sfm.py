@@ -15,8 +15,9 @@ import pytest
 from PIL import Image
 
 from pipeline.artifact import Artifact, create, load
+from pipeline.canonical import Json
 from pipeline.errors import Interrupted, UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Context, Services, run_stage
 from stages.photos import PhotosParameters, photos
 from stages.scene.alignment import project
 from stages.scene.cameras import Cameras
@@ -152,8 +153,12 @@ def test_poses_that_are_to_be_given_are_not_estimated_where_none_came(tmp_path: 
         run(load(tmp_path / "capture"), tmp_path / "out", poses="given")
 
 
-def test_every_photo_may_have_a_lens_of_its_own(truth: Cameras, tmp_path: Path) -> None:
-    """Zoomed from photo to photo: all come out as seen by one pinhole camera."""
+def test_every_photo_may_have_a_lens_of_its_own(
+    truth: Cameras, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Zoomed from photo to photo: all come out as seen by one pinhole camera, and how much of each is recorded."""
+    recorded: dict[str, Json] = {}
+    monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))
     zoomed = truth.intrinsics.copy()
     zoomed[:, [0, 1], [0, 1]] *= np.linspace(1, 1.4, VIEWS)[:, None]
     cameras = replace(truth, intrinsics=zoomed)
@@ -162,6 +167,7 @@ def test_every_photo_may_have_a_lens_of_its_own(truth: Cameras, tmp_path: Path) 
     assert focal_lengths == pytest.approx(zoomed[-1, 0, 0] * 100 / SIZE[0], rel=1e-6)
     assert len(scene.cameras) == VIEWS
     expect_points_where_pictures_show_them(scene)
+    assert recorded["shares_shown"] == pytest.approx((np.linspace(1, 1.4, VIEWS) / 1.4) ** 2, abs=1e-3)
 
 
 def distances_to_walls(points: np.ndarray) -> np.ndarray:
