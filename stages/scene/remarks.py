@@ -73,8 +73,8 @@ def photos_cropped(finished: Finished) -> tuple[Remark, ...]:
     return (
         Remark(
             f"The pictures show {100 * most:.0f} % of most photos: all are cropped to what every photo shows. The log "
-            f"names {len(narrowest)} of {len(names)} that are upright unlike the others, or zoomed; without them the "
-            "pictures show more.",
+            f"names {len(narrowest)} of {len(names)} that were held the other way (upright or wide) or zoomed; without "
+            "them the pictures show more.",
             f"They show least: {', '.join(narrowest)}",
         ),
     )
