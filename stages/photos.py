@@ -13,6 +13,7 @@ from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
 from stages.imaging.backgrounds import over_background
 from stages.imaging.orientation import UPRIGHT, as_stored
 from stages.imaging.pictures import encode_png, read_picture
+from stages.scene.camera_checks import refuse_far_poses
 from stages.scene.capture import Capture, numbered, write_capture
 from stages.scene.photo_folder import (
     PhotoFacts,
@@ -82,6 +83,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         resized = parameters.images is not None
         read = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
         poses, names = known_poses(*read), tuple(photo.name for photo in read[1])
+        refuse_far_poses(poses.world_to_camera, place or parameters.folder)
         came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))
         context.log(f"poses of {len(names)} photos from {came}; {len(facts) - len(names)} photos have none, left out")
     if found.left_out:

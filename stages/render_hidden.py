@@ -12,6 +12,7 @@ from pydantic import Field
 
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.enlarging import enlarged
 from stages.hiding.message_names import MessageName
 from stages.hiding.method import Method, module_of
 from stages.hiding.photographs import photographs
@@ -67,7 +68,7 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     device = working_device()
     gaussians, method = read_gaussians(splats, device), read_method(splats, device=device)
     cover = read_scene(context.input("cover"))
-    placed = _placed(context, parameters, gaussians, cover)
+    gaussians, placed, factor = _placed(context, parameters, gaussians, cover)
     seen = cameras_in_message_world(cover.cameras, placed)
     pictures, coverage = photograph_message(gaussians, method, seen, context.stop_if_requested)
     points, colors = visible_points(gaussians, parameters.seed)
@@ -78,23 +79,32 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
         f"{int(views.legal.sum())} of {len(views.view_names)} views are legal (coverage {LEGAL_COVERAGE} or more)"
     )
     context.record(
-        device=describe_drawing(device), legal_views=int(views.legal.sum()), scale=round(float(placed.scale), 4)
+        device=describe_drawing(device),
+        legal_views=int(views.legal.sum()),
+        scale=round(float(placed.scale * factor), 4),
     )
 
 
-def _placed(context: Context, parameters: RenderHiddenParameters, gaussians: Gaussians, cover: Scene) -> Similarity:
-    """From the message's world into the cover's."""
+def _placed(
+    context: Context, parameters: RenderHiddenParameters, gaussians: Gaussians, cover: Scene
+) -> tuple[Gaussians, Similarity, float]:
+    """The message in a world that is large enough, the way from there into the cover's, and by what factor it grew."""
     if parameters.placement == "same_world":
-        return Similarity.identity()
-    message = context.input_optional("message")
+        return gaussians, Similarity.identity(), 1.0
+    artifact = context.input_optional("message")
+    gaussians, message, factor = enlarged(gaussians, None if artifact is None else read_scene(artifact))
+    if factor != 1:
+        context.log(f"the message's world is small: enlarged {factor:.3g} times, lest it lies nearer than is drawn")
 
     def progress(done: int, total: int) -> None:
         context.progress(done, total)
         context.stop_if_requested()
 
     if message is None:
-        return place_alone(gaussians, cover, parameters.up, parameters.search_width, progress)
-    return place(gaussians, read_scene(message), cover, parameters.search_width, progress)
+        placed = place_alone(gaussians, cover, parameters.up, parameters.search_width, progress)
+    else:
+        placed = place(gaussians, message, cover, parameters.search_width, progress)
+    return gaussians, placed, factor
 
 
 def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray, "N 3"], UInt8[np.ndarray, "N 3"]]:

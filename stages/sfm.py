@@ -7,13 +7,14 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, KnownPoses, picture_path, read_capture
 from stages.scene.pairing import Matching
 from stages.scene.pose_errors import pose_errors
 from stages.scene.scene import Scene, write_scene
-from stages.scene.structure_from_motion import PROCESS, Settings, Watcher, reconstruct
+from stages.scene.structure_from_motion import PROCESS, WHERE, Settings, Watcher, reconstruct
 
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
 
@@ -44,7 +45,7 @@ class SfmParameters(Parameters):
     outputs={"scene": Output("scene")},
     version=1,
     modules=lambda parameters: [PROCESS],
-    remarks="stages.scene.remarks:photos_not_placed",
+    remarks="stages.scene.remarks:photos_missing_or_cropped",
 )
 def sfm(context: Context, parameters: SfmParameters) -> None:
     """Estimate cameras and points, or keep the poses that came with the photos and triangulate points."""
@@ -73,12 +74,22 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
         pycolmap=result.version,
         device="cpu",
         lenses=list(result.lens_parameters),
+        shares_shown=[round(result.lens_shares[lens], 3) for lens in result.lens_of],
         seconds_of_phases=dict(result.seconds),
     )
 
 
 def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | None:
-    """The poses that are not to be estimated."""
+    """The poses that are not to be estimated. Raises `UserError` where they are to be kept and none came."""
+    if parameters.poses == "given" and capture.poses is None:
+        raise UserError(
+            "poses are to be given, but none came with the photos",
+            found=f"{len(capture.names)} photos without poses",
+            expected="a COLMAP model (sparse/0: cameras and images, .bin or .txt), a transforms.json or a "
+            "transforms_train.json in the folder of photos",
+            remedy="Put it there, or name it in the parameter poses of the stage photos; or have the poses estimated: "
+            f"add --set SFM.poses=auto to the command, {WHERE}.",
+        )
     if parameters.poses == "estimate" or capture.poses is None:
         return None
     return None if parameters.poses == "auto" and capture.poses.source == "synthetic" else capture.poses

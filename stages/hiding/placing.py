@@ -29,7 +29,7 @@ def place(
     Candidates are scored on pictures `search_width` pixels wide; `progress` takes how many of how many are.
     """
     choices = candidates(cover.cameras, message.cameras, message.points, cover_points=cover.points)
-    clear_from = CLEAR_DEPTH * nearest_depth(message.cameras, message.points)
+    clear_from = clear_depth(message)
     scored = 0
 
     def score(similarity: Similarity) -> tuple[int, float]:
@@ -40,6 +40,11 @@ def place(
         return coverage_score(clear_coverage(gaussians, seen, clear_from))
 
     return best(choices, score)
+
+
+def clear_depth(message: Scene) -> float:
+    """From which depth on surfaces count, in the message's units; 0 where its cameras see no point."""
+    return CLEAR_DEPTH * nearest_depth(message.cameras, message.points)
 
 
 def shrunken(cameras: Cameras, width: int) -> Cameras:

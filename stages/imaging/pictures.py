@@ -38,6 +38,7 @@ def open_picture(path: Path) -> Image.Image:
     `ValueError` for one of over `MOST_PIXELS`, before there is any room for them.
     """
     image = Image.open(path, formats=FORMATS)
+    image.filename = ""  # else Pillow 13 maps the file: TIFFs that EXIF turns by a quarter in rows of a wrong length
     if image.width * image.height > MOST_PIXELS:
         image.close()
         raise ValueError(f"{image.width} x {image.height} pixels, of which at most {MOST_PIXELS:,} are read")

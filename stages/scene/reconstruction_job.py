@@ -73,7 +73,8 @@ def read_job(path: Path) -> Job:
 class Reconstruction:
     """R registered photos (`rows`, ascending, of the job's V), P points, and one pinhole for all pictures.
 
-    `lens_of` is the lens of each registered photo, the row of `read_corners`. The reprojection error is in working
+    `lens_of` is the lens of each registered photo, the row of `read_corners` and of `lens_shares`: what the pinhole
+    shows of the picture that this lens alone would give (see `shares_shown`). The reprojection error is in working
     pixels. Where too few photos registered there may be no points, no lens and no pinhole: there are no corners then.
     """
 
@@ -81,6 +82,7 @@ class Reconstruction:
     world_to_camera: Float64[np.ndarray, "R 4 4"]
     intrinsics: Float64[np.ndarray, "3 3"]
     lens_of: tuple[int, ...]
+    lens_shares: tuple[float, ...]
     points: Float32[np.ndarray, "P 3"]
     point_colors: UInt8[np.ndarray, "P 3"]
     mean_reprojection_error: float
@@ -92,6 +94,7 @@ class Reconstruction:
         facts = {
             "rows": self.rows,
             "lens_of": self.lens_of,
+            "lens_shares": self.lens_shares,
             "mean_reprojection_error": self.mean_reprojection_error,
             "lens_parameters": self.lens_parameters,
             "seconds": self.seconds,
@@ -110,7 +113,7 @@ class Reconstruction:
 def read_reconstruction(folder: Path) -> Reconstruction:
     """Read what `Reconstruction.write` wrote."""
     facts = json.loads((folder / FACTS).read_text())
-    for name in ("rows", "lens_of", "lens_parameters"):
+    for name in ("rows", "lens_of", "lens_shares", "lens_parameters"):
         facts[name] = tuple(facts[name])
     with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
         return Reconstruction(**facts, **{name: arrays[name] for name in arrays.files})

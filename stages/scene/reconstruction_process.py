@@ -22,7 +22,7 @@ from stages.scene.feature_database import DATABASE, UNFINISHED
 from stages.scene.lens import Lens
 from stages.scene.pairing import Pair, in_batches
 from stages.scene.reconstruction_job import PHASES, Job, Reconstruction, read_job, working_name, write_corners
-from stages.scene.undistortion import LensView, corner_positions, shared_pinhole
+from stages.scene.undistortion import LensView, corner_positions, shared_pinhole, shares_shown
 
 SMALLEST_MODEL = 3  # photos
 SHORTEST_TRACK = 3  # photos that must see a point that is kept
@@ -192,6 +192,7 @@ def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str,
         world_to_camera=poses,
         intrinsics=pinhole.intrinsics,
         lens_of=tuple(numbers.index(image.camera_id) for image in images),
+        lens_shares=shares_shown(lenses, job.width, job.height),
         points=np.array([point.xyz for point in kept], np.float32).reshape(-1, 3),
         point_colors=np.array([point.color for point in kept], np.uint8).reshape(-1, 3),
         mean_reprojection_error=model.compute_mean_reprojection_error() if kept else 0.0,
@@ -208,6 +209,7 @@ def nothing(seconds: dict[str, float]) -> Reconstruction:
         world_to_camera=np.empty((0, 4, 4)),
         intrinsics=np.eye(3),
         lens_of=(),
+        lens_shares=(),
         points=np.empty((0, 3), np.float32),
         point_colors=np.empty((0, 3), np.uint8),
         mean_reprojection_error=0.0,

@@ -18,6 +18,8 @@ HARDLY_SEEN = (
     "figures say little."
 )
 CHOOSE_ANOTHER = "Choose one that was photographed from all the sides from which the cover's cameras look."
+WORTH_A_WORD = 0.8
+"""Where the pictures show at least this share of most photos, nothing is said of the rest."""
 OVERLAP = "More overlap between photos, or a larger matching_size, places more."
 
 
@@ -37,6 +39,11 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
     return tuple(remarks)
 
 
+def photos_missing_or_cropped(finished: Finished) -> tuple[Remark, ...]:
+    """Of `sfm`: photos that are not in the scene, and pictures that show little of theirs."""
+    return photos_not_placed(finished) + photos_cropped(finished)
+
+
 def photos_not_placed(finished: Finished) -> tuple[Remark, ...]:
     """Of `sfm`: how many photos of the capture are in the scene, where not all are; the details name the others."""
     names, placed = strings(finished.input("capture"), "names"), strings(finished.outputs["scene"], "names")
@@ -47,6 +54,28 @@ def photos_not_placed(finished: Finished) -> tuple[Remark, ...]:
         Remark(
             f"{len(placed)} of {len(names)} photos placed; the log names the others. {OVERLAP}",
             f"Not placed: {', '.join(missing)}",
+        ),
+    )
+
+
+def photos_cropped(finished: Finished) -> tuple[Remark, ...]:
+    """Of `sfm`: how much of most photos the pictures show, where that is little; the details name whose fault it is.
+
+    All pictures show what every photo's lens sees: one photo upright among wide ones, or zoomed, crops all others.
+    """
+    recorded = finished.facts.get("shares_shown", [])
+    shares = [float(str(share)) for share in recorded] if isinstance(recorded, list) else []
+    most = sorted(shares)[(len(shares) - 1) // 2] if shares else 1.0
+    if most >= WORTH_A_WORD:
+        return ()
+    names = strings(finished.outputs["scene"], "names")
+    narrowest = [name for name, share in zip(names, shares, strict=True) if share >= WORTH_A_WORD * max(shares)]
+    return (
+        Remark(
+            f"The pictures show {100 * most:.0f} % of most photos: all are cropped to what every photo shows. The log "
+            f"names {len(narrowest)} of {len(names)} that were held the other way (upright or wide) or zoomed; without "
+            "them the pictures show more.",
+            f"They show least: {', '.join(narrowest)}",
         ),
     )
 

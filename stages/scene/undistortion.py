@@ -59,15 +59,13 @@ def shared_pinhole(lenses: Sequence[LensView], width: int, height: int) -> Pinho
     Where the lenses' fields of view differ, it sees what all of them see. Raises `ValueError` where the lenses have
     no field of view in common, or fold over within it.
     """
-    rectangles = np.array([inner_rectangle(lens) for lens in lenses])
-    left, top = rectangles[:, :2].max(axis=0).clip(-WIDEST_TANGENT)
-    right, bottom = rectangles[:, 2:].min(axis=0).clip(max=WIDEST_TANGENT)
+    left, top, right, bottom = common_rectangle(lenses)
     if not (right > left and bottom > top):
         raise ValueError(
             "the lenses of these photos have no field of view in common; make a capture of each lens's photos, or "
             "correct the lenses in the file of poses"
         )
-    focal = max(width / (right - left), height / (bottom - top))
+    focal = focal_within((left, top, right, bottom), width, height)
     middle = np.array([left + right, top + bottom]) / 2
     for _ in range(SHRINKINGS):
         x, y = np.array([width, height]) / 2 - focal * middle
@@ -79,6 +77,29 @@ def shared_pinhole(lenses: Sequence[LensView], width: int, height: int) -> Pinho
         "the lenses of these photos fold over: their distortion is not that of a real lens; correct it in the file of "
         "poses, or take that file out of the folder to have the lenses estimated"
     )
+
+
+def shares_shown(lenses: Sequence[LensView], width: int, height: int) -> tuple[float, ...]:
+    """How much of the picture that each lens alone would give the shared pinhole shows, by area, from 0 to 1.
+
+    1 for the lenses that see least, which crop the pictures of all others, and for every lens where all are alike.
+    """
+    shared = focal_within(common_rectangle(lenses), width, height)
+    return tuple((focal_within(common_rectangle([lens]), width, height) / shared) ** 2 for lens in lenses)
+
+
+def common_rectangle(lenses: Sequence[LensView]) -> tuple[float, float, float, float]:
+    """Left, top, right, bottom of what all lenses see, on the plane at depth 1; empty where that is nothing."""
+    rectangles = np.array([inner_rectangle(lens) for lens in lenses])
+    left, top = rectangles[:, :2].max(axis=0).clip(-WIDEST_TANGENT)
+    right, bottom = rectangles[:, 2:].min(axis=0).clip(max=WIDEST_TANGENT)
+    return left, top, right, bottom
+
+
+def focal_within(rectangle: tuple[float, float, float, float], width: int, height: int) -> float:
+    """The shortest focal length, in pixels, at which a picture of this size fits into what the lenses see."""
+    left, top, right, bottom = rectangle
+    return max(width / (right - left), height / (bottom - top))
 
 
 def inner_rectangle(lens: LensView) -> tuple[float, float, float, float]:

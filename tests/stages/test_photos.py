@@ -139,6 +139,16 @@ def test_poses_of_photos_in_several_folders(tmp_path: Path) -> None:
     expect_refusal(tmp_path / "rig", tmp_path / "other", "do not exist", "middle/1.jpg")
 
 
+def test_poses_in_coordinates_of_a_map_are_refused(tmp_path: Path) -> None:
+    frames = []
+    for name, along in (("a.jpg", 0.0), ("b.jpg", 20.0)):
+        take(tmp_path / "survey" / name)
+        matrix = [[1.0, 0, 0, 500123.0 + along], [0, 1.0, 0, 5400321.0], [0, 0, 1.0, 300.0], [0, 0, 0, 1.0]]
+        frames.append({"file_path": name, "transform_matrix": matrix})
+    (tmp_path / "survey" / "transforms.json").write_text(json.dumps({"camera_angle_x": 1.0, "frames": frames}))
+    expect_refusal(tmp_path / "survey", tmp_path / "out", "transforms.json", "too far", "500133, 5400321, 300")
+
+
 @pytest.mark.parametrize("name", ["a", "a.jpg", "a.png"], ids=["no extension", "the photo's", "another"])
 def test_poses_of_a_transforms_file(tmp_path: Path, name: str) -> None:
     take(tmp_path / "photos" / "a.jpg")

@@ -18,7 +18,7 @@ from stages.render_hidden import RenderHiddenParameters, photograph_message, ren
 from stages.scene.alignment import project
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import gaussians_at
-from stages.scene.message_views import read_messages
+from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, write_scene
 from stages.tracing.rig import orbit
 
@@ -39,13 +39,16 @@ def scene_artifact(folder: Path, cameras: Cameras, points: np.ndarray) -> Artifa
     return load(folder)
 
 
-def wall_of_splats(folder: Path, points: np.ndarray) -> Artifact:
+def wall_of_splats(folder: Path, points: np.ndarray, scale: float = 1.0) -> Artifact:
+    """A Gaussian at every point, in a world that is then scaled."""
     torch.manual_seed(0)
     method = build_method("plain", {"sh_degree": 0})
     gaussians = gaussians_at(
         points, method.initial_attributes({COVER: np.full((len(points), 3), 0.7)}, np.random.default_rng(0))
     )
     gaussians.parameters["logit_opacities"] = torch.full((len(points),), 4.0)
+    gaussians.parameters["means"] *= scale
+    gaussians.parameters["log_scales"] += np.log(scale)
     with create(folder, "splats") as writer:
         write_container(writer, gaussians, method)
     return load(folder)
@@ -91,6 +94,30 @@ def test_splats_without_the_messages_scene(tmp_path: Path) -> None:
     pixels, depth = project(cover, views.points.astype(np.float64))
     assert (depth > 0).all()
     np.testing.assert_allclose(np.median(pixels, axis=1), np.tile([16, 12], (3, 1)), atol=6)
+
+
+@pytest.mark.parametrize("with_scene", [False, True])
+def test_pictures_do_not_depend_on_the_units_of_the_message(tmp_path: Path, with_scene: bool) -> None:
+    """A thing of centimetres in metres lies nearer to the cover's cameras than anything is drawn in those units."""
+    directions = np.random.default_rng(0).standard_normal((1500, 3))
+    shell = 2 * directions / np.linalg.norm(directions, axis=1, keepdims=True) + [0.5, 0.0, 0.2]
+    cover = scene_artifact(tmp_path / "cover", ring(3, scale=3.0, prefix="cover"), 3 * shell)
+
+    def views_of(scale: float) -> MessageViews:
+        folder = tmp_path / str(scale)
+        inputs = {"splats": wall_of_splats(folder / "splats", shell, scale), "cover": cover}
+        if with_scene:
+            cameras = ring(4, scale=scale, prefix="message")
+            inputs["message"] = scene_artifact(folder / "message", cameras, scale * shell)
+        parameters = RenderHiddenParameters(name="shell", search_width=16)
+        made = run_stage(render_hidden, parameters, inputs, folder / "out")["views"]
+        return read_messages([made], ["cover0.png", "cover1.png", "cover2.png"])["shell"]
+
+    usual, tiny = views_of(1.0), views_of(0.003)
+    assert usual.mean_coverage.min() > 0.3
+    np.testing.assert_allclose(tiny.coverage, usual.coverage, atol=0.02)
+    assert np.abs(tiny.pictures.astype(int) - usual.pictures).max() <= 3
+    np.testing.assert_allclose(tiny.points, usual.points, atol=1e-3)
 
 
 def test_in_the_same_world_nothing_is_moved(tmp_path: Path) -> None:

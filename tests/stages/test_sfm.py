@@ -15,8 +15,9 @@ import pytest
 from PIL import Image
 
 from pipeline.artifact import Artifact, create, load
+from pipeline.canonical import Json
 from pipeline.errors import Interrupted, UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Context, Services, run_stage
 from stages.photos import PhotosParameters, photos
 from stages.scene.alignment import project
 from stages.scene.cameras import Cameras
@@ -144,8 +145,20 @@ def test_given_poses_are_kept(truth: Cameras, source: PoseSource, tmp_path: Path
     assert np.median(nearest) < 0.02
 
 
-def test_every_photo_may_have_a_lens_of_its_own(truth: Cameras, tmp_path: Path) -> None:
-    """Zoomed from photo to photo: all come out as seen by one pinhole camera."""
+def test_poses_that_are_to_be_given_are_not_estimated_where_none_came(tmp_path: Path) -> None:
+    with create(tmp_path / "capture", "capture") as writer:
+        capture = Capture(("a.png", "b.png", "c.png"), (SIZE,) * 3, (None,) * 3, ordered=False)
+        write_capture(writer, capture, lambda name: encoded(np.zeros((*SIZE[::-1], 3), np.uint8)))
+    with pytest.raises(UserError, match=r"none came.*3 photos without poses.*transforms\.json.*SFM\.poses=auto"):
+        run(load(tmp_path / "capture"), tmp_path / "out", poses="given")
+
+
+def test_every_photo_may_have_a_lens_of_its_own(
+    truth: Cameras, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Zoomed from photo to photo: all come out as seen by one pinhole camera, and how much of each is recorded."""
+    recorded: dict[str, Json] = {}
+    monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))
     zoomed = truth.intrinsics.copy()
     zoomed[:, [0, 1], [0, 1]] *= np.linspace(1, 1.4, VIEWS)[:, None]
     cameras = replace(truth, intrinsics=zoomed)
@@ -154,6 +167,7 @@ def test_every_photo_may_have_a_lens_of_its_own(truth: Cameras, tmp_path: Path) 
     assert focal_lengths == pytest.approx(zoomed[-1, 0, 0] * 100 / SIZE[0], rel=1e-6)
     assert len(scene.cameras) == VIEWS
     expect_points_where_pictures_show_them(scene)
+    assert recorded["shares_shown"] == pytest.approx((np.linspace(1, 1.4, VIEWS) / 1.4) ** 2, abs=1e-3)
 
 
 def distances_to_walls(points: np.ndarray) -> np.ndarray:

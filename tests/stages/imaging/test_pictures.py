@@ -13,6 +13,7 @@ from PIL import EpsImagePlugin, Image, ImageFile, ImageOps, UnidentifiedImageErr
 
 from pipeline.errors import UserError
 from stages.imaging.backgrounds import over_background
+from stages.imaging.orientation import AS_VIEWED, UPRIGHT
 from stages.imaging.pictures import (
     MOST_PIXELS,
     encode_jpeg,
@@ -57,6 +58,24 @@ def test_exif_orientation_is_applied(tmp_path: Path, gradient: np.ndarray, orien
     with Image.open(path) as image:
         expected = np.asarray(ImageOps.exif_transpose(image))
     assert np.array_equal(read_picture(path), expected)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("mode", ["L", "I;16", "I;16B", "RGBA"])
+def test_exif_turns_tiffs_that_pillow_would_map(
+    tmp_path: Path, gradient: np.ndarray, orientation: int, mode: str
+) -> None:
+    grey = gradient[..., 0]
+    deep = grey.astype(np.uint16) * 257
+    opaque = np.dstack([gradient, np.full_like(grey, 255)])
+    stored = Image.fromarray({"L": grey, "I;16": deep, "I;16B": deep.astype(">u2"), "RGBA": opaque}[mode])
+    assert stored.mode == mode
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    stored.save(tmp_path / "turned.tiff", exif=exif)
+    shown = Image.fromarray(gradient if mode == "RGBA" else np.dstack([grey] * 3))
+    expected = shown if orientation == UPRIGHT else shown.transpose(AS_VIEWED[orientation])
+    assert np.array_equal(read_picture(tmp_path / "turned.tiff"), np.asarray(expected))
 
 
 BROKEN_TAGS = {

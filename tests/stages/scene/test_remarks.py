@@ -10,7 +10,7 @@ import pytest
 from pipeline.artifact import Artifact, create, load
 from pipeline.canonical import Json
 from pipeline.stage import Finished, Remark
-from stages.scene.remarks import message_hardly_seen, photos_left_out, photos_not_placed
+from stages.scene.remarks import message_hardly_seen, photos_left_out, photos_missing_or_cropped
 
 
 def artifact(path: Path, kind: str, **attributes: Json) -> Artifact:
@@ -27,7 +27,7 @@ def finished(inputs: Mapping[str, Artifact], outputs: Mapping[str, Artifact], **
 def test_photos_that_structure_from_motion_could_not_place(tmp_path: Path) -> None:
     capture = artifact(tmp_path / "capture", "capture", names=["a.jpg", "b.jpg", "c.jpg"])
     scene = artifact(tmp_path / "scene", "scene", names=["b.jpg"])
-    (remark,) = photos_not_placed(finished({"capture": capture}, {"scene": scene}))
+    (remark,) = photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene}))
     assert remark.text.startswith("1 of 3 photos placed;")
     assert ".jpg" not in remark.text
     assert remark.details == "Not placed: a.jpg, c.jpg"
@@ -35,7 +35,28 @@ def test_photos_that_structure_from_motion_could_not_place(tmp_path: Path) -> No
 
 def test_nothing_is_said_where_all_are_placed(tmp_path: Path) -> None:
     capture, scene = (artifact(tmp_path / kind, kind, names=["a.jpg"]) for kind in ("capture", "scene"))
-    assert photos_not_placed(finished({"capture": capture}, {"scene": scene})) == ()
+    assert photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene})) == ()
+
+
+@pytest.mark.parametrize(
+    ("shares", "said"),
+    [
+        ([0.5625, 1.0, 0.5625], "56 % of most photos"),
+        ([0.11, 1.0, 0.11], "11 % of most photos"),
+        ([0.11, 1.0, 1.0], ""),  # few see more than the others
+        ([0.9, 1.0, 0.9], ""),
+    ],
+)
+def test_pictures_that_one_photo_crops(tmp_path: Path, shares: list[float], said: str) -> None:
+    names = ["a.jpg", "b.jpg", "c.jpg"]
+    capture, scene = (artifact(tmp_path / kind, kind, names=[*names]) for kind in ("capture", "scene"))
+    remarks = photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene}, shares_shown=[*shares]))
+    assert bool(remarks) is bool(said)
+    for remark in remarks:
+        assert said in remark.text
+        assert "1 of 3" in remark.text
+        assert ".jpg" not in remark.text
+        assert remark.details == "They show least: b.jpg"
 
 
 @pytest.mark.parametrize(("left", "said"), [(0, ()), (10, ("15 of 25 photos came with a pose; the others",))])

@@ -13,6 +13,7 @@ from stages.scene.undistortion import (
     refined,
     sees_whole_pinhole,
     shared_pinhole,
+    shares_shown,
     training_size,
     undistort,
 )
@@ -67,6 +68,16 @@ def test_several_lenses_share_what_all_of_them_see() -> None:
     assert sees_whole_pinhole(wide, pinhole)
     assert sees_whole_pinhole(narrow, pinhole)
     np.testing.assert_allclose(pinhole.intrinsics, shared_pinhole([narrow], 64, 48).intrinsics)
+
+
+def test_one_photo_upright_or_zoomed_crops_all_others() -> None:
+    wide, upright, zoomed = radial(0.0), radial(0.0, width=300, height=400), radial(0.0, focal=900.0)
+    assert shares_shown([wide, upright, wide], 64, 48) == pytest.approx((9 / 16, 1, 9 / 16))
+    assert shares_shown([wide, zoomed], 64, 48) == pytest.approx((1 / 9, 1))
+    barrel = radial(-0.15)
+    assert shares_shown([barrel, barrel], 64, 48) == (1, 1)
+    fields = [64 * 48 / shared_pinhole(lenses, 64, 48).intrinsics[0, 0] ** 2 for lenses in ([wide, upright], [wide])]
+    assert shares_shown([wide, upright], 64, 48)[0] == pytest.approx(fields[0] / fields[1])
 
 
 def test_lenses_that_fold_over_are_refused() -> None:

@@ -1,0 +1,46 @@
+"""Messages of small world units, enlarged before the cover's cameras look at them.
+
+The rasterizer draws nothing nearer than a fifth of a unit, in whatever units: splats that came with a world of their
+own, a thing of a tenth of a unit in metres say, would lie before that plane, wholly or with their fronts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from opencl.rasterizer import RasterSettings
+from stages.hiding.placing import clear_depth
+from stages.hiding.placing_alone import CLEAR_RADII, middle_and_radius
+from stages.scene.gaussians import Gaussians
+from stages.scene.scene import Scene
+from stages.scene.similarity import Similarity
+
+NEAR = RasterSettings().near
+AMPLE = 10 * NEAR
+"""The depth from which on surfaces count in an enlarged world: about that of COLMAP's worlds."""
+
+
+def enlarged(gaussians: Gaussians, message: Scene | None) -> tuple[Gaussians, Scene | None, float]:
+    """N > 0 Gaussians and the scene that came with them, if any, in a world that is large enough, and by what factor.
+
+    1, and both as they are, where what is clear of the cameras lies beyond what is drawn: so it was in all worlds of
+    COLMAP. Colours that depend on the direction do not change with the size.
+    """
+    clear_from = clear_depth(message) if message is not None else 0.0
+    if not clear_from:
+        clear_from = CLEAR_RADII * middle_and_radius(gaussians)[1]
+    if clear_from >= NEAR:
+        return gaussians, message, 1.0
+    factor = AMPLE / clear_from
+    grown = {"means": gaussians.means * factor, "log_scales": gaussians["log_scales"] + math.log(factor)}
+    scene = None if message is None else _enlarged_scene(message, factor)
+    return Gaussians(gaussians.parameters | grown), scene, factor
+
+
+def _enlarged_scene(scene: Scene, factor: float) -> Scene:
+    grown = Similarity(factor, np.eye(3), np.zeros(3))
+    cameras = replace(scene.cameras, world_to_camera=grown.world_to_camera(scene.cameras.world_to_camera))
+    return replace(scene, cameras=cameras, points=scene.points * np.float32(factor))
