@@ -74,9 +74,10 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
         pycolmap=result.version,
         device="cpu",
         lenses=list(result.lens_parameters),
-        shares_shown=[round(result.lens_shares[lens], 3) for lens in result.lens_of],
         seconds_of_phases=dict(result.seconds),
     )
+    if min(result.lens_shares, default=1.0) < 1:
+        context.record(shares_shown=[round(result.lens_shares[lens], 3) for lens in result.lens_of])
 
 
 def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | None:

@@ -6,7 +6,7 @@ them: better words make no result of theirs again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from pipeline.artifact import Artifact
 from pipeline.stage import Finished, Remark
@@ -63,21 +63,33 @@ def photos_cropped(finished: Finished) -> tuple[Remark, ...]:
 
     All pictures show what every photo's lens sees: one photo upright among wide ones, or zoomed, crops all others.
     """
-    recorded = finished.facts.get("shares_shown", [])
-    shares = [float(str(share)) for share in recorded] if isinstance(recorded, list) else []
-    most = sorted(shares)[(len(shares) - 1) // 2] if shares else 1.0
-    if most >= WORTH_A_WORD:
+    said = told_of_cropping(finished.facts)
+    if not said:
         return ()
-    names = strings(finished.outputs["scene"], "names")
+    names, shares = strings(finished.outputs["scene"], "names"), _shares_shown(finished.facts)
     narrowest = [name for name, share in zip(names, shares, strict=True) if share >= WORTH_A_WORD * max(shares)]
     return (
         Remark(
-            f"The pictures show {100 * most:.0f} % of most photos: all are cropped to what every photo shows. The log "
-            f"names {len(narrowest)} of {len(names)} that were held the other way (upright or wide) or zoomed; without "
-            "them the pictures show more.",
+            f"{said} The log names {len(narrowest)} of {len(names)} that were held the other way (upright or wide) or "
+            "zoomed; without them the pictures show more.",
             f"They show least: {', '.join(narrowest)}",
         ),
     )
+
+
+def told_of_cropping(facts: Mapping[str, object]) -> str:
+    """A sentence on what `sfm` recorded, where pictures show little of most photos; empty otherwise."""
+    shares = sorted(_shares_shown(facts))
+    most = shares[(len(shares) - 1) // 2] if shares else 1.0
+    if most >= WORTH_A_WORD:
+        return ""
+    return f"The pictures show {100 * most:.0f} % of most photos: all are cropped to what every photo shows."
+
+
+def _shares_shown(facts: Mapping[str, object]) -> list[float]:
+    """Of each photo; none where all lenses see as much as each other."""
+    recorded = facts.get("shares_shown", [])
+    return [float(str(share)) for share in recorded] if isinstance(recorded, list) else []
 
 
 def message_hardly_seen(finished: Finished) -> tuple[Remark, ...]:

@@ -265,6 +265,16 @@ def test_how_many_photos_were_placed_stands_at_the_top(inputs: dict, tmp_path: P
     assert "cover" not in public
 
 
+def test_what_crops_all_pictures_stands_at_the_top(inputs: dict, tmp_path: Path) -> None:
+    facts = {"shares_shown": [0.4, 0.41, 0.42, 1.0]}
+    lineage = [replace(each, facts={**each.facts, **facts}) if each.name == "cover" else each for each in LINEAGE]
+    services = Services(lineage=lambda: tuple(lineage))
+    made = run_stage(report, ReportParameters(), inputs, tmp_path / "made", services=services)
+    said = "The pictures show 41 % of most photos"
+    assert f"cover: {said}" in top_of(text_of(made["owner"]))
+    assert said not in text_of(made["public"])
+
+
 def test_the_public_is_not_told_of_a_scene_that_nobody_said_was_private(inputs: dict, tmp_path: Path) -> None:
     """What leads to something private alone is left out, whatever its artifact says."""
     items = scenes(tmp_path / "scenes", **{f"photos[{PLANTED}]": (7, 9, False)})
