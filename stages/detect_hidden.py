@@ -11,7 +11,7 @@ from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.learned_detection import Classes, detection_rows
-from stages.analysis.measurements import Measurement, write_measurements
+from stages.analysis.measurements import write_measurements
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
 from stages.analysis.renders import read_renders
 
@@ -38,7 +38,8 @@ class DetectHiddenParameters(Parameters):
 def detect_hidden(context: Context, parameters: DetectHiddenParameters) -> None:
     """Rows of one capture; none where it was not rendered, or nothing else was.
 
-    Hidden and clean renders belong together where their items are of the same row.
+    Hidden and clean renders belong together where their items are of the same row. Of several rows of the capture, such
+    as of trainings that differ in their seed, each has a number, from 0 on, in the column `seed`.
     """
     torch.set_num_threads(parameters.threads)
     tested = [each for capture, each in _rows_of(context, parameters) if capture == parameters.capture]
@@ -48,18 +49,15 @@ def detect_hidden(context: Context, parameters: DetectHiddenParameters) -> None:
         context.progress(share, 1)
         context.stop_if_requested()
 
-    measured: list[Measurement] = []
-    for artifacts in tested:
-        scenes = [_read(each) for each in others]
-        measured += detection_rows(
-            _read(artifacts),
-            scenes,
-            parameters.method,
-            parameters.seed,
-            parameters.iterations,
-            progress,
-            working_device(),
-        )
+    measured = detection_rows(
+        [_read(each) for each in tested],
+        [_read(each) for each in others],
+        parameters.method,
+        parameters.seed,
+        parameters.iterations,
+        progress,
+        working_device(),
+    )
     write_measurements(context.output("measurements"), measured)
     context.record(device=describe_drawing(working_device()))
 

@@ -23,7 +23,7 @@ Classes = Mapping[str, Renders]
 
 
 def detection_rows(
-    tested: Classes,
+    tested: Sequence[Classes],
     others: Sequence[Classes],
     method: str,
     seed: int,
@@ -33,10 +33,12 @@ def detection_rows(
 ) -> Iterator[Measurement]:
     """The logit of every view of the tested scene, on renders and, where there are any, on feature maps.
 
-    Nothing without other scenes. `after_each` is told the share of the work that is done. Detectors are on `device`.
+    `tested` are its trainings: one as a rule, and the number of each is the `seed` of its rows. Nothing without any, no
+    logits without other scenes. `after_each` is told the share of the work that is done. Detectors are on `device`.
     """
-    yield Measurement(TRAINING_SCENES, len(others), HIDDEN, method=method)
-    if not others:
+    if tested:
+        yield Measurement(TRAINING_SCENES, len(others), HIDDEN, method=method)
+    if not tested or not others:
         return
     for number, (quantity, views_in) in enumerate(VIEWS.items()):
 
@@ -48,10 +50,11 @@ def detection_rows(
             continue
         scenes = [(views_of(hidden), views_of(clean)) for hidden, clean in pairs]
         detector = train_detector(scenes, seed, iterations, after_each=progress, device=device)
-        for condition, renders in tested.items():
-            names, values = views_in(renders)
-            for name, logit in zip(names, detector_scores(detector, views_of(values)), strict=True):
-                yield Measurement(quantity, logit, condition, view=name, method=method)
+        for training, classes in enumerate(tested):
+            for condition, renders in classes.items():
+                names, values = views_in(renders)
+                for name, logit in zip(names, detector_scores(detector, views_of(values)), strict=True):
+                    yield Measurement(quantity, logit, condition, seed=training, view=name, method=method)
 
 
 def _pictures(renders: Renders) -> tuple[tuple[str, ...], np.ndarray]:

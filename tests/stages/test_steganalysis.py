@@ -108,19 +108,24 @@ def items(folder: Path, captures: Sequence[str], amplitude: float) -> tuple[Item
     folder.mkdir(parents=True)
     return tuple(
         Item(
-            capture, {"cover": capture, "method": "gs_hider"}, "renders", stored_renders(folder / capture, n, amplitude)
+            f"{n}_{capture}",
+            {"cover": capture, "method": "gs_hider"},
+            "renders",
+            stored_renders(folder / f"{n}_{capture}", n, amplitude),
         )
         for n, capture in enumerate(captures)
     )
 
 
-def detected(folder: Path, captures: Sequence[str], capture: str, method: str = "gs_hider") -> tuple[Measurement, ...]:
+def detected(
+    folder: Path, captures: Sequence[str], capture: str, method: str = "gs_hider", seed: int = 0
+) -> tuple[Measurement, ...]:
     given = {
         "hidden": items(folder / "hidden", captures, 8),
         "clean": items(folder / "clean", captures, 0),
         "clean_again": items(folder / "again", captures, 0),
     }
-    parameters = DetectHiddenParameters(capture=capture, method=method, iterations=15)
+    parameters = DetectHiddenParameters(capture=capture, method=method, iterations=15, seed=seed)
     inputs = {name: tuple(item.artifact for item in each if item.artifact) for name, each in given.items()}
     made = run_stage(detect_hidden, parameters, inputs, folder / "out", items=given)
     assert made["measurements"].private
@@ -138,6 +143,22 @@ def test_a_detector_learns_from_other_scenes_alone(tmp_path: Path) -> None:
         assert all(len(each) == VIEWS for each in logits.values())
         assert np.mean(logits[HIDDEN]) > np.mean(logits[CLEAN])
         assert logits[CLEAN_AGAIN] == logits[CLEAN]
+
+
+def test_another_seed_is_another_detector(tmp_path: Path) -> None:
+    first, again, second = (
+        [row.value for row in detected(tmp_path / name, ["fox", "kitchen"], "fox", seed=seed)]
+        for name, seed in (("first", 0), ("again", 0), ("second", 1))
+    )
+    assert first == again != second
+
+
+def test_each_training_of_a_scene_is_looked_at_by_itself(tmp_path: Path) -> None:
+    """By the one detector that learnt from the other scenes."""
+    rows = detected(tmp_path / "both", ["fox", "fox", "kitchen"], "fox")
+    assert [row.value for row in rows if row.quantity == TRAINING_SCENES] == [1]
+    views = [(row.seed, row.view) for row in rows if (row.quantity, row.condition) == ("learned_on_renders", HIDDEN)]
+    assert views == [(training, f"{view:04d}") for training in (0, 1) for view in range(VIEWS)]
 
 
 def test_nothing_to_learn_from_or_to_test_is_no_error(tmp_path: Path) -> None:

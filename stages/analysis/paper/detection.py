@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +20,8 @@ UNNOTICED = 0.6
 """A detector whose area is larger is right about more than six of ten pairs, and is not called blind."""
 
 
-ByMethod = dict[str, list[Experiment]]
-"""Experiments by the method that hides, in the paper's order."""
+ByMethod = Mapping[str, Sequence[Experiment]]
+"""Experiments by the method that hides, as `runs.by_method` groups them."""
 
 
 @dataclass(frozen=True)
@@ -42,16 +42,21 @@ COMPARISONS = (AS_IN_THE_PAPER, RENDERING, HIDING, CHANCE)
 
 
 def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comparison) -> tuple[Scores, ...]:
-    """What one kind of detector says of both classes, for each experiment that has them; a capture is a scene."""
+    """What one kind of detector says of both classes, for each experiment that has them; a capture is a scene.
+
+    Rows of several trainings of one scene, told apart by their seed, are scores of their own.
+    """
     found = []
     for experiment in experiments:
-        positives, negatives = (
-            np.array([row.value for row in experiment.rows if (row.quantity, row.condition) == (quantity, condition)])
-            for condition in (comparison.positive, comparison.negative)
-        )
-        if len(positives) and len(negatives):
-            is_paired = comparison.paired and len(positives) == len(negatives)
-            found.append(Scores(positives, negatives, is_paired, experiment.capture))
+        rows = [row for row in experiment.rows if row.quantity == quantity]
+        for seed in dict.fromkeys(row.seed for row in rows):
+            positives, negatives = (
+                np.array([row.value for row in rows if (row.seed, row.condition) == (seed, condition)])
+                for condition in (comparison.positive, comparison.negative)
+            )
+            if len(positives) and len(negatives):
+                is_paired = comparison.paired and len(positives) == len(negatives)
+                found.append(Scores(positives, negatives, is_paired, experiment.capture))
     return tuple(found)
 
 
@@ -71,13 +76,17 @@ def _directed_area(experiments: Sequence[Experiment], quantity: str, comparison:
     return bootstrap_area(scores_of(experiments, quantity, comparison), seed)
 
 
+def is_inverted(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> bool:
+    """Whether the area is that of the detector's opposite."""
+    return area_of(experiments, quantity, comparison) != _directed_area(experiments, quantity, comparison)
+
+
 def area_cell(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Cell:
     """The area with its interval, and an arrow where it is that of the opposite; empty where none was measured."""
     shown = area_of(experiments, quantity, comparison)
     if math.isnan(shown.value):
         return Cell("")
-    inverted = shown != _directed_area(experiments, quantity, comparison)
-    note = f"{shown.low:.2f} to {shown.high:.2f}" + (" ↓" if inverted else "")
+    note = f"{shown.low:.2f} to {shown.high:.2f}" + (" ↓" if is_inverted(experiments, quantity, comparison) else "")
     return Cell(f"{shown.value:.2f}", note, Spread(shown.value))
 
 

@@ -19,6 +19,7 @@ from stages.analysis.paper.detection import (
     Comparison,
     area_cell,
     area_of,
+    is_inverted,
     scores_of,
     verdict,
 )
@@ -105,7 +106,9 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
 def _finding(method: str, experiments: Sequence[Experiment]) -> str:
     """What a method's areas say in words."""
     photos, rendering = (area_of(experiments, FUSION, comparison) for comparison in (AS_IN_THE_PAPER, RENDERING))
-    seen = "mostly that they are renders" if rendering.value > photos.value - 0.05 else "more than rendering"
+    is_alike = is_inverted(experiments, FUSION, AS_IN_THE_PAPER) == is_inverted(experiments, FUSION, RENDERING)
+    is_rendering = is_alike and rendering.value > photos.value - 0.05
+    seen = "mostly that they are renders" if is_rendering else "more than rendering"
     return (
         f"{title_of(method)}: renders are told from photos by {photos.value:.2f}, and by {rendering.value:.2f} where "
         f"nothing is hidden: what is seen is {seen}. Renders with and without a message: "

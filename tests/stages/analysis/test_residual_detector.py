@@ -9,6 +9,7 @@ import torch
 from stages.analysis.residual_detector import (
     ResidualDetector,
     Views,
+    _places,
     detector_scores,
     train_detector,
     views_of,
@@ -79,3 +80,13 @@ def test_the_seed_decides_and_the_global_generators_do_not() -> None:
 def test_nothing_to_learn_from_is_said() -> None:
     with pytest.raises(ValueError, match="needs scenes"):
         train_detector([], 0)
+
+
+def test_hidden_and_clean_are_seen_at_the_same_places() -> None:
+    """Content is then no hint: of two containers alike, nothing is left."""
+    views = views_of(scene(0))
+    generator = np.random.default_rng(0)
+    for _ in range(20):
+        hidden, clean = _places((views, views), 16, generator)
+        assert hidden.shape == (3, 16, 16)
+        assert torch.equal(hidden, clean)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stages.analysis.measurements import Measurement
-from stages.analysis.paper.detection import area_by_chance, verdict
+from stages.analysis.paper.detection import HIDING, area_by_chance, area_of, verdict
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
 
@@ -46,3 +46,13 @@ def test_chance_that_was_not_measured_is_said() -> None:
     assert verdict(unknown, LOGIT) == "told apart, how far chance does it was not measured"
     assert verdict([], LOGIT) == "not measured"
     assert verdict([seen("fox", 0.5, 0.5)], LOGIT) == "not told apart"
+
+
+def test_two_trainings_of_a_scene_are_not_pooled() -> None:
+    """Each is told apart from its clean twin; what sets the trainings apart says nothing of that."""
+    rows = []
+    for training, offset in enumerate((0.0, 10.0)):
+        rows += [Measurement(LOGIT, offset + view / VIEWS, CLEAN, seed=training) for view in range(VIEWS)]
+        rows += [Measurement(LOGIT, offset + 2 + view / VIEWS, HIDDEN, seed=training) for view in range(VIEWS)]
+    area = area_of([Experiment("fox", "gs_hider", "0", tuple(rows), {})], LOGIT, HIDING)
+    assert (area.value, area.low, area.high) == (1.0, 1.0, 1.0)
