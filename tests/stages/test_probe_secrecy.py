@@ -14,7 +14,21 @@ from pipeline.errors import Interrupted, UserError
 from pipeline.stage import Services, run_stage
 from stages.analysis.comparisons import read_comparisons
 from stages.analysis.measurements import Measurement, read_measurements
-from stages.analysis.secrecy.conditions import LINEAR, OPEN, OTHER_START, OWNER, RANDOM, SURROGATE, VIEWS_SEEN
+from stages.analysis.secrecy.conditions import (
+    BLIND,
+    CHANNELS,
+    COMPONENTS,
+    IGNORED,
+    LINEAR,
+    OPEN,
+    OTHER_START,
+    OWN_START,
+    OWNER,
+    RANDOM,
+    SURROGATE,
+    UNEXPLAINED,
+    VIEWS_SEEN,
+)
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
 from tests.stages.small import message_views, scene
@@ -77,6 +91,29 @@ def test_3dgs_decoder_has_wrong_decoders_but_no_other_start(tmp_path: Path) -> N
     conditions = {row.condition for row in rows}
     assert {RANDOM, SURROGATE, LINEAR} <= conditions
     assert OTHER_START not in conditions
+
+
+def test_the_right_seed_gives_the_decoder_that_a_training_starts_with(tmp_path: Path) -> None:
+    """After one iteration the owner's is still next to it; no other seed comes near."""
+    given = inputs(tmp_path, "homogeneous", iterations=1, seed=3)
+
+    def shown(seed: int) -> float:
+        rows = read_measurements(
+            probed(tmp_path / f"{seed}", "homogeneous", given, shares=(), start_seed=seed)["measurements"]
+        )
+        return mean(rows, "psnr_covered", OWN_START) - mean(rows, "psnr_covered", OWNER)
+
+    right, wrong = shown(3), shown(4)
+    assert abs(right) < 0.2
+    assert abs(wrong) > 2 * abs(right) + 0.2
+
+
+def test_features_of_few_channels_can_be_looked_at(tmp_path: Path) -> None:
+    given = inputs(tmp_path, "gs_hider", iterations=1, feature_dim=2)
+    rows = read_measurements(probed(tmp_path, "gs_hider", given, shares=())["measurements"])
+    assert {BLIND.format(name) for name in (CHANNELS, COMPONENTS, UNEXPLAINED, IGNORED)} <= {
+        row.condition for row in rows
+    }
 
 
 def test_same_inputs_same_figures(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn.functional import pad
 
 from stages.analysis.secrecy.conditions import CHANNELS, COMPONENTS, IGNORED, SHOWN, UNEXPLAINED
 from stages.analysis.secrecy.linear import least_squares, neighbourhoods
@@ -32,7 +33,8 @@ def blind_readings(public: Method, views: Sequence[Observed], seed: int) -> dict
 
     CHANNELS: the first three of the feature map, as the paper shows them. COMPONENTS: its principal components.
     UNEXPLAINED: those of what is left when the cover's picture, with neighbours, is regressed out. IGNORED, of methods
-    with a scene decoder: directions along which features vary most for how little the scene decoder heeds them.
+    with a scene decoder: directions along which features vary most for how little the scene decoder heeds them. Of
+    fewer than three channels the rest are zero.
     """
     maps = [seen.rendering.feature_map for seen in views]
     readings = {
@@ -42,7 +44,7 @@ def blind_readings(public: Method, views: Sequence[Observed], seed: int) -> dict
     }
     if isinstance(public, CoupledFeatures):
         readings[IGNORED] = _along(maps, ignored_directions(maps, sensitivity(public, views, seed)))
-    return readings
+    return {name: [pad(each, (0, SHOWN - each.shape[-1])) for each in found] for name, found in readings.items()}
 
 
 def covariance(maps: Sequence[Float[Tensor, "H W M"]]) -> Float[Tensor, "M M"]:
