@@ -66,3 +66,18 @@ def test_names_are_text_and_never_markup() -> None:
 def test_the_files_name_is_the_chapters() -> None:
     assert drawing_file("Robustness") == "robustness.svg"
     assert drawing_file("../What a “decoder” shows") == "what_a_decoder_shows.svg"
+
+
+def test_more_lines_than_colours_look_different_in_drawing_and_legend_alike() -> None:
+    series = [Series(f"method {number}", ((30.0, 20.0), (31.0, 22.0 + number))) for number in range(14)]
+    made = line_chart("many", series)
+    assert made is not None
+    root = ElementTree.fromstring(write_drawing("", [made]))
+    drawn, named = (
+        [element.get("class", "") for element in root.iter(f"{{http://www.w3.org/2000/svg}}{kind}")]
+        for kind in ("polyline", "line")
+    )
+    assert len(set(drawn)) == 14
+    assert [look for look in named if look.startswith("line")] == drawn
+    style = next(root.iter("{http://www.w3.org/2000/svg}style")).text or ""
+    assert all(f".{name} " in style for name in {*" ".join(drawn).split()} - {"dashes0"})
