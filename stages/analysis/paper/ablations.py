@@ -23,7 +23,7 @@ from stages.analysis.paper.grid import (
 from stages.analysis.paper.measuring import Figure, Measured, cover, measure, message
 from stages.analysis.paper.published import PUBLISHED_AS, Ablated, Published, Subject, Variant
 from stages.analysis.paper.relations import Relation
-from stages.analysis.paper.runs import Run, Study
+from stages.analysis.paper.runs import Run, Study, usual_settings
 
 TITLES: Mapping[Ablated, str] = {"lambda_message": "λ", "feature_dim": "M", "layers": "Layers"}
 COLUMNS: tuple[tuple[Subject, str], ...] = (
@@ -67,8 +67,8 @@ def varied(runs: Sequence[Run], name: str) -> list[Run]:
 
 
 def value_of(run: Run, name: Ablated, tables: Published) -> float | str:
-    """A setting of a run: the paper's where it states no other."""
-    return dict(run.settings).get(name, tables.setup[name])
+    """A setting of a run: its method's usual one where it states no other."""
+    return dict(run.settings).get(name, usual_settings(run.method, tables.setup)[name])
 
 
 def _grid(method: str, name: Ablated, runs: Sequence[Run], study: Study, tables: Published) -> Grid:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Literal
 
 from stages.analysis.attacks.catalogue import ONE_COLOUR, UNATTACKED, restored
 from stages.analysis.measurements import Measurement
-from stages.analysis.paper.measuring import Measured, Spread, mean
+from stages.analysis.paper.measuring import Measured, Spread, mean, together
 from stages.analysis.paper.runs import Experiment
 
 LEAST_LOSS = 0.05
@@ -49,13 +50,6 @@ class Curve:
             (self.unattacked.message - point.message - self.loss(point) for point in self.points), default=math.nan
         )
 
-    def kept_above(self, floor: float) -> Curve:
-        """With messages that read no worse than `floor`, in dB; as it is where that is NaN."""
-        if math.isnan(floor):
-            return self
-        raised = tuple(replace(point, message=max(point.message, floor)) for point in self.points)
-        return Curve(replace(self.unattacked, message=max(self.unattacked.message, floor)), raised)
-
     def better_of(self, other: Curve) -> Curve:
         """With the message of `other`, the same attack read otherwise, at each severity at which that shows more."""
         messages = {point.severity: point.message for point in other.points}
@@ -93,30 +87,31 @@ class Curve:
         return area / most
 
 
-def curves(experiment: Experiment, condition: str) -> tuple[Curve, ...]:
-    """A curve for each seed; none where the attack was not measured."""
-    unattacked = _point([row for row in experiment.rows if row.condition == UNATTACKED], 0.0)
+def curves(
+    experiment: Experiment, condition: str, floors: Mapping[str | None, float] = MappingProxyType({})
+) -> tuple[Curve, ...]:
+    """A curve for each seed; none where the attack was not measured. `floors` as in `_point`."""
+    unattacked = _point([row for row in experiment.rows if row.condition == UNATTACKED], 0.0, floors)
     rows = [row for row in experiment.rows if row.condition == condition]
     found = []
     for seed in dict.fromkeys(row.seed for row in rows):
         own = [row for row in rows if row.seed == seed]
         severities = dict.fromkeys(row.severity for row in own)
-        points = (_point([row for row in own if row.severity == each], each or 0.0) for each in severities)
+        points = (_point([row for row in own if row.severity == each], each or 0.0, floors) for each in severities)
         found.append(Curve(unattacked, tuple(points)))
     return tuple(found)
 
 
 def readings(experiment: Experiment, attack: str, reading: Reading) -> tuple[Curve, ...]:
-    """A curve for each seed as the message is read, never worse than a picture of one colour.
+    """A curve for each seed as the messages are read, none worse than a picture of one colour.
 
     Where nothing is to be registered, such as a render, the message is read as it was found.
     """
-    found = curves(experiment, attack)
-    again = curves(experiment, restored(attack)) if reading == "registered" else ()
-    if again:
-        found = tuple(each.better_of(other) for each, other in zip(found, again, strict=True))
-    floor = mean(row.value for row in experiment.rows if row.quantity == ONE_COLOUR and row.condition == UNATTACKED)
-    return tuple(curve.kept_above(floor) for curve in found)
+    of_one_colour = [row for row in experiment.rows if (row.quantity, row.condition) == (ONE_COLOUR, UNATTACKED)]
+    floors = {row.message: row.value for row in of_one_colour}
+    found = curves(experiment, attack, floors)
+    again = curves(experiment, restored(attack), floors) if reading == "registered" else ()
+    return tuple(each.better_of(other) for each, other in zip(found, again, strict=True)) if again else found
 
 
 def average_curve(experiments: Iterable[Experiment], condition: str) -> Curve | None:
@@ -132,24 +127,34 @@ def measured(
     experiments: Iterable[Experiment], attack: str, reading: Reading, figure: Callable[[Curve], float]
 ) -> Measured:
     """A figure of curves by capture, with its spread over the attack's seeds."""
-    values: dict[str, list[float]] = {}
+    spreads: dict[str, list[Spread]] = {}
     for experiment in experiments:
         found = [figure(curve) for curve in readings(experiment, attack, reading)]
-        values.setdefault(experiment.capture, []).extend(value for value in found if not math.isnan(value))
-    return Measured({capture: spread(figures) for capture, figures in values.items() if figures})
+        known = [value for value in found if not math.isnan(value)]
+        if known:
+            spreads.setdefault(experiment.capture, []).append(spread(known))
+    return _by_capture(spreads)
 
 
 def at_severity(
     experiments: Iterable[Experiment], condition: str, severity: float | None, message: bool, quantity: str
 ) -> Measured:
     """A quantity of cover or messages under a condition by capture, with its spread over the attack's seeds."""
-    values: dict[str, dict[int | None, list[float]]] = {}
+    spreads: dict[str, list[Spread]] = {}
     for experiment in experiments:
+        values: dict[int | None, list[float]] = {}
         for row in experiment.rows:
             found = (row.condition, row.severity, row.quantity, row.message is not None)
             if found == (condition, severity, quantity, message):
-                values.setdefault(experiment.capture, {}).setdefault(row.seed, []).append(row.value)
-    return Measured({capture: spread([mean(each) for each in seeds.values()]) for capture, seeds in values.items()})
+                values.setdefault(row.seed, []).append(row.value)
+        if values:
+            spreads.setdefault(experiment.capture, []).append(spread([mean(each) for each in values.values()]))
+    return _by_capture(spreads)
+
+
+def _by_capture(spreads: Mapping[str, Sequence[Spread]]) -> Measured:
+    """Of several trainings of a capture the mean: how far they lie apart is no spread of an attack's seeds."""
+    return Measured({capture: together(each) for capture, each in spreads.items()})
 
 
 def spread(values: Sequence[float]) -> Spread:
@@ -161,13 +166,15 @@ def spread(values: Sequence[float]) -> Spread:
     return Spread(middle, math.sqrt(squares / (len(values) - 1)), len(values))
 
 
-def _point(rows: Sequence[Measurement], severity: float) -> Point:
-    psnr = [row for row in rows if row.quantity == "psnr"]
-    return Point(
-        severity,
-        mean(row.value for row in psnr if row.message is None),
-        mean(row.value for row in psnr if row.message is not None),
-    )
+def _point(rows: Sequence[Measurement], severity: float, floors: Mapping[str | None, float]) -> Point:
+    """The mean of the messages, each no worse than its floor in dB where it has one."""
+    found: dict[str | None, list[float]] = {}
+    for row in rows:
+        if row.quantity == "psnr":
+            found.setdefault(row.message, []).append(row.value)
+    cover = mean(found.pop(None, ()))
+    messages = (max(mean(values), floors.get(name, -math.inf)) for name, values in found.items())
+    return Point(severity, cover, mean(messages))
 
 
 def _mean(points: Sequence[Point]) -> Point:

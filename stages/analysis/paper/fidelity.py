@@ -46,6 +46,7 @@ from stages.analysis.paper.measuring import (
 )
 from stages.analysis.paper.published import Published, Subject, average, row_of
 from stages.analysis.paper.runs import Run, Study, capture_title
+from stages.imaging.metric_table import MetricRow
 
 
 def fidelity(study: Study, tables: Published) -> Chapter:
@@ -158,8 +159,17 @@ def _message_cell(runs: Sequence[Run], quantity: str, figure: Figure) -> Cell:
     spread = next(iter(measure(runs, figure).by_capture.values()), UNKNOWN)
     if quantity != "legal":
         return figure_cell(quantity, spread)
-    flags = [row.value for row in runs[0].rows if row.quantity == "legal" and row.split == "test"]
+    flags = [row.value for run in _one_of_each(runs) for row in run.rows if _tells_legal(row)]
     return Cell(f"{round(sum(flags))} of {len(flags)}" if flags else MISSING, "", spread)
+
+
+def _one_of_each(runs: Sequence[Run]) -> list[Run]:
+    """Which views are legal no seed changes, another message does."""
+    return [*{run.other: run for run in reversed(runs)}.values()][::-1]
+
+
+def _tells_legal(row: MetricRow) -> bool:
+    return row.quantity == "legal" and row.split == "test"
 
 
 def _tiles(runs: Sequence[Run], tables: Published) -> tuple[Tile, ...]:

@@ -31,6 +31,20 @@ UNKNOWN = Spread(math.nan)
 """What was not measured."""
 
 
+def together(spreads: Sequence[Spread]) -> Spread:
+    """The mean of several; its deviation, that of this mean, is known where that of each is. UNKNOWN without any.
+
+    `count` is the least of theirs: so many values, or more, each of them is the mean of.
+    """
+    if len(spreads) == 1:
+        return spreads[0]
+    if not spreads:
+        return UNKNOWN
+    deviation = math.hypot(*(each.deviation for each in spreads)) / len(spreads)
+    worth = len(spreads) ** 2 / sum(1 / each.worth for each in spreads)
+    return Spread(mean(each.mean for each in spreads), deviation, min(each.count for each in spreads), worth)
+
+
 @dataclass(frozen=True)
 class Measured:
     """One figure of runs of one kind, by capture."""
@@ -39,18 +53,8 @@ class Measured:
 
     @property
     def average(self) -> Spread:
-        """The mean over the captures; its deviation is known where that of every capture is.
-
-        `count` is the number of captures; of a single one, whose average is its own, that of its values.
-        """
-        spreads = list(self.by_capture.values())
-        if len(spreads) == 1:
-            return spreads[0]
-        if not spreads:
-            return UNKNOWN
-        deviation = math.hypot(*(each.deviation for each in spreads)) / len(spreads)
-        worth = len(spreads) ** 2 / sum(1 / each.worth for each in spreads)
-        return Spread(mean(each.mean for each in spreads), deviation, len(spreads), worth)
+        """The mean over the captures, as `together` makes it."""
+        return together([*self.by_capture.values()])
 
     def on(self, capture: str) -> float:
         """The mean on one capture; NaN where it was not measured."""
@@ -78,6 +82,22 @@ class Measured:
                 worth = 1 / (1 / own.worth + 1 / other.by_capture[capture].worth)
                 found[capture] = Spread(value, worth=worth)
         return Measured(found)
+
+
+@dataclass(frozen=True)
+class MeasuredErrors(Measured):
+    """PSNRs, in dB, whose average is that of the mean squared error: a capture without any error, whose PSNR is
+    infinite, does not make the average so.
+    """
+
+    @property
+    def average(self) -> Spread:
+        """Without a deviation; of a single capture its own, UNKNOWN without any."""
+        whole = super().average
+        if len(self.by_capture) < 2:
+            return whole
+        error = mean(10 ** (-each.mean / 10) for each in self.by_capture.values())
+        return replace(whole, mean=-10 * math.log10(error) if error else math.inf, deviation=math.nan)
 
 
 def measure(runs: Iterable[Run], figure: Figure) -> Measured:

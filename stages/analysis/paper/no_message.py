@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from stages.analysis.page.figures import label
 from stages.analysis.page.material import GS_HIDER, PLAIN
 from stages.analysis.page.tables import PICTURE_QUANTITIES
@@ -92,4 +94,6 @@ def _relations(runs: tuple[Run, ...], study: Study, tables: Published) -> tuple[
 def _is_larger(run: Run, tables: Published) -> bool:
     """Whether features or decoder are larger than the paper's, and neither is smaller."""
     usual = usual_settings(run.method, tables.setup)
-    return bool(run.settings) and all(isinstance(value, float) and value > usual[name] for name, value in run.settings)
+    return bool(run.settings) and all(
+        isinstance(value, float) and value > usual.get(name, math.inf) for name, value in run.settings
+    )

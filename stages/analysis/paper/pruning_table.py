@@ -11,7 +11,7 @@ from stages.analysis.page.material import GS_HIDER, OURS
 from stages.analysis.paper.attack_curves import at_severity
 from stages.analysis.paper.chapter import title_of
 from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, published_cell
-from stages.analysis.paper.measuring import Measured
+from stages.analysis.paper.measuring import Measured, MeasuredErrors
 from stages.analysis.paper.published import Published, Variant, average
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Experiment
@@ -99,7 +99,7 @@ def _addition(
         "figure",
         "at least",
         published,
-        before.with_other(after, added_psnr),
+        MeasuredErrors(before.with_other(after, added_psnr).by_capture),
         published,
         source="" if method == GS_HIDER else "of GS-Hider",
     )

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName, restored
 from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.page.figures import MISSING
-from stages.analysis.page.material import DECODER, GS_HIDER, METHOD_TITLES, OURS, PLAIN, SECOND_HARMONICS
+from stages.analysis.page.material import DECODER, GS_HIDER, OURS, PLAIN, SECOND_HARMONICS
 from stages.analysis.page.summary import Tile
 from stages.analysis.paper.attack_curves import Curve, Reading, average_curve, curves, measured, readings
 from stages.analysis.paper.chapter import Chapter, title_of
-from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, without_empty_columns
+from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, signed, without_empty_columns
 from stages.analysis.paper.measuring import Measured, Spread, mean
 from stages.analysis.paper.pruning_table import pruning_relations, pruning_table
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation
-from stages.analysis.paper.runs import Experiment, Study
+from stages.analysis.paper.runs import Experiment, Study, by_method
 
 COMPARED = (OURS, GS_HIDER)
 """The widths of curves are those that both of these reach."""
@@ -34,7 +34,7 @@ CURVE_NOTE = (
     "whole width. What costs the cover up to 0.05 dB costs nothing. The width is the largest loss of the cover that "
     "the curves of GS-Hider and of ours both reach; where that is nothing, what is left for nothing. A message that "
     "reads worse than the best picture of one colour is gone, and an owner who sees it says so: it counts as such a "
-    "picture. ±: over the attack's seeds."
+    "picture. ±: over n seeds of the attack; of several captures, that of their mean."
 )
 
 READINGS: Mapping[Reading, str] = {
@@ -52,7 +52,7 @@ REGISTERED_NOTE = (
 
 @dataclass(frozen=True)
 class Attacked:
-    """The experiments of attacks, by method in the paper's order, and the attacks that any of them measured."""
+    """The experiments of attacks, as `runs.by_method` groups them, and the attacks that any of them measured."""
 
     by_method: Mapping[str, tuple[Experiment, ...]]
     attacks: tuple[AttackName, ...]
@@ -117,24 +117,18 @@ def robustness(study: Study, tables: Published) -> Chapter:
 def _attacked(study: Study) -> Attacked:
     conditions = {*ATTACKS, UNATTACKED}
     of_attacks = [each for each in study.experiments if {row.condition for row in each.rows} & conditions]
-    methods = [*(name for name in METHOD_TITLES), *(each.method for each in of_attacks)]
-    by_method = {
-        method: group
-        for method in dict.fromkeys(methods)
-        if (group := tuple(each for each in of_attacks if each.method == method))
-    }
     found = {row.condition for each in of_attacks for row in each.rows}
-    return Attacked(by_method, tuple(attack for attack in ATTACKS if attack in found))
+    return Attacked(by_method(of_attacks), tuple(attack for attack in ATTACKS if attack in found))
 
 
 def _areas(attacked: Attacked, reading: Reading, sources: str) -> Grid:
     lines = []
     for attack in attacked.attacks:
         cells = []
-        for method in attacked.by_method:
+        for method, (first, *_) in attacked.by_method.items():
             lost = attacked.message_lost(method, attack, reading).average.mean
-            note = "" if math.isnan(lost) else f"{-lost:+.2f}"
-            cells.append(_cell(attack, method, attacked.message_left(method, attack, reading), note))
+            note = signed("psnr", -lost)
+            cells.append(_cell(attack, first.method, attacked.message_left(method, attack, reading), note))
         width = attacked.width(attack)
         lines.append(Line((ATTACKS[attack].title,), (*cells, Cell(f"{width:.2f} dB", "", Spread(width)))))
     cells = [
@@ -197,7 +191,10 @@ def _gains(attacked: Attacked, reading: Reading) -> Grid:
     lines = [
         Line(
             (ATTACKS[attack].title,),
-            tuple(_cell(attack, method, attacked.gain(method, attack, reading)) for method in attacked.by_method),
+            tuple(
+                _cell(attack, first.method, attacked.gain(method, attack, reading))
+                for method, (first, *_) in attacked.by_method.items()
+            ),
         )
         for attack in attacked.attacks
     ]

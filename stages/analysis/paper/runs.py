@@ -10,8 +10,9 @@ from pathlib import Path
 from pipeline.errors import UserError
 from pipeline.stage import Item
 from stages.analysis.measurements import Measurement, read_measurements
-from stages.analysis.page.material import METHOD_TITLES, OURS, PLAIN
+from stages.analysis.page.material import METHOD_TITLES, PLAIN
 from stages.imaging.metric_table import MetricRow, read_rows
+from stages.training.presets import HIDING, HIDING_SCENES
 
 SETTINGS = {
     "lambda_message": "λ = {}",
@@ -19,12 +20,15 @@ SETTINGS = {
     "layers": "{} layers",
     "decoder_width": "decoders {} wide",
     "iterations": "{} iterations",
+    "gaussians": "at most {} Gaussians",
 }
 """Columns of items that tell runs of one method apart, and how a line of a table is called after them."""
 
-DECODER_WIDTHS = {OURS: 32.0}
+SETTINGS_OF_PLAIN = ("iterations", "gaussians")
+"""Plain 3DGS has no setting of hiding."""
+
 DECODER_WIDTH = 64.0
-"""Usual widths of decoders, in channels: of these methods, and of others."""
+"""The usual width of decoders, in channels, which the paper does not say."""
 
 Settings = tuple[tuple[str, float | str], ...]
 
@@ -78,8 +82,8 @@ class Run:
 
 @dataclass(frozen=True)
 class Experiment:
-    """What one item measured under conditions, such as attacks: `capture`, `method`, `seed` and `stage` as in `Run`,
-    `values` whatever its item states.
+    """What one item measured under conditions, such as attacks: `capture`, `method`, `settings`, `seed` and `stage` as
+    in `Run`, `values` whatever its item states.
     """
 
     capture: str
@@ -88,6 +92,7 @@ class Experiment:
     rows: tuple[Measurement, ...] = field(repr=False)
     values: Mapping[str, object] = field(repr=False)
     stage: str = ""
+    settings: Settings = ()
 
 
 @dataclass(frozen=True)
@@ -124,22 +129,35 @@ def read_study(
 ) -> Study:
     """The runs and experiments behind labelled items; `setup` holds the usual settings, those of the paper.
 
+    Of the bound on Gaussians the usual one is the largest that items of the same capture state.
+
     A training that was scored several times, such as the plain 3DGS beside every method, counts once.
     Raises UserError where some items lack the column of captures that others have.
     """
     scores, timings, experiments = tuple(scores), tuple(timings), tuple(experiments)
     items = (*scores, *timings, *experiments)
     _check_captures(items, columns)
-    stated = [_value(item.values["iterations"]) for item in items if item.values.get("iterations") is not None]
-    iterations = min((value for value in stated if isinstance(value, float)), default=None)
+    iterations = min(_stated(items, "iterations"), default=None)
     usual = {**setup, **({"iterations": iterations} if iterations is not None else {})}
+
+    def usual_of(item: Item) -> Mapping[str, float]:
+        alike = [each for each in items if each.values.get(columns.capture) == item.values.get(columns.capture)]
+        bounds = _stated(alike, "gaussians")
+        return {**usual, **({"gaussians": max(bounds)} if bounds else {})}
+
     return Study(
-        _distinct(run for item in scores for run in _runs_of(item, columns, usual)),
-        _distinct(run for item in timings for run in _runs_of(item, columns, usual)),
+        _distinct(run for item in scores for run in _runs_of(item, columns, usual_of(item))),
+        _distinct(run for item in timings for run in _runs_of(item, columns, usual_of(item))),
         tuple((item.label, item.cause or "not made") for item in items if item.artifact is None),
         iterations,
-        tuple(experiment for item in experiments for experiment in _experiments_of(item, columns)),
+        tuple(experiment for item in experiments for experiment in _experiments_of(item, columns, usual_of(item))),
     )
+
+
+def _stated(items: Iterable[Item], name: str) -> list[float]:
+    """The numbers that items state of a setting."""
+    values = [_value(item.values[name]) for item in items if item.values.get(name) is not None]
+    return [value for value in values if isinstance(value, float)]
 
 
 def by_kind(runs: Iterable[Run]) -> dict[tuple[object, ...], tuple[Run, ...]]:
@@ -151,14 +169,38 @@ def by_kind(runs: Iterable[Run]) -> dict[tuple[object, ...], tuple[Run, ...]]:
     return {kind: tuple(group) for kind, group in groups.items()}
 
 
+def by_method(experiments: Iterable[Experiment]) -> dict[str, tuple[Experiment, ...]]:
+    """Experiments that differ in capture and seed alone, together: methods in the paper's order, others after them.
+
+    The key is the method where its settings are the usual ones, or all that there are of it; of others it is the title,
+    so that a container with another λ is not taken for one more seed.
+    """
+    listed = list(experiments)
+    order = [*METHOD_TITLES, *sorted({each.method for each in listed} - METHOD_TITLES.keys())]
+    groups: dict[str, list[Experiment]] = {}
+    for method in order:
+        own = [each for each in listed if each.method == method]
+        kinds = sorted({each.settings for each in own}, key=lambda settings: (bool(settings), str(settings)))
+        for settings in kinds:
+            is_usual = not settings or len(kinds) == 1
+            key = method if is_usual else settings_title(method, settings)
+            groups[key] = [each for each in own if each.settings == settings]
+    return {key: tuple(group) for key, group in groups.items()}
+
+
 def method_title(run: Run) -> str:
     """The method's title, with each setting that is not the usual one.
 
     >>> method_title(Run("fox", "gs_hider", (("feature_dim", 32.0),), "0", ()))
     'GS-Hider, M = 32'
     """
-    title = METHOD_TITLES.get(run.method, run.method)
-    return ", ".join([title, *(SETTINGS[name].format(_written(value)) for name, value in run.settings)])
+    return settings_title(run.method, run.settings)
+
+
+def settings_title(method: str, settings: Settings) -> str:
+    """The method's title, with settings."""
+    title = METHOD_TITLES.get(method, method)
+    return ", ".join([title, *(SETTINGS[name].format(_written(value)) for name, value in settings)])
 
 
 def capture_title(capture: str) -> str:
@@ -188,7 +230,7 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
         Run(
             "" if capture is None else str(capture),
             method,
-            _settings(item, method, group, usual),
+            _settings(item, method, _usual_of_pictures(group, usual_settings(method, usual))),
             "" if seed is None else str(seed),
             tuple(group),
             other if method != PLAIN else (),
@@ -198,7 +240,7 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
     ]
 
 
-def _experiments_of(item: Item, columns: Columns) -> list[Experiment]:
+def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[Experiment]:
     """One for each method that the rows name."""
     if item.artifact is None:
         return []
@@ -214,22 +256,27 @@ def _experiments_of(item: Item, columns: Columns) -> list[Experiment]:
             tuple(rows),
             item.values,
             item.stage,
+            _settings(item, method, usual_settings(method, usual)),
         )
         for method, rows in by_method.items()
     ]
 
 
 def usual_settings(method: str, setup: Mapping[str, float]) -> Mapping[str, float]:
-    """A method's usual settings: those of the paper, and how wide its decoders are, which the paper does not say."""
-    return {**setup, "decoder_width": DECODER_WIDTHS.get(method, DECODER_WIDTH)}
+    """A method's usual settings: those of the paper, and what our own takes by itself."""
+    own = {**HIDING.get(method, {}), **HIDING_SCENES.get(method, {})}
+    return {**setup, "decoder_width": DECODER_WIDTH, **{name: own[name] for name in SETTINGS if name in own}}
 
 
-def _settings(item: Item, method: str, rows: Sequence[MetricRow], usual: Mapping[str, float]) -> Settings:
-    """What is stated and unusual; plain 3DGS has no setting of hiding."""
-    names = list(SETTINGS) if method != PLAIN else ["iterations"]
-    usual = usual_settings(method, usual)
-    if any(row.quantity == "hides_image" for row in rows):
-        usual = {**usual, "lambda_message": usual["lambda_image"]}
+def _usual_of_pictures(rows: Sequence[MetricRow], usual: Mapping[str, float]) -> Mapping[str, float]:
+    """A hidden image has a λ of its own."""
+    hides_image = any(row.quantity == "hides_image" for row in rows)
+    return {**usual, "lambda_message": usual["lambda_image"]} if hides_image else usual
+
+
+def _settings(item: Item, method: str, usual: Mapping[str, float]) -> Settings:
+    """What is stated and unusual."""
+    names = list(SETTINGS) if method != PLAIN else SETTINGS_OF_PLAIN
     stated = {name: _value(item.values[name]) for name in names if item.values.get(name) is not None}
     return tuple((name, value) for name, value in stated.items() if value != usual[name])
 

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from stages.analysis.measurements import Measurement
 from stages.analysis.page.material import METHOD_TITLES
 from stages.analysis.paper.measuring import Measured, Spread
-from stages.analysis.paper.runs import Experiment, Study, capture_title
+from stages.analysis.paper.runs import Experiment, Settings, Study, capture_title, settings_title
 from stages.analysis.secrecy.conditions import BLIND, NOTHING_HIDDEN, OWNER, SURROGATE
+
+M = "feature_dim"
 
 HARMONICS = ("sh", "decoder")
 """Methods without features, and so without M."""
@@ -18,10 +20,13 @@ HARMONICS = ("sh", "decoder")
 
 @dataclass(frozen=True)
 class Kind:
-    """Containers that differ in capture and seed alone: `feature_dim` is M, None for a method without features."""
+    """Containers that differ in capture and seed alone: `feature_dim` is M, None for a method without features;
+    `settings` are the others that are not the usual ones.
+    """
 
     method: str
     feature_dim: float | None
+    settings: Settings = ()
 
     @property
     def title(self) -> str:
@@ -29,9 +34,11 @@ class Kind:
 
         >>> Kind("gs_hider", 8.0).title, Kind("sh", None).title
         ('GS-Hider, M = 8', '3DGS+SH')
+        >>> Kind("gs_hider", 8.0, (("lambda_message", 0.25),)).title
+        'GS-Hider, M = 8, λ = 0.25'
         """
-        name = METHOD_TITLES.get(self.method, self.method)
-        return name if self.feature_dim is None else f"{name}, M = {self.feature_dim:g}"
+        size: Settings = () if self.feature_dim is None else ((M, self.feature_dim),)
+        return settings_title(self.method, (*size, *self.settings))
 
 
 Found = Mapping[Kind, Sequence[Experiment]]
@@ -44,14 +51,26 @@ def kinds(study: Study) -> Found:
     found: dict[Kind, list[Experiment]] = {}
     for experiment in study.experiments:
         if any(row.condition == OWNER for row in experiment.rows):
-            stated = experiment.values.get("feature_dim")
+            stated = experiment.values.get(M)
             has_features = experiment.method not in HARMONICS and isinstance(stated, int | float)
-            kind = Kind(experiment.method, float(str(stated)) if has_features else None)
+            others = tuple((name, value) for name, value in experiment.settings if name != M)
+            kind = Kind(experiment.method, float(str(stated)) if has_features else None, others)
             found.setdefault(kind, []).append(experiment)
     place = {name: index for index, name in enumerate(order)}
-    return dict(
-        sorted(found.items(), key=lambda item: (place.get(item[0].method, len(order)), item[0].feature_dim or 0))
-    )
+
+    def position(kind: Kind) -> tuple[int, str, float]:
+        return place.get(kind.method, len(order)), str(kind.settings), kind.feature_dim or 0
+
+    return {kind: found[kind] for kind in sorted(found, key=position)}
+
+
+def by_size(method: str, found: Found) -> list[dict[float, Sequence[Experiment]]]:
+    """The experiments of a method by M, of containers that differ in nothing else together."""
+    groups: dict[Settings, dict[float, Sequence[Experiment]]] = {}
+    for kind, experiments in found.items():
+        if kind.method == method and kind.feature_dim is not None:
+            groups.setdefault(kind.settings, {})[kind.feature_dim] = experiments
+    return [*groups.values()]
 
 
 def rows_of(
@@ -86,21 +105,27 @@ def by_seed(rows: Sequence[Measurement]) -> Spread:
 
 
 def figure(experiments: Sequence[Experiment], quantity: str, condition: str, severity: float | None = None) -> Spread:
-    """`by_seed` of what `rows_of` finds."""
-    return by_seed(rows_of(experiments, quantity, condition, severity))
+    """The mean over the captures, each of which counts alike, however many test views it has."""
+    return measured(experiments, quantity, condition, severity).average
 
 
 def measured(
     experiments: Sequence[Experiment], quantity: str, condition: str, severity: float | None = None
 ) -> Measured:
-    """The figure of each capture where it was measured."""
+    """The figure of each capture where it was measured, with its spread over seeds."""
     found = {}
     for capture in dict.fromkeys(experiment.capture for experiment in experiments):
         own = [experiment for experiment in experiments if experiment.capture == capture]
-        spread = figure(own, quantity, condition, severity)
+        spread = by_seed(rows_of(own, quantity, condition, severity))
         if spread.count:
             found[capture] = spread
     return Measured(found)
+
+
+def deviation_of_one(spreads: Measured) -> float:
+    """The standard deviation from one seed to the next, pooled over the captures; NaN where one has a single seed."""
+    variances = [spread.deviation**2 for spread in spreads.by_capture.values()]
+    return math.sqrt(math.fsum(variances) / len(variances)) if variances else math.nan
 
 
 def shares(experiments: Sequence[Experiment], condition: str = SURROGATE) -> tuple[float, ...]:

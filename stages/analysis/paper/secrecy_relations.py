@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from stages.analysis.paper.measuring import Measured
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Experiment
-from stages.analysis.paper.secrecy_figures import Found, Kind, best_blind, figure, measured, shares
+from stages.analysis.paper.secrecy_figures import (
+    Found,
+    Kind,
+    best_blind,
+    by_size,
+    deviation_of_one,
+    measured,
+    shares,
+)
 from stages.analysis.secrecy.conditions import COVER_ITSELF, OPEN, OTHER_START, OWNER, RANDOM, SURROGATE
 
 MOST_OVER_ONE_COLOUR = 1.0
@@ -44,8 +52,7 @@ def _of_kind(kind: Kind, experiments: Sequence[Experiment]) -> list[Relation]:
         if share > 0:
             text = f"{kind.title}: message over one colour, a surrogate with {share:.0%} of the views"
             shown = measured(experiments, "psnr_covered", SURROGATE, share)
-            noise = figure(experiments, "psnr_covered", SURROGATE, share).deviation
-            relations.append(_over_one_colour(text, shown, experiments, noise))
+            relations.append(_over_one_colour(text, shown, experiments, deviation_of_one(shown)))
     return relations
 
 
@@ -68,9 +75,10 @@ def _small_features(method: str, found: Found) -> list[Relation]:
 
     The paper says that small M "may result in hidden messages being more easily leaked", and gives no figure.
     """
-    own = {kind.feature_dim: each for kind, each in found.items() if kind.method == method and kind.feature_dim}
-    if len(own) < 2:
-        return []
+    return [relation for sizes in by_size(method, found) if len(sizes) > 1 for relation in _of_sizes(method, sizes)]
+
+
+def _of_sizes(method: str, own: Mapping[float, Sequence[Experiment]]) -> list[Relation]:
     small, large = own[min(own)], own[max(own)]
     title = Kind(method, None).title
     return [
@@ -82,7 +90,7 @@ def _small_features(method: str, found: Found) -> list[Relation]:
             0.0,
             _behind(small, share).minus(_behind(large, share)),
             math.nan,
-            _of_both(*(figure(each, "psnr_covered", SURROGATE, share).deviation for each in (small, large))),
+            _of_both(*(deviation_of_one(measured(each, "psnr_covered", SURROGATE, share)) for each in (small, large))),
         )
         for share in shares(small)
         if share > 0

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from stages.analysis.paper.runs import Experiment
-from stages.analysis.paper.secrecy_figures import Found, Kind, best_blind, figure, shares
+from stages.analysis.paper.secrecy_figures import Found, Kind, blind_conditions, figure, shares
 from stages.analysis.secrecy.conditions import BLIND, COVER_ITSELF, NOTHING_HIDDEN, OPEN, OWN_START, OWNER, SURROGATE
 
 RECOGNISABLE = 0.1
@@ -27,19 +27,26 @@ def _sentence(kind: Kind, experiments: Sequence[Experiment]) -> str:
 
 
 def _of_the_container_alone(experiments: Sequence[Experiment]) -> list[str]:
-    blind = best_blind(experiments)
-    if blind is None:
+    """By the blind reading that is farthest beyond its controls: it need not be the one of the most decibels."""
+    readings = [(*_beside_chance(experiments, each), each) for each in blind_conditions(experiments)]
+    known = [reading for reading in readings if not math.isnan(reading[0] - reading[1])]
+    if not known:
         return []
-    related, others = _related(experiments, blind, None)
-    chances = [figure(experiments, "correlation", each).mean for each in (NOTHING_HIDDEN.format(blind), COVER_ITSELF)]
-    known = [chance for chance in (others, *chances) if not math.isnan(chance)]
-    if not known or not related - max(known) > RECOGNISABLE:
+    related, chance, blind = max(known, key=lambda reading: reading[0] - reading[1])
+    if not related - chance > RECOGNISABLE:
         return []
     way = blind.removeprefix(BLIND.format(""))
     return [
         f"whoever has the container alone: three channels of its feature map, by {way!r}, show the message "
-        f"(r = {related:.2f}, control {max(known):.2f}) to a reader who has seen nothing of it"
+        f"(r = {related:.2f}, control {chance:.2f}) to a reader who has seen nothing of it"
     ]
+
+
+def _beside_chance(experiments: Sequence[Experiment], blind: str) -> tuple[float, float]:
+    """A blind reading's correlation with the message, and the largest of its controls; NaN where there is none."""
+    related, others = _related(experiments, blind, None)
+    chances = [figure(experiments, "correlation", each).mean for each in (NOTHING_HIDDEN.format(blind), COVER_ITSELF)]
+    return related, max((each for each in (others, *chances) if not math.isnan(each)), default=math.nan)
 
 
 def _of_surrogates(experiments: Sequence[Experiment]) -> list[str]:

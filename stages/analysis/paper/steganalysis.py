@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 
 from stages.analysis.attribute_histograms import GAUSSIANS
 from stages.analysis.learned_detection import LEARNED, TRAINING_SCENES
-from stages.analysis.page.material import METHOD_TITLES
 from stages.analysis.paper.attribute_tables import attribute_charts, attributes_grid
 from stages.analysis.paper.chapter import Chapter, title_of
 from stages.analysis.paper.detection import HIDING, UNNOTICED, ByMethod, area_of
@@ -15,7 +14,7 @@ from stages.analysis.paper.measuring import Measured, Spread
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.roc_charts import roc_charts
-from stages.analysis.paper.runs import Study
+from stages.analysis.paper.runs import Study, by_method
 from stages.analysis.paper.steganalysis_tables import (
     areas_grid,
     counts_grid,
@@ -58,17 +57,12 @@ def steganalysis(study: Study, tables: Published) -> Chapter:
 
 
 def _by_method(study: Study, quantity: str) -> ByMethod:
-    """The experiments that measured a quantity, in the paper's order of methods."""
-    found: ByMethod = {}
-    for experiment in study.experiments:
-        if any(row.quantity == quantity for row in experiment.rows):
-            found.setdefault(experiment.method, []).append(experiment)
-    order = [*METHOD_TITLES, *sorted(found.keys() - METHOD_TITLES.keys())]
-    return {method: found[method] for method in order if method in found}
+    """The experiments that measured a quantity."""
+    return by_method(each for each in study.experiments if any(row.quantity == quantity for row in each.rows))
 
 
-def _relations(by_method: ByMethod, quantity: str, detector: str) -> Iterator[Relation]:
-    for method, experiments in by_method.items():
+def _relations(experiments_of: ByMethod, quantity: str, detector: str) -> Iterator[Relation]:
+    for method, experiments in experiments_of.items():
         areas = {}
         for capture in dict.fromkeys(each.capture for each in experiments):
             area = area_of([each for each in experiments if each.capture == capture], quantity, HIDING)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from stages.analysis.attacks.catalogue import ONE_COLOUR, UNATTACKED, restored
 from stages.analysis.measurements import Measurement
-from stages.analysis.paper.attack_curves import LEAST_LOSS, Curve, Point, readings
+from stages.analysis.paper.attack_curves import LEAST_LOSS, Curve, Point, at_severity, measured, readings
 from stages.analysis.paper.runs import Experiment
 
 COVER, MESSAGE = 30.0, 24.0
@@ -80,12 +80,41 @@ def test_what_costs_next_to_nothing_costs_nothing() -> None:
     assert curve((1.1 * LEAST_LOSS, 4)).message_left(0) > MESSAGE - 4
 
 
-def test_what_reads_worse_than_the_floor_reads_as_the_floor() -> None:
-    raised = curve((1, 2), (2, 20)).kept_above(10.0)
-    assert [point.message for point in raised.points] == [22.0, 10.0]
-    assert [point.cover for point in raised.points] == [29.0, 28.0]
-    assert curve((1, 30)).kept_above(40.0).gain == -1, "who never had a message loses none"
-    assert curve((1, 20)).kept_above(math.nan) == curve((1, 20))
+def pruned(
+    messages: dict[str, tuple[float, float]], floors: dict[str, float], seeds: dict[int, float] | None = None
+) -> Experiment:
+    """Of each message what it was and what is left of it; an attack's seeds take so much more."""
+    rows = [Measurement("psnr", 30.0, UNATTACKED)]
+    rows += [Measurement(ONE_COLOUR, value, UNATTACKED, message=name) for name, value in floors.items()]
+    for name, (before, _) in messages.items():
+        rows.append(Measurement("psnr", before, UNATTACKED, message=name))
+    for seed, more in (seeds or {0: 0.0}).items():
+        rows.append(Measurement("psnr", 29.0, "cloning", 1.0, seed))
+        rows += [
+            Measurement("psnr", after - more, "cloning", 1.0, seed, message=name)
+            for name, (_, after) in messages.items()
+        ]
+    return Experiment("fox", "sh", "0", tuple(rows), {})
+
+
+def test_each_message_that_reads_worse_than_one_colour_reads_as_one() -> None:
+    floors = {"statue": 13.0, "reef": 13.0}
+    [curve] = readings(pruned({"statue": (25.0, 25.0), "reef": (24.0, 4.0)}, floors), "cloning", "as found")
+    assert [point.message for point in curve.points] == [19.0], "and not the mean of 25 and 4"
+    [never] = readings(pruned({"statue": (10.0, 2.0)}, {"statue": 13.0}), "cloning", "as found")
+    assert never.gain == -1, "who never had a message loses none"
+    [without] = readings(pruned({"statue": (10.0, 2.0)}, {}), "cloning", "as found")
+    assert (without.unattacked.message, without.points[0].message) == (10.0, 2.0)
+
+
+def test_how_far_trainings_lie_apart_is_no_spread_of_an_attacks_seeds() -> None:
+    seeds = {0: -0.1, 1: 0.1}
+    both = [pruned({"statue": (25.0, after)}, {}, seeds) for after in (19.0, 25.0)]
+    left = measured(both, "cloning", "as found", lambda curve: curve.points[0].message).by_capture["fox"]
+    there = at_severity(both, "cloning", 1.0, True, "psnr").by_capture["fox"]
+    assert left == there
+    assert (left.mean, left.count) == (22.0, 2)
+    assert left.deviation == pytest.approx(math.hypot(math.sqrt(0.02), math.sqrt(0.02)) / 2)
 
 
 def test_the_better_reading_is_taken_severity_by_severity() -> None:

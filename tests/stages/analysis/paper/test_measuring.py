@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from stages.analysis.paper.measuring import Measured, Spread, cover, measure, message, noise
+from stages.analysis.paper.measuring import Measured, MeasuredErrors, Spread, cover, measure, message, noise
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run
 from stages.imaging.metric_table import MetricRow
@@ -39,6 +39,23 @@ def test_the_average_of_captures_with_several_seeds_has_a_spread() -> None:
 
 def test_the_average_of_one_capture_counts_its_seeds() -> None:
     assert measure([run(24.0), run(25.0), run(26.0)], PSNR).average == Spread(25.0, 1.0, 3, 3)
+
+
+def test_an_average_counts_the_runs_of_a_capture_and_not_the_captures() -> None:
+    runs = [run(psnr, capture) for capture in ("fox", "bonsai", "kitchen", "garden") for psnr in (24.0, 25.0, 26.0)]
+    assert measure(runs, PSNR).average.count == 3
+    assert measure([*runs, run(20.0, "counter")], PSNR).average.count == 1
+
+
+def test_errors_are_averaged_as_errors() -> None:
+    def average(*decibels: float) -> float:
+        return MeasuredErrors({str(number): Spread(value) for number, value in enumerate(decibels)}).average.mean
+
+    assert average(20.0, 10.0) == pytest.approx(-10 * math.log10((0.01 + 0.1) / 2))
+    assert average(20.0, math.inf) == pytest.approx(20 + 10 * math.log10(2)), "a capture without an error"
+    assert average(math.inf, math.inf) == math.inf
+    assert average(20.0) == 20.0
+    assert math.isnan(average())
 
 
 def test_other_messages_are_no_seeds() -> None:

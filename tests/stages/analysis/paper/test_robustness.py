@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -149,6 +150,38 @@ def test_bars(chapter: Chapter) -> None:
     assert verdicts[f"{ours}as found: unread directions removed"] == "does not hold"
     assert verdicts[f"{ours}registered: unread directions removed"] == "does not hold"
     assert verdicts[f"{ours}registered: channels permuted, scene decoder with them"] == "holds"
+
+
+@pytest.mark.parametrize(("under", "verdict"), [(0.05, "holds"), (0.2, "does not hold")])
+def test_ours_may_be_under_gs_hider_by_the_spread_and_no_more(under: float, verdict: str) -> None:
+    """Of one capture and three seeds that differ by 0.1 dB."""
+
+    def weakened(method: str, extra: float) -> Experiment:
+        found = list(rows("gs_hider", UNATTACKED, None, None, 0, 0))
+        for seed in SEEDS:
+            found += rows("gs_hider", "random_pruning", 0.25, seed, 2.0, 4.0 + extra + 0.1 * (seed - 1))
+        return Experiment("fox", method, "0", tuple(replace(row, method=method) for row in found), {})
+
+    # Of the whole area, what an attack costs at its end counts half: no message is lost for nothing.
+    compared = Study((), experiments=(weakened("gs_hider", 0.0), weakened("homogeneous", 2 * under)))
+    relations = robustness(compared, read_published()).relations
+    [bar] = [each for each in relations if "by more than the spread, as found: random pruning" in each.text]
+    spread = 0.1 / 2
+    assert bar.bound == pytest.approx(-math.hypot(spread, spread))
+    assert bar.measured.on("fox") == pytest.approx(-under)
+    assert bar.verdict == verdict
+
+
+def test_a_container_of_another_weight_is_no_seed(study: Study) -> None:
+    other = replace(experiment("fox", "homogeneous"), settings=(("lambda_message", 0.3),))
+    found = written(
+        robustness(replace(study, experiments=(*study.experiments, other)), read_published()),
+        f"What is left of the message {FOUND}",
+    )
+    before = written(robustness(study, read_published()), f"What is left of the message {FOUND}")
+    for attack, cells in before.items():
+        assert {name: found[attack][name] for name in cells} == cells
+        assert "Homogeneous GS-Hider, λ = 0.3" in found[attack]
 
 
 def test_purification(chapter: Chapter) -> None:

@@ -9,9 +9,11 @@ import pytest
 
 from pipeline.errors import UserError
 from pipeline.stage import Item
+from stages.analysis.paper.ablations import value_of
 from stages.analysis.paper.chapter import usual
+from stages.analysis.paper.fidelity import fidelity
 from stages.analysis.paper.published import read_published
-from stages.analysis.paper.runs import Columns, Study, method_title, read_study
+from stages.analysis.paper.runs import Columns, Experiment, Study, by_method, method_title, read_study
 from stages.imaging.metric_table import MetricRow
 from tests.stages.analysis.paper import synthetic
 from tests.stages.analysis.paper.synthetic import image_rows, metrics, scene_rows
@@ -127,3 +129,86 @@ def test_times_take_the_method_of_their_item(tmp_path: Path) -> None:
     study = read([], list(synthetic.timing_items(tmp_path)))
     assert {run.method for run in study.timings} == set(synthetic.SECONDS)
     assert study.captures == ("fox", "bonsai", "kitchen")
+
+
+def test_our_own_weight_is_a_usual_setting_of_ours(tmp_path: Path) -> None:
+    """0.1, where the paper's is 0.5: said, or left to the method, it is the same run."""
+    stated = {"a": 0.1, "b": None, "c": 0.5}
+    study = read(
+        [
+            item(
+                tmp_path,
+                name,
+                scene_rows("fox", "homogeneous", cover=number / 10, messages=("reef",)),
+                capture="fox",
+                method="homogeneous",
+                lambda_message=weight,
+                seed=number,
+            )
+            for number, (name, weight) in enumerate(stated.items())
+        ]
+    )
+    ours = study.select(lambda run: run.method == "homogeneous")
+    assert [method_title(run) for run in ours] == [
+        *("Homogeneous GS-Hider", "Homogeneous GS-Hider", "Homogeneous GS-Hider, λ = 0.5")
+    ]
+    tables = read_published()
+    assert [value_of(run, "lambda_message", tables) for run in ours] == [0.1, 0.1, 0.5]
+
+
+def test_runs_with_fewer_gaussians_are_not_averaged_with_the_others(tmp_path: Path) -> None:
+    """Plain 3DGS neither; the usual bound of a capture is the largest that is stated there."""
+    bounds = {("fox", 60_000), ("fox", 15_000), ("bonsai", 150_000)}
+    study = read(
+        [
+            item(
+                tmp_path,
+                f"{capture} {bound}",
+                scene_rows(capture, "gs_hider", cover=bound / 1e6, messages=("reef",)),
+                capture=capture,
+                method="gs_hider",
+                gaussians=bound,
+            )
+            for capture, bound in sorted(bounds)
+        ]
+    )
+    titles = {(run.capture, run.method): set[str]() for run in study.runs}
+    for run in study.runs:
+        titles[run.capture, run.method].add(method_title(run))
+    assert titles["bonsai", "gs_hider"] == {"GS-Hider"}
+    assert titles["fox", "gs_hider"] == {"GS-Hider", "GS-Hider, at most 15,000 Gaussians"}
+
+
+def test_experiments_go_together_where_they_differ_in_capture_and_seed_alone() -> None:
+    def made(capture: str, method: str, weight: float | None = None) -> Experiment:
+        settings = () if weight is None else (("lambda_message", weight),)
+        return Experiment(capture, method, "0", (), {}, "", settings)
+
+    usual_one, other, alone = made("fox", "gs_hider"), made("fox", "gs_hider", 0.25), made("fox", "sh", 0.25)
+    second = made("bonsai", "gs_hider")
+    found = by_method([other, usual_one, second, alone])
+    assert found == {"sh": (alone,), "gs_hider": (usual_one, second), "GS-Hider, λ = 0.25": (other,)}
+    assert by_method([]) == {}
+
+
+def test_legal_views_are_those_of_every_message_and_of_one_seed(tmp_path: Path) -> None:
+    """One of two messages is trained with two seeds: which views are legal no seed changes."""
+    rows = {}
+    for name, flags in (("reef", (1.0, 1.0)), ("library", (1.0, 0.0))):
+        rows[name] = [
+            *scene_rows("fox", "gs_hider", cover=len(name) / 100, messages=()),
+            *(
+                MetricRow(quantity, value, "", view, "test", name, None, "gs_hider")
+                for view, flag in zip(("0.png", "8.png"), flags, strict=True)
+                for quantity, value in (("psnr", 20.0), ("legal", flag))
+            ),
+        ]
+    study = read(
+        [
+            item(tmp_path, f"{name} {seed}", rows[name], capture="fox", method="gs_hider", message=name, seed=seed)
+            for name, seed in (("reef", 0), ("reef", 1), ("library", 0))
+        ]
+    )
+    [grid] = [grid for grid in fidelity(study, read_published()).grids if "legal views" in grid.caption]
+    [line] = [line for line in grid.lines if line.names[0] == "GS-Hider"]
+    assert dict(zip(grid.headings, line.cells, strict=True))["Legal views"].text == "3 of 4"

@@ -15,9 +15,13 @@ import pytest
 from pipeline.artifact import Artifact, create, load
 from pipeline.stage import Item, run_stage
 from stages.analysis.measurements import KIND, Measurement, write_measurements
+from stages.analysis.paper.runs import Experiment
+from stages.analysis.paper.secrecy_figures import deviation_of_one
+from stages.analysis.paper.secrecy_figures import measured as measured_of
 from stages.analysis.secrecy.conditions import (
     BLIND,
     CHANNEL,
+    CHANNELS,
     COVER_ITSELF,
     IGNORED,
     LINEAR,
@@ -76,12 +80,24 @@ def rows_of(feature_dim: int, leaks: float) -> list[Measurement]:
     return rows
 
 
-def item(folder: Path, method: str, feature_dim: int, rows: Sequence[Measurement]) -> Item:
-    label = f"fox_{method}_{feature_dim}"
+def item(
+    folder: Path, method: str, feature_dim: int, rows: Sequence[Measurement], capture: str = "fox", **stated: object
+) -> Item:
+    label = "_".join(map(str, (capture, method, feature_dim, *stated.values())))
     with create(folder / label, KIND, private=True) as writer:
         write_measurements(writer, rows)
-    values = {"cover": "fox", "method": method, "feature_dim": feature_dim, "seed": 0}
+    values = {"cover": capture, "method": method, "feature_dim": feature_dim, "seed": 0, **stated}
     return Item(label, values, f"secrecy[{label}]", load(folder / label))
+
+
+def compared(folder: Path, *items: Item) -> dict[str, Artifact]:
+    return run_stage(
+        compare_with_paper,
+        CompareWithPaperParameters(tables=("secrecy",), capture_column="cover"),
+        {"experiments": tuple(each.artifact for each in items if each.artifact)},
+        folder / "page",
+        items={"experiments": items},
+    )
 
 
 @pytest.fixture(scope="module")
@@ -92,13 +108,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Artifact]:
         item(folder, "gs_hider", 8, rows_of(8, 6.0)),
         item(folder, "sh", 16, reading(OWNER, 18.0, 0.8) + reading(OPEN, 18.0, 0.8)),
     )
-    return run_stage(
-        compare_with_paper,
-        CompareWithPaperParameters(tables=("secrecy",), capture_column="cover"),
-        {"experiments": tuple(each.artifact for each in items if each.artifact)},
-        folder / "page",
-        items={"experiments": items},
-    )
+    return compared(folder, *items)
 
 
 def markdown(made: dict[str, Artifact]) -> str:
@@ -163,13 +173,7 @@ def test_noise_of_small_features_is_that_of_surrogates_alone(tmp_path: Path, apa
         item(tmp_path, "gs_hider", 32, rows_of(32, 2.0)),
         item(tmp_path, "gs_hider", 8, rows_of(8, 2.0 + apart)),
     )
-    page = run_stage(
-        compare_with_paper,
-        CompareWithPaperParameters(tables=("secrecy",), capture_column="cover"),
-        {"experiments": tuple(each.artifact for each in items if each.artifact)},
-        tmp_path / "page",
-        items={"experiments": items},
-    )
+    page = compared(tmp_path, *items)
     small = "GS-Hider: M = 8 leaks more than 32, by the surrogate's loss on the owner's decoder, 20% of the views"
     found = {names[1]: cells for names, cells in table(markdown(page), "Relations on test views").items()}
     assert found[small]["Average"] == f"+{apart:.2f} dB"
@@ -192,18 +196,66 @@ def test_with_a_single_test_view_other_controls_are_enough(tmp_path: Path) -> No
         if row.view != "8.png"
     ]
     each = item(tmp_path, "gs_hider", 8, rows)
-    assert each.artifact is not None
-    made = run_stage(
-        compare_with_paper,
-        CompareWithPaperParameters(tables=("secrecy",), capture_column="cover"),
-        {"experiments": (each.artifact,)},
-        tmp_path / "page",
-        items={"experiments": (each,)},
-    )
+    made = compared(tmp_path, each)
     text = markdown(made)
     assert "show the message (r = 0.49, control 0.30)" in text
     assert "with 20% of them 60% of the way (r = 0.79, control 0.29)" in text
     assert "whoever guesses the seed of a training without a key" in text
+
+
+def test_captures_count_alike_however_many_views_they_have(tmp_path: Path) -> None:
+    few = [replace(row, value=row.value + 0.01) for row in rows_of(8, 2.0) if row.view != "8.png"]
+    more = [replace(row, value=row.value + 4) if row.quantity == "psnr_covered" else row for row in rows_of(8, 2.0)]
+    made = compared(tmp_path, item(tmp_path, "gs_hider", 8, few), item(tmp_path, "gs_hider", 8, more, "bonsai"))
+    found = table(
+        markdown(made), "Decoders that are not the owner's, fox, bonsai, test views: the message over its pixels"
+    )
+    assert found["GS-Hider, M = 8", OWNER, "here"]["PSNR (dB)"] == "27.00"
+    assert found["GS-Hider, M = 8", RANDOM, "here"]["Best of them"] == "10.00"
+    assert found["GS-Hider, M = 8", RANDOM, "here"]["PSNR (dB)"] == "9.00 ± 0.71 (n = 3)"
+
+
+def test_the_noise_of_one_run_does_not_shrink_with_more_captures(tmp_path: Path) -> None:
+    """Seeds are drawn anew for each capture: what pools them first would halve it twice."""
+    captures = ("fox", "bonsai", "kitchen", "garden")
+    shaken = []
+    for number, capture in enumerate(captures):
+        rows = [
+            replace(row, value=row.value + (1 if (row.seed + number) % 2 else -1))
+            if row.condition == SURROGATE and row.quantity == "psnr_covered" and row.seed is not None
+            else row
+            for row in rows_of(8, 2.0)
+        ]
+        shaken.append(Experiment(capture, "gs_hider", "0", tuple(rows), {"feature_dim": 8}))
+    for count in (1, 4):
+        spreads = measured_of(shaken[:count], "psnr_covered", SURROGATE, 0.2)
+        assert deviation_of_one(spreads) == pytest.approx(1.155, abs=0.2)
+
+
+def test_the_reading_that_is_farthest_beyond_chance_is_told_of(tmp_path: Path) -> None:
+    """It shows less in decibels than another, which is no more related than chance."""
+    rows = reading(OWNER, OWNERS, 0.95) + reading(COVER_ITSELF, 9.0, 0.3)
+    rows += reading(BLIND.format(CHANNELS), 12.0, 0.32, 0.0) + reading(BLIND.format(IGNORED), 11.5, 0.8, 0.0)
+    text = markdown(compared(tmp_path, item(tmp_path, "gs_hider", 16, rows)))
+    assert f"by {IGNORED!r}, show the message (r = 0.80, control 0.30)" in text
+
+
+def test_containers_of_another_weight_have_lines_of_their_own(tmp_path: Path) -> None:
+    made = compared(
+        tmp_path,
+        item(tmp_path, "gs_hider", 16, rows_of(16, 2.0), lambda_message=0.5),
+        item(tmp_path, "gs_hider", 16, rows_of(16, 6.0), lambda_message=0.25),
+        item(tmp_path, "gs_hider", 8, rows_of(8, 4.0), lambda_message=0.25),
+    )
+    found = table(markdown(made), "Attackers with some of the message's views, fox, test views: the message (dB)")
+    at_most = {names[0]: cells["20%, 9 views"] for names, cells in found.items() if names[1] == "decoder, trained"}
+    assert at_most == {
+        "GS-Hider, M = 16": "17.00 ± 0.10",
+        "GS-Hider, M = 8, λ = 0.25": "19.00 ± 0.10",
+        "GS-Hider, M = 16, λ = 0.25": "21.00 ± 0.10",
+    }
+    relations = [names[1] for names in table(markdown(made), "Relations on test views")]
+    assert sum("leaks more than" in text for text in relations) == 2, "8 against 16 of one weight, by two shares"
 
 
 def test_the_feature_map_has_its_controls(made: dict[str, Artifact]) -> None:
