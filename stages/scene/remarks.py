@@ -50,12 +50,26 @@ def photos_not_placed(finished: Finished) -> tuple[Remark, ...]:
     missing = sorted(set(names) - set(placed))
     if not missing:
         return ()
+    folded = _folded(finished.facts)
     return (
         Remark(
-            f"{len(placed)} of {len(names)} photos placed; the log names the others. {OVERLAP}",
-            f"Not placed: {', '.join(missing)}",
+            f"{len(placed)} of {len(names)} photos placed; the log names the others. {why_not_placed(finished.facts)}",
+            f"Not placed: {', '.join(missing)}" + (f"; for their lenses: {', '.join(folded)}" if folded else ""),
         ),
     )
+
+
+def why_not_placed(facts: Mapping[str, object]) -> str:
+    """What to do about photos that `sfm` did not place, by what it recorded."""
+    folded = len(_folded(facts))
+    if not folded:
+        return OVERLAP
+    return f"{folded} of them fit no real lens, and were left out: panoramas and crops do not belong in such a folder."
+
+
+def _folded(facts: Mapping[str, object]) -> list[str]:
+    recorded = facts.get("folded", [])
+    return [str(name) for name in recorded] if isinstance(recorded, list) else []
 
 
 def photos_cropped(finished: Finished) -> tuple[Remark, ...]:

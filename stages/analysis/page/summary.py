@@ -10,7 +10,7 @@ from stages.analysis.page.found import Found
 from stages.analysis.page.material import Material
 from stages.analysis.page.placed import Placed
 from stages.analysis.page.tables import Column, mean_of, rows_about
-from stages.scene.remarks import CHOOSE_ANOTHER, HARDLY_SEEN, OVERLAP, told_of_cropping
+from stages.scene.remarks import CHOOSE_ANOTHER, HARDLY_SEEN, told_of_cropping, why_not_placed
 
 
 @dataclass(frozen=True)
@@ -123,10 +123,11 @@ def owner_notices(material: Material) -> tuple[str, ...]:
     """What is amiss and what to do about it: photos that were left out or crop all others, messages of which no test
     view is legal.
     """
+    facts = {record.name: record.facts for record in material.lineage}
     return (
         *(
             f"{placed.stage}: {placed.registered} of {placed.total} photos could be placed; what the others alone show "
-            f"is missing. The log of {placed.stage} names them. {OVERLAP}"
+            f"is missing. The log of {placed.stage} names them. {why_not_placed(facts.get(placed.stage, {}))}"
             for placed in material.placed
             if placed.left_out
         ),
