@@ -24,7 +24,7 @@ OVERLAP = "More overlap between photos, or a larger matching_size, places more."
 
 
 def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
-    """Of `photos`: poses came with some of the photos only; or some lie in another place than most."""
+    """Of `photos`: poses came with some of the photos only; some lie in another place than most, or are not read."""
     kept, left, elsewhere = (int(str(finished.facts.get(fact, 0))) for fact in ("photos", "without_pose", "left_out"))
     remarks = []
     if left:
@@ -36,7 +36,19 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
                 "where fewer are; the log says where."
             )
         )
+    unread = told_of_unread(finished.facts)
+    if unread:
+        remarks.append(Remark(unread))
     return tuple(remarks)
+
+
+def told_of_unread(facts: Mapping[str, object]) -> str:
+    """A sentence on the pictures that `photos` found and cannot read; empty where there are none."""
+    unread = facts.get("unread")
+    if not isinstance(unread, dict) or not unread:
+        return ""
+    suffixes = ", ".join(map(str, unread))
+    return f"{sum(unread.values())} pictures ({suffixes}) cannot be read and were left out; convert them to JPEG."
 
 
 def photos_missing_or_cropped(finished: Finished) -> tuple[Remark, ...]:
