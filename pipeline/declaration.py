@@ -67,11 +67,15 @@ class Completed:
 
 @dataclass(frozen=True)
 class Refusal:
-    """One reason why parameters are not accepted; `path` leads to the value, empty for the whole."""
+    """One reason why parameters are not accepted; `path` leads to the value, empty for the whole.
+
+    `text_wanted`: the value is no text, and is to be one.
+    """
 
     path: tuple[str | int, ...]
     message: str
     missing: bool = False
+    text_wanted: bool = False
 
     @property
     def name(self) -> str:
@@ -296,20 +300,12 @@ def _refusal(model: type[Parameters], detail: Any) -> Refusal:
         return Refusal(path, message)
     found = json.dumps(detail["input"], default=str)
     shown = found if len(found) < 80 else found[:77] + "..."
-    return Refusal(path, f"parameter {name!r} {message}; found {shown}{_quoted(detail, shown)}{_alike(detail)}")
+    text_wanted = detail["type"] in TEXT_WANTED
+    return Refusal(path, f"parameter {name!r} {message}; found {shown}{_alike(detail)}", text_wanted=text_wanted)
 
 
 def _alike(detail: Any) -> str:
     """Which of a few words was meant."""
     if detail["type"] == "literal_error" and isinstance(detail["input"], str):
         return nearest(detail["input"], LITERAL.findall(detail["ctx"]["expected"]))
-    return ""
-
-
-def _quoted(detail: Any, found: str) -> str:
-    """What to write where a text is wanted that YAML takes for something else, such as the folder 2024."""
-    if detail["type"] in TEXT_WANTED and detail["input"] is None:
-        return f"; so are an empty cell of a table and the text null, which is to be quoted: '{found}'"
-    if detail["type"] in TEXT_WANTED and isinstance(detail["input"], bool | int | float):
-        return f"""; a text that looks so is to be quoted: '{found}' in a file, "'{found}'" after --set NAME="""
     return ""

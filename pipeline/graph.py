@@ -14,11 +14,11 @@ from pipeline.external import is_there
 from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
 from pipeline.located import Problems
-from pipeline.outside_paths import absolute, check_there
+from pipeline.outside_paths import absolute, as_typed, check_there
 from pipeline.resources import amount
 from pipeline.stage import Input
 from pipeline.workflow import Entry, Instance, Reference, Workflow
-from pipeline.wrong_values import WrongValue, misnamed_module, report
+from pipeline.wrong_values import WrongValue, misnamed_module, report, to_be_quoted
 
 
 @dataclass(frozen=True)
@@ -187,8 +187,9 @@ class _Builder:
                     self.resolve(entry, reference, index)
             return None
         sources = self.sources(entry, instance, index, declaration)
+        paths = {name: as_typed(path) for name, path in instance.parameters.items() if name in declaration.external}
+        instance = replace(instance, parameters={**instance.parameters, **paths})
         arguments = self.arguments(instance, declaration)
-        paths = {name: path for name, path in instance.parameters.items() if name in declaration.external}
         there = [check_there(name, path, self.problems) for name, path in paths.items()]  # whatever else is wrong
         completed = self.completed(entry, instance, arguments)
         if completed is None:
@@ -327,15 +328,16 @@ class _Builder:
             first = str(refusal.path[0]) if refusal.path else ""
             if first in instance.broken:
                 continue
-            place = entry.parameters_place
+            place, message = entry.parameters_place, refusal.message
             if first in instance.parameters:
-                value = instance.parameters[first]
-                known = len(refusal.path) > 1 or not refusal.message.startswith("unknown")
-                place = value.at(refusal.path[1:]) if known else entry.parameter_places.get(first, value.place)
+                value = instance.parameters[first].at(refusal.path[1:])
+                known = len(refusal.path) > 1 or not message.startswith("unknown")
+                place = value.place if known else entry.parameter_places.get(first, value.place)
+                message += to_be_quoted(value) if refusal.text_wanted else ""
             if refusal.path and not refusal.missing:
-                self.wrong.append(WrongValue(place, entry.name, refusal.name, refusal.message))
+                self.wrong.append(WrongValue(place, entry.name, refusal.name, message))
             else:
-                self.problems.add(place, f"{refusal.message} [{entry.name}]" if refusal.missing else refusal.message)
+                self.problems.add(place, f"{message} [{entry.name}]" if refusal.missing else message)
         return None
 
     def code(self, entry: Entry, instance: Instance, declaration: Declaration, completed: Completed) -> Code | None:

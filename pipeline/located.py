@@ -17,6 +17,7 @@ Scalar = str | int | float | bool | None
 LONGEST_NUMBER = 1024  # bits, as many as a float's range; longer ones Python does not even print
 DEEPEST = 50  # levels; an alias that holds itself would otherwise never end
 LARGEST = 1_000_000  # values; eight lines of aliases, ten on each, would otherwise fill any memory
+TIMESTAMP = "tag:yaml.org,2002:timestamp"
 A_VALUE_OF_TEXT = 64  # characters that count as one value
 
 
@@ -46,12 +47,16 @@ class Located:
 
     `size` is the number of values in it, itself included, and one more for every 64 characters of text: what stands in
     it twice counts twice, although it takes no more room before it is written out. `depth` is its number of levels.
+    `typed` is the text that was read as something else, a number such as 0123 or what stands after `--set NAME=`; None
+    of null, and where nobody typed it. `broken`: it could not be read, which has been reported already.
     """
 
     value: Scalar | tuple[Located, ...] | Mapping[str, Located]
     place: Place
     base: Path
     keys: Mapping[str, Place] = field(default_factory=dict)
+    typed: str | None = None
+    broken: bool = False
     size: int = field(init=False, compare=False, repr=False)
     depth: int = field(init=False, compare=False, repr=False)
 
@@ -101,8 +106,8 @@ class Located:
             return "true" if self.value else "false"
         return f"the text {self.value!r}" if isinstance(self.value, str) else f"the number {self.value}"
 
-    def at(self, path: tuple[object, ...]) -> Place:
-        """The place of what `path` (keys and indices) leads to, or of the last thing on the way that exists."""
+    def at(self, path: tuple[object, ...]) -> Located:
+        """What `path` (keys and indices) leads to, or the last thing on the way that exists."""
         here = self
         for step in path:
             if isinstance(here.value, Mapping) and step in here.value:
@@ -111,7 +116,7 @@ class Located:
                 here = here.value[step]
             else:
                 break
-        return here.place
+        return here
 
 
 def read_yaml(text: str, file: str, base: Path, problems: Problems, fixed: Place | None = None) -> Located | None:
@@ -173,7 +178,10 @@ class _Reader:
             return Located(values, place, self.base, keys)
         if isinstance(node, SequenceNode):
             return Located(tuple(self.located(item, depth + 1) for item in node.value), place, self.base)
-        return Located(self.scalar(node, place), place, self.base)
+        before = len(self.problems)
+        scalar = self.scalar(node, place)
+        typed = None if scalar is None or isinstance(scalar, str) else str(node.value)
+        return Located(scalar, place, self.base, typed=typed, broken=len(self.problems) > before)
 
     def entries(self, node: MappingNode) -> Iterator[tuple[str, Node, Node]]:
         seen: set[str] = set()
@@ -187,6 +195,8 @@ class _Reader:
                 yield key.value, key, value
 
     def scalar(self, node: Node, place: Place) -> Scalar:
+        if node.tag == TIMESTAMP:
+            return str(node.value)  # a folder's name, say: there are no dates in JSON, nor in a table
         try:
             value = self.constructor.construct_object(node)
         except (YAMLError, ValueError, LookupError):  # LookupError: of !!bool maybe, and of !!int with nothing

@@ -2,9 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from pipeline.canonical import Json
 from pipeline.external import from_home, is_there, resolved
 from pipeline.located import Located, Problems
+
+
+def as_typed(value: Located) -> Located:
+    """The value of an external path as it was typed: `2024`, `1e5` and `Holiday: Rome` are names.
+
+    Null stays what it is. A list stays one, of such paths, unless what was typed is there, such as the folder `[fox]`.
+    """
+    literal = value if value.typed is None else replace(value, value=value.typed, typed=None)
+    if isinstance(value.value, tuple) and (literal is value or not is_there(str(absolute(literal)))):
+        return replace(value, value=tuple(map(as_typed, value.value)))
+    return literal
 
 
 def absolute(value: Located) -> Json:

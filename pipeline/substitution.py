@@ -17,12 +17,16 @@ REFERENCE = re.compile(r"\$(\$|\{([^{}]*)\})")
 
 
 def substitute(located: Located, scope: Scope, problems: Problems) -> Located | None:
-    """`located` with every `${name}` replaced; None, with the reason among `problems`, where that is impossible.
+    """`located` with every `${name}` replaced; None, with the reason among `problems`, where that is impossible, and of
+    what is broken.
 
     A text that is nothing but `${name}` becomes the named value itself, with its type, its place and its base; a text
-    that begins with `${name}` keeps the base, so that `${folder}/photos` leads where `${folder}` does. `$$` stands for
-    a dollar sign. What grows too large or too deep, as lines do that each hold the one before ten times, is refused.
+    that begins with `${name}` keeps the base, so that `${folder}/photos` leads where `${folder}` does. Inside a text a
+    value stands as it was typed: the folder 0123 is no number. `$$` stands for a dollar sign. What grows too large or
+    too deep, as lines do that each hold the one before ten times, is refused.
     """
+    if located.broken:
+        return None
     if isinstance(located.value, tuple):
         items = [substitute(item, scope, problems) for item in located.value]
         if any(item is None for item in items):
@@ -70,12 +74,12 @@ def _interpolate(located: Located, scope: Scope, problems: Problems) -> Located 
         value = _look_up(match[2], located, scope, problems)
         if value is None:
             return None
-        if isinstance(value.value, tuple | Mapping) or value.value is None:
+        if value.typed is None and (isinstance(value.value, tuple | Mapping) or value.value is None):
             problems.add(located.place, f"${{{match[2]}}} is {value.found}, which cannot stand inside a text")
             return None
         if match.start() == 0:
             base = value.base
-        pieces.append(str(value.value).lower() if isinstance(value.value, bool) else str(value.value))
+        pieces.append(str(value.value) if value.typed is None else value.typed)
     pieces.append(text[end:])
     length = sum(map(len, pieces))  # told before they are joined, which may be what there is no memory for
     if length > LONGEST_TEXT:

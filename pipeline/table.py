@@ -5,9 +5,9 @@
     photos/garden,"photos/2024"
 
 The first row names the columns; `Cover` names `cover` where that alone is wanted. A cell is a number, `true`, `false`
-or nothing as JSON spells them, and else a text; in quotes it is always a text. Cells are parted by commas, or where the
-first row is so by semicolons or tabs, as spreadsheets write them in many countries. Blanks around cells do not count,
-and neither do empty lines.
+or nothing as JSON spells them, and else a text; in quotes it is always a text. A path is always one, quoted or not.
+Cells are parted by commas, or where the first row is so by semicolons or tabs, as spreadsheets write them in many
+countries. Blanks around cells do not count, and neither do empty lines.
 """
 
 from __future__ import annotations
@@ -56,6 +56,10 @@ class Cell:
             value: Scalar = json.loads(self.text)
             return value
         return self.text
+
+    def located(self, base: Path) -> Located:
+        typed = None if self.value is None or isinstance(self.value, str) else self.text
+        return Located(self.value, self.place, base, typed=typed)
 
 
 def read_table(path: Path, asked: Place, problems: Problems, wanted: Sequence[str] = ()) -> tuple[Located, ...] | None:
@@ -137,7 +141,7 @@ class _Table:
         return False
 
     def row(self, names: Sequence[str], row: Sequence[Cell], header: Sequence[Cell]) -> Located:
-        values = {name: Located(cell.value, cell.place, self.base) for name, cell in zip(names, row, strict=True)}
+        values = {name: cell.located(self.base) for name, cell in zip(names, row, strict=True)}
         keys = {name: cell.place for name, cell in zip(names, header, strict=True)}
         return Located(values, row[0].place, self.base, keys)
 

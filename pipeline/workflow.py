@@ -128,15 +128,20 @@ def _settings(settings: Sequence[str], problems: Problems) -> dict[str, Located]
         if not equals or not name:
             problems.add(Place(f"--set {setting}"), "expected NAME=VALUE or STAGE.PARAMETER=VALUE")
             continue
-        comment = COMMENT.search(text)
-        if comment:
-            found = f"{text[comment.end() - 1 :]!r} would be taken for a comment"
-            problems.add(place, f"""{found}; quote the value: --set '{name}="{text}"'""")
-            continue
-        value = read_yaml(text, place.file, Path.cwd(), problems, fixed=place)
-        if value is not None:
-            values[name] = value
+        values[name] = _setting(name, text, place, problems)
     return values
+
+
+def _setting(name: str, text: str, place: Place, problems: Problems) -> Located:
+    comment = COMMENT.search(text)
+    if comment:
+        found = f"{text[comment.end() - 1 :]!r} would be taken for a comment"
+        problems.add(place, f"""{found}; quote the value: --set '{name}="{text}"'""")
+        return Located(None, place, Path.cwd(), broken=True)
+    value = read_yaml(text, place.file, Path.cwd(), problems, fixed=place)
+    if value is None:
+        return Located(None, place, Path.cwd(), broken=True)
+    return replace(value, typed=text.strip()) if isinstance(value.value, tuple | Mapping) else value
 
 
 class _Parser:
@@ -197,8 +202,8 @@ class _Parser:
         scope: dict[str, Located | None] = {}
         for name, value in given.items():
             if name in settings:
-                scope[name] = settings[name]
-            elif value.value is None and stated[name].value is None:
+                scope[name] = None if settings[name].broken else settings[name]
+            elif value.value is None and stated[name].value is None and not value.broken:
                 self.problems.add(value.place, f"the var {name!r} has no value; give it with --set {name}=VALUE")
                 scope[name] = None
             else:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pipeline.canonical import Json
 from pipeline.errors import Place, nearest
 from pipeline.fingerprint import SourceTree
-from pipeline.located import Problems
+from pipeline.located import Located, Problems
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,16 @@ def report(found: Iterable[WrongValue], problems: Problems) -> None:
         for message, stages in reasons.items():
             of_stages = f" of {_listed([*stages])}" if len(stages) > 1 else ""
             problems.add(place, message.replace(f"parameter {name!r}", f"parameter {name!r}{of_stages}", 1))
+
+
+def to_be_quoted(value: Located) -> str:
+    """What to write where a text is wanted that YAML takes for something else, such as the name 2024."""
+    if value.value is None:
+        return "; so are an empty cell of a table and the text null, which is to be quoted: 'null'"
+    if value.typed is None:
+        return ""
+    quoted = "'" + value.typed.replace("'", "''") + "'"
+    return f"""; a text that looks so is to be quoted: {quoted} in a file, "{quoted}" after --set NAME="""
 
 
 def misnamed_module(

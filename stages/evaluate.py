@@ -160,7 +160,5 @@ def _write(context: Context, every: list[Scores], scene: Scene, public_views: se
 
 
 def _is_public(row: MetricRow) -> bool:
-    """The size in all would tell that there is a secret, and how large it is; LPIPS of a training view, that this is
-    the one that hides an image: no other is measured."""
-    tells_the_view = row.quantity.startswith("lpips") and row.split == "train"
-    return row.message is None and row.quantity != "total_bytes" and not tells_the_view
+    """The size in all would tell that there is a secret, and how large it is; rows of a message, that there is one."""
+    return row.message is None and row.quantity != "total_bytes"

@@ -6,8 +6,10 @@ import torch
 from pydantic import Field
 
 from opencl.routes import describe_drawing
+from pipeline.artifact import Artifact
 from pipeline.errors import UserError, nearest
 from pipeline.stage import Context, Input, Output, stage
+from stages.hiding.key import key_generator
 from stages.hiding.method import module_of
 from stages.hiding.storage import write_container, write_secret
 from stages.imaging.image import filling, read_image
@@ -24,7 +26,11 @@ class HideImageParameters(HidingParameters):
     """What hiding an image changes."""
 
     lambda_message: float = Field(0.1, ge=0, description="λ: the image's weight in the total loss.")
-    view: str | None = Field(None, description="The view that hides the image, by its name; the middle one if not set.")
+    view: str | None = Field(
+        None,
+        description="The training view that hides the image, by its name; if not set, the key chooses one. Without "
+        "a key it is the middle one, which anyone can guess.",
+    )
 
 
 @stage(
@@ -46,7 +52,7 @@ def hide_image(context: Context, parameters: HideImageParameters) -> None:
     torch.set_num_threads(parameters.threads)
     cover = read_scene(context.input("cover"))
     name, picture = read_image(context.input("image"))
-    view = chosen_view(cover, parameters.view)
+    view = chosen_view(cover, parameters.view, context.input_optional("key"))
     camera = single_cameras(cover.cameras.select([view]))[0]
     truth = torch.from_numpy(filling(picture, camera.width, camera.height))
     training = hiding_training(
@@ -65,9 +71,14 @@ def hide_image(context: Context, parameters: HideImageParameters) -> None:
     context.record(device=describe_drawing(training.device), gaussians=len(training.gaussians))
 
 
-def chosen_view(cover: Scene, wanted: str | None) -> str:
-    """The training view that hides the image. Raises `UserError` for a name that is not one of them."""
+def chosen_view(cover: Scene, wanted: str | None, key: Artifact | None) -> str:
+    """The training view that hides the image: the one that is wanted, else the key's choice, else the middle one.
+
+    The key's choice is drawn apart from what the training draws. Raises `UserError` for a name that is not one of them.
+    """
     names = cover.train_names
+    if wanted is None and key is not None:
+        return names[key_generator(key, 0).spawn(1)[0].integers(len(names))]
     if wanted is None:
         return names[len(names) // 2]
     if wanted not in names:

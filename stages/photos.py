@@ -115,6 +115,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         ignored_files=found.ignored,
         without_pose=len(facts) - len(names),
         left_out=len(found.left_out),
+        unread=dict(found.unread),
     )
 
 

@@ -78,6 +78,8 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
     )
     if min(result.lens_shares, default=1.0) < 1:
         context.record(shares_shown=[round(result.lens_shares[lens], 3) for lens in result.lens_of])
+    if result.folded:
+        context.record(folded=[capture.names[row] for row in result.folded])
 
 
 def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | None:

@@ -27,9 +27,10 @@ _UNREADABLE = (
 
 FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF", "GIF")
 """All that Pillow may try, whatever a file is called: its reader of EPS starts Ghostscript. MPO is read as JPEG."""
-MOST_PIXELS = 120_000_000
-"""Phones and medium format take up to 108 million. A pixel takes up to 18 bytes while it is read, and a few bytes of
-PNG may claim any number of them."""
+MOST_PIXELS = 210_000_000
+"""Phones take up to 200 million (16320 x 12240). A pixel takes 14 to 18 bytes while it is read, such a photo 3 to 4 GB,
+and a few bytes of PNG may claim any number of them."""
+Image.MAX_IMAGE_PIXELS = MOST_PIXELS  # Pillow's own limit, 179 million, would come first, and warn of half as many
 
 
 def open_picture(path: Path) -> Image.Image:
@@ -61,7 +62,7 @@ def read_picture(path: Path) -> Picture:
             where=str(path),
             found=str(error) or type(error).__name__,
             expected=f"a complete picture ({', '.join(FORMATS)}) of at most {MOST_PIXELS:,} pixels",
-            remedy="Replace the file or take it out of the folder.",
+            remedy="Replace the file, save it smaller if it is too large, or take it out of the folder.",
         ) from error
 
 

@@ -6,7 +6,7 @@ import math
 import os
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,10 @@ from stages.scene.lens import Lens
 from stages.scene.transforms import FILE, read_transforms
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
+OTHER_PICTURES = {".heic", ".heif", ".avif", ".jxl", ".jfif", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw"} - {
+    *SUFFIXES
+}
+"""What phones and cameras write, and is not read here."""
 SUBFOLDERS = ("images", "input", "photos", "rgb")
 """Where captures keep their pictures when they do not lie in the folder itself."""
 
@@ -40,12 +44,14 @@ LONGEST_PATH = 4096
 class PhotoFolder:
     """The photos of a folder by file name, sorted, and how many other files lie beside them.
 
+    `unread`: how many of these are pictures that are not read, by suffix, but those whose photo is there as well.
     `left_out`: photos that lie in another place where they could have been looked for, such as a preview beside images.
     """
 
     photos: dict[str, Path]
     ignored: int
     left_out: tuple[Path, ...] = ()
+    unread: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -82,22 +88,41 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
     beside = (folder, _photos_in(folder) if images is None else [])
     (place, photos), (_, left_out) = (beside, inside) if len(beside[1]) >= len(inside[1]) else (inside, beside)
     if photos:
-        there = sum(file.is_file() for file in place.iterdir())
-        return PhotoFolder(named_photos(place, photos), there - len(photos), tuple(left_out))
+        files = [file for file in place.iterdir() if file.is_file()]
+        return PhotoFolder(
+            named_photos(place, photos), len(files) - len(photos), tuple(left_out), _unread(files, photos)
+        )
     for place in own:
         files = _files_below(place)
         photos = [file for file in files if _is_photo(file)]
         if photos:
-            return PhotoFolder(named_photos(place, photos), len(files) - len(photos))
+            return PhotoFolder(named_photos(place, photos), len(files) - len(photos), unread=_unread(files, photos))
     searched = images or f"it or in its folder {', '.join(SUBFOLDERS)}"
     raise UserError(
         "a folder without photos",
         where=folder,
         found=_what_is_there(folder),
         expected=f"photos ({', '.join(SUFFIXES)}) in {searched}",
-        remedy=f"Those of several folders, such as the cameras of a rig, are taken if the folders lie in one called "
-        f"{SUBFOLDERS[0]}; of one of them alone if the parameter images names it.",
+        remedy=_how_to_have_photos([*folder.iterdir(), *(file for place in own for file in _files_below(place))]),
     )
+
+
+def _how_to_have_photos(found: Sequence[Path]) -> str:
+    unread = _unread(found, ())
+    convert = f"Convert the pictures ({', '.join(unread)}), which cannot be read, to JPEG. " if unread else ""
+    if unread and not any(entry.is_dir() for entry in found):
+        return convert.strip()
+    return (
+        f"{convert}Those of several folders, such as the cameras of a rig, are taken if the folders lie in one called "
+        f"{SUBFOLDERS[0]}; of one of them alone if the parameter images names it."
+    )
+
+
+def _unread(files: Iterable[Path], photos: Iterable[Path]) -> dict[str, int]:
+    """How many of the files are pictures that are not read, by suffix; a camera may write each beside its photo."""
+    read = {photo.with_suffix("") for photo in photos}
+    unread = [file for file in files if file.suffix.lower() in OTHER_PICTURES and not file.name.startswith(".")]
+    return dict(sorted(Counter(file.suffix.lower() for file in unread if file.with_suffix("") not in read).items()))
 
 
 def _photos_in(place: Path) -> list[Path]:

@@ -76,6 +76,7 @@ class Reconstruction:
     `lens_of` is the lens of each registered photo, the row of `read_corners` and of `lens_shares`: what the pinhole
     shows of the picture that this lens alone would give (see `shares_shown`). The reprojection error is in working
     pixels. Where too few photos registered there may be no points, no lens and no pinhole: there are no corners then.
+    `folded` are rows that were left out because their lens folds over (see `folded_lenses`).
     """
 
     rows: tuple[int, ...]
@@ -87,6 +88,7 @@ class Reconstruction:
     point_colors: UInt8[np.ndarray, "P 3"]
     mean_reprojection_error: float
     lens_parameters: tuple[str, ...]
+    folded: tuple[int, ...]
     seconds: dict[str, float]
     version: str
 
@@ -97,6 +99,7 @@ class Reconstruction:
             "lens_shares": self.lens_shares,
             "mean_reprojection_error": self.mean_reprojection_error,
             "lens_parameters": self.lens_parameters,
+            "folded": self.folded,
             "seconds": self.seconds,
             "version": self.version,
         }
@@ -113,7 +116,7 @@ class Reconstruction:
 def read_reconstruction(folder: Path) -> Reconstruction:
     """Read what `Reconstruction.write` wrote."""
     facts = json.loads((folder / FACTS).read_text())
-    for name in ("rows", "lens_of", "lens_shares", "lens_parameters"):
+    for name in ("rows", "lens_of", "lens_shares", "lens_parameters", "folded"):
         facts[name] = tuple(facts[name])
     with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
         return Reconstruction(**facts, **{name: arrays[name] for name in arrays.files})

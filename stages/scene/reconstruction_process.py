@@ -22,7 +22,7 @@ from stages.scene.feature_database import DATABASE, UNFINISHED
 from stages.scene.lens import Lens
 from stages.scene.pairing import Pair, in_batches
 from stages.scene.reconstruction_job import PHASES, Job, Reconstruction, read_job, working_name, write_corners
-from stages.scene.undistortion import LensView, corner_positions, shared_pinhole, shares_shown
+from stages.scene.undistortion import LensView, corner_positions, folded_lenses, shared_pinhole, shares_shown
 
 SMALLEST_MODEL = 3  # photos
 SHORTEST_TRACK = 3  # photos that must see a point that is kept
@@ -35,6 +35,10 @@ def main() -> None:
     job = read_job(Path(sys.argv[1]))
     pycolmap.set_random_seed(job.seed)
     seconds = dict.fromkeys(PHASES, 0.0)
+    folded = () if job.poses is None else folded_as_given(job)
+    if folded:
+        nothing(seconds, folded).write(job.folder)
+        return
     with timed(seconds, "features"):
         extract(job)
     model = reconstruct(job, job.pairs, seconds)
@@ -173,14 +177,44 @@ def row_of(name: str) -> int:
     return int(Path(name).stem)
 
 
+def view_of(camera: pycolmap.Camera) -> LensView:
+    return LensView(camera.img_from_cam, camera.cam_from_img, camera.width, camera.height)
+
+
+def folded_as_given(job: Job) -> tuple[int, ...]:
+    """Rows of the photos whose known lens folds over: told before there is any work on them."""
+    lenses = list(dict.fromkeys(job.lenses))
+    views = [
+        view_of(pycolmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=list(lens.parameters)))
+        for lens in lenses
+    ]
+    folded = {lenses[number] for number in folded_lenses(views, job.width, job.height)}
+    return tuple(row for row, lens in enumerate(job.lenses) if lens in folded)
+
+
+def leave_out_folded(job: Job, model: pycolmap.Reconstruction) -> tuple[int, ...]:
+    """Take the photos whose lens was estimated to fold over out of the model, and return their rows.
+
+    A phone's panorama is placed now and then, by a lens that is none; no other photo may suffer from that.
+    """
+    images = [model.images[key] for key in model.reg_image_ids()]
+    numbers = sorted({image.camera_id for image in images})
+    folded = folded_lenses([view_of(model.cameras[number]) for number in numbers], job.width, job.height)
+    left_out = [image for image in images if image.camera_id in {numbers[place] for place in folded}]
+    for image in left_out:
+        model.deregister_frame(image.frame_id)
+    return tuple(sorted(row_of(image.name) for image in left_out))
+
+
 def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str, float]) -> Reconstruction:
     """The model in the job's terms, with the pinhole that undistortion needs; writes the lenses' corners."""
+    folded = () if model is None else leave_out_folded(job, model)
     if model is None or model.num_reg_images() < SMALLEST_MODEL:
-        return nothing(seconds)
+        return nothing(seconds, folded)
     images = sorted((model.images[key] for key in model.reg_image_ids()), key=lambda image: image.name)
     numbers = sorted({image.camera_id for image in images})
     cameras = [model.cameras[number] for number in numbers]
-    lenses = [LensView(camera.img_from_cam, camera.cam_from_img, camera.width, camera.height) for camera in cameras]
+    lenses = [view_of(camera) for camera in cameras]
     pinhole = shared_pinhole(lenses, job.width, job.height)
     shape = (len(lenses), job.height + 1, job.width + 1, 2)
     write_corners(job.folder, shape, (corner_positions(lens, pinhole) for lens in lenses))
@@ -197,12 +231,13 @@ def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str,
         point_colors=np.array([point.color for point in kept], np.uint8).reshape(-1, 3),
         mean_reprojection_error=model.compute_mean_reprojection_error() if kept else 0.0,
         lens_parameters=tuple(f"{camera.model_name} {camera.params_to_string()}" for camera in cameras),
+        folded=folded,
         seconds=seconds,
         version=pycolmap.__version__,
     )
 
 
-def nothing(seconds: dict[str, float]) -> Reconstruction:
+def nothing(seconds: dict[str, float], folded: tuple[int, ...]) -> Reconstruction:
     """No photo was placed."""
     return Reconstruction(
         rows=(),
@@ -214,6 +249,7 @@ def nothing(seconds: dict[str, float]) -> Reconstruction:
         point_colors=np.empty((0, 3), np.uint8),
         mean_reprojection_error=0.0,
         lens_parameters=(),
+        folded=folded,
         seconds=seconds,
         version=pycolmap.__version__,
     )

@@ -24,7 +24,7 @@ OVERLAP = "More overlap between photos, or a larger matching_size, places more."
 
 
 def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
-    """Of `photos`: poses came with some of the photos only; or some lie in another place than most."""
+    """Of `photos`: poses came with some of the photos only; some lie in another place than most, or are not read."""
     kept, left, elsewhere = (int(str(finished.facts.get(fact, 0))) for fact in ("photos", "without_pose", "left_out"))
     remarks = []
     if left:
@@ -36,7 +36,19 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
                 "where fewer are; the log says where."
             )
         )
+    unread = told_of_unread(finished.facts)
+    if unread:
+        remarks.append(Remark(unread))
     return tuple(remarks)
+
+
+def told_of_unread(facts: Mapping[str, object]) -> str:
+    """A sentence on the pictures that `photos` found and cannot read; empty where there are none."""
+    unread = facts.get("unread")
+    if not isinstance(unread, dict) or not unread:
+        return ""
+    suffixes = ", ".join(map(str, unread))
+    return f"{sum(unread.values())} pictures ({suffixes}) cannot be read and were left out; convert them to JPEG."
 
 
 def photos_missing_or_cropped(finished: Finished) -> tuple[Remark, ...]:
@@ -50,12 +62,26 @@ def photos_not_placed(finished: Finished) -> tuple[Remark, ...]:
     missing = sorted(set(names) - set(placed))
     if not missing:
         return ()
+    folded = _folded(finished.facts)
     return (
         Remark(
-            f"{len(placed)} of {len(names)} photos placed; the log names the others. {OVERLAP}",
-            f"Not placed: {', '.join(missing)}",
+            f"{len(placed)} of {len(names)} photos placed; the log names the others. {why_not_placed(finished.facts)}",
+            f"Not placed: {', '.join(missing)}" + (f"; for their lenses: {', '.join(folded)}" if folded else ""),
         ),
     )
+
+
+def why_not_placed(facts: Mapping[str, object]) -> str:
+    """What to do about photos that `sfm` did not place, by what it recorded."""
+    folded = len(_folded(facts))
+    if not folded:
+        return OVERLAP
+    return f"{folded} of them fit no real lens, and were left out: panoramas and crops do not belong in such a folder."
+
+
+def _folded(facts: Mapping[str, object]) -> list[str]:
+    recorded = facts.get("folded", [])
+    return [str(name) for name in recorded] if isinstance(recorded, list) else []
 
 
 def photos_cropped(finished: Finished) -> tuple[Remark, ...]:

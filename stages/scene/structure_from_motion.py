@@ -47,6 +47,8 @@ SHARES = {
 WHERE = "where SFM is the stage's name in the workflow, such as cover_scene"
 """What stands for it in a remedy: a stage does not know what a workflow calls it."""
 FEWEST_PHOTOS, FEWEST_POINTS = 3, 10
+MOST_NAMED = 5
+"""Photos that an error names."""
 GUESSED_FOCAL_LENGTH = 1.2  # of the longer side, COLMAP's own guess where EXIF says nothing
 
 
@@ -90,8 +92,8 @@ def reconstruct(
 
     `poses` are kept and only points triangulated; None has cameras estimated. What `scratch` holds of an interrupted
     run is used again. Raises `UserError` for fewer than three photos, where fewer than `minimum_registered` could be
-    placed, or hardly any point, and where the process ends otherwise than it should; `Interrupted` where the watcher
-    asks to stop.
+    placed, or hardly any point, for given lenses that fold over, and where the process ends otherwise than it should;
+    `Interrupted` where the watcher asks to stop.
     """
     if len(capture.names) < FEWEST_PHOTOS:
         raise UserError(
@@ -106,6 +108,8 @@ def reconstruct(
     job = job_of(capture, sizes, poses, settings, folder)
     run_process(job, watcher)
     result = read_reconstruction(folder)
+    if poses is not None:
+        refuse_folded(capture, result)
     refuse_few(capture, result, settings, given=poses is not None)
     return scene_of(capture, pictures, sizes, job, result, watcher), result
 
@@ -192,12 +196,33 @@ def run_process(job: Job, watcher: Watcher) -> None:
     )
 
 
+def refuse_folded(capture: Capture, result: Reconstruction) -> None:
+    """Raise `UserError` for lenses that came with the photos and are none."""
+    if result.folded:
+        raise UserError(
+            "lenses that came with the photos fold over, or cannot be inverted within them",
+            found=f"that of {_named(capture, result.folded)}",
+            expected="the distortion of a real lens",
+            remedy="Correct them in the file of poses, or take these photos out of it; or have poses and lenses "
+            f"estimated: add --set SFM.poses=estimate to the command, {WHERE}.",
+        )
+
+
+def _named(capture: Capture, rows: tuple[int, ...]) -> str:
+    """How many photos, and the names of the first few."""
+    more = ", …" if len(rows) > MOST_NAMED else ""
+    return f"{len(rows)} photos ({', '.join(capture.names[row] for row in rows[:MOST_NAMED])}{more})"
+
+
 def refuse_few(capture: Capture, result: Reconstruction, settings: Settings, given: bool) -> None:
     """Raise `UserError` where too little was reconstructed to be trained on."""
     registered, total = len(result.rows), len(capture.names)
     if registered < max(1, settings.minimum_registered * total):
         raise UserError(
             f"structure from motion placed {registered} of {total} photos",
+            found=f"besides, {_named(capture, result.folded)} placed by lenses that fold over, as those of panoramas do"
+            if result.folded
+            else None,
             expected=f"at least {settings.minimum_registered:.0%} of them (minimum_registered)",
             remedy="Take photos that overlap more (each point in three or more), or add --set SFM.matching=exhaustive "
             f"or --set SFM.camera_model=OPENCV to the command, {WHERE}; in the same way raise SFM.matching_size (now "

@@ -79,6 +79,24 @@ def shared_pinhole(lenses: Sequence[LensView], width: int, height: int) -> Pinho
     )
 
 
+def folded_lenses(lenses: Sequence[LensView], width: int, height: int) -> list[int]:
+    """Which of the lenses, by their numbers, fold over or cannot be inverted, where that leaves no pinhole for all.
+
+    No lens that was ground is so; one is that was estimated of what no lens took, such as a phone's panorama.
+    """
+    if _have_pinhole(lenses, width, height):
+        return []
+    return [number for number, lens in enumerate(lenses) if not _have_pinhole([lens], width, height)]
+
+
+def _have_pinhole(lenses: Sequence[LensView], width: int, height: int) -> bool:
+    try:
+        shared_pinhole(lenses, width, height)
+    except ValueError:
+        return False
+    return True
+
+
 def shares_shown(lenses: Sequence[LensView], width: int, height: int) -> tuple[float, ...]:
     """How much of the picture that each lens alone would give the shared pinhole shows, by area, from 0 to 1.
 
@@ -103,16 +121,19 @@ def focal_within(rectangle: tuple[float, float, float, float], width: int, heigh
 
 
 def inner_rectangle(lens: LensView) -> tuple[float, float, float, float]:
-    """Left, top, right, bottom of the largest upright rectangle inside a photo, on the plane at depth 1."""
+    """Left, top, right, bottom of the largest upright rectangle inside a photo, on the plane at depth 1.
+
+    A side is NaN where the lens model can tell nothing of it.
+    """
     along = np.linspace(0, 1, BORDER_SAMPLES)
     zero, one = np.zeros_like(along), np.ones_like(along)
     sides = [(zero, along), (along, zero), (one, along), (along, one)]
     left, top, right, bottom = (lens.unproject(np.stack([x * lens.width, y * lens.height], axis=1)) for x, y in sides)
     return (
-        float(np.nanmax(left[:, 0])),
-        float(np.nanmax(top[:, 1])),
-        float(np.nanmin(right[:, 0])),
-        float(np.nanmin(bottom[:, 1])),
+        float(np.fmax.reduce(left[:, 0])),
+        float(np.fmax.reduce(top[:, 1])),
+        float(np.fmin.reduce(right[:, 0])),
+        float(np.fmin.reduce(bottom[:, 1])),
     )
 
 

@@ -85,8 +85,8 @@ from tests.pipeline.helpers import Workspace
             "3:34: input 'numbers' takes one artifact; found all 2 items of a foreach",
         ),
         (
-            "a: {uses: numbers, with: {note: 2020-01-01}}",
-            "2:35: '2020-01-01' is neither text, a number, true, false nor null",
+            "a: {uses: numbers, with: {count: 2020-01-01}}",
+            "2:36: parameter 'count' should be a valid integer",
         ),
         ("a: {uses: numbers, with: {count: '${count}'}}", "2:36: ${count} is not known; known are none"),
         ("a: [1,", "3:1: not YAML"),
@@ -153,10 +153,12 @@ def test_a_circle_is_reported_once(workspace: Workspace) -> None:
         ),
         ("base.note=#ffffff", "--set base.note: '#ffffff' would be taken for a comment"),
         (
-            "base.file=2024",
-            "--set base.file: parameter 'file' should be a valid string; found 2024; a text that looks so is to be "
+            "base.note=2024",
+            "--set base.note: parameter 'note' should be a valid string; found 2024; a text that looks so is to be "
             """quoted: '2024' in a file, "'2024'" after --set NAME=""",
         ),
+        ("base.note=0123", """--set base.note: parameter 'note' should be a valid string; found 123; a text that"""),
+        ("base.file=2024", "--set base.file: parameter 'file': there is no file or folder"),
         ("base.note=true", """--set base.note: parameter 'note' should be a valid string; found true; a text that"""),
         ("base.file='2024'", "--set base.file: parameter 'file': there is no file or folder"),
         ("base.file=nowhere.txt", "--set base.file: parameter 'file': there is no file or folder"),

@@ -12,9 +12,12 @@ from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.analysis.comparisons import read_comparisons
 from stages.evaluate import EvaluateParameters, evaluate
-from stages.hide_image import hide_image
+from stages.hide_image import chosen_view, hide_image
+from stages.hiding.image_view import IMAGE_VIEW
+from stages.hiding.key import KEY_BYTES, write_key
 from stages.imaging.image import filling, read_image, write_image
 from stages.imaging.metric_table import read_rows
+from stages.scene.scene import read_scene
 from tests.stages.small import HEIGHT, NAMES, WIDTH, scene
 
 SETTINGS = {"iterations": 150, "decoder_width": 16, "feature_dim": 8, "lambda_message": 1.0, "sh_degree": 1}
@@ -85,6 +88,33 @@ def test_the_public_cannot_tell_which_view_hides_the_image(tmp_path: Path, cover
     owner, public = read_comparisons(known["pictures"]), read_comparisons(known["public_pictures"])
     assert NAMES[5] in owner[0].names
     assert NAMES[5] not in public[0].names
+
+
+def key_of(folder: Path, byte: int) -> Artifact:
+    with create(folder / f"key {byte}", "key", private=True) as writer:
+        write_key(writer, bytes([byte]) * KEY_BYTES)
+    return load(folder / f"key {byte}")
+
+
+def test_the_key_chooses_the_view(tmp_path: Path, cover: Artifact) -> None:
+    """By rule it is the middle one, which whoever has the public scores, with the names of all views, could tell."""
+    scene = read_scene(cover)
+    chosen = [chosen_view(scene, None, key_of(tmp_path, byte)) for byte in range(40)]
+    assert set(chosen) == set(scene.train_names)
+    assert chosen_view(scene, None, load(tmp_path / "key 7")) == chosen[7]
+    assert chosen_view(scene, NAMES[3], load(tmp_path / "key 7")) == NAMES[3]
+    assert chosen_view(scene, None, None) == scene.train_names[len(scene.train_names) // 2]
+
+
+def test_the_secret_says_which_view_the_key_chose(tmp_path: Path, cover: Artifact, emblem: Artifact) -> None:
+    key = next(
+        key
+        for key in (key_of(tmp_path, byte) for byte in range(9))
+        if chosen_view(read_scene(cover), None, key) != chosen_view(read_scene(cover), None, None)
+    )
+    parameters = hide_image.parameters.model_validate(SETTINGS | {"iterations": 1})
+    made = run_stage(hide_image, parameters, {"cover": cover, "image": emblem, "key": key}, tmp_path / "made")
+    assert made["secret"].attributes[IMAGE_VIEW] == chosen_view(read_scene(cover), None, key)
 
 
 def test_a_view_that_is_not_trained_on_is_refused(tmp_path: Path, cover: Artifact, emblem: Artifact) -> None:

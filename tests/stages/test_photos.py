@@ -9,8 +9,9 @@ import pytest
 from PIL import Image
 
 from pipeline.artifact import Artifact
+from pipeline.canonical import Json
 from pipeline.errors import UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Context, Services, run_stage
 from stages.imaging.pictures import read_picture
 from stages.photos import PhotosParameters, photos
 from stages.scene.capture import picture_path, read_capture
@@ -53,6 +54,16 @@ def test_photos_are_kept_as_they_came(tmp_path: Path) -> None:
     for name in found.names:
         assert picture_path(artifact, name).read_bytes() == (folder / name).read_bytes()
     assert any("2 files" in line for line in log)
+
+
+def test_pictures_that_are_not_read_are_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded: dict[str, Json] = {}
+    monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))
+    take(tmp_path / "photos" / "1.jpg")
+    for name in ("2.heic", "notes.txt"):
+        (tmp_path / "photos" / name).write_bytes(b"not read")
+    capture(tmp_path / "photos", tmp_path / "out")
+    assert (recorded["ignored_files"], recorded["unread"]) == (2, {".heic": 1})
 
 
 def test_a_turned_photo_counts_as_it_is_seen(tmp_path: Path) -> None:

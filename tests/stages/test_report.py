@@ -265,6 +265,27 @@ def test_how_many_photos_were_placed_stands_at_the_top(inputs: dict, tmp_path: P
     assert "cover" not in public
 
 
+def test_pictures_that_were_not_read_stand_at_the_top(inputs: dict, tmp_path: Path) -> None:
+    facts = {"unread": {".heic": 30}}
+    lineage = [
+        replace(each, facts={**each.facts, **facts}) if each.name == "cover_photos" else each for each in LINEAGE
+    ]
+    services = Services(lineage=lambda: tuple(lineage))
+    made = run_stage(report, ReportParameters(), inputs, tmp_path / "made", services=services)
+    assert "cover_photos: 30 pictures (.heic) cannot be read" in top_of(text_of(made["owner"]))
+    assert "cannot be read" not in text_of(made["public"])
+
+
+def test_why_photos_were_left_out_stands_at_the_top(inputs: dict, tmp_path: Path) -> None:
+    items = scenes(tmp_path / "scenes", cover=(12, 13, False))
+    lineage = [replace(each, facts={**each.facts, "folded": ["p.jpg"]}) for each in LINEAGE]
+    services = Services(lineage=lambda: tuple(lineage))
+    given = {**inputs, "scenes": tuple(item.artifact for item in items["scenes"])}
+    made = run_stage(report, ReportParameters(), given, tmp_path / "made", services=services, items=items)
+    assert "1 of them fit no real lens" in top_of(text_of(made["owner"]))
+    assert "fit no real lens" not in text_of(made["public"])
+
+
 def test_what_crops_all_pictures_stands_at_the_top(inputs: dict, tmp_path: Path) -> None:
     facts = {"shares_shown": [0.4, 0.41, 0.42, 1.0]}
     lineage = [replace(each, facts={**each.facts, **facts}) if each.name == "cover" else each for each in LINEAGE]

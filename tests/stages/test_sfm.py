@@ -21,9 +21,11 @@ from pipeline.stage import Context, Services, run_stage
 from stages.photos import PhotosParameters, photos
 from stages.scene.alignment import project
 from stages.scene.cameras import Cameras
-from stages.scene.capture import Capture, KnownPoses, PoseSource, write_capture
+from stages.scene.capture import Capture, KnownPoses, PoseSource, read_capture, write_capture
 from stages.scene.lens import Lens
+from stages.scene.reconstruction_job import Reconstruction
 from stages.scene.scene import Scene, read_scene
+from stages.scene.structure_from_motion import Settings, refuse_few
 from stages.sfm import SfmParameters, sfm
 from stages.synthesize import SynthesizeParameters, synthesize
 from tests.stages.scene.rigs import arc
@@ -75,9 +77,15 @@ def synthetic(truth: Cameras, tmp_path_factory: pytest.TempPathFactory) -> Artif
     return write(truth, "synthetic", tmp_path_factory.mktemp("synthetic"))
 
 
-def write(truth: Cameras, source: PoseSource, directory: Path, photographs: list[np.ndarray] | None = None) -> Artifact:
+def write(
+    truth: Cameras,
+    source: PoseSource,
+    directory: Path,
+    photographs: list[np.ndarray] | None = None,
+    lenses: tuple[Lens, ...] = (),
+) -> Artifact:
     names = tuple(f"{view:02d}.png" for view in range(len(truth)))
-    lenses = tuple(Lens.pinhole(matrix, *SIZE) for matrix in truth.intrinsics)
+    lenses = lenses or tuple(Lens.pinhole(matrix, *SIZE) for matrix in truth.intrinsics)
     poses = KnownPoses(source, truth.world_to_camera, lenses)
     capture = Capture(names, (SIZE,) * len(names), (None,) * len(names), ordered=True, poses=poses)
     with create(directory / "capture", "capture") as writer:
@@ -168,6 +176,26 @@ def test_every_photo_may_have_a_lens_of_its_own(
     assert len(scene.cameras) == VIEWS
     expect_points_where_pictures_show_them(scene)
     assert recorded["shares_shown"] == pytest.approx((np.linspace(1, 1.4, VIEWS) / 1.4) ** 2, abs=1e-3)
+
+
+def test_given_lenses_that_fold_over_are_told_with_their_photos_before_any_work(truth: Cameras, tmp_path: Path) -> None:
+    real = Lens("SIMPLE_RADIAL", (240.0, 100.0, 75.0, 0.02), *SIZE)
+    folded = Lens("SIMPLE_RADIAL", (90.0, 100.0, 75.0, -0.4), *SIZE)
+    capture = write(truth, "colmap", tmp_path, lenses=(real, folded, *[real] * (VIEWS - 3), folded))
+    log: list[str] = []
+    with pytest.raises(UserError, match=r"that of 2 photos \(01\.png, 07\.png\).*file of poses.*SFM\.poses=estimate"):
+        run(capture, tmp_path / "out", Services(log=log.append))
+    assert not any("features" in line for line in log)
+
+
+def test_photos_left_out_for_their_lenses_are_told_where_too_few_are_left(synthetic: Artifact) -> None:
+    settings = Settings(100, 960, "auto", 8192, "SIMPLE_RADIAL", minimum_registered=0.5, seed=0)
+    none = np.empty((0, 3))
+    result = Reconstruction((), np.empty((0, 4, 4)), np.eye(3), (), (), none, none, 0.0, (), (2, 3), {}, "")
+    with pytest.raises(
+        UserError, match=r"placed 0 of 8 photos; found besides, 2 photos \(02\.png, 03\.png\).*panoramas"
+    ):
+        refuse_few(read_capture(synthetic), result, settings, given=False)
 
 
 def distances_to_walls(points: np.ndarray) -> np.ndarray:

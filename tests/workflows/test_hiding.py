@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 import yaml
 
+from tests.workflows.test_own_workflow import example_in
+
 WORKFLOWS = Path(__file__).parents[2] / "workflows"
 HIDING = ("hide_photos", "hide_picture", "hide_scene", "hide_multi", "hide_splats", "hide_edits")
 
@@ -37,3 +39,28 @@ def test_what_is_hidden_can_be_published_as_files(workflow: str) -> None:
 def test_a_traced_scene_is_published_with_a_path_to_look_at_it_from() -> None:
     stages = stages_of("trace_pictures")
     assert stages["published"]["in"] == {"container": "grain.container", "cover": stages["grain"]["in"]["cover"]}
+
+
+def sources_of(stages: dict[str, Any], stage: str) -> set[str]:
+    """The stage, and all that it is made of."""
+    given = [
+        name
+        for value in stages[stage].get("in", {}).values()
+        for name in ([value] if isinstance(value, str) else value)
+    ]
+    return {stage}.union(*(sources_of(stages, name.partition(".")[0]) for name in given))
+
+
+@pytest.mark.parametrize("workflow", ["trace_pictures", "README"])
+def test_what_shows_a_grain_is_private_and_so_is_all_that_it_can_be_trained_from(workflow: str) -> None:
+    if workflow == "README":
+        stages = yaml.safe_load(example_in((WORKFLOWS / "README.md").read_text()))["stages"]
+    else:
+        stages = stages_of(workflow)
+    before = stages["grain"]["in"]["container"].partition(".")[0]
+    assert {stages[name]["uses"] for name in sources_of(stages, before)} >= {"photos", "sfm", "train_scene"}
+    assert not {name for name in sources_of(stages, before) if not stages[name].get("private")}
+
+
+def test_pictures_that_are_looked_at_are_private_as_they_may_be_the_photos() -> None:
+    assert stages_of("trace_pictures")["suspects"].get("private")

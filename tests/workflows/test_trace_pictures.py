@@ -28,6 +28,10 @@ def test_renders_of_what_was_published_are_found(tmp_path: Path) -> None:
     settings = [f"--set={name}={value}" for name, value in changes.items()]
     made = run(WORKFLOW, tmp_path / "store", "published", "cover_scene", *settings)
     assert (made["published"]["bundle"] / "container.ply").is_file()
+    public = {
+        f"{name}.{output}" for name, outputs in made.items() for output, at in outputs.items() if not load(at).private
+    }
+    assert public == {"grain.container", "published.bundle"}
 
     scene, container = read_scene(load(made["cover_scene"]["scene"])), load(made["grain"]["container"])
     cameras = scene.cameras.select(scene.test_names[:1])

@@ -10,7 +10,7 @@ from stages.analysis.page.found import Found
 from stages.analysis.page.material import Material
 from stages.analysis.page.placed import Placed
 from stages.analysis.page.tables import Column, mean_of, rows_about
-from stages.scene.remarks import CHOOSE_ANOTHER, HARDLY_SEEN, OVERLAP, told_of_cropping
+from stages.scene.remarks import CHOOSE_ANOTHER, HARDLY_SEEN, told_of_cropping, told_of_unread, why_not_placed
 
 
 @dataclass(frozen=True)
@@ -120,13 +120,14 @@ def _placed_tile(label: str, placed: Placed) -> Tile:
 
 
 def owner_notices(material: Material) -> tuple[str, ...]:
-    """What is amiss and what to do about it: photos that were left out or crop all others, messages of which no test
-    view is legal.
+    """What is amiss and what to do about it: photos that were not read, were left out or crop all others, messages of
+    which no test view is legal.
     """
+    facts = {record.name: record.facts for record in material.lineage}
     return (
         *(
             f"{placed.stage}: {placed.registered} of {placed.total} photos could be placed; what the others alone show "
-            f"is missing. The log of {placed.stage} names them. {OVERLAP}"
+            f"is missing. The log of {placed.stage} names them. {why_not_placed(facts.get(placed.stage, {}))}"
             for placed in material.placed
             if placed.left_out
         ),
@@ -135,6 +136,7 @@ def owner_notices(material: Material) -> tuple[str, ...]:
             for record in material.lineage
             if (said := told_of_cropping(record.facts))
         ),
+        *(f"{record.name}: {said}" for record in material.lineage if (said := told_of_unread(record.facts))),
         *(
             f"{message}: {HARDLY_SEEN} {CHOOSE_ANOTHER}"
             for message in material.messages

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.errors import UserError
 from stages.scene.capture import picture_path, read_capture
 from stages.scene.photo_folder import find_photos, photo_finder
 from tests.stages.test_photos import capture, expect_refusal, take
@@ -68,3 +69,33 @@ def test_folders_before_a_photo_cost_no_time(tmp_path: Path) -> None:
     for _ in range(200):
         assert find("d/" * 2000 + "left/far/1.png") == "left_far_1.jpg"
     assert time.monotonic() - start < 2
+
+
+@pytest.mark.parametrize("place", ["", "images/left"])
+def test_pictures_that_are_not_read_are_counted_apart(tmp_path: Path, place: str) -> None:
+    """But not those that a camera wrote beside its photos, nor what systems leave behind."""
+    folder = tmp_path / "photos" / place
+    for name in ("1.jpg", "2.jpg", "3.jpg"):
+        take(folder / name)
+    others = ("4.HEIC", "5.heic", "6.dng", "1.dng", "._4.HEIC", "Thumbs.db", ".DS_Store")
+    for name in others:
+        (folder / name).write_bytes(b"not read")
+    found = find_photos(tmp_path / "photos")
+    assert len(found.photos) == 3
+    assert found.ignored == len(others)
+    assert found.unread == {".dng": 1, ".heic": 2}
+
+
+def test_a_folder_of_pictures_that_are_not_read_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    (folder / "1.HEIC").write_bytes(b"not read")
+    with pytest.raises(UserError) as raised:
+        find_photos(folder)
+    assert raised.value.remedy == "Convert the pictures (.heic), which cannot be read, to JPEG."
+    take(folder / "left" / "1.jpg")
+    expect_refusal(folder, tmp_path / "out", "Convert the pictures (.heic)", "cameras of a rig")
+    (folder / "1.HEIC").rename(folder / "left" / "2.HEIC")
+    with pytest.raises(UserError) as raised:
+        find_photos(folder)
+    assert str(raised.value.remedy).startswith("Those of several folders")

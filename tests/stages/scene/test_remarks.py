@@ -33,6 +33,16 @@ def test_photos_that_structure_from_motion_could_not_place(tmp_path: Path) -> No
     assert remark.details == "Not placed: a.jpg, c.jpg"
 
 
+def test_photos_that_no_lens_took(tmp_path: Path) -> None:
+    """More overlap would place none of them."""
+    capture = artifact(tmp_path / "capture", "capture", names=["a.jpg", "b.jpg", "c.jpg"])
+    scene = artifact(tmp_path / "scene", "scene", names=["b.jpg"])
+    (remark,) = photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene}, folded=["c.jpg"]))
+    assert remark.text.startswith("1 of 3 photos placed; the log names the others. 1 of them fit no real lens")
+    assert "overlap" not in remark.text
+    assert remark.details == "Not placed: a.jpg, c.jpg; for their lenses: c.jpg"
+
+
 def test_nothing_is_said_where_all_are_placed(tmp_path: Path) -> None:
     capture, scene = (artifact(tmp_path / kind, kind, names=["a.jpg"]) for kind in ("capture", "scene"))
     assert photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene})) == ()
@@ -69,6 +79,12 @@ def test_photos_without_poses(left: int, said: tuple[str, ...]) -> None:
 def test_photos_in_another_place() -> None:
     (remark,) = photos_left_out(finished({}, {}, photos=22, without_pose=0, left_out=1))
     assert remark.text.startswith("1 more photos were left out")
+
+
+def test_pictures_that_are_not_read() -> None:
+    (remark,) = photos_left_out(finished({}, {}, photos=3, unread={".heic": 30, ".dng": 1}))
+    assert remark.text == "31 pictures (.heic, .dng) cannot be read and were left out; convert them to JPEG."
+    assert photos_left_out(finished({}, {}, photos=3, unread={})) == ()
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from stages.scene.undistortion import (
     LensView,
     Pinhole,
     corner_positions,
+    folded_lenses,
     refined,
     sees_whole_pinhole,
     shared_pinhole,
@@ -85,6 +86,13 @@ def test_lenses_that_fold_over_are_refused() -> None:
         shared_pinhole(
             [LensView(lambda points: np.full((len(points), 2), np.nan), radial(0).unproject, 400, 300)], 8, 6
         )
+
+
+def test_lenses_that_are_none_are_told_from_the_others() -> None:
+    unseen = LensView(radial(0).project, lambda pixels: np.full((len(pixels), 2), np.nan), 400, 300)
+    nowhere = LensView(lambda points: np.full((len(points), 2), np.nan), radial(0).unproject, 400, 300)
+    assert folded_lenses([radial(0.1), unseen, radial(-0.1), nowhere], 64, 48) == [1, 3]
+    assert folded_lenses([radial(0.1), radial(-0.1, focal=500.0)], 64, 48) == []
 
 
 @pytest.mark.parametrize("factor", [1, 3, 8, 20])
