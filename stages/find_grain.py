@@ -41,8 +41,9 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
     """Look for the grain in each picture, by the container from before it was added and the key that it was added with.
 
     Two rows a picture, and a line in the log: the standard score, which of a picture without the grain is chance, and
-    whether it reaches `CERTAIN`, which one picture in a million and a half does by chance. A score of exactly 0 says
-    that the picture shows nothing of the scene that could be recognised.
+    whether it reaches `CERTAIN`, which by chance one picture in 1.6 million does, and one in 815,000 of those that are
+    smaller than the scene's, since these get two looks (`GrainReader.score`). A score of exactly 0 says that the
+    picture shows nothing of the scene that could be recognised.
     """
     torch.set_num_threads(parameters.threads)
     before = context.input("before")
