@@ -54,8 +54,10 @@ class GrainReader:
         tells, for one is found at the wrong size, too. So chance comes to `CERTAIN` in one of 1.6 million pictures, and
         in one of 815,000 of those that are smaller.
 
-        A picture of one colour scores 0.
+        A picture without colour, or of one colour, has none of the grain, and scores 0.
         """
+        if is_colorless(picture):
+            return 0.0
         scores = [score for size in self._sizes(picture) if (score := self._score_at(size)) is not None]
         return max(scores, default=0.0)
 
@@ -81,6 +83,11 @@ class GrainReader:
     def certainty(self, picture: Picture) -> float:
         """From 0 to 1, by which the owner's reading lets the watermark show: a half at a score of `CERTAIN`."""
         return 0.5 * (1 + math.tanh((self.score(picture) - CERTAIN) / 2))
+
+
+def is_colorless(picture: Picture) -> bool:
+    """Whether red, green and blue are the same in every pixel: then it tells nothing, for the grain lies in colour."""
+    return bool((picture == picture[..., :1]).all())
 
 
 def owners_reader(before: Artifact, scene: Scene, key: Artifact | None, seed: int) -> GrainReader:

@@ -13,7 +13,7 @@ from stages.hiding.rendering import splat
 from stages.hiding.watermark.coins import DECOYS, standard_score, thrown, with_decoys
 from stages.hiding.watermark.colors import COLORS, GRAIN
 from stages.hiding.watermark.grain import grained
-from stages.hiding.watermark.reading import CERTAIN, GrainReader
+from stages.hiding.watermark.reading import CERTAIN, GrainReader, is_colorless
 from stages.imaging.distortions import jpeg, noisy
 from stages.imaging.pictures import resize_picture, through_jpeg
 from stages.scene.cameras import single_cameras
@@ -118,6 +118,14 @@ def test_a_scene_before_a_background_of_one_colour_needs_none_of_it() -> None:
     )
     for size in ((512, 384), (128, 96), (72, 54)):
         assert READER.score(resize_picture(picture, *size)) > CERTAIN
+
+
+def test_what_has_no_colour_tells_nothing() -> None:
+    grey = np.repeat(MARKED[..., 1:2], 3, axis=-1)
+    assert is_colorless(grey)
+    assert not is_colorless(MARKED)
+    assert READER.score(grey) == 0
+    assert READER.score(np.full((HEIGHT, WIDTH, 3), (200, 30, 30), np.uint8)) == 0
 
 
 def test_a_camera_that_sees_nothing_tells_nothing() -> None:
