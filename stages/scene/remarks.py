@@ -34,8 +34,8 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
     if unseen:
         remarks.append(
             Remark(
-                f"{kept} pictures are looked at. {unseen} other files of the folder and of those below it are not: only "
-                "pictures directly in it count, of formats that are read. The log names some."
+                f"{kept} pictures are looked at. {unseen} other files of the folder and of those below it are not: "
+                "only pictures directly in it count, of formats that are read. The log names some."
             )
         )
     if left:
