@@ -16,8 +16,11 @@ from stages.imaging.pictures import encode_png, read_picture
 from stages.scene.camera_checks import refuse_far_poses
 from stages.scene.capture import Capture, numbered, write_capture
 from stages.scene.photo_folder import (
+    ANIMATIONS,
+    SUFFIXES,
     PhotoFacts,
     PhotoFolder,
+    files_not_among,
     find_photos,
     find_poses,
     known_poses,
@@ -31,6 +34,9 @@ from stages.scene.transforms import held_out_files
 
 WHITE = "white"
 """What `read_picture` lays transparent pictures over."""
+
+MOST_NAMED = 10
+"""Files in a line of the log."""
 
 
 class PhotosParameters(Parameters):
@@ -56,6 +62,11 @@ class PhotosParameters(Parameters):
         pattern=r"^(white|black|gray|#[0-9a-fA-F]{6})$",
         description="What transparent pictures are laid over, as Blender renders NeRF's synthetic scenes: a colour.",
     )
+    any_pictures: bool = Field(
+        False,
+        description="Whether the folder holds no capture but pictures of any kind to look through: GIFs count, too, by "
+        "their first frame, and it is said how many files of the folder and of those below it were not looked at.",
+    )
     order: Literal["auto", "ordered", "unordered"] = Field(
         "auto",
         description="Whether the numbers in the names follow the order of taking; auto: where all names share a word.",
@@ -73,8 +84,11 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     place = find_poses(parameters.folder) if parameters.poses is None else poses_at(parameters.poses)
     splits = find_splits(parameters.folder) if place is None else {}
     _refuse_images(parameters, splits)
+    suffixes = (*SUFFIXES, *ANIMATIONS) if parameters.any_pictures else SUFFIXES
     found = (
-        find_split_photos(parameters.folder, splits) if splits else find_photos(parameters.folder, parameters.images)
+        find_split_photos(parameters.folder, splits)
+        if splits
+        else find_photos(parameters.folder, parameters.images, suffixes)
     )
     facts = facts_of(context, found, posed=place is not None or bool(splits))
     poses, names = None, tuple(found.photos)
@@ -90,6 +104,10 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         context.log(f"{len(found.left_out)} photos lie elsewhere and were left out, the first is {found.left_out[0]}")
     if found.ignored:
         context.log(f"{found.ignored} files beside the photos are no photos and were ignored")
+    unseen = files_not_among({*found.photos.values()}, parameters.folder) if parameters.any_pictures else []
+    if unseen:
+        listed = ", ".join(file.relative_to(parameters.folder).as_posix() for file in unseen[:MOST_NAMED])
+        context.log(f"{len(unseen)} files of the folder and of those below it were not looked at, such as {listed}")
     capture = Capture(
         names=names,
         sizes=tuple(facts[name].size for name in names),
@@ -116,6 +134,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         without_pose=len(facts) - len(names),
         left_out=len(found.left_out),
         unread=dict(found.unread),
+        not_looked_at=len(unseen),
     )
 
 

@@ -22,11 +22,11 @@ from stages.scene.colmap import PosedPhoto, find_colmap_model, read_colmap_model
 from stages.scene.lens import Lens
 from stages.scene.transforms import FILE, read_transforms
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
-OTHER_PICTURES = {".heic", ".heif", ".avif", ".jxl", ".jfif", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw"} - {
-    *SUFFIXES
-}
-"""What phones and cameras write, and is not read here."""
+SUFFIXES = (".jpg", ".jpeg", ".jfif", ".png", ".webp", ".bmp", ".tif", ".tiff")
+ANIMATIONS = (".gif",)
+"""No photos, but for whoever looks through pictures of any kind."""
+OTHER_PICTURES = (".heic", ".heif", ".avif", ".jxl", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw")
+"""What phones and cameras write, and is no photo here."""
 SUBFOLDERS = ("images", "input", "photos", "rgb")
 """Where captures keep their pictures when they do not lie in the folder itself."""
 
@@ -66,7 +66,7 @@ class PhotoFacts:
     turned: int = UPRIGHT
 
 
-def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
+def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str] = SUFFIXES) -> PhotoFolder:
     """The photos of `folder`, or of the first of its `SUBFOLDERS` with any where that has more than it has itself.
 
     Where neither has any, those in the folders below one of the `SUBFOLDERS`, at any depth: of the cameras of a rig, or
@@ -84,8 +84,8 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
             expected="a folder of that name (parameter images)",
         )
     own = [folder / name for name in (SUBFOLDERS if images is None else (images,)) if (folder / name).is_dir()]
-    inside = next(((place, photos) for place in own if (photos := _photos_in(place))), (folder, []))
-    beside = (folder, _photos_in(folder) if images is None else [])
+    inside = next(((place, photos) for place in own if (photos := _photos_in(place, suffixes))), (folder, []))
+    beside = (folder, _photos_in(folder, suffixes) if images is None else [])
     (place, photos), (_, left_out) = (beside, inside) if len(beside[1]) >= len(inside[1]) else (inside, beside)
     if photos:
         files = [file for file in place.iterdir() if file.is_file()]
@@ -94,7 +94,7 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
         )
     for place in own:
         files = _files_below(place)
-        photos = [file for file in files if _is_photo(file)]
+        photos = [file for file in files if _is_photo(file, suffixes)]
         if photos:
             return PhotoFolder(named_photos(place, photos), len(files) - len(photos), unread=_unread(files, photos))
     searched = images or f"it or in its folder {', '.join(SUBFOLDERS)}"
@@ -102,7 +102,7 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
         "a folder without photos",
         where=folder,
         found=_what_is_there(folder),
-        expected=f"photos ({', '.join(SUFFIXES)}) in {searched}",
+        expected=f"photos ({', '.join(suffixes)}) in {searched}",
         remedy=_how_to_have_photos([*folder.iterdir(), *(file for place in own for file in _files_below(place))]),
     )
 
@@ -125,8 +125,13 @@ def _unread(files: Iterable[Path], photos: Iterable[Path]) -> dict[str, int]:
     return dict(sorted(Counter(file.suffix.lower() for file in unread if file.with_suffix("") not in read).items()))
 
 
-def _photos_in(place: Path) -> list[Path]:
-    return sorted(file for file in place.iterdir() if file.is_file() and _is_photo(file))
+def files_not_among(photos: Collection[Path], folder: Path) -> list[Path]:
+    """Files of the folder and of those below it that are none of the photos, sorted; of hidden ones none."""
+    return [file for file in _files_below(folder) if file not in photos and not file.name.startswith(".")]
+
+
+def _photos_in(place: Path, suffixes: Sequence[str]) -> list[Path]:
+    return sorted(file for file in place.iterdir() if file.is_file() and _is_photo(file, suffixes))
 
 
 def _files_below(place: Path) -> list[Path]:
@@ -161,8 +166,8 @@ def named_photos(place: Path, photos: Sequence[Path]) -> dict[str, Path]:
     return dict(sorted(named.items()))
 
 
-def _is_photo(file: Path) -> bool:
-    return file.suffix.lower() in SUFFIXES and not file.name.startswith(".")
+def _is_photo(file: Path, suffixes: Sequence[str]) -> bool:
+    return file.suffix.lower() in suffixes and not file.name.startswith(".")
 
 
 def refuse_unwritten_names(place: Path, names: Iterable[str]) -> None:

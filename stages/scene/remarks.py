@@ -24,9 +24,20 @@ OVERLAP = "More overlap between photos, or a larger matching_size, places more."
 
 
 def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
-    """Of `photos`: poses came with some of the photos only; some lie in another place than most, or are not read."""
-    kept, left, elsewhere = (int(str(finished.facts.get(fact, 0))) for fact in ("photos", "without_pose", "left_out"))
+    """Of `photos`: poses came with some of the photos only; some lie in another place than most, or are not read; or of
+    a folder of any pictures not all files were looked at.
+    """
+    kept, left, elsewhere, unseen = (
+        int(str(finished.facts.get(fact, 0))) for fact in ("photos", "without_pose", "left_out", "not_looked_at")
+    )
     remarks = []
+    if unseen:
+        remarks.append(
+            Remark(
+                f"{kept} pictures are looked at. {unseen} other files of the folder and of those below it are not: "
+                "only pictures directly in it count, of formats that are read. The log names some."
+            )
+        )
     if left:
         remarks.append(Remark(f"{kept} of {kept + left} photos came with a pose; the others are left out."))
     if elsewhere:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from pipeline.artifact import create, load
-from pipeline.stage import run_stage
+from pipeline.stage import Services, run_stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.analysis.measurements import read_measurements
 from stages.draw_key import DrawKeyParameters, draw_key
@@ -31,16 +33,22 @@ def test_pictures_with_the_grain_are_named(tmp_path: Path) -> None:
     other = scenes.photograph(*scenes.cloud(seed=7), camera)
     files = {
         "copied.jpg": encode_jpeg(copied, 90),
+        "grey.png": encode_png(np.repeat(copied[..., :1], 3, axis=-1)),
         "enlarged.png": encode_png(resize_picture(copied, 384, 288)),
         "other.png": encode_png(other),
         "own.png": encode_png(own),
     }
     with create(tmp_path / "suspects", "capture") as writer:
-        write_capture(writer, Capture(tuple(files), ((128, 96),) * 4, (None,) * 4, True), files.__getitem__)
+        write_capture(
+            writer, Capture(tuple(files), ((128, 96),) * len(files), (None,) * len(files), True), files.__getitem__
+        )
     asked = {"before": before, "cover": cover, "key": key, "pictures": load(tmp_path / "suspects")}
-    made = run_stage(find_grain, FindGrainParameters(), asked, tmp_path / "found")
+    log: list[str] = []
+    made = run_stage(find_grain, FindGrainParameters(), asked, tmp_path / "found", services=Services(log=log.append))
     assert made["scores"].private
     rows = {(row.quantity, row.view): row.value for row in read_measurements(made["scores"])}
     assert [name for name in files if rows[FOUND, name]] == ["copied.jpg", "enlarged.png"]
+    assert rows[SCORE, "grey.png"] == 0
+    assert [line for line in log if "no colour" in line] == [next(line for line in log if "grey.png" in line)]
     assert abs(rows[SCORE, "other.png"]) < 5
     assert abs(rows[SCORE, "own.png"]) < 5

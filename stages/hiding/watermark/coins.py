@@ -60,7 +60,9 @@ def standard_score(
     them, band by band. Of a picture that knows nothing of the coins, whatever it shows and wherever the camera stands,
     the score is that of one more decoy: its mean is 0 and its standard deviation 1, by Student's distribution with
     `DECOYS` - 1 degrees of freedom. So the rate of false alarms follows from the coins' randomness, and not from
-    pictures that were tried. 0 where nothing is left to compare.
+    pictures that were tried. That holds where the Gaussians, those without grain, were fixed before the coins fell. Who
+    takes coins that he throws today from the published ones, and calls the rest his own from before, finds them in
+    renders of the published ones and in photos of the scene. 0 where nothing is left to compare.
     """
     left_bands = _bands(_left(picture, gaussians, method, camera))
     sums, squares = np.zeros(throws.shape[1]), np.zeros(throws.shape[1])

@@ -5,6 +5,11 @@ watermarked pictures keep next to nothing of it (fox, plain 3DGS: renders 48 dB 
 changed a little in colour, one way or the other as a coin falls: neighbours cancel, there is no tint, and a grain
 remains. Who knows the coins finds it in any picture of the scene (`GrainReader`), as spread-spectrum watermarks are
 found (Cox et al. 1997), here with a carrier that lives in the scene and not in the picture.
+
+It tells where pictures come from, and is no lock: to who has the changed Gaussians, neighbours give most coins away
+(`what_survives.md`). Where colours lay on a grid before, as in a .splat of 8 bits, they give all away, for one of two
+coins leads back to the grid. Nothing here hides that: a compressed file has a grid for every chunk, which is not known
+any more.
 """
 
 from __future__ import annotations

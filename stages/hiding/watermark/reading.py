@@ -17,15 +17,15 @@ from stages.hiding.relocalisation.landmarks import landmarks
 from stages.hiding.relocalisation.recognition import recognised
 from stages.hiding.storage import read_gaussians, read_method
 from stages.hiding.watermark.coins import standard_score, with_decoys
+from stages.imaging.frames import without_frame
 from stages.imaging.pictures import Picture, resize_picture
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import Scene
 
 CERTAIN = 6.0
-"""The standard score at which half of the watermark shows: by Student's distribution one picture in a million and a
-half without the grain comes so far."""
-
+"""The standard score at which half of the watermark shows: by Student's distribution one look in 1.6 million at
+pictures without the grain comes so far. A picture gets up to two (`GrainReader.score`)."""
 
 FOUND_SHARE = 0.75
 """Of the watermark that a half of it explains: what a picture at `CERTAIN` shows."""
@@ -42,32 +42,52 @@ class GrainReader:
         self.gaussians, self.method, self.throws = gaussians, method, throws
         self.landmarks = landmarks(gaussians, method, cameras)
         self.intrinsics = np.median(cameras.intrinsics, axis=0)
-        self.longer_side = max(cameras.width, cameras.height)
+        self.sides = sorted((cameras.width, cameras.height))
 
     def score(self, picture: Picture) -> float:
-        """The standard score of a picture; 0 where no camera is found, since nothing then speaks for the grain.
+        """The better standard score of up to two looks; 0 where none finds a camera: nothing then speaks for the grain.
 
-        A picture larger than the rig's is reduced to their size. A smaller one may have been cut out or reduced, and is
-        looked at as it is, and then enlarged.
+        One as large as the rig's pictures is looked at as it is. Of others, rows and columns of one colour at the edges
+        go first: they are a screenshot's, or a letterbox's; without those that are the scene's own background its
+        camera is found as well. What is then larger than the rig's is reduced to their size, and gets one look. What is
+        smaller may have been cut out or reduced, and gets two, as it is and enlarged: which of them is right no camera
+        tells, for one is found at the wrong size, too. So chance comes to `CERTAIN` in one of 1.6 million pictures, and
+        in one of 815,000 of those that are smaller.
+
+        A picture without colour, or of one colour, has none of the grain, and scores 0.
         """
-        for size in self._sizes(picture):
-            found = recognised(size, self.landmarks, self.intrinsics)
-            if found is not None:
-                camera = single_cameras(aligned(size, self.gaussians, self.method, found))[0]
-                return standard_score(size, self.gaussians, self.method, camera, self.throws)
-        return 0.0
+        if is_colorless(picture):
+            return 0.0
+        scores = [score for size in self._sizes(picture) if (score := self._score_at(size)) is not None]
+        return max(scores, default=0.0)
+
+    def _score_at(self, picture: Picture) -> float | None:
+        """By the camera that is found at this size; None without one."""
+        found = recognised(picture, self.landmarks, self.intrinsics)
+        if found is None:
+            return None
+        camera = single_cameras(aligned(picture, self.gaussians, self.method, found))[0]
+        return standard_score(picture, self.gaussians, self.method, camera, self.throws)
 
     def _sizes(self, picture: Picture) -> Iterator[Picture]:
-        height, width = picture.shape[:2]
-        factor = self.longer_side / max(width, height)
+        inner = picture if sorted(picture.shape[:2]) == self.sides else without_frame(picture)
+        if inner.size == 0:
+            return
+        height, width = inner.shape[:2]
+        factor = self.sides[-1] / max(width, height)
         if factor >= 1:
-            yield picture
+            yield inner
         if factor != 1:
-            yield resize_picture(picture, max(1, round(width * factor)), max(1, round(height * factor)))
+            yield resize_picture(inner, max(1, round(width * factor)), max(1, round(height * factor)))
 
     def certainty(self, picture: Picture) -> float:
         """From 0 to 1, by which the owner's reading lets the watermark show: a half at a score of `CERTAIN`."""
         return 0.5 * (1 + math.tanh((self.score(picture) - CERTAIN) / 2))
+
+
+def is_colorless(picture: Picture) -> bool:
+    """Whether red, green and blue are the same in every pixel: then it tells nothing, for the grain lies in colour."""
+    return bool((picture == picture[..., :1]).all())
 
 
 def owners_reader(before: Artifact, scene: Scene, key: Artifact | None, seed: int) -> GrainReader:

@@ -24,7 +24,7 @@ from stages.imaging.pictures import (
     resize_picture,
     tensor_to_picture,
 )
-from stages.scene.photo_folder import SUFFIXES, read_facts
+from stages.scene.photo_folder import ANIMATIONS, SUFFIXES, read_facts
 
 
 @pytest.fixture
@@ -139,7 +139,7 @@ def test_floating_point_pictures_are_refused(tmp_path: Path) -> None:
         read_picture(path)
 
 
-@pytest.mark.parametrize("suffix", [*SUFFIXES, ".gif"])
+@pytest.mark.parametrize("suffix", [*SUFFIXES, *ANIMATIONS])
 def test_every_format_that_is_called_a_photo_is_read(tmp_path: Path, gradient: np.ndarray, suffix: str) -> None:
     path = tmp_path / f"picture{suffix}"
     Image.fromarray(gradient).save(path)

@@ -87,6 +87,12 @@ def test_pictures_that_are_not_read() -> None:
     assert photos_left_out(finished({}, {}, photos=3, unread={})) == ()
 
 
+def test_files_of_a_folder_of_any_pictures_that_were_not_looked_at() -> None:
+    (remark,) = photos_left_out(finished({}, {}, photos=3, not_looked_at=4))
+    assert remark.text.startswith("3 pictures are looked at. 4 other files")
+    assert photos_left_out(finished({}, {}, photos=3, not_looked_at=0)) == ()
+
+
 @pytest.mark.parametrize(
     ("test_names", "legal", "said"),
     [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from jaxtyping import Float
@@ -11,8 +13,9 @@ from stages.hiding.rendering import splat
 from stages.hiding.watermark.coins import DECOYS, standard_score, thrown, with_decoys
 from stages.hiding.watermark.colors import COLORS, GRAIN
 from stages.hiding.watermark.grain import grained
-from stages.hiding.watermark.reading import CERTAIN, GrainReader
+from stages.hiding.watermark.reading import CERTAIN, GrainReader, is_colorless
 from stages.imaging.distortions import jpeg, noisy
+from stages.imaging.pictures import resize_picture, through_jpeg
 from stages.scene.cameras import single_cameras
 from tests.stages.hiding.relocalisation.scenes import HEIGHT, WIDTH, beside, cloud, photograph, rig
 
@@ -28,6 +31,10 @@ def throws(seed: int) -> Float[Tensor, "N K"]:
 
 COINS = thrown(len(GAUSSIANS), np.random.default_rng(SECRET))
 READER = GrainReader(GAUSSIANS, METHOD, RIG, throws(SECRET))
+MARKED = photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS), METHOD, beside(RIG))
+CLEAN = photograph(GAUSSIANS, METHOD, beside(RIG))
+FRAMES = [((128, 96), 24, 0, 0), ((384, 288), 0, 100, 0), ((256, 192), 60, 60, 255)]
+"""Size of the picture in it, how wide the frame is above and below, left and right, and its colour."""
 
 
 def test_chance_has_mean_zero_and_deviation_one() -> None:
@@ -76,6 +83,49 @@ def test_what_has_no_grain_shows_nothing() -> None:
         noise = np.random.default_rng(seed).integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8)
         assert abs(READER.score(noise)) < 5
     assert READER.certainty(np.zeros((HEIGHT, WIDTH, 3), np.uint8)) == pytest.approx(0, abs=0.01)
+
+
+@pytest.mark.parametrize("size", [(77, 58), (64, 48), (51, 38), (384, 288)])
+def test_grain_is_found_in_pictures_of_another_size(size: tuple[int, int]) -> None:
+    """A camera is found in a reduced picture as it is, too, with the focal length of the rig, where no grain is."""
+    assert READER.score(resize_picture(MARKED, *size)) > CERTAIN
+    assert abs(READER.score(resize_picture(CLEAN, *size))) < 5
+
+
+@pytest.mark.parametrize("window", [np.s_[10:82, 20:116], np.s_[24:72, 32:96]])
+def test_grain_is_found_in_a_window(window: tuple[slice, slice]) -> None:
+    assert READER.score(MARKED[window].copy()) > CERTAIN
+
+
+@pytest.mark.parametrize(("size", "above", "left", "color"), FRAMES)
+def test_a_frame_of_one_colour_hides_no_grain(size: tuple[int, int], above: int, left: int, color: int) -> None:
+    """Letterboxed, pillarboxed, on a page: in the whole file's middle, at the whole file's size, nothing is."""
+    marked, clean = (
+        np.pad(resize_picture(picture, *size), ((above, above), (left, left), (0, 0)), constant_values=color)
+        for picture in (MARKED, CLEAN)
+    )
+    assert READER.score(marked) > CERTAIN
+    assert READER.score(through_jpeg(marked, 95)) > CERTAIN
+    assert abs(READER.score(clean)) < 5
+
+
+def test_a_scene_before_a_background_of_one_colour_needs_none_of_it() -> None:
+    """Taken off with it is how far away an object is, and where in the picture."""
+    pose = beside(RIG).world_to_camera.copy()
+    pose[0, :3, 3] += 1.2, 0.6, 1.0
+    picture = photograph(
+        grained(GAUSSIANS, METHOD, RIG, 3.0, COINS), METHOD, replace(beside(RIG), world_to_camera=pose)
+    )
+    for size in ((512, 384), (128, 96), (72, 54)):
+        assert READER.score(resize_picture(picture, *size)) > CERTAIN
+
+
+def test_what_has_no_colour_tells_nothing() -> None:
+    grey = np.repeat(MARKED[..., 1:2], 3, axis=-1)
+    assert is_colorless(grey)
+    assert not is_colorless(MARKED)
+    assert READER.score(grey) == 0
+    assert READER.score(np.full((HEIGHT, WIDTH, 3), (200, 30, 30), np.uint8)) == 0
 
 
 def test_a_camera_that_sees_nothing_tells_nothing() -> None:
