@@ -25,8 +25,9 @@ from stages.scene.moved_splats import moved
 from stages.scene.registration import Registration, register
 from stages.scene.similarity import Similarity
 
-PAIRS_A_CHANNEL = 2
-"""Fewer pairs of Gaussians than so many times the channels tell no map of features."""
+PAIRS_A_CHANNEL = 3
+"""Fewer pairs of Gaussians than so many times the channels tell no map of features. A map is fitted to half of them: of
+two pairs a channel it would pass through that half exactly, whatever their features are."""
 
 MISSING = "missing"
 """For the shape of an attribute that is not there."""
