@@ -14,7 +14,6 @@ from stages.hiding.method import module_of
 from stages.hiding.recovery import Recovery, recovered, unlike
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.scene.gaussians import Gaussians
-from stages.scene.registration import ENOUGH
 
 LISTED = 10  # rows
 AS_FOUND = "as_found"
@@ -40,11 +39,14 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
     The secret of the published container reads what comes out; the public networks are the published ones. What was not
     made from it fails.
 
-    `figures` say so in a row, `is_yours`; or `may_be_yours`, where it was registered by the shapes of Gaussians alone,
-    since each was shifted by much: trainings of a few hundred iterations from the very same photos, of the message
-    too, are as alike (23 % `matched`, of the fox after 300). The other rows: how far the scene was turned, moved and
-    scaled, what share of the found Gaussians are published ones, by how much features were changed back, and how many
-    there were and are.
+    `figures` say so in a row, `is_yours`: of the found Gaussians, or of the published ones, if these are fewer, a
+    quarter at least are paired at their places. So it is of a fragment, and whatever was added to the container. Or
+    `may_be_yours`, where it was registered by the shapes of Gaussians alone: each was shifted by much, or both much was
+    left out and more was added, or it is another training from the same photos, which has up to a fifth in common.
+    (Trainings of tens of iterations hardly leave the points that they begin with: they have more, and are told from
+    each other by nothing here.) The other rows: how far the scene was turned, moved and scaled, what share of the found
+    Gaussians are published ones (`matched`), and of the published ones were found (`found_again`), by how much features
+    were changed back, and how many there were and are.
     """
     torch.set_num_threads(parameters.threads)
     found, published = context.input("found"), context.input("published")
@@ -70,9 +72,10 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
         "shift": recovery.shift,
         "scale": recovery.motion.scale,
         "matched": recovery.matched,
+        "found_again": recovery.found_again,
         "feature_change": recovery.feature_change,
     }
-    verdict = IS_YOURS if recovery.matched >= ENOUGH else MAY_BE_YOURS
+    verdict = IS_YOURS if recovery.is_certain else MAY_BE_YOURS
     figures = {verdict: 1, **facts, "gaussians_found": len(gaussians), "gaussians_published": len(originals)}
     rows = [Measurement(name, float(value), AS_FOUND, method=parameters.method) for name, value in figures.items()]
     write_measurements(context.output("figures"), rows)
@@ -111,10 +114,10 @@ def _refuse_infinite(what: str, found: Artifact, gaussians: Gaussians) -> None:
 
 
 def _said(recovery: Recovery) -> str:
-    made = "made from" if recovery.matched >= ENOUGH else "perhaps made from"
+    made = "made from" if recovery.is_certain else "perhaps made from"
     features = f"changed back by {recovery.feature_change:.4f}" if recovery.feature_change else "left as they are"
     return (
         f"{made} what was published: turned by {recovery.degrees:.3f} degrees, moved by {recovery.shift:.4g}, "
-        f"scaled by {recovery.motion.scale:.6g}; {recovery.matched:.1%} of the Gaussians lie where published ones do; "
-        f"features {features}"
+        f"scaled by {recovery.motion.scale:.6g}; {recovery.matched:.1%} of the Gaussians lie where published ones do, "
+        f"{recovery.found_again:.1%} of the published ones are there; features {features}"
     )

@@ -25,8 +25,9 @@ from stages.scene.moved_splats import moved
 from stages.scene.registration import Registration, register
 from stages.scene.similarity import Similarity
 
-PAIRS_A_CHANNEL = 2
-"""Fewer pairs of Gaussians than so many times the channels tell no map of features."""
+PAIRS_A_CHANNEL = 3
+"""Fewer pairs of Gaussians than so many times the channels tell no map of features. A map is fitted to half of them: of
+two pairs a channel it would pass through that half exactly, whatever their features are."""
 
 MISSING = "missing"
 """For the shape of an attribute that is not there."""
@@ -37,14 +38,17 @@ class Recovery:
     """`gaussians` are the found ones in the published world, with features as they were published.
 
     `motion` carried the published world to where it was found. `matched` is the share of the found Gaussians that lie
-    where published ones do after it is undone; `feature_change` by how much features were changed back, root mean
-    square of activated features in [0, 1], of channels that both have: 0 where they were left as they are. `centre` is
-    the median of the published means.
+    where published ones do after it is undone, `found_again` that of the published ones that are there; `is_certain`
+    where this is enough to say that the one was made from the other (`Registration`). `feature_change` is by how much
+    features were changed back, root mean square of activated features in [0, 1], of channels that both have: 0 where
+    they were left as they are. `centre` is the median of the published means.
     """
 
     gaussians: Gaussians
     motion: Similarity
     matched: float
+    found_again: float
+    is_certain: bool
     feature_change: float
     centre: Float[np.ndarray, " 3"]
 
@@ -99,7 +103,8 @@ def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | N
         elif features.shape[1] != originals.shape[1]:
             return None
     centre = np.median(published.means.detach().double().numpy(), axis=0)
-    return Recovery(gaussians, registration.motion, registration.matched, change, centre)
+    found_again, is_certain = registration.found_again, registration.is_certain
+    return Recovery(gaussians, registration.motion, registration.matched, found_again, is_certain, change, centre)
 
 
 def with_bounded_quaternions(gaussians: Gaussians) -> Gaussians:

@@ -34,12 +34,13 @@ def points() -> np.ndarray:
     return np.random.default_rng(1).uniform(-1, 1, (60, 3)).astype(np.float32)
 
 
-def scene(folder: Path) -> Artifact:
+def scene(folder: Path, test_views: int = 1) -> Artifact:
+    """Its first views are the test views."""
     poses, intrinsics = orbit(VIEWS, WIDTH, HEIGHT, seed=1)
     cameras = Cameras(NAMES, poses, intrinsics, WIDTH, HEIGHT)
     colors = np.full((60, 3), 128, np.uint8)
     with create(folder, "scene") as writer:
-        write_scene(writer, Scene(cameras, pictures(0), points(), colors, NAMES[:1]))
+        write_scene(writer, Scene(cameras, pictures(0), points(), colors, NAMES[:test_views]))
     return load(folder)
 
 

@@ -14,8 +14,10 @@ from stages.analysis.attacks.catalogue import ATTACKS, ONE_COLOUR, UNATTACKED, r
 from stages.analysis.attacks.kept import kept
 from stages.analysis.measurements import MEASUREMENTS_FILE, Measurement, read_measurements, to_lines
 from stages.attack import AttackParameters, attack
+from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_scenes import HideScenesParameters, hide_scenes
-from tests.stages.small import message_views, scene
+from stages.imaging.metric_table import read_rows
+from tests.stages.small import NAMES, message_views, scene
 from tests.stages.test_stopping import Asking
 
 SMALL = {"iterations": 30, "decoder_width": 8, "feature_dim": 16, "message_points": 20}
@@ -56,6 +58,23 @@ def test_every_attack_that_applies_is_measured(tmp_path: Path, method: str, with
     assert of_message == {"psnr", "ssim", "psnr_covered", ONE_COLOUR}
     shares = {row.severity for row in rows if row.condition == "random_pruning"}
     assert shares >= {0.05, 0.10, 0.15, 0.25}
+
+
+@pytest.mark.parametrize(("most", "measured"), [(12, NAMES[:5]), (3, NAMES[:5:2])])
+def test_test_views_are_measured_or_so_many_of_them_evenly_spread(
+    tmp_path: Path, most: int, measured: tuple[str, ...]
+) -> None:
+    given = inputs(tmp_path, "sh") | {"cover": scene(tmp_path / "five test views", 5)}
+    chosen = {"method": "sh", "attacks": ("quantisation",), "test_views": most, "lpips": False}
+    made = run_stage(attack, AttackParameters.model_validate(chosen), given, tmp_path / "attacked")["measurements"]
+    found = {(row.message, row.quantity): row.value for row in read_measurements(made) if row.condition == UNATTACKED}
+    scores = run_stage(evaluate, EvaluateParameters(method="sh", lpips="none"), given, tmp_path / "scores")["scores"]
+    rows = [row for row in read_rows(scores) if row.view in measured]
+    for message in (None, "statue"):
+        for quantity in ("psnr", "ssim"):
+            expected = [row.value for row in rows if (row.message, row.quantity) == (message, quantity)]
+            assert len(expected) == len(measured)
+            assert found[message, quantity] == pytest.approx(sum(expected) / len(expected), rel=1e-4)
 
 
 def test_a_secret_without_a_message_is_refused(tmp_path: Path) -> None:

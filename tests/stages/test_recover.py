@@ -22,7 +22,6 @@ from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method, write_container, write_secret
 from stages.recover import RecoverParameters, recover
 from stages.scene.cameras import single_cameras
-from stages.scene.registration import ENOUGH
 from tests.stages import small
 from tests.stages.analysis.attacks.containers import MESSAGE, METHODS, cameras, target_and_owner
 from tests.stages.test_stopping import Asking
@@ -108,7 +107,7 @@ def test_it_says_what_was_found(tmp_path: Path) -> None:
         run_stage(recover, RecoverParameters(method="homogeneous"), inputs, tmp_path / name, services=services)
     first, second = asking.lines
     assert "turned by 90.000 degrees" in first
-    assert "100.0% of the Gaussians lie where published ones do" in first
+    assert "100.0% of the Gaussians lie where published ones do, 75.0% of the published ones are there" in first
     assert "features changed back by 0." in first
     assert "turned by 0.000 degrees, moved by 0, scaled by 1;" in second
     assert "features left as they are" in second
@@ -120,18 +119,29 @@ def test_the_figures_say_whose_it_is_and_what_was_undone(tmp_path: Path) -> None
     published = stored(tmp_path / "published", target)
     places = target.gaussians.means
     noise = 0.025 * torch.randn(places.shape, generator=generator())
-    for name, found, verdict in (
-        ("attacked", attacked(target), IS_YOURS),
-        ("shaken", changed(target, "means", lambda means: means + noise), MAY_BE_YOURS),
+    for name, found, verdict, matched, again in (
+        ("attacked", attacked(target), IS_YOURS, 1, 0.75),
+        ("shaken", changed(target, "means", lambda means: means + noise), MAY_BE_YOURS, 0.1, 0.1),
+        ("flooded", with_invisible(target, 4), IS_YOURS, 0.2, 1),
+        ("a flooded fragment", with_invisible(target.keeping(torch.arange(30)), 7), MAY_BE_YOURS, 0.125, 0.15),
     ):
         inputs = {"found": stored(tmp_path / name, found), "published": published}
         outputs = run_stage(recover, RecoverParameters(method="homogeneous"), inputs, tmp_path / f"{name} recovered")
         figures = {row.quantity: row.value for row in read_measurements(outputs["figures"])}
         assert figures[verdict] == 1
         assert {IS_YOURS, MAY_BE_YOURS} & figures.keys() == {verdict}
-        assert (figures["matched"] < ENOUGH) == (verdict == MAY_BE_YOURS)
+        assert (figures["matched"], figures["found_again"]) == pytest.approx((matched, again), abs=0.05)
         assert (figures["gaussians_found"], figures["gaussians_published"]) == (len(found.gaussians), 200)
         assert figures["degrees"] == pytest.approx(90 if name == "attacked" else 0, abs=0.01)
+
+
+def with_invisible(target: Target, times: int) -> Target:
+    """So many times as many Gaussians more, scattered, that nobody sees: the thief's own."""
+    given = target.gaussians
+    more = {name: values.repeat(times, *[1] * (values.ndim - 1)) for name, values in given.parameters.items()}
+    more["means"] = more["means"] + 0.5 * torch.randn(more["means"].shape, generator=generator())
+    more["logit_opacities"] = torch.full_like(more["logit_opacities"], -12.0)
+    return target.with_parameters({name: torch.cat([given[name], values]) for name, values in more.items()})
 
 
 def test_what_was_not_made_from_it_is_refused(tmp_path: Path) -> None:
@@ -143,6 +153,9 @@ def test_what_was_not_made_from_it_is_refused(tmp_path: Path) -> None:
     assert "found 200 Gaussians" in said
     none = stored(tmp_path / "none", target.keeping(torch.arange(0)))
     assert "found 0 Gaussians" in refused(tmp_path, none, published)
+    few = refused(tmp_path, stored(tmp_path / "few", target.keeping(torch.arange(9))), published)
+    assert "found 9 Gaussians" in few
+    assert "ten of its Gaussians at least" in few
 
 
 def test_containers_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ def recovered(path: Path, verdict: str, **others: float) -> dict[str, tuple[Arti
         "shift": 3.5,
         "scale": 1.0,
         "matched": 0.998,
+        "found_again": 0.981,
         "feature_change": 0.0,
         "gaussians_found": 18_700.0,
         "gaussians_published": 19_000.0,
@@ -37,19 +38,19 @@ def recovered(path: Path, verdict: str, **others: float) -> dict[str, tuple[Arti
         (
             IS_YOURS,
             {},
-            "This is your container: 99.8 % of its Gaussians are ones that you published. "
+            "This is your container: it has 98.1 % of the Gaussians that you published, which are 99.8 % of its own. "
             "It was turned by 12.0 degrees, moved by 3.5.",
         ),
         (
             IS_YOURS,
             {"degrees": 0, "shift": 0, "feature_change": 0.2},
-            "you published. It lies where you left it, and its features were changed.",
+            "of its own. It lies where you left it, and its features were changed.",
         ),
         (
             MAY_BE_YOURS,
-            {"matched": 0.031, "scale": 2.5},
-            "This may be your container, or one of the same photos: 3.1 % of its Gaussians lie where ones that you "
-            "published do. It was turned by 12.0 degrees, moved by 3.5, scaled by 2.5.",
+            {"matched": 0.031, "found_again": 0.042, "scale": 2.5},
+            "This may be your container, a part of it, or one of the same photos: 3.1 % of its Gaussians lie where "
+            "4.2 % of those that you published do. It was turned by 12.0 degrees, moved by 3.5, scaled by 2.5.",
         ),
     ],
 )

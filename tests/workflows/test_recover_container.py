@@ -92,8 +92,9 @@ def test_what_was_stolen_shows_its_owner_the_message(tmp_path: Path) -> None:
     assert MESSAGE in owner
     assert MESSAGE not in public
     assert (
-        "This is your container: 100.0 % of its Gaussians are ones that you published. It was turned by 90.0" in owner
-    )
+        "This is your container: it has 85.0 % of the Gaussians that you published, which are 100.0 % of its own. "
+        "It was turned by 90.0"
+    ) in owner
     assert "your container" not in public
 
 

@@ -77,11 +77,6 @@ class Scorer:
             found[name, ONE_COLOUR] = mean_of_known([one_colour_psnr(truth) for truth in truths])
         return found
 
-    def pictures(self, attacked: Target, view: str) -> dict[str, Picture]:
-        """What one view shows, cover and messages, for people to look at."""
-        position = self.views.index(view)
-        return list(self._pictures(attacked, (COVER, *self.messages)))[position]
-
     def _truth(self, row: int) -> Picture:
         return picture_to_tensor(self.scene.pictures[row])
 

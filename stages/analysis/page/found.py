@@ -20,6 +20,7 @@ class Found:
     shift: float
     scale: float
     matched: float
+    found_again: float
     feature_change: float
     gaussians_found: float
     gaussians_published: float

@@ -62,10 +62,13 @@ def _shown_summary(material: Material) -> str:
 
 def owner_verdict(found: Found) -> str:
     """Whose a container is that was found, and what was done to it, in plain words."""
-    share = f"{100 * found.matched:.1f} % of its Gaussians"
-    whose = f"This is your container: {share} are ones that you published."
+    again, own = f"{100 * found.found_again:.1f} %", f"{100 * found.matched:.1f} %"
+    whose = f"This is your container: it has {again} of the Gaussians that you published, which are {own} of its own."
     if not found.is_yours:
-        whose = f"This may be your container, or one of the same photos: {share} lie where ones that you published do."
+        whose = (
+            "This may be your container, a part of it, or one of the same photos: "
+            f"{own} of its Gaussians lie where {again} of those that you published do."
+        )
     done = (
         f"turned by {found.degrees:.1f} degrees" if round(found.degrees, 1) else "",
         f"moved by {found.shift:.4g}" if round(found.shift, 3) else "",

@@ -132,6 +132,16 @@ def test_noise_on_features_is_no_map() -> None:
     assert not recovery.changed
 
 
+@pytest.mark.parametrize("pairs", range(2 * (CHANNELS + 1), 4 * CHANNELS, 3))
+def test_noise_on_features_of_a_few_is_no_map(pairs: int) -> None:
+    """Which passes through those that it was fitted to, and far from all others."""
+    few = chosen(container(), torch.arange(pairs))
+    noise = 0.1 * torch.randn(pairs, CHANNELS, generator=torch.Generator().manual_seed(0))
+    recovery = recovered(Gaussians(few.parameters | {FEATURES: few[FEATURES] + noise}), container(), 0)
+    assert recovery is not None
+    assert recovery.feature_change < 0.03, "no more than the noise, a fortieth of an activated feature"
+
+
 def test_noise_on_places_leaves_features_to_shapes() -> None:
     published = container()
     found = moved(mixed(published, 6), motion(6))
@@ -151,7 +161,7 @@ def test_channels_that_were_left_out_are_told_by_the_others() -> None:
     recovery = check(recovered(found, published, 0), published)
     assert recovery.gaussians[FEATURES].shape == published[FEATURES].shape
     assert unlike(found.parameters, published.parameters) == ()
-    few = torch.arange(2 * CHANNELS - 1)
+    few = torch.arange(3 * CHANNELS - 1)
     assert recovered(chosen(found, few), chosen(published, few), 0) is None, "too few to tell the last channel"
 
 

@@ -130,6 +130,52 @@ def test_doubled_and_foreign_gaussians_do_not_disturb() -> None:
     np.testing.assert_array_equal(registration.found[ours], registration.published[ours])
 
 
+def flooded(gaussians: Gaussians, times: int) -> Gaussians:
+    """With so many times as many foreign Gaussians about the same places."""
+    foreign = scene(9, times * len(gaussians))
+    return Gaussians({name: torch.cat([gaussians[name], foreign[name]]) for name in foreign.parameters})
+
+
+@pytest.mark.parametrize("times", [4, 40])
+@pytest.mark.parametrize("expected", [Similarity.identity(), motion(5)])
+def test_foreign_gaussians_may_be_the_majority(expected: Similarity, times: int) -> None:
+    """What was published is there, every Gaussian of it, and so places tell."""
+    published = scene(0, 500)
+    registration = check(register(moved(flooded(published, times), expected), published, 0), expected)
+    assert registration.matched == pytest.approx(1 / (1 + times), abs=0.01)
+    assert registration.found_again == 1
+    assert registration.is_certain
+    assert is_identity(registration.motion) == is_identity(expected)
+
+
+def test_a_fragment_among_foreign_gaussians_is_known_but_not_for_certain() -> None:
+    """Neither many of the found Gaussians are published ones, nor many of the published ones found."""
+    published, expected = scene(0), motion(6)
+    few = flooded(pruned(published, 0.8), 9)
+    registration = check(register(moved(few, expected), published, 0), expected)
+    assert registration.found_again == pytest.approx(0.2, abs=0.01)
+    assert registration.matched == pytest.approx(0.1, abs=0.01)
+    assert not registration.is_certain
+    left = register(moved(pruned(published, 0.8), expected), published, 0)
+    assert left is not None
+    assert left.is_certain
+
+
+def test_many_foreign_gaussians_do_not_lie_where_published_ones_do_by_chance() -> None:
+    """However many there are: of a thousand times as many, one or the other lies nearly everywhere."""
+    published = scene(0, 100)
+    assert register(scene(0, 100_000), published, 0) is None, "about the same places"
+
+
+def test_it_takes_ten_gaussians() -> None:
+    published = scene(0)
+    for count in (1, 3, 9):
+        assert register(chosen(published, torch.arange(count)), published, 0) is None
+    registration = register(chosen(published, torch.arange(10)), published, 0)
+    assert registration is not None
+    assert registration.is_certain
+
+
 def test_what_has_nothing_to_do_with_it_is_not_recognised() -> None:
     published = scene(0)
     for other in (scene(1), scene(1, 40), moved(scene(2), motion(1, 3.0)), pruned(published, 0.997)):
@@ -143,10 +189,8 @@ def test_gaussians_all_at_one_place_are_no_scene() -> None:
     heap = Gaussians(published.parameters | {"means": torch.ones(COUNT, 3)})
     assert register(heap, published, 0) is None
     assert register(published, heap, 0) is None
-    one = chosen(published, torch.arange(1))
-    registration = register(one, one, 0)
-    assert registration is not None
-    assert is_identity(registration.motion)
+    tiny = moved(scene(1), Similarity(1e-9, np.eye(3), published.means[0].double().numpy()))
+    assert register(tiny, published, 0) is None, "all lie where one published Gaussian does"
 
 
 def test_seeds_repeat() -> None:
