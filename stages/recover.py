@@ -42,11 +42,11 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
     `figures` say so in a row, `is_yours`: of the found Gaussians, or of the published ones, if these are fewer, a
     quarter at least are paired at their places. So it is of a fragment, and whatever was added to the container. Or
     `may_be_yours`, where it was registered by the shapes of Gaussians alone: each was shifted by much, or both much was
-    left out and more was added, or it is another training from the same photos, which has up to a fifth in common.
-    (Trainings of tens of iterations hardly leave the points that they begin with: they have more, and are told from
-    each other by nothing here.) The other rows: how far the scene was turned, moved and scaled, what share of the found
-    Gaussians are published ones (`matched`), and of the published ones were found (`found_again`), by how much features
-    were changed back, and how many there were and are.
+    left out and more was added, or it is another training from the same photos: of 3,000 iterations such were up to
+    22 % `matched`, of the fox after 300 23 %. (Of 40, which hardly leave the points that they begin with, 72 %: those
+    are told from each other by nothing here.) The other rows: how far the scene was turned, moved and scaled, what
+    share of the found Gaussians are published ones (`matched`), and of the published ones were found (`found_again`),
+    by how much features were changed back, and how many there were and are.
     """
     torch.set_num_threads(parameters.threads)
     found, published = context.input("found"), context.input("published")
