@@ -271,10 +271,17 @@ def test_launches_are_timed(cuda, backend, monkeypatch):
         def elapsed_time(self, other):
             return (other.time - self.time) * 0.25
 
+    def sleep(cycles):
+        assert cycles > 0
+        assert Event.clock == 0  # nothing is recorded yet: both records and the launch wait behind this
+        cuda.calls.append("torch.cuda._sleep")
+
     monkeypatch.setattr(torch.cuda, "Event", Event)
+    monkeypatch.setattr(torch.cuda, "_sleep", sleep)
     backend.profiled = []
     with backend.session() as session:
         place_tiles(session)
     ((kernel, event),) = backend.profiled
     assert kernel == "place_tiles"
+    assert cuda.calls.index("torch.cuda._sleep") < cuda.calls.index("cuLaunchKernel")
     assert event.profile.end - event.profile.start == 250_000
