@@ -73,7 +73,13 @@ class ProgramKey:
 
     @property
     def needs_exact_rounding(self) -> bool:
-        """Whether two kernels compute the same, of which neither may be rounded as the other is not: footprint.cl."""
+        """Whether kernels that must agree to the last bit compute the same: two do so by footprint.cl, and what one
+        counts the other writes, so that tiles beyond the count would be lost.
+
+        `blend` and `blend_backward` compute the same alphas, too. Where they round them apart on a threshold, a pixel's
+        gradient has one Gaussian more or fewer than its colour, and nothing else is wrong. What it costs to round these
+        as written as well, `tests/benchmarks/nvidia.py` measures; no GPU was at hand to decide by it.
+        """
         return self.part == "geometry"
 
     def text(self) -> str:

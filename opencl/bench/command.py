@@ -18,7 +18,7 @@ from opencl.bench.processes import in_fresh_process
 from opencl.bench.profiling import Profile, profile
 from opencl.bench.roofline import kernel_share
 from opencl.bench.workloads import BOXES, DEFAULT_WORKLOADS, TrainedScene, Workload, box_named
-from opencl.device import DEVICE_VARIABLE, choose_device
+from opencl.device import DEVICE_VARIABLE, Device, choose_device
 
 Say = Callable[..., None]
 
@@ -58,12 +58,13 @@ def run(options: argparse.Namespace) -> None:
     peers = [peer for peer in PEERS if options.peers and peer.is_installed]
     missing = [peer.how_to_install for peer in PEERS if options.peers and not peer.is_installed]
     say: Say = _keep_quiet if options.json else _say
-    say(device.describe(), *missing)
+    say(*report.device_lines(device), *missing)
     limits = in_fresh_process(measure_limits)
     say(report.limits_line(limits))
-    results = [_run_workload(workload, peers, options.repetitions, limits, say) for workload in workloads]
+    results = [_run_workload(workload, device, peers, options.repetitions, limits, say) for workload in workloads]
     if options.json:
-        whole = {"device": device.describe(), "limits": dataclasses.asdict(limits), "missing": missing}
+        how = {"device": device.describe(), "copies": not device.shares_memory}
+        whole = {**how, "limits": dataclasses.asdict(limits), "missing": missing}
         print(json.dumps({**whole, "workloads": results}, indent=1))
 
 
@@ -85,12 +86,12 @@ def _workloads(options: argparse.Namespace) -> list[Workload]:
 
 
 def _run_workload(
-    workload: Workload, peers: list[Implementation], repetitions: int, limits: Limits, say: Say
+    workload: Workload, device: Device, peers: list[Implementation], repetitions: int, limits: Limits, say: Say
 ) -> dict[str, Any]:
     """Prints as it goes; returns what `--json` holds of the workload."""
     profiled = in_fresh_process(profile, workload, repetitions)
     counts = profiled.counts
-    say("", *report.workload_lines(workload, counts), report.header_line())
+    say("", *report.workload_lines(workload, counts), report.header_line(device))
     ours = measure(OURS, workload, repetitions)
     say(report.measurement_line(ours, ours, counts), report.processors_line(ours))
     measurements, failures = [ours], {}

@@ -31,7 +31,8 @@ class Times:
 
 @dataclass(frozen=True)
 class Memory:
-    """Bytes above what imports and inputs take, at most, up to the end of each."""
+    """Bytes of this process above what imports and inputs take, at most, up to the end of each: the host's, to which a
+    device's own memory does not belong."""
 
     forward: int
     forward_backward: int

@@ -9,6 +9,13 @@ from opencl.bench.measuring import Measurement
 from opencl.bench.profiling import Profile
 from opencl.bench.roofline import kernel_share
 from opencl.bench.workloads import Workload
+from opencl.device import Device
+
+
+def device_lines(device: Device) -> list[str]:
+    """What is measured, and by which way tensors reach it."""
+    copies = "tensors of the CPU, by copies both ways, which are in all times but the kernels'; memory is the host's"
+    return [device.describe()] if device.shares_memory else [device.describe(), copies]
 
 
 def limits_line(limits: Limits) -> str:
@@ -27,10 +34,11 @@ def workload_lines(workload: Workload, counts: Counts) -> list[str]:
     ]
 
 
-def header_line() -> str:
+def header_line(device: Device) -> str:
+    memory = "peak memory" if device.shares_memory else "peak host memory"
     return (
         f"  {'':18} {'forward':>21} {'forward + backward':>21} "
-        f"{'ns/evaluation':>14} {'ns/contributing':>16} {'peak memory':>17}"
+        f"{'ns/evaluation':>14} {'ns/contributing':>16} {memory:>17}"
     )
 
 

@@ -1,36 +1,49 @@
-"""The rasterizer on an NVIDIA GPU, in one run: devices, the same picture as on the CPU, and its speed beside gsplat's.
+"""All that has to be seen of an NVIDIA GPU, in one run: that it computes what the CPU does, and how fast it is.
 
 NOT YET RUN ON A GPU: written where none was at hand.
 
-    pip install 'pyopencl[pocl]' jaxtyping filelock         (torch with CUDA is there; gsplat is compared if it is, too)
-    python -m tests.benchmarks.nvidia
+    pip install 'pyopencl[pocl]' jaxtyping filelock scipy pydantic      (torch with CUDA and numpy are there)
+    python -m tests.benchmarks.nvidia [--ptx FOLDER]
 
-A missing ICD file is made in a temporary directory, for this run alone. The exit status is 0 where every comparison
+The rasterizer, similarities and harmonics are compared with the CPU's, in torch's memory and by copies; a training is
+made twice, once interrupted. Then they are timed, beside gsplat where it is installed. scipy and pydantic are what
+stages need for the trainings: without them only these fail. A check that ends in an exception fails, and the others go
+on. A missing ICD file is made in a temporary directory, for this run alone. The exit status is 0 where every check
 holds, 1 where one does not, 2 where the GPU cannot be reached.
 """
 
 from __future__ import annotations
 
+import argparse
 import ctypes
+import hashlib
+import importlib.util
 import os
-import statistics
 import sys
 import tempfile
-import time
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+from unittest import mock
 
 import torch
-from torch import Tensor
 
 if TYPE_CHECKING:  # what asks for OpenCL's platforms is imported once the ICD file is there
+    from opencl.backend import Backend
     from opencl.bench.workloads import Inputs
     from opencl.cuda import CudaBackend
+    from opencl.program import ProgramKey
+    from tests.benchmarks.nvidia_checks import Draw
 
 VENDORS = Path("/etc/OpenCL/vendors")
 LIBRARY = "libnvidia-opencl.so.1"
-REPETITIONS = 20
+RASTERIZER_NEEDS = {"pyopencl": "'pyopencl[pocl]'", "jaxtyping": "jaxtyping", "filelock": "filelock"}
+"""How to ask pip for what is imported."""
+TRAINING_NEEDS = {"scipy": "scipy", "pydantic": "pydantic"}
+
+Check = Callable[[], bool | None]
+"""Whether it holds; what only measures says nothing."""
 
 
 def provide_icd() -> None:
@@ -51,139 +64,136 @@ def provide_icd() -> None:
     print(f"no ICD file of NVIDIA's: {folder}/nvidia.icd made for this run")
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--ptx", type=Path, metavar="FOLDER", help="where the programs' PTX is written; else nowhere")
+    options = parser.parse_args(arguments)
+    print(f"Python {sys.version.split()[0]}, torch {torch.__version__}, CUDA {torch.version.cuda}")
+    if not packages_are_there():
+        return 2
     provide_icd()
+    backend = gpu_backend()
+    if backend is None:
+        return 2
+    from opencl.bench.workloads import box_named
+
+    if options.ptx is not None:
+        write_ptx(backend, options.ptx)
+    failed = failing(checks(backend, box_named("B").inputs))
+    print(f"FAILS: {', '.join(failed)}" if failed else "all checks hold")
+    return 1 if failed else 0
+
+
+def packages_are_there() -> bool:
+    """Whether the rasterizer's are; tells of all that is missing."""
+    missing = {
+        name: wanted
+        for name, wanted in (RASTERIZER_NEEDS | TRAINING_NEEDS).items()
+        if importlib.util.find_spec(name) is None
+    }
+    if missing:
+        print(f"not installed: pip install {' '.join(missing.values())}")
+    return not missing.keys() & RASTERIZER_NEEDS.keys()
+
+
+def gpu_backend() -> CudaBackend | None:
+    """The backend of torch's CUDA device, which gives the same bits each time; None, with the reason, where not."""
     from opencl.__main__ import main as opencl_command
     from opencl.backend import default_backend
     from opencl.cuda import CudaBackend
-    from opencl.routes import backend_for
-    from tests.benchmarks import nvidia_checks
+    from opencl.routes import backend_for, working_device
 
-    print(f"Python {sys.version.split()[0]}, torch {torch.__version__}, CUDA {torch.version.cuda}")
     opencl_command(["devices"])
     if not torch.cuda.is_available():
         print("torch sees no CUDA device")
-        return 2
+        return None
     print(torch.cuda.get_device_name(), f"driver's compute capability {torch.cuda.get_device_capability()}")
-    backend = backend_for(torch.device("cuda", 0))
-    if not isinstance(backend, CudaBackend):
-        print(f"CUDA tensors would be drawn by {backend.device.describe()}, with copies: see what is missing above")
-        return 2
+    device = working_device()  # before anything is computed there, as trainings ask for it
+    if device.type != "cuda":
+        print(f"GS_HIDER_DEVICE names {os.environ['GS_HIDER_DEVICE']}, which is not torch's CUDA device: unset it")
+        return None
     if not default_backend().device.is_cpu:
         print(f"nothing to compare with: CPU tensors would be drawn by {default_backend().device.describe()}")
-        return 2
-    holds = [nvidia_checks.check_against_cpu(), nvidia_checks.check_large(backend)]
-    holds += [nvidia_checks.check_runs(), nvidia_checks.check_streams()]
-    time_workload()
-    time_copies(backend)
-    print_kernels(backend)
-    return 0 if all(holds) else 1
+        print("unset GS_HIDER_DEVICE; if it is not set: pip install 'pyopencl[pocl]'")
+        return None
+    backend = backend_for(device)
+    if not isinstance(backend, CudaBackend):
+        print(f"CUDA tensors would be drawn by {backend.device.describe()}, with copies: see what is missing above")
+        return None
+    return backend
 
 
-def median_milliseconds(work: Callable[[], object]) -> float:
-    for _ in range(5):
-        work()
-    seconds = []
-    for _ in range(REPETITIONS):
-        torch.cuda.synchronize()
-        start = time.perf_counter()
-        work()
-        torch.cuda.synchronize()
-        seconds.append(time.perf_counter() - start)
-    return statistics.median(seconds) * 1e3
-
-
-def workload_b() -> Inputs:
-    from opencl.bench.workloads import box_named
-
-    return box_named("B").inputs()
-
-
-def time_workload() -> None:
-    """Forward, and forward with backward, of workload B; gsplat's with the same settings where it is installed."""
-    from opencl.contract import RasterSettings
-    from opencl.rasterizer import rasterize
-
-    inputs = workload_b()
-    view = inputs.views[0]
-    leaves = [tensor.cuda().requires_grad_() for tensor in inputs.trained]
-    feature_dim = inputs.features.shape[1]
-    gradient = torch.rand(view.height, view.width, feature_dim, device="cuda")
-    settings = RasterSettings(near=0.01, alpha_maximum=0.999, radius_sigmas=3.33, clamp_about="principal_point")
-
-    def ours() -> Tensor:
-        return rasterize(*leaves, *view.arguments, settings=settings).features
-
-    drawers: dict[str, Callable[[], Tensor]] = {"ours": ours}
-    try:
-        import gsplat
-    except ImportError:
-        print("gsplat is not installed: pip install gsplat, to compare")
-    else:
-        means, quats, scales, opacities, features = leaves
-        poses, intrinsics = view.world_to_camera[None].cuda(), view.intrinsics[None].cuda()
-
-        def theirs() -> Tensor:
-            arguments = (means, quats, scales, opacities, features, poses, intrinsics, view.width, view.height)
-            return gsplat.rasterization(*arguments, near_plane=settings.near, packed=False)[0][0]
-
-        drawers[f"gsplat {gsplat.__version__}"] = theirs
-
-    def without_gradients(draw: Callable[[], Tensor]) -> None:
-        with torch.no_grad():
-            draw()
-
-    print(f"workload B: {len(inputs.means)} Gaussians, {view.width} x {view.height}, M={feature_dim}, ms, medians")
-    for name, draw in drawers.items():
-        forward = median_milliseconds(lambda draw=draw: without_gradients(draw))
-        both = median_milliseconds(lambda draw=draw: draw().backward(gradient))
-        print(f"  {name:16} forward {forward:8.3f}, forward + backward {both:8.3f}", flush=True)
-    if len(drawers) == 2:
-        with torch.no_grad():
-            one, other = (draw() for draw in drawers.values())
-        print(f"  pictures: {float((one - other).abs().mean()):.1e} apart on average")
-
-
-def time_copies(backend: CudaBackend) -> None:
-    """The same GPU for tensors of the CPU, through pinned memory."""
+def checks(backend: CudaBackend, inputs: Callable[[], Inputs]) -> Iterator[tuple[str, Check]]:
+    """What is held of the GPU, and then measured on `inputs`, by name."""
     from opencl.backend import Backend
-    from opencl.rasterizer import RasterSettings, _rasterize_on
+    from opencl.program import ProgramKey
+    from tests.benchmarks import nvidia_checks, nvidia_timing
 
-    inputs = workload_b()
-    view = inputs.views[0]
-    leaves = [tensor.requires_grad_() for tensor in inputs.trained]
-    feature_dim = inputs.features.shape[1]
-    gradient = torch.rand(view.height, view.width, feature_dim)
-    staged = Backend(backend.device)
+    device = backend.tensor_device
+    draw, copying = nvidia_checks.drawn_on(device), Backend(backend.device, shares_memory=False)
 
-    def draw() -> None:
-        output = _rasterize_on(staged, *leaves, *view.arguments, torch.zeros(feature_dim), RasterSettings())
-        output.features.backward(gradient)
+    def training(precision: str) -> bool:
+        from tests.benchmarks import nvidia_training
 
-    print(f"  ours, CPU tensors, copied: forward + backward {median_milliseconds(draw):8.3f}")
+        return nvidia_training.check_training(device, precision, nvidia_training.WHOLE)
+
+    def kernels_rounded_as_written() -> None:
+        with mock.patch.object(ProgramKey, "needs_exact_rounding", True):
+            nvidia_timing.print_kernels(backend, inputs())
+
+    yield from comparisons("in torch's memory", backend, draw)
+    yield "runs", lambda: nvidia_checks.check_runs(draw)
+    yield "torch's streams", lambda: nvidia_checks.check_streams(device)
+    yield from comparisons("by copies", copying, nvidia_checks.drawn_by(copying))
+    yield "a training in float32", lambda: training("float32")
+    yield "a training in bfloat16", lambda: training("bfloat16")
+    yield "times", lambda: nvidia_timing.time_workload(device, inputs())
+    yield "times by copies", lambda: nvidia_timing.time_copies(backend.device, inputs())
+    yield "kernels", lambda: nvidia_timing.print_kernels(backend, inputs())
+    yield "kernels, all of them rounded as written", kernels_rounded_as_written
 
 
-def print_kernels(backend: CudaBackend) -> None:
-    """Where a forward and backward pass of workload B spends the GPU's time, and what each kernel takes of it."""
-    from opencl.cuda import CudaBackend
-    from opencl.rasterizer import RasterSettings, _rasterize_on
+def comparisons(where: str, backend: Backend, draw: Draw) -> Iterator[tuple[str, Check]]:
+    """All that a backend computes, with the CPU. `draw` is by this backend."""
+    from tests.benchmarks import nvidia_checks
 
-    profiled = CudaBackend(backend.device, backend.driver, backend.tensor_device, profile=True)
-    inputs = workload_b()
-    view = inputs.views[0]
-    leaves = [tensor.cuda().requires_grad_() for tensor in inputs.trained]
-    background = torch.zeros(inputs.features.shape[1], device="cuda")
-    for _ in range(3):
-        profiled.profiled = []
-        output = _rasterize_on(profiled, *leaves, *view.arguments, background, RasterSettings())
-        output.features.backward(torch.ones_like(output.features))
-    totals: dict[str, list[int]] = {}
-    for kernel, event in profiled.profiled:
-        totals.setdefault(kernel, []).append(event.profile.end - event.profile.start)
-    resources = profiled.resources()
-    for kernel, times in sorted(totals.items(), key=lambda one: -sum(one[1])):
-        taken = f"{resources[kernel].registers:3} registers, {resources[kernel].private_bytes:5} bytes beside them"
-        print(f"  {kernel:20} {len(times):3} launches {sum(times) / 1e6:8.3f} ms, a work-item: {taken}")
+    yield f"{where}: small scenes", lambda: nvidia_checks.check_against_cpu(draw, nvidia_checks.CASES)
+    yield f"{where}: similarities", lambda: nvidia_checks.check_similarities(backend)
+    yield f"{where}: harmonics", lambda: nvidia_checks.check_harmonics(backend)
+    yield f"{where}: many Gaussians", lambda: nvidia_checks.check_large(backend, draw, nvidia_checks.MANY)
+
+
+def failing(named: Iterator[tuple[str, Check]]) -> list[str]:
+    """The names of checks that do not hold; of one that ends in an exception the traceback is printed."""
+    failed = []
+    for name, check in named:
+        print(f"\n{name}", flush=True)
+        try:
+            holds = check()
+        except Exception:
+            traceback.print_exc(file=sys.stdout)
+            holds = False
+        if holds is False:
+            failed.append(name)
+    return failed
+
+
+def write_ptx(backend: CudaBackend, folder: Path) -> None:
+    """From here on each program's PTX is written as NVIDIA's compiler gives it, before the driver is asked to load it.
+
+    A file's name says what it was compiled for, and ends in a digest of the source.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    compile_program = backend._compile
+
+    def compile_and_write(program: ProgramKey) -> bytes:
+        binary = compile_program(program)
+        digest = hashlib.sha256(program.text().encode()).hexdigest()[:8]
+        compiled_for = (program.part, str(program.dtype).removeprefix("torch."), f"M{program.feature_dim}")
+        (folder / f"{'-'.join([*compiled_for, *program.options, digest])}.ptx").write_bytes(binary.rstrip(b"\0"))
+        return binary
+
+    backend._compile = compile_and_write
 
 
 if __name__ == "__main__":

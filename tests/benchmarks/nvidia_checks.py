@@ -1,4 +1,5 @@
-"""What `tests.benchmarks.nvidia` holds of a GPU: pictures, gradients and lists against the CPU's, runs, streams.
+"""What `tests.benchmarks.nvidia` holds of a GPU: pictures, gradients, lists, similarities and harmonics against the
+CPU's; runs and streams.
 
 A number that is not finite fails whatever it is compared with: none of these scenes has one.
 """
@@ -7,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
 
 from opencl.backend import Backend, default_backend
+from opencl.contract import RasterOutput
+from opencl.harmonics import _Colors
 from opencl.projection import Project, pack_camera
-from opencl.rasterizer import rasterize
+from opencl.rasterizer import _rasterize_on, rasterize
+from opencl.ssim import _MeanSsim
 from opencl.tile_lists import TileLists
 from opencl.tiling import sort_into_tiles
 from tests.opencl.comparison import FLOAT32
@@ -23,10 +28,17 @@ CASES = ((1, 1), (3, 60), (16, 2000), (17, 300), (70, 300), (3, 0))
 """Features, and how many Gaussians."""
 MANY = 300_000
 """Gaussians of the large case: the counts of one pass of their sort are scanned in several chunks (from 131,072 on)."""
+RUNS = 20
+SIMILAR = ((1, 1), (37, 53), (2, 130, 171))
+"""Shapes of pictures whose similarity is compared."""
+HARMONICS = ((0, 0, 300), (3, 15, 3000), (1, 15, 1), (3, 15, 0))
+"""Degrees, harmonics beside the constant one, and how many Gaussians."""
 _LARGEST_DIFFERENCE = 1e-9
 """In float64."""
 _PIXEL_DIFFERENCE, _SHARE_APART = 1e-4, 1e-3
 """In float32: a pixel that is further apart has a Gaussian on a threshold, and there are few such pixels."""
+_BUSY = 4000
+"""Rows and columns of a matrix whose products keep a GPU busy for a while."""
 _SMALL_NORM = 1e-3
 """Gradients smaller than this are themselves but rounding."""
 
@@ -47,10 +59,10 @@ class Drawing:
 Draw = Callable[[Scene], Drawing]
 
 
-def drawn(scene: Scene, device: str) -> Drawing:
-    """The scene with its tensors on a device of torch's."""
+def drawn(scene: Scene, device: torch.device, draw: Callable[..., RasterOutput] = rasterize) -> Drawing:
+    """The scene with its tensors on a device of torch's, by `rasterize` or what takes the same arguments."""
     leaves = [tensor.to(device, copy=True).requires_grad_() for tensor in (*scene.gaussians, scene.background)]
-    output = rasterize(*leaves[:5], *scene.camera, leaves[5], scene.settings)
+    output = draw(*leaves[:5], *scene.camera, leaves[5], scene.settings)
     random = torch.Generator().manual_seed(0)
     weights = torch.randn(output.features.shape, generator=random, dtype=torch.float64).to(output.features)
     loss = (output.features * weights).sum() + output.alphas.square().sum()
@@ -61,12 +73,17 @@ def drawn(scene: Scene, device: str) -> Drawing:
     return Drawing(picture, tuple(others))
 
 
-def drawn_by_cuda(scene: Scene) -> Drawing:
-    return drawn(scene, "cuda")
+def drawn_on(device: torch.device) -> Draw:
+    """By whatever `rasterize` draws tensors of the device on."""
+    return partial(drawn, device=device)
 
 
-def drawn_by_cpu(scene: Scene) -> Drawing:
-    return drawn(scene, "cpu")
+def drawn_by(backend: Backend) -> Draw:
+    """By a backend, whatever `rasterize` would draw its tensors on."""
+    return partial(drawn, device=backend.tensor_device, draw=partial(_rasterize_on, backend))
+
+
+drawn_by_cpu = drawn_on(torch.device("cpu"))
 
 
 def report(name: str, holds: bool, found: str) -> bool:
@@ -78,7 +95,7 @@ def largest_difference(found: Tensor, expected: Tensor) -> float:
     """Of any two numbers, relative to one more than the largest expected; infinite where one is not finite."""
     if not _are_finite(found, expected):
         return torch.inf
-    if not len(expected):
+    if not expected.numel():
         return 0.0
     return float((found - expected).abs().max() / (1 + expected.abs().max()))
 
@@ -116,7 +133,7 @@ def check_float32(name: str, found: Drawing, expected: Drawing) -> bool:
     return report(f"float32, {name}", holds, f"{share:.1e} of pixels apart, gradients by {error:.1e}")
 
 
-def check_against_cpu(draw: Draw = drawn_by_cuda, cases: Sequence[tuple[int, int]] = CASES) -> bool:
+def check_against_cpu(draw: Draw, cases: Sequence[tuple[int, int]]) -> bool:
     """Small scenes by both types, and a large one by the type that scenes are trained in."""
     results = []
     for feature_dim, count in cases:
@@ -132,7 +149,58 @@ def large_scene(count: int, dtype: torch.dtype) -> Scene:
     return make_scene(count=count, feature_dim=16, width=1216, height=800, size=0.01, dtype=dtype)
 
 
-def check_large(backend: Backend, draw: Draw = drawn_by_cuda, count: int = MANY) -> bool:
+def check_similarities(backend: Backend) -> bool:
+    """Structural similarities of pictures, and their gradients."""
+    results = [check_computed(f"similarities of {shape}", partial(similarity, shape), backend) for shape in SIMILAR]
+    return all(results)
+
+
+def check_harmonics(backend: Backend) -> bool:
+    """Colours of spherical harmonics, and their gradients."""
+    results = []
+    for degree, rest, count in HARMONICS:
+        name = f"harmonics of degree {degree}, {count} Gaussians"
+        results.append(check_computed(name, partial(colors, degree, rest, count), backend))
+    return all(results)
+
+
+Compute = Callable[[Backend, torch.dtype], tuple[Tensor, ...]]
+
+
+def check_computed(name: str, compute: Compute, backend: Backend) -> bool:
+    """What a backend computes in both types, against the CPU. Nothing in it decides by thresholds."""
+    found, expected = (compute(one, torch.float64) for one in (backend, default_backend()))
+    worst = max(map(largest_difference, found, expected))
+    holds = report(f"float64, {name}", worst < _LARGEST_DIFFERENCE, f"at most {worst:.1e} apart")
+    found, expected = (compute(one, torch.float32) for one in (backend, default_backend()))
+    worst = max(map(relative_error, found, expected))
+    return report(f"float32, {name}", worst < FLOAT32.gradients, f"apart by {worst:.1e}") and holds
+
+
+def similarity(shape: tuple[int, ...], backend: Backend, dtype: torch.dtype) -> tuple[Tensor, ...]:
+    """Of two pictures, summed over pixels and channels, and its gradient, on the CPU."""
+    random = torch.Generator().manual_seed(0)
+    picture, noise = (torch.rand(*shape, 3, generator=random, dtype=torch.float64) for _ in range(2))
+    both = (picture, 0.6 * picture + 0.4 * noise)
+    picture, truth = (tensor.to(backend.tensor_device, dtype, copy=True) for tensor in both)
+    total = _MeanSsim.apply(backend, picture.requires_grad_(), truth) * picture.numel()
+    (gradient,) = torch.autograd.grad(total, picture)
+    return total.detach().reshape(1).cpu(), gradient.cpu()
+
+
+def colors(degree: int, rest: int, count: int, backend: Backend, dtype: torch.dtype) -> tuple[Tensor, ...]:
+    """Of random harmonics, and the gradients of base, rest and means, on the CPU."""
+    random = torch.Generator().manual_seed(0)
+    shapes = ((count, 3), (count, rest, 3), (count, 3))
+    drawn = [torch.randn(*shape, generator=random, dtype=torch.float64) for shape in shapes]
+    leaves = [tensor.to(backend.tensor_device, dtype).requires_grad_() for tensor in drawn]
+    centre = torch.tensor([0.1, -0.2, 0.3], dtype=dtype)
+    found = _Colors.apply(backend, degree, *(backend.memory.receive(tensor) for tensor in (*leaves, centre)))
+    gradients = torch.autograd.grad(found.square().sum(), leaves)
+    return tuple(tensor.detach().cpu() for tensor in (found, *gradients))
+
+
+def check_large(backend: Backend, draw: Draw, count: int) -> bool:
     """Lists, picture and gradients of many Gaussians. `backend` is the one that draws, with the GPU schedule."""
     results = [check_lists(backend, large_scene(count, dtype)) for dtype in (torch.float64, torch.float32)]
     scene = large_scene(count, torch.float32)
@@ -162,7 +230,9 @@ def check_lists(backend: Backend, scene: Scene) -> bool:
 def _lists_on(backend: Backend, scene: Scene, projected: Sequence[Tensor]) -> TileLists:
     records, radii, depth_keys = (backend.memory.receive(tensor) for tensor in projected)
     lists = sort_into_tiles(backend, scene.settings, scene.width, scene.height, records, radii, depth_keys, True)
-    return TileLists(**{name: tensor.cpu() for name, tensor in vars(lists).items()})
+    with backend.session() as session:  # which brings them from a device that they are on
+        given = session.give(*vars(lists).values())
+    return TileLists(*(tensor.cpu() for tensor in given))
 
 
 def _are_equal(found: TileLists, expected: TileLists, name: str) -> bool:
@@ -190,24 +260,24 @@ def faults_of(lists: TileLists) -> list[str]:
     return faults
 
 
-def check_runs(draw: Draw = drawn_by_cuda) -> bool:
+def check_runs(draw: Draw) -> bool:
     """The same bits every time."""
     scene = make_scene(count=5000, feature_dim=16, width=400, height=300, size=0.05, dtype=torch.float32)
     first = draw(scene).tensors
     same = all(
-        torch.equal(one, other) for _ in range(20) for one, other in zip(first, draw(scene).tensors, strict=True)
+        torch.equal(one, other) for _ in range(RUNS) for one, other in zip(first, draw(scene).tensors, strict=True)
     )
-    return report("20 runs", same, "the same bits" if same else "different bits, or NaN")
+    return report(f"{RUNS} runs", same, "the same bits" if same else "different bits, or NaN")
 
 
-def check_streams() -> bool:
+def check_streams(device: torch.device) -> bool:
     """On a stream of its own, straight after torch's kernels that make the inputs, straight before ones that read."""
     scene = make_scene(count=3000, feature_dim=8, width=300, height=200, size=0.05, dtype=torch.float32)
-    gaussians = [tensor.cuda() for tensor in scene.gaussians]
-    background = scene.background.cuda()
+    gaussians = [tensor.to(device) for tensor in scene.gaussians]
+    background = scene.background.to(device)
     expected = rasterize(*gaussians, *scene.camera, background, scene.settings).features * 2
-    torch.cuda.synchronize()
-    busy, found = torch.randn(4000, 4000, device="cuda"), []
+    busy, found = torch.randn(_BUSY, _BUSY, device=device), []
+    torch.cuda.synchronize()  # all that the streams read is there
     for _ in range(10):
         with torch.cuda.stream(torch.cuda.Stream()):
             delay = (busy @ busy @ busy).sum() * 0

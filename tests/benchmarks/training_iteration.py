@@ -4,9 +4,11 @@
 
 METHOD is plain, homogeneous or gs_hider; the others are folders of a store: the scene, trained splats or a container,
 and the messages' views. A coupled method starts with fresh decoders and, on another method's Gaussians, fresh features.
-Half of the iterations are before the end of density control and half after it, as in a whole training. Seconds are
-those of processors, which other work on the machine disturbs less than the clock; every training writes the same table,
-by the clock, into its stage's log. The time of a checkpoint is by the clock: most of it is waiting for the disk.
+Half of the iterations are before the end of density control and half after it, as in a whole training. It works where
+stages do: on a CUDA GPU where there is one, unless GS_HIDER_DEVICE names another device. On the CPU seconds are those
+of processors, which other work on the machine disturbs less than the clock; on a GPU they are by the clock, and each
+part waits until the GPU has done it, which a training does not. Every training writes the same table, by the clock,
+into its stage's log. The time of a checkpoint is by the clock: most of it is waiting for the disk.
 
 Memory that is freed is kept, as in a worker; `--give-memory-back` leaves that to the allocator. On one core of two
 (Zen 4, fox, 60,000 Gaussians) an iteration takes with it and without:
@@ -21,18 +23,19 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import load
 from pipeline.checkpoint import Checkpoints
 from pipeline.freed_memory import keep_freed_memory
 from pipeline.stage import Context, Services
-from stages.hiding.method import build_method
+from stages.hiding.method import build_method, move_networks
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians
 from stages.scene.cameras import rig_extent
@@ -51,8 +54,20 @@ WHOLE = 2_000
 """Iterations of the training whose middle is measured."""
 
 
-def prepared(arguments: argparse.Namespace) -> Training:
-    """A training on Gaussians that have been trained already."""
+def clock_of(device: torch.device) -> Callable[[], float]:
+    """Seconds that what was asked of a device has taken: of the CPU's processors, or until a GPU has done all of it."""
+    if device.type == "cpu":
+        return time.process_time
+
+    def when_done() -> float:
+        torch.cuda.synchronize(device)
+        return time.perf_counter()
+
+    return when_done
+
+
+def prepared(arguments: argparse.Namespace, device: torch.device) -> Training:
+    """A training on Gaussians that have been trained already, on a device."""
     scene = read_scene(load(arguments.scene))
     messages = read_messages([load(folder) for folder in arguments.views], scene.cameras.names)
     stored = read_gaussians(load(arguments.splats))
@@ -65,8 +80,10 @@ def prepared(arguments: argparse.Namespace) -> Training:
     grey = dict.fromkeys((COVER, *messages), np.full((len(stored), 3), 0.5))
     fresh = method.initial_attributes(grey, np.random.default_rng(0))
     geometry = {name: stored[name] for name in GEOMETRY}
+    attributes = fresh | {name: tensor for name, tensor in stored.attributes.items() if name in fresh}
+    move_networks(method, device)
     return Training(
-        Gaussians(geometry | fresh | {name: tensor for name, tensor in stored.attributes.items() if name in fresh}),
+        Gaussians(geometry | attributes).to(device),
         method,
         training_views(scene, {name: views.pictures for name, views in messages.items()}),
         hiding_terms(list(messages), 0.25),
@@ -81,15 +98,16 @@ def main(arguments: argparse.Namespace) -> None:
     torch.set_num_threads(arguments.threads)
     if not arguments.give_memory_back:
         keep_freed_memory()
-    training = prepared(arguments)
+    device = working_device()
+    training = prepared(arguments, device)
     first = training.schedule.stop - arguments.iterations // 2 + 1
     for iteration in range(first - WARM_UP, first):
         training.step(iteration)
-    with watching(Stopwatch(time.process_time)) as stopwatch:
+    with watching(Stopwatch(clock_of(device))) as stopwatch:
         for iteration in range(first, first + arguments.iterations):
             training.step(iteration)
     camera = training.views.cameras[0]
-    print(choose_device().describe(), f"torch {torch.__version__}, {arguments.threads} threads")
+    print(describe_drawing(device), f"torch {torch.__version__}, {arguments.threads} threads")
     print(f"{arguments.method}, {len(training.gaussians)} Gaussians, {camera.width}x{camera.height}: ", end="")
     print(stopwatch.table(arguments.iterations))
     print("checkpoints:", ", ".join(f"{seconds:.2f} s" for seconds in checkpoint_seconds(training, arguments.folder)))
@@ -107,7 +125,7 @@ def checkpoint_seconds(training: Training, folder: Path, count: int = 5) -> list
     return seconds
 
 
-if __name__ == "__main__":
+def parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("method", choices=("plain", "homogeneous", "gs_hider"))
     parser.add_argument("scene", type=Path)
@@ -119,4 +137,8 @@ if __name__ == "__main__":
     parser.add_argument("--decoder-width", type=int, default=32)
     parser.add_argument("--give-memory-back", action="store_true")
     parser.add_argument("--folder", type=Path, help="Where checkpoints are written; a temporary folder by default.")
-    main(parser.parse_args())
+    return parser
+
+
+if __name__ == "__main__":
+    main(parser().parse_args())

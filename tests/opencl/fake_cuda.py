@@ -8,12 +8,19 @@ from __future__ import annotations
 
 import ctypes
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from ctypes import c_char_p, c_int, c_void_p
+from types import SimpleNamespace
 
 import numpy as np
 import pyopencl
+import pytest
+import torch
 
-from opencl.cuda_driver import PROTOTYPES
+from opencl.cuda import CudaBackend
+from opencl.cuda_driver import PROTOTYPES, CudaDriver
+from opencl.device import choose_device
 from opencl.program import ProgramKey
 
 PRIMARY_CONTEXT, STREAM = 0xC0DE, 0x57EA
@@ -126,6 +133,25 @@ class FakeCuda:
             kernel.set_arg(i, np.int32(value) if size == 4 else _memory(value))
         pyopencl.enqueue_nd_range_kernel(self.queue, kernel, (gx * bx,), (bx,))
         self.queue.finish()
+
+
+def backend_on(cuda: FakeCuda, monkeypatch: pytest.MonkeyPatch) -> CudaBackend:
+    """The backend of the driver's device, in whose place torch's CPU stands; with the CPU schedule's kernels."""
+
+    @contextmanager
+    def torch_device(device: torch.device) -> Iterator[None]:
+        assert device == torch.device("cpu")
+        cuda.calls.append("torch.cuda.device")
+        yield
+
+    monkeypatch.setattr(torch.cuda, "device", torch_device)
+    monkeypatch.setattr(torch.cuda, "current_stream", lambda device: SimpleNamespace(cuda_stream=STREAM))
+    made = CudaBackend(
+        choose_device(), CudaDriver(cuda.functions), torch.device("cpu"), compile_program=cuda.compile_program
+    )
+    assert made.schedule == "gpu"
+    made.schedule = "cpu"  # whose kernels the driver's device runs
+    return made
 
 
 def _sizes(kernel: pyopencl.Kernel) -> list[int]:

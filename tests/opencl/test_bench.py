@@ -19,8 +19,9 @@ from opencl.bench.pairs import Footprints, Thresholds, contributing_pairs, repea
 from opencl.bench.processes import in_fresh_process
 from opencl.bench.roofline import kernel_share
 from opencl.bench.view import View
-from opencl.bench.workloads import Inputs, box_named
+from opencl.bench.workloads import Box, Inputs, box_named
 from opencl.contract import RasterSettings
+from opencl.device import Device
 from opencl.reference import project_reference
 from tests.opencl.scenes import make_scene
 
@@ -172,6 +173,22 @@ def test_the_command_prints_json(capsys, monkeypatch):
     assert ours["memory"]["forward"] <= ours["memory"]["forward_backward"]
     shares = {share["kernel"]: share for share in workload["kernels"]}
     assert all(0 < shares[name]["arithmetic"] < 1 for name in ("project", "blend", "blend_backward"))
+
+
+@pytest.mark.parametrize(("shares_memory", "copies"), [(True, False), (False, True)])
+def test_the_command_says_where_tensors_are_copied(shares_memory, copies, capsys, monkeypatch):
+    for module in (command, measuring):
+        monkeypatch.setattr(module, "in_fresh_process", lambda function, *arguments: function(*arguments))
+    monkeypatch.setattr(Device, "shares_memory", shares_memory)
+    monkeypatch.setattr(command, "measure_limits", lambda: Limits(1e11, 1e10, 1e10))
+    monkeypatch.setattr(command, "box_named", lambda name: Box("few", 50, 40, 30, 3))
+    options = ["bench", "--workload", "few", "--repetitions", "1", "--no-peers"]
+    assert main(options) == 0
+    printed = capsys.readouterr().out
+    assert ("tensors of the CPU, by copies" in printed) == copies
+    assert ("peak host memory" if copies else "peak memory") in printed
+    assert main([*options, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["copies"] == copies
 
 
 @pytest.mark.parametrize(

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 import torch
 
+import opencl.harmonics
+import opencl.ssim
 from opencl.backend import Backend
 from opencl.cuda import CudaBackend, Resources
 from opencl.cuda_driver import CudaDriver
 from opencl.device import choose_device
+from opencl.harmonics import colors_of_harmonics
 from opencl.memory import moved
 from opencl.program import ProgramKey
 from opencl.projection import Project, pack_camera
 from opencl.rasterizer import RasterSettings, _rasterize_on
+from opencl.ssim import mean_ssim
 from opencl.tiling import sort_into_tiles
-from tests.opencl.fake_cuda import PRIMARY_CONTEXT, STREAM, FakeCuda
+from tests.opencl.fake_cuda import PRIMARY_CONTEXT, STREAM, FakeCuda, backend_on
 from tests.opencl.scenes import gradients, make_scene
 
 GEOMETRY = ProgramKey("geometry", "cpu", torch.float32, RasterSettings())
@@ -32,20 +35,7 @@ def cuda() -> FakeCuda:
 
 @pytest.fixture
 def backend(cuda, monkeypatch) -> CudaBackend:
-    @contextmanager
-    def torch_device(device):
-        assert device == torch.device("cpu")
-        cuda.calls.append("torch.cuda.device")
-        yield
-
-    monkeypatch.setattr(torch.cuda, "device", torch_device)
-    monkeypatch.setattr(torch.cuda, "current_stream", lambda device: SimpleNamespace(cuda_stream=STREAM))
-    made = CudaBackend(
-        choose_device(), CudaDriver(cuda.functions), torch.device("cpu"), compile_program=cuda.compile_program
-    )
-    assert made.schedule == "gpu"
-    made.schedule = "cpu"  # whose kernels the fake driver's device runs
-    return made
+    return backend_on(cuda, monkeypatch)
 
 
 def place_tiles(session, *, tiles=3, places=None, starts=None, totals=None, **options):
@@ -88,6 +78,40 @@ def test_the_same_bits_as_opencl(backend, feature_dim, schedule):
         output = _rasterize_on(one, *leaves[:5], *scene.camera, leaves[5], scene.settings)
         results.append((output.features, output.alphas, output.radii, output.means2d, *gradients(output, leaves)))
     assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_similarities_and_harmonics_are_the_same_bits_too(cuda, backend, dtype, monkeypatch):
+    backend.schedule = "gpu"
+    results = []
+    for one in (backend, Backend(choose_device(), schedule="gpu")):
+        for module in (opencl.ssim, opencl.harmonics):
+            monkeypatch.setattr(module, "backend_for", lambda tensor_device, one=one: one)
+        results.append([*similarity_and_gradient(dtype), *colors_and_gradients(dtype)])
+    assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))
+    launched = {kernel for kernel, *_ in cuda.launches}
+    fused = {"similarities", "similarity_gradient", "colors_of_harmonics", "colors_of_harmonics_backward"}
+    assert launched == fused
+
+
+def similarity_and_gradient(dtype):
+    random = torch.Generator().manual_seed(0)
+    picture, truth = (torch.rand(37, 53, 3, generator=random, dtype=dtype) for _ in range(2))
+    picture.requires_grad_()
+    similarity = mean_ssim(picture, truth)
+    return similarity.detach(), *torch.autograd.grad(similarity, picture)
+
+
+def colors_and_gradients(dtype):
+    """Of a constant harmonic alone, where `rest` is empty and a kernel gets no address for it; and of all of them."""
+    random = torch.Generator().manual_seed(0)
+    found = []
+    for degree in (0, 3):
+        shapes = ((300, 3), (300, (degree + 1) ** 2 - 1, 3), (300, 3))
+        leaves = [torch.randn(*shape, generator=random, dtype=dtype).requires_grad_() for shape in shapes]
+        colors = colors_of_harmonics(*leaves, torch.zeros(3, dtype=dtype), degree)
+        found += [colors.detach(), *torch.autograd.grad(colors.square().sum(), leaves)]
+    return found
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -271,10 +295,17 @@ def test_launches_are_timed(cuda, backend, monkeypatch):
         def elapsed_time(self, other):
             return (other.time - self.time) * 0.25
 
+    def sleep(cycles):
+        assert cycles > 0
+        assert Event.clock == 0  # nothing is recorded yet: both records and the launch wait behind this
+        cuda.calls.append("torch.cuda._sleep")
+
     monkeypatch.setattr(torch.cuda, "Event", Event)
+    monkeypatch.setattr(torch.cuda, "_sleep", sleep)
     backend.profiled = []
     with backend.session() as session:
         place_tiles(session)
     ((kernel, event),) = backend.profiled
     assert kernel == "place_tiles"
+    assert cuda.calls.index("torch.cuda._sleep") < cuda.calls.index("cuLaunchKernel")
     assert event.profile.end - event.profile.start == 250_000

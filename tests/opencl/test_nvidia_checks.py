@@ -7,13 +7,17 @@ from dataclasses import replace
 import pytest
 import torch
 
-from opencl.backend import default_backend
+from opencl.backend import Backend, default_backend
+from opencl.device import choose_device
 from tests.benchmarks import nvidia_checks
 from tests.benchmarks.nvidia_checks import (
     check_against_cpu,
+    check_harmonics,
     check_large,
     check_lists,
     check_runs,
+    check_similarities,
+    drawn_by,
     drawn_by_cpu,
     faults_of,
     large_scene,
@@ -98,6 +102,40 @@ def test_wrong_lists_fail(monkeypatch):
 
     monkeypatch.setattr(nvidia_checks, "_lists_on", shifted)
     assert not check_lists(backend_of("gpu"), scene)
+
+
+@pytest.fixture(scope="module")
+def copying():
+    """Draws tensors of the CPU by copies, as a GPU does."""
+    return Backend(choose_device(), schedule="gpu", shares_memory=False)
+
+
+def test_what_is_drawn_by_copies_holds(copying):
+    assert check_large(copying, drawn_by(copying), count=300)
+
+
+def test_similarities_and_harmonics_hold(copying, capsys):
+    for backend in (copying, backend_of("gpu")):
+        assert check_similarities(backend)
+        assert check_harmonics(backend)
+    assert capsys.readouterr().out.count("holds") == 28
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("change", [put_nan, lambda values: values.mul_(1.01)])
+@pytest.mark.parametrize("name", ["similarity", "colors"])
+def test_wrong_similarities_and_harmonics_fail(name, change, dtype, copying, monkeypatch):
+    compute = getattr(nvidia_checks, name)
+
+    def wrong(*arguments):
+        found = compute(*arguments)
+        if arguments[-2:] == (copying, dtype):
+            change(found[-1].view(-1)[-100:])
+        return found
+
+    monkeypatch.setattr(nvidia_checks, name, wrong)
+    monkeypatch.setattr(nvidia_checks, "HARMONICS", ((3, 15, 100),))
+    assert not (check_similarities if name == "similarity" else check_harmonics)(copying)
 
 
 def swap(values):

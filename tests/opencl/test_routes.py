@@ -75,9 +75,11 @@ def machine(monkeypatch, driver):
 
     cudnn, filled = torch.backends.cudnn, torch.utils.deterministic.fill_uninitialized_memory
     flags = cudnn.allow_tf32, cudnn.deterministic, cudnn.benchmark
+    precision = torch.get_float32_matmul_precision()
     monkeypatch.setenv("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     yield become
     cudnn.allow_tf32, cudnn.deterministic, cudnn.benchmark = flags
+    torch.set_float32_matmul_precision(precision)
     torch.use_deterministic_algorithms(False)
     torch.utils.deterministic.fill_uninitialized_memory = filled
     routes._backend_for.cache_clear()
@@ -156,8 +158,10 @@ def test_stages_work_on_the_gpu_that_torch_works_on(machine, monkeypatch):
 
 def test_whoever_works_on_a_gpu_gets_float32_and_the_same_bits(machine):
     machine(gpu())
+    torch.set_float32_matmul_precision("high")  # as TORCH_ALLOW_TF32_CUBLAS_OVERRIDE=1 does
     routes.working_device()
     assert not torch.backends.cudnn.allow_tf32
+    assert torch.get_float32_matmul_precision() == "highest"
     assert torch.backends.cudnn.deterministic
     assert torch.are_deterministic_algorithms_enabled()
 

@@ -6,7 +6,9 @@ No file of tests by its name: `test_pretended_gpu.py` runs it in a process of it
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -50,6 +52,8 @@ from stages.training.loop import Training  # noqa: E402
 from stages.training.schedules import DensitySchedule  # noqa: E402
 from stages.training.state import set_state, state_of  # noqa: E402
 from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_watermark_decoder  # noqa: E402
+from tests.benchmarks import nvidia_checks, nvidia_timing, nvidia_training, training_iteration  # noqa: E402
+from tests.opencl.test_nvidia_script import SMALL, few_inputs  # noqa: E402
 from tests.stages import small, watermarks  # noqa: E402
 from tests.stages.training.trainings import prepared  # noqa: E402
 
@@ -292,6 +296,38 @@ def test_a_training_that_goes_on_from_a_checkpoint(method: str) -> None:
     assert found.arrays.keys() == expected.arrays.keys()
     for name, array in expected.arrays.items():
         np.testing.assert_array_equal(found.arrays[name], array, name)
+
+
+def test_the_script_to_run_first_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its own tensors are where it says."""
+    monkeypatch.setattr(torch.cuda, "synchronize", lambda: None)
+    monkeypatch.setattr(torch.cuda, "Stream", lambda: None)
+    monkeypatch.setattr(torch.cuda, "stream", lambda stream: nullcontext())
+    monkeypatch.setattr(nvidia_checks, "_BUSY", 4)
+    monkeypatch.setitem(sys.modules, "gsplat", None)
+    monkeypatch.setattr(nvidia_timing, "REPETITIONS", 1)
+    monkeypatch.setattr(nvidia_training, "ITERATIONS", 14)
+    monkeypatch.setattr(nvidia_training, "STOPPED_AT", 12)
+    with pretending() as mode:
+        assert nvidia_checks.check_against_cpu(nvidia_checks.drawn_on(GPU), ((3, 60), (3, 0)))
+        assert nvidia_checks.check_streams(GPU)
+        nvidia_timing.time_workload(GPU, few_inputs())
+        assert nvidia_training.check_training(GPU, "float32", SMALL)
+    assert mode.on_device >= HEAVY - {"aten::exp"} | {"aten::mm"}
+
+
+def test_the_benchmark_of_an_iteration(tmp_path: Path) -> None:
+    small.scene(tmp_path / "scene")
+    small.splats(tmp_path / "splats")
+    small.message_views(tmp_path / "views")
+    folders = [str(tmp_path / name) for name in ("scene", "splats", "views")]
+    arguments = training_iteration.parser().parse_args(["homogeneous", *folders, "--precision", "float32"])
+    expected = training_iteration.prepared(arguments, CPU).step(1)
+    with pretending() as mode:
+        training = training_iteration.prepared(arguments, GPU)
+        assert training.step(1) == expected
+        assert training_iteration.checkpoint_seconds(training, tmp_path, 1)
+    assert not mode.on_cpu & HEAVY - {"aten::sigmoid", "aten::exp"}
 
 
 class Stopped(Exception):

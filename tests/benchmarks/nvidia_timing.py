@@ -1,0 +1,121 @@
+"""What `tests.benchmarks.nvidia` measures: workload B beside gsplat, by copies, and kernel by kernel."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from opencl.backend import Backend
+from opencl.bench.view import View
+from opencl.bench.workloads import Inputs
+from opencl.cuda import CudaBackend
+from opencl.device import Device
+from opencl.rasterizer import RasterSettings, _rasterize_on, rasterize
+
+REPETITIONS = 20
+
+
+def median_milliseconds(work: Callable[[], object]) -> float:
+    for _ in range(5):
+        work()
+    seconds = []
+    for _ in range(REPETITIONS):
+        torch.cuda.synchronize()
+        start = time.perf_counter()
+        work()
+        torch.cuda.synchronize()
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds) * 1e3
+
+
+def leaves_on(device: torch.device, inputs: Inputs) -> list[Tensor]:
+    """What is trained of a workload, on a device of torch's."""
+    return [tensor.to(device, copy=True).requires_grad_() for tensor in inputs.trained]
+
+
+def time_workload(device: torch.device, inputs: Inputs) -> None:
+    """Forward, and forward with backward; gsplat's with the same settings where it is installed."""
+    view = inputs.views[0]
+    leaves = leaves_on(device, inputs)
+    feature_dim = inputs.features.shape[1]
+    gradient = torch.rand(view.height, view.width, feature_dim, device=device)
+    settings = RasterSettings(near=0.01, alpha_maximum=0.999, radius_sigmas=3.33, clamp_about="principal_point")
+
+    def ours() -> Tensor:
+        return rasterize(*leaves, *view.arguments, settings=settings).features
+
+    drawers: dict[str, Callable[[], Tensor]] = {"ours": ours}
+    try:
+        drawers["gsplat"] = gsplat_drawer(leaves, view, settings.near)
+    except Exception as error:  # not installed, or not compiled for this GPU: ours is timed all the same
+        print(f"gsplat (pip install gsplat) draws nothing to compare with: {error!r}")
+
+    def without_gradients(draw: Callable[[], Tensor]) -> None:
+        with torch.no_grad():
+            draw()
+
+    print(f"{len(inputs.means)} Gaussians, {view.width} x {view.height}, M={feature_dim}, ms, medians")
+    for name, draw in drawers.items():
+        forward = median_milliseconds(lambda draw=draw: without_gradients(draw))
+        both = median_milliseconds(lambda draw=draw: draw().backward(gradient))
+        print(f"  {name:16} forward {forward:8.3f}, forward + backward {both:8.3f}", flush=True)
+    if len(drawers) == 2:
+        with torch.no_grad():
+            one, other = (draw() for draw in drawers.values())
+        print(f"  pictures: {float((one - other).abs().mean()):.1e} apart on average")
+
+
+def gsplat_drawer(leaves: list[Tensor], view: View, near: float) -> Callable[[], Tensor]:
+    """Draws by gsplat, which has drawn once; raises whatever it does where it cannot."""
+    import gsplat
+
+    means, quats, scales, opacities, features = leaves
+    poses, intrinsics = view.world_to_camera[None].to(means.device), view.intrinsics[None].to(means.device)
+
+    def draw() -> Tensor:
+        arguments = (means, quats, scales, opacities, features, poses, intrinsics, view.width, view.height)
+        return gsplat.rasterization(*arguments, near_plane=near, packed=False)[0][0]
+
+    draw()
+    print(f"gsplat {gsplat.__version__}")
+    return draw
+
+
+def time_copies(device: Device, inputs: Inputs) -> None:
+    """The same GPU for tensors of the CPU, through pinned memory."""
+    view = inputs.views[0]
+    leaves = leaves_on(torch.device("cpu"), inputs)
+    feature_dim = inputs.features.shape[1]
+    gradient = torch.rand(view.height, view.width, feature_dim)
+    copying = Backend(device, shares_memory=False)
+
+    def draw() -> None:
+        output = _rasterize_on(copying, *leaves, *view.arguments, torch.zeros(feature_dim), RasterSettings())
+        output.features.backward(gradient)
+
+    print(f"  ours, CPU tensors, copied: forward + backward {median_milliseconds(draw):8.3f}")
+
+
+def print_kernels(backend: CudaBackend, inputs: Inputs) -> None:
+    """Where a forward and backward pass spends the GPU's time, and what each kernel takes of it."""
+    profiled = CudaBackend(
+        backend.device, backend.driver, backend.tensor_device, profile=True, compile_program=backend._compile
+    )
+    view = inputs.views[0]
+    leaves = leaves_on(backend.tensor_device, inputs)
+    background = torch.zeros(inputs.features.shape[1], device=backend.tensor_device)
+    for _ in range(3):
+        profiled.profiled = []
+        output = _rasterize_on(profiled, *leaves, *view.arguments, background, RasterSettings())
+        output.features.backward(torch.ones_like(output.features))
+    totals: dict[str, list[int]] = {}
+    for kernel, event in profiled.profiled or ():
+        totals.setdefault(kernel, []).append(event.profile.end - event.profile.start)
+    resources = profiled.resources()
+    for kernel, times in sorted(totals.items(), key=lambda one: -sum(one[1])):
+        taken = f"{resources[kernel].registers:3} registers, {resources[kernel].private_bytes:5} bytes beside them"
+        print(f"  {kernel:20} {len(times):3} launches {sum(times) / 1e6:8.3f} ms, a work-item: {taken}")
