@@ -14,7 +14,7 @@ from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.imaging.metric_table import read_rows
 from stages.render_path import RenderPathParameters, render_path
-from tests.stages.small import message_views, scene
+from tests.stages.small import NAMES, message_views, scene, splats
 
 SETTINGS = {"iterations": 2, "decoder_width": 8, "feature_dim": 8}
 
@@ -33,6 +33,16 @@ def test_only_what_is_hidden_is_scored(tmp_path: Path, method: str, hidden: int 
     assert {row.message for row in rows} == ({None} if hidden == 0 else {None, "statue"})
     decoded = hidden != 0 and method != "sh"
     assert (sizes["total_bytes"] > sizes["container_bytes"]) == decoded
+
+
+def test_views_that_were_held_out_are_the_test_views(tmp_path: Path) -> None:
+    cover = scene(tmp_path / "cover", test_views=3)
+    inputs = {"container": splats(tmp_path / "splats"), "cover": cover}
+    made = run_stage(evaluate, EvaluateParameters(method="plain", lpips="none"), inputs, tmp_path / "scores")
+    views = {
+        split: {row.view for row in read_rows(made["scores"]) if row.split == split} for split in ("test", "train")
+    }
+    assert views == {"test": set(NAMES[:3]), "train": set(NAMES[3:])}
 
 
 @pytest.mark.parametrize("given", [0, 1])

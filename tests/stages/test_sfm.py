@@ -140,6 +140,15 @@ def test_the_same_bits_again(synthetic: Artifact, estimated: Artifact, tmp_path:
     assert run(synthetic, tmp_path).digest == estimated.digest
 
 
+def test_photos_larger_than_they_are_matched_at_are_shown_whole(truth: Cameras, tmp_path: Path) -> None:
+    """As phones' photos are: of 200 pixels, matched at 150."""
+    capture = write(truth, "colmap", tmp_path)
+    smaller, whole = (read_scene(run(capture, tmp_path / f"{size}", matching_size=size)) for size in (150, SIZE[0]))
+    expect_points_where_pictures_show_them(smaller)
+    np.testing.assert_allclose(smaller.cameras.intrinsics, whole.cameras.intrinsics, rtol=1e-6)
+    np.testing.assert_allclose(smaller.pictures.astype(float), whole.pictures.astype(float), atol=3)
+
+
 @pytest.mark.parametrize("source", ["synthetic", "colmap"])
 def test_given_poses_are_kept(truth: Cameras, source: PoseSource, tmp_path: Path) -> None:
     capture = write(truth, source, tmp_path)

@@ -9,10 +9,13 @@ from stages.scene.alignment import (
     cameras_in_message_world,
     candidates,
     cells_filled,
+    familiar_turns,
     focus_point,
+    placement,
     project,
     rig_of,
     scales,
+    unit,
 )
 from stages.scene.cameras import Cameras
 from stages.scene.pose_errors import pose_errors
@@ -130,3 +133,14 @@ def test_rigs_without_cameras_are_refused() -> None:
 
 def test_a_message_without_points_is_placed_all_the_same() -> None:
     assert candidates(RIGS["orbit"], RIGS["partial orbit"], NO_POINTS)
+
+
+def test_a_message_photographed_from_higher_up_is_tilted_until_it_is_seen_so() -> None:
+    """The mean view onto the mean view: the other sign would tilt it away by twice as much."""
+    cover, message = (arc(np.zeros(3), views=9, degrees=40, height=height) for height in (0.5, 3.0))
+    cover_rig, message_rig = rig_of(cover, NO_POINTS), rig_of(message, NO_POINTS)
+    tilt = cover_rig.elevation - message_rig.elevation
+    assert any(found == pytest.approx(tilt) for found, _ in familiar_turns(cover, message, cover_rig, message_rig))
+    placed = placement(cover_rig, message_rig, 1.0, tilt, 0.0)
+    looking, wanted = (unit(cameras.world_to_camera[:, 2, :3].mean(axis=0)) for cameras in (message, cover))
+    np.testing.assert_allclose(placed.rotation @ looking, wanted, atol=0.02)

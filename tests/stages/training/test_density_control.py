@@ -56,11 +56,34 @@ def test_transparent_ones_go() -> None:
 
 def test_what_is_large_in_the_world_goes_and_on_the_screen_stays() -> None:
     """Once an opacity reset has passed; the screen is what 3DGS means to look at, and never does."""
-    optimizer = optimizer_with([0.01, 1.1])
-    control = DensityControl(DensitySettings(), EXTENT, 2)
-    control.observe(seen_with_gradients([0, 0], radii=[500, 3]), 2, 2)
+    optimizer = optimizer_with([0.01, 1.1, 0.5])
+    control = DensityControl(DensitySettings(), EXTENT, 3)
+    control.observe(seen_with_gradients([0, 0, 0], radii=[500, 3, 3]), 2, 2)
     control.refine(optimizer, prune_large=True, generator=torch.Generator().manual_seed(0))
-    torch.testing.assert_close(optimizer.gaussians.scales.detach(), torch.full((1, 3), 0.01))
+    expected = torch.tensor([0.01, 0.5])[:, None].expand(2, 3)
+    torch.testing.assert_close(optimizer.gaussians.scales.detach(), expected)
+
+
+def test_gradients_count_up_and_across_in_device_coordinates() -> None:
+    seen = seen_with_gradients([0.0, 0.0, 0.0])
+    seen.means2d.grad = torch.tensor([[3.0, 0.0], [0.0, 3.0], [0.3, 1.0]])
+    control = DensityControl(DensitySettings(), EXTENT, 3)
+    control.observe(seen, width=20, height=8)
+    assert control.gradient_sums.tolist() == [30.0, 12.0, 5.0]
+
+
+def test_children_lie_along_their_parents_axes() -> None:
+    """A thread along y: one along x, turned by 90 degrees about z."""
+    optimizer = optimizer_with([1.0])
+    gaussians = optimizer.gaussians
+    with torch.no_grad():
+        gaussians["log_scales"].copy_(torch.tensor([[1.0, 1e-6, 1e-6]]).log())
+        gaussians["quats"].copy_(torch.tensor([[math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]]))
+    parent = gaussians.means.detach().clone()
+    away = (refined(optimizer, seen_with_gradients([1e-3])).means.detach() - parent).abs()
+    assert len(away) == 2
+    assert away[:, [0, 2]].max() < 1e-4
+    assert away[:, 1].min() > 1e-2
 
 
 def test_never_more_than_the_maximum_and_the_strongest_first() -> None:

@@ -1,4 +1,4 @@
-"""The loop learns, learns the same bits twice, and never touches a view that is held out."""
+"""The loop learns, learns the same bits twice, and follows its schedules and its objective."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import pytest
 import torch
 
 from stages.hiding.rendering import COVER
+from stages.imaging.ssim import ssim
 from stages.timing.stopwatch import OTHER, Stopwatch, watching
+from stages.training.averaging import Averages
 from stages.training.loop import Training
 from stages.training.objectives import Compared, hiding_terms, picture_loss, total_loss
 from stages.training.sampling import ViewSampler
@@ -112,7 +114,7 @@ def test_schedules_may_end_before_the_training_as_in_the_released_code() -> None
     """50,000 iterations with 3DGS's schedule of 30,000: density control until 15,000, then the last rates."""
     training = prepared("gs_hider", 50_000)
     training.settings = replace(
-        training.settings, schedule_share=0.6, final_rate_share=0.1, attribute_rates={"raw_features": 1.0}
+        training.settings, schedule_share=0.6, final_rate_share=0.1, attribute_rates={"raw_features": 1.0}, extent=3.0
     )
     scheduled = Training(
         training.gaussians, training.method, training.views, training.terms, training.settings, training.fixed
@@ -124,7 +126,7 @@ def test_schedules_may_end_before_the_training_as_in_the_released_code() -> None
         rates.append({group["name"]: group["lr"] for group in scheduled.optimizer.adam.param_groups})
     assert rates[0] == rates[1]
     assert rates[1]["raw_features"] == pytest.approx(0.1)
-    assert rates[1]["means"] == pytest.approx(1.6e-6)
+    assert rates[1]["means"] == pytest.approx(3 * 1.6e-6), "in units of the scene"
 
 
 def test_total_loss_is_the_cover_plus_lambda_times_every_message() -> None:
@@ -137,6 +139,24 @@ def test_total_loss_is_the_cover_plus_lambda_times_every_message() -> None:
     terms = hiding_terms(["a", "b"], 0.5)
     compared = [Compared(term, pictures[term.picture], truths[term.picture]) for term in terms]
     torch.testing.assert_close(total_loss(compared), expected)
+
+
+def test_a_picture_costs_its_difference_and_its_dissimilarity() -> None:
+    """Eq. 6 and 7, with γ = β = 0.2."""
+    generator = torch.Generator().manual_seed(1)
+    picture, truth = (torch.rand(12, 12, 3, generator=generator) for _ in range(2))
+    expected = 0.8 * (picture - truth).abs().mean() + 0.2 * (1 - ssim(picture, truth))
+    torch.testing.assert_close(picture_loss(picture, truth, 0.2), expected)
+
+
+def test_a_training_ends_with_its_averages() -> None:
+    training = prepared("gs_hider", 10)
+    training.averages = Averages(0.75, 10)
+    training.run(lambda: None)
+    averages = training.averages.values
+    assert torch.equal(training.gaussians.means.detach(), averages["gaussians/means"])
+    weight = training.method.networks["scene_decoder"].state_dict()["0.weight"]
+    assert torch.equal(weight, averages["networks/scene_decoder/0.weight"])
 
 
 def test_equal_pictures_cost_nothing() -> None:

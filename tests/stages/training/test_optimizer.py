@@ -60,3 +60,10 @@ def test_a_parameter_without_a_rate_is_refused() -> None:
     gaussians = gaussians_at(torch.rand(2, 3).numpy(), {"other": torch.zeros(2, 1)})
     with pytest.raises(ValueError, match="other"):
         GaussianOptimizer(gaussians, RATES)
+
+
+def test_gradients_far_smaller_than_adams_usual_epsilon_still_move() -> None:
+    optimizer = GaussianOptimizer(gaussians_at(torch.zeros(2, 3).numpy(), {"color": torch.zeros(2, 3)}), RATES)
+    (optimizer.gaussians["color"] * 1e-12).sum().backward()
+    optimizer.step()
+    torch.testing.assert_close(optimizer.gaussians["color"].detach(), torch.full((2, 3), -1e-2), rtol=2e-3, atol=0)

@@ -68,6 +68,17 @@ def test_points_of_a_message_have_its_colors_and_are_grey_in_the_cover() -> None
     np.testing.assert_allclose(colors[COVER][200:], 0.5)
 
 
+def test_each_point_of_a_message_has_its_own_color_where_others_were_too_near() -> None:
+    scene = scene_with(cloud())
+    pictures, coverage = np.zeros((3, 24, 32, 3), np.uint8), np.ones((3, 24, 32), np.float32)
+    points = np.concatenate([[[0.0, 0, 0.5]], cloud()[:30] + 9]).astype(np.float32)
+    shades = np.arange(31, dtype=np.uint8)[:, None].repeat(3, 1)
+    message = MessageViews("m", ("a", "b", "c"), pictures, coverage, points, shades)
+    found, colors = starting_points(scene, {"m": message}, Start(True, 30, 0, seed=0))
+    np.testing.assert_allclose(found[200:], points[1:])
+    np.testing.assert_allclose(colors["m"][200:, 0] * 255, np.arange(1, 31))
+
+
 def test_the_same_seed_gives_the_same_points() -> None:
     scene = scene_with(cloud())
     first, second, other = (starting_points(scene, {}, Start(False, 0, 20, seed))[0] for seed in (3, 3, 4))

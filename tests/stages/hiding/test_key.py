@@ -1,0 +1,52 @@
+"""Keys: every byte of them counts, and a container starts from its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.artifact import Artifact, create, load
+from pipeline.errors import UserError
+from pipeline.stage import run_stage
+from stages.hide_scenes import HideScenesParameters, hide_scenes
+from stages.hiding.key import KEY_BYTES, key_generator, write_key
+from tests.stages.small import message_views, scene
+
+
+def key_of(folder: Path, key: bytes) -> Artifact:
+    with create(folder / key.hex()[:120], "key", private=True) as writer:
+        write_key(writer, key)
+    return load(folder / key.hex()[:120])
+
+
+def test_every_byte_counts(tmp_path: Path) -> None:
+    keys = [bytes(KEY_BYTES)]
+    keys += [bytes(place) + b"\x01" + bytes(KEY_BYTES - 1 - place) for place in range(KEY_BYTES)]
+    drawn = [int(key_generator(key_of(tmp_path, key), 0).integers(2**62)) for key in keys]
+    assert len(set(drawn)) == KEY_BYTES + 1
+    assert drawn[0] == int(key_generator(key_of(tmp_path / "again", keys[0]), 7).integers(2**62)), "whatever the seed"
+
+
+def test_a_key_of_another_length_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="31 bytes"):
+        key_generator(key_of(tmp_path, bytes(KEY_BYTES - 1)), 0)
+
+
+@pytest.mark.parametrize("method", ["gs_hider", "homogeneous"])
+def test_a_container_starts_from_its_key(tmp_path: Path, method: str) -> None:
+    """With the same seed: who knows that alone knows nothing of what the key drew."""
+    settings = {"method": method, "iterations": 1, "feature_dim": 8, "decoder_width": 8, "densify_gradient": 1e9}
+    inputs = {"cover": scene(tmp_path / "cover"), "messages": (message_views(tmp_path / "views"),)}
+
+    def features(name: str, **key: Artifact) -> np.ndarray:
+        made = run_stage(hide_scenes, HideScenesParameters.model_validate(settings), {**inputs, **key}, tmp_path / name)
+        return made["container"].read("raw_features")
+
+    first, again, other = (
+        features(name, key=key_of(tmp_path, bytes([byte]) * KEY_BYTES)) for name, byte in (("a", 1), ("b", 1), ("c", 2))
+    )
+    np.testing.assert_array_equal(first, again)
+    others = (other, features("d"))  # without a key from its seed
+    assert all(abs(np.corrcoef(first.ravel(), each.ravel())[0, 1]) < 0.5 for each in others)
