@@ -17,6 +17,10 @@ SMALLEST_LOW_PASS = 1e-6
 class RasterSettings:
     """Every constant of the rasterizer; the defaults are those of 3D Gaussian Splatting (Kerbl et al. 2023).
 
+    What differs from its code: a Gaussian is drawn wherever it is more opaque than `alpha_minimum`, where that draws
+    only tiles within 3 standard deviations; `radii` are 0 where no pixel is reached, where its are where no tile is
+    touched; and opacities that were clamped to `alpha_maximum` pass no gradient, where it lets them.
+
     gsplat's are `RasterSettings(near=0.01, alpha_maximum=0.999, radius_sigmas=3.33, clamp_about="principal_point")`.
     """
 

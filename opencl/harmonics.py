@@ -29,8 +29,8 @@ def colors_of_harmonics(
 
     `base` are the coefficients of the constant harmonic, `rest` those of the others, of which the first
     (degree + 1)² - 1 are used. All tensors are float32, or all float64. N = 0 gives no colours. Gradients reach base,
-    rest and means; a colour under zero passes none, one at zero does. The same inputs on the same device give the
-    same bits.
+    rest and means; a colour under zero by more than rounding (1e-5) passes none, one nearer to it does, where 3DGS's
+    passes none below zero. The same inputs on the same device give the same bits.
 
     Raises ValueError where shapes or types do not fit, or for a degree outside 0..3 or beyond what `rest` holds.
     """

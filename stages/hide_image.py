@@ -1,4 +1,4 @@
-"""`hide_image`: one image hidden in one view of the cover, while the cover's scene is fitted (section 4.5)."""
+"""`hide_image`: one image hidden in one view of the cover, while the cover's scene is fitted (section 4.6)."""
 
 from __future__ import annotations
 

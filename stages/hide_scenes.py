@@ -1,4 +1,4 @@
-"""`hide_scenes`: L messages hidden in one cover while the cover's scene is fitted (sections 3.3 and 4.5)."""
+"""`hide_scenes`: L messages hidden in one cover while the cover's scene is fitted (sections 3.3 and 4.6)."""
 
 from __future__ import annotations
 

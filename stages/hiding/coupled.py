@@ -25,7 +25,8 @@ FEATURE_RATE = 2.5e-3
 """Of Adam, as in the released code."""
 
 FEATURES = "raw_features"
-"""The attribute that all these methods add: f_i before its activation, a sigmoid."""
+"""The attribute that all these methods add: f_i before its activation, a sigmoid, which is the released code's; the
+paper blends f_i as it is (Eq. 4)."""
 
 COUPLED_SETTINGS = ("feature_dim", "layers", "decoder_width", "kernel_size", "precision")
 

@@ -18,7 +18,7 @@ PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 class Decoder(torch.nn.Sequential):
     """Convolutions from `feature_dim` channels over `width` ones to `channels`, zero padding, ReLU between.
 
-    `kernel_size` is 3 in the paper; 1 decodes every pixel by itself.
+    `kernel_size` and `width` the paper does not say: 3 and 64 in its released code. 1 decodes every pixel by itself.
 
     The paper says "five layers of convolution followed by ReLU"; as in its released code the last layer is linear,
     since a ReLU there has no gradient wherever the picture starts out black. Weights come from torch's generator.

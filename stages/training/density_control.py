@@ -59,7 +59,11 @@ class DensityControl:
         self.views_seen = torch.zeros(count, device=self.device)
 
     def observe(self, rendering: Rendering, width: int, height: int) -> None:
-        """Add one view's screen-space gradients (after backward); 3DGS measures them in device coordinates."""
+        """Add one view's screen-space gradients (after backward); 3DGS measures them in device coordinates.
+
+        Seen is what reaches a pixel, and not, as in 3DGS, whatever a tile's worth of its rectangle lies in the picture:
+        at the edges fewer views count, and dilute the mean gradient less.
+        """
         gradient = rendering.means2d.grad
         if gradient is None:
             return
@@ -73,8 +77,9 @@ class DensityControl:
 
         `generator` is one of the CPU's on every device, so that a seed draws the same numbers on all of them.
 
-        (3DGS prunes afterwards, and so a copy of a transparent one with it. Here such a copy stays until the next time:
-        of the fox's 60,000 in 1,000 iterations that were four.)
+        (3DGS prunes afterwards, and so copies and children of a transparent one with it, and children that are still
+        overgrown. Here these stay until the next time, and the last ones for good: of the fox's 60,000 in 1,000
+        iterations that were four.)
         """
         gaussians = optimizer.gaussians
         with torch.no_grad():

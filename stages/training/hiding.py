@@ -56,7 +56,7 @@ class HidingParameters(TrainingParameters):
     )
     kernel_size: Literal[1, 3, 5] = Field(
         3,
-        description="Of the decoders' convolutions. The paper: 3. With 1, that of homogeneous, every pixel is "
+        description="Of the decoders' convolutions. Released code: 3. With 1, that of homogeneous, every pixel is "
         "decoded by itself.",
     )
     sh_degree: int = Field(3, ge=0, le=3, description="Highest degree of spherical harmonics, of methods with them.")
@@ -93,11 +93,11 @@ class HidingParameters(TrainingParameters):
             stated = with_preset(stated, presets, stated.get("method"))
         return stated
 
-    def build_method(self, messages: Sequence[str]) -> Method:
-        """The method for these messages, its networks' first weights drawn from `seed`."""
+    def build_method(self, messages: Sequence[str], key: Artifact | None) -> Method:
+        """The method for these messages, its networks' first weights drawn from the key; without one from `seed`."""
         settings = self.model_dump(include=set(settings_of(self.method)))
         with torch.random.fork_rng():
-            torch.manual_seed(self.seed)
+            torch.manual_seed(self.seed if key is None else _network_seed(key))
             return build_method(self.method, settings | {"messages": list(messages)})
 
 
@@ -119,7 +119,7 @@ def hiding_training(
     Raises `UserError` where `initial_features` are zeros and the method has no features, and where they are colours and
     the decoders too narrow to start by showing those of all messages.
     """
-    method = parameters.build_method(messages)
+    method = parameters.build_method(messages, key)
     points, colors = starting_points(cover, placed or {}, parameters.start(message_points))
     attributes = _initial_attributes(
         parameters, method, points, {name: colors.get(name) for name in (COVER, *messages)}, key
@@ -133,6 +133,12 @@ def hiding_training(
     device = working_device()
     move_networks(method, device)
     return Training(gaussians_at(points, attributes).to(device), method, views, terms, settings, fixed)
+
+
+def _network_seed(key: Artifact) -> int:
+    """Of other random numbers than those that features start from."""
+    [own] = key_generator(key, 0).spawn(1)
+    return int(own.integers(2**63))
 
 
 def _check_width(parameters: HidingParameters, method: Method, messages: int) -> None:

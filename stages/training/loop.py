@@ -185,6 +185,9 @@ class Training:
             self.network_optimizer.param_groups[0]["lr"] = settings.network_rate * share
 
     def _update(self, iteration: int, rendering: Rendering, camera: Camera) -> None:
+        """Adam, then density control. 3DGS refines and resets first, which voids Adam's step there: of all Gaussians at
+        each refinement, of opacities at each reset; and it takes no step at the last iteration.
+        """
         if self.density is not None and iteration <= self.schedule.stop:
             with part(DENSITY_CONTROL):
                 self.density.observe(rendering, camera.width, camera.height)

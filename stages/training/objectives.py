@@ -25,7 +25,7 @@ class PictureTerm:
 
 @dataclass(frozen=True)
 class FixedView:
-    """A picture that one camera must see in every iteration, whichever view is drawn: a hidden image (section 4.5)."""
+    """A picture that one camera must see in every iteration, whichever view is drawn: a hidden image (section 4.6)."""
 
     term: PictureTerm
     camera: Camera

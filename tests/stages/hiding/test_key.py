@@ -50,3 +50,22 @@ def test_a_container_starts_from_its_key(tmp_path: Path, method: str) -> None:
     np.testing.assert_array_equal(first, again)
     others = (other, features("d"))  # without a key from its seed
     assert all(abs(np.corrcoef(first.ravel(), each.ravel())[0, 1]) < 0.5 for each in others)
+
+
+@pytest.mark.parametrize(
+    "settings", [{"method": "decoder"}, {"method": "gs_hider", "initial_features": "zeros"}, {"method": "homogeneous"}]
+)
+def test_networks_start_from_the_key_too(tmp_path: Path, settings: dict[str, str]) -> None:
+    """Of methods whose Gaussians take nothing from it, these are all that it draws."""
+    parameters = HideScenesParameters.model_validate({"layers": 2, "feature_dim": 8, **settings})
+
+    def weights(key: Artifact | None) -> np.ndarray:
+        network = parameters.build_method(["statue"], key).networks["message_decoder"]
+        return np.concatenate([tensor.numpy().ravel() for tensor in network.state_dict().values()])
+
+    first, again, other = (
+        weights(key_of(tmp_path / name, bytes([byte]) * KEY_BYTES)) for name, byte in (("a", 1), ("b", 1), ("c", 2))
+    )
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert not np.array_equal(first, weights(None))
