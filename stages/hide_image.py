@@ -9,7 +9,7 @@ from opencl.routes import describe_drawing
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError, nearest
 from pipeline.stage import Context, Input, Output, stage
-from stages.hiding.key import key_generator
+from stages.hiding.key import generator_apart
 from stages.hiding.method import module_of
 from stages.hiding.storage import write_container, write_secret
 from stages.imaging.image import filling, read_image
@@ -78,7 +78,7 @@ def chosen_view(cover: Scene, wanted: str | None, key: Artifact | None) -> str:
     """
     names = cover.train_names
     if wanted is None and key is not None:
-        return names[key_generator(key, 0).spawn(1)[0].integers(len(names))]
+        return names[generator_apart(key, "view").integers(len(names))]
     if wanted is None:
         return names[len(names) // 2]
     if wanted not in names:

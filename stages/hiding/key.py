@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from pipeline.artifact import Artifact, ArtifactWriter
@@ -26,3 +28,12 @@ def key_generator(artifact: Artifact | None, seed: int) -> np.random.Generator:
     if len(key) != KEY_BYTES:
         raise UserError("a key has the wrong length", found=f"{len(key)} bytes", expected=f"{KEY_BYTES} bytes")
     return np.random.default_rng(int.from_bytes(key, "little"))
+
+
+APART = ("view", "weights")
+"""What is drawn from a key apart from its first random numbers: who learns one knows nothing of another."""
+
+
+def generator_apart(artifact: Artifact, use: Literal["view", "weights"]) -> np.random.Generator:
+    """Random numbers of a key for one use, independent of those of `key_generator` and of other uses."""
+    return key_generator(artifact, 0).spawn(len(APART))[APART.index(use)]

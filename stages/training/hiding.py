@@ -15,7 +15,7 @@ from opencl.routes import working_device
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from stages.hiding.coupled import FEATURES
-from stages.hiding.key import key_generator
+from stages.hiding.key import generator_apart, key_generator
 from stages.hiding.method import LARGEST_SETTING, Method, build_method, move_networks, settings_of
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import rig_extent
@@ -97,8 +97,11 @@ class HidingParameters(TrainingParameters):
         """The method for these messages, its networks' first weights drawn from the key; without one from `seed`."""
         settings = self.model_dump(include=set(settings_of(self.method)))
         with torch.random.fork_rng():
-            torch.manual_seed(self.seed if key is None else _network_seed(key))
-            return build_method(self.method, settings | {"messages": list(messages)})
+            torch.manual_seed(self.seed)
+            method = build_method(self.method, settings | {"messages": list(messages)})
+            if key is not None:
+                _draw_weights(method, key)
+        return method
 
 
 def hiding_training(
@@ -135,10 +138,16 @@ def hiding_training(
     return Training(gaussians_at(points, attributes).to(device), method, views, terms, settings, fixed)
 
 
-def _network_seed(key: Artifact) -> int:
-    """Of other random numbers than those that features start from."""
-    [own] = key_generator(key, 0).spawn(1)
-    return int(own.integers(2**63))
+def _draw_weights(method: Method, key: Artifact) -> None:
+    """The first weights of every convolution anew. Of a seed torch heeds 32 bits, which can be tried one by one on the
+    public scene decoder: each has one of its own, so that none tells of the message decoder's.
+    """
+    generator = generator_apart(key, "weights")
+    for network in method.networks.values():
+        for layer in network.modules():
+            if isinstance(layer, torch.nn.Conv2d):
+                torch.manual_seed(int(generator.integers(2**32)))
+                layer.reset_parameters()
 
 
 def _check_width(parameters: HidingParameters, method: Method, messages: int) -> None:

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.hide_scenes import HideScenesParameters, hide_scenes
-from stages.hiding.key import KEY_BYTES, key_generator, write_key
+from stages.hiding.key import KEY_BYTES, generator_apart, key_generator, write_key
 from tests.stages.small import message_views, scene
 
 
@@ -69,3 +70,20 @@ def test_networks_start_from_the_key_too(tmp_path: Path, settings: dict[str, str
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
     assert not np.array_equal(first, weights(None))
+
+
+def test_no_layer_tells_of_another(tmp_path: Path) -> None:
+    """Of a seed torch heeds 32 bits: those of the public decoder can be found by trying."""
+    parameters = HideScenesParameters.model_validate({"feature_dim": 16, "decoder_width": 16})
+    key = key_of(tmp_path, bytes(range(KEY_BYTES)))
+    layers = [
+        layer.weight.detach().numpy().ravel()
+        for network in parameters.build_method(["statue"], key).networks.values()
+        for layer in network.modules()
+        if isinstance(layer, torch.nn.Conv2d)
+    ]
+    square = [weights for weights in layers if weights.size == 16 * 16 * 9]
+    assert len(square) == 8
+    assert len({weights.tobytes() for weights in square}) == 8
+    assert key_generator(key, 0).integers(2**62) != generator_apart(key, "view").integers(2**62)
+    assert generator_apart(key, "weights").integers(2**62) != generator_apart(key, "view").integers(2**62)
