@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.paper.chapter import Chapter
 from stages.analysis.paper.published import Published
-from stages.analysis.paper.runs import Experiment, Study
+from stages.analysis.paper.runs import Study
 from stages.analysis.paper.secrecy_figures import (
     Found,
     Kind,
     all_shares,
+    behind_owner,
     best_blind,
     by_size,
     figure,
@@ -20,7 +19,7 @@ from stages.analysis.paper.secrecy_figures import (
 )
 from stages.analysis.paper.secrecy_grids import feature_map_grid, surrogate_grid, wrong_grid
 from stages.analysis.paper.secrecy_relations import secrecy_relations
-from stages.analysis.secrecy.conditions import OPEN, OWNER, SURROGATE
+from stages.analysis.secrecy.conditions import OPEN, SURROGATE
 
 
 def secrecy(study: Study, tables: Published) -> Chapter:
@@ -66,16 +65,8 @@ def _size_chart(share: float, found: Found) -> Chart | None:
     series = []
     for method in dict.fromkeys(kind.method for kind in found):
         for sizes in by_size(method, found):
-            points = tuple((size, _behind(each, share)) for size, each in sizes.items())
+            points = tuple((size, behind_owner(each, share).average.mean) for size, each in sizes.items())
             if len(points) > 1:
                 series.append(Series(Kind(method, None).title, points))
     title = f"Does small M leak more? A surrogate with {share:.0%} of the views"
     return line_chart(title, series, axes=("M", "dB to the owner's decoder")) if series else None
-
-
-def _behind(experiments: Sequence[Experiment], share: float) -> float:
-    surrogate, owner = (
-        figure(experiments, "psnr_covered", condition, severity).mean
-        for condition, severity in ((SURROGATE, share), (OWNER, None))
-    )
-    return surrogate - owner

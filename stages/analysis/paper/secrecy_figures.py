@@ -128,6 +128,14 @@ def deviation_of_one(spreads: Measured) -> float:
     return math.sqrt(math.fsum(variances) / len(variances)) if variances else math.nan
 
 
+def behind_owner(experiments: Sequence[Experiment], share: float) -> Measured:
+    """How far a surrogate with this share of the views stays behind the owner's decoder, in dB; that one is the same
+    whatever a surrogate's seed is.
+    """
+    surrogate = measured(experiments, "psnr_covered", SURROGATE, share)
+    return surrogate.minus(measured(experiments, "psnr_covered", OWNER).certain)
+
+
 def shares(experiments: Sequence[Experiment], condition: str = SURROGATE) -> tuple[float, ...]:
     """The shares of the training views that leaked to surrogates, ascending."""
     rows = [row for experiment in experiments for row in experiment.rows if row.condition == condition]

@@ -11,6 +11,7 @@ from stages.analysis.paper.runs import Experiment
 from stages.analysis.paper.secrecy_figures import (
     Found,
     Kind,
+    behind_owner,
     best_blind,
     by_size,
     deviation_of_one,
@@ -88,7 +89,7 @@ def _of_sizes(method: str, own: Mapping[float, Sequence[Experiment]]) -> list[Re
             "difference",
             "more than",
             0.0,
-            _behind(small, share).minus(_behind(large, share)),
+            behind_owner(small, share).minus(behind_owner(large, share)),
             math.nan,
             _of_both(*(deviation_of_one(measured(each, "psnr_covered", SURROGATE, share)) for each in (small, large))),
         )
@@ -100,9 +101,3 @@ def _of_sizes(method: str, own: Mapping[float, Sequence[Experiment]]) -> list[Re
 def _of_both(small: float, large: float) -> float:
     """The standard deviation of a single run, of two kinds with so many runs each: the mean of both variances."""
     return math.hypot(small, large) / math.sqrt(2)
-
-
-def _behind(experiments: Sequence[Experiment], share: float) -> Measured:
-    """The owner's decoder is the same whatever a surrogate's seed is."""
-    surrogate = measured(experiments, "psnr_covered", SURROGATE, share)
-    return surrogate.minus(measured(experiments, "psnr_covered", OWNER).certain)
