@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Literal
 
 import torch
@@ -21,7 +22,7 @@ from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
 from stages.imaging.image import filling, read_image
 from stages.imaging.lpips import Lpips, load_lpips, networks_for
 from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network, weights_installed
-from stages.imaging.metric_table import MetricRow, write_rows
+from stages.imaging.metric_table import MetricRow, mean_value, write_rows
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
 
@@ -154,11 +155,21 @@ def _write(context: Context, every: list[Scores], scene: Scene, public_views: se
     pictures = [comparison for scores in every for comparison in scores.comparisons(scene)]
     write_rows(context.output("scores"), rows)
     write_comparisons(context.output("pictures"), pictures)
-    write_rows(context.output("public_scores"), [row for row in rows if _is_public(row)])
+    write_rows(context.output("public_scores"), _for_the_public(rows))
     public = [comparison.of_views(public_views) for comparison in pictures if comparison.role != "message"]
     write_comparisons(context.output("public_pictures"), [comparison for comparison in public if comparison.names])
 
 
-def _is_public(row: MetricRow) -> bool:
-    """The size in all would tell that there is a secret, and how large it is; rows of a message, that there is one."""
-    return row.message is None and row.quantity != "total_bytes"
+def _for_the_public(rows: list[MetricRow]) -> list[MetricRow]:
+    """Figures of the cover: of training views means alone, since the view that hides an image may stand out by its own.
+
+    The size in all would tell that there is a secret, and how large it is; rows of a message, that there is one.
+    """
+    public = [row for row in rows if row.message is None and row.quantity != "total_bytes"]
+    means: dict[MetricRow, list[MetricRow]] = {}
+    for row in public:
+        if row.split == "train":
+            means.setdefault(replace(row, view=None, value=0.0), []).append(row)
+    return [row for row in public if row.split != "train"] + [
+        replace(of, value=mean_value(each)) for of, each in means.items()
+    ]

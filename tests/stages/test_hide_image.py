@@ -88,6 +88,12 @@ def test_the_public_cannot_tell_which_view_hides_the_image(tmp_path: Path, cover
     owner, public = read_comparisons(known["pictures"]), read_comparisons(known["public_pictures"])
     assert NAMES[5] in owner[0].names
     assert NAMES[5] not in public[0].names
+    trained = [row for row in read_rows(known["public_scores"]) if row.split == "train"]
+    assert {row.quantity for row in trained} == {"psnr", "ssim"}
+    assert len(trained) == 2
+    assert not any(row.view for row in trained)
+    every = [row.value for row in read_rows(known["scores"]) if row.split == "train" and not row.message]
+    assert trained[0].value == pytest.approx(np.mean(every[::2]), abs=1e-9)
 
 
 def key_of(folder: Path, byte: int) -> Artifact:
@@ -97,7 +103,7 @@ def key_of(folder: Path, byte: int) -> Artifact:
 
 
 def test_the_key_chooses_the_view(tmp_path: Path, cover: Artifact) -> None:
-    """By rule it is the middle one, which whoever has the public scores, with the names of all views, could tell."""
+    """By rule it is the middle one, which anyone could tell."""
     scene = read_scene(cover)
     chosen = [chosen_view(scene, None, key_of(tmp_path, byte)) for byte in range(40)]
     assert set(chosen) == set(scene.train_names)
