@@ -86,12 +86,13 @@ class Node:
 @dataclass(frozen=True)
 class Graph:
     """The nodes of a workflow, all of them if it is `whole`, each after those that it takes artifacts from. `command`
-    has it run as it is being run; empty where nobody said."""
+    has it run as it is being run, for pages; `given` are its options as they were typed. Empty where nobody said."""
 
     workflow: str
     nodes: Mapping[str, Node]
     whole: bool = True
     command: str = ""
+    given: tuple[str, ...] = ()
 
     def needed_for(self, stages: Iterable[str]) -> Graph:
         """The part of the graph that makes `stages`, given by their names in the file or with the item of a foreach.

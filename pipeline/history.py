@@ -148,6 +148,15 @@ class History:
         keys = frozenset(content["began"] for content in lines if isinstance(content.get("began"), str))
         return PastRun(results, keys, whole=began and ended)
 
+    def last_given(self, workflow: str) -> tuple[str, ...]:
+        """The options that set values in the last run of a workflow, as they were typed; empty where it had none."""
+        for journal in self.journals(workflow):
+            with suppress(OSError):
+                for content in _lines(journal):
+                    if isinstance(given := content.get("given"), list):
+                        return tuple(map(str, given))
+        return ()
+
     def latest_digests(self) -> dict[str, str]:
         """The digest of the last result of every output `<workflow>/<stage>.<output>`, as far as journals tell.
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.collection import without_collection
 from pipeline.declaration import Catalogue
-from pipeline.errors import CommandError
+from pipeline.errors import CommandError, Place
 from pipeline.external_cache import ExternalCache
 from pipeline.graph import Graph, build_graph
 from pipeline.located import Problems
@@ -49,8 +50,19 @@ def open_project(
             opened = open_store(store, make and not problems)
         except OSError as error:
             raise CommandError("cannot be a store", where=store, found=error.strerror) from error
+        if problems and not settings and not vars_files:
+            _remind(problems, file, opened.history.last_given(workflow.name))
         catalogue = Catalogue(package, LIBRARIES, opened)
         graph = build_graph(workflow, catalogue, ExternalCache(opened), problems)
-    graph = replace(graph, command=command_of(file, settings, vars_files, workflow, graph))
+    given = [word for vars_file in vars_files for word in ("--vars", str(vars_file))]
+    given += [word for setting in settings for word in ("--set", setting)]
+    command = command_of(file, settings, vars_files, workflow, graph)
+    graph = replace(graph, command=command, given=tuple(given))
     module = catalogue.sources.module(package)
     return Project(graph, opened, package, module.path.parent if module else Path.cwd())
+
+
+def _remind(problems: Problems, file: Path, given: Sequence[str]) -> None:
+    """What was given the last time is most often what is missing now."""
+    if given:
+        problems.add(Place(str(file)), f"its last run in this store was given {shlex.join(given)}")

@@ -109,7 +109,7 @@ class Run:
     def _history(self) -> Iterator[None]:
         """Keeps a journal where one can be kept."""
         try:
-            facts = {"whole": self.graph.whole, "stages": len(self.graph.nodes)}
+            facts = {"whole": self.graph.whole, "stages": len(self.graph.nodes), "given": self.graph.given}
             self._journal = self.store.history.begin(self.graph.workflow, **facts)
         except OSError as error:
             self.tell(Noted(f"no history is kept of this run: {words_of(error, self.store.root)}"))

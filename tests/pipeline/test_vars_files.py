@@ -136,3 +136,16 @@ def test_every_command_takes_them(profiled: Workspace) -> None:
     status, out, err = call(profiled, "status", "--vars", cpu, "--vars", wrong)
     assert (status, out) == (2, "")
     assert err.startswith(f"{wrong}:1:1: unknown key 'cuont'")
+
+
+def test_what_is_missing_is_told_from_the_last_run(profiled: Workspace) -> None:
+    cpu = str(profiled.folder / "profiles/cpu.yaml")
+    _, _, never = call(profiled, "status")
+    assert "last run" not in never
+    assert call(profiled, "run", "--serial", "--vars", cpu, "--set", "note=with a blank")[0] == 0
+    status, _, told = call(profiled, "status")
+    assert status == 2
+    assert "the var 'file' has no value" in told
+    assert f"its last run in this store was given --vars {cpu} --set 'note=with a blank'" in told
+    _, _, other = call(profiled, "status", "--set", "count=2")
+    assert "last run" not in other
