@@ -15,6 +15,7 @@ from stages.imaging.orientation import UPRIGHT, as_stored
 from stages.imaging.pictures import encode_png, read_picture
 from stages.scene.camera_checks import refuse_far_poses
 from stages.scene.capture import Capture, numbered, write_capture
+from stages.scene.colmap import models_beside, photos_in_model
 from stages.scene.photo_folder import (
     ANIMATIONS,
     SUFFIXES,
@@ -100,6 +101,8 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         refuse_far_poses(poses.world_to_camera, place or parameters.folder)
         came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))
         context.log(f"poses of {len(names)} photos from {came}; {len(facts) - len(names)} photos have none, left out")
+        for other in [] if place is None else models_beside(place):
+            context.log(f"model {other.name} beside it poses {photos_in_model(other)} photos, and was left out")
     if found.left_out:
         context.log(f"{len(found.left_out)} photos lie elsewhere and were left out, the first is {found.left_out[0]}")
     if found.ignored:

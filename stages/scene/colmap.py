@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from pipeline.errors import UserError
 from stages.scene.lens import MODELS, Lens
 
-FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", ".")
-"""Where a COLMAP model lies, relative to the folder of a capture."""
+FOLDERS = ("sparse/*", "sparse", "colmap/sparse/*", "colmap/sparse", ".")
+"""Where a COLMAP model lies, relative to the folder of a capture; a star stands for the numbers of several models."""
 PARTS = ("cameras", "images")
 NUMBERS_OF_AN_IMAGE = 10  # in a line of text: id, quaternion, translation, camera, and the name, which may have blanks
 LARGEST_TRANSLATION = 1e9
@@ -34,9 +34,39 @@ class PosedPhoto:
 
 
 def find_colmap_model(folder: Path) -> Path | None:
-    """The first place in `FOLDERS` that holds a whole model (cameras and images, both .bin or both .txt)."""
-    places = (folder / name for name in FOLDERS)
-    return next((place for place in places if _suffix_of_model(place) is not None), None)
+    """The first place in `FOLDERS` that holds a whole model (cameras and images, both .bin or both .txt).
+
+    Of several models the one of most photos: COLMAP numbers them as it finds them, and 0 may hold three of hundreds.
+    """
+    for name in FOLDERS:
+        models = [place for place in _numbered(folder, name) if _suffix_of_model(place) is not None]
+        if models:
+            return models[0] if len(models) == 1 else max(models, key=photos_in_model)
+    return None
+
+
+def _numbered(folder: Path, name: str) -> list[Path]:
+    """The place of this name; where it ends in a star, the folders there that are called by numbers, in their order."""
+    if not name.endswith("*"):
+        return [folder / name]
+    found = [place for place in folder.glob(name) if place.name.isdecimal()]
+    return sorted(found, key=lambda place: (int(place.name), place.name))
+
+
+def models_beside(place: Path) -> list[Path]:
+    """The other models of a reconstruction that came apart: folders called by numbers, as `place` is; not of a file."""
+    if not (place.is_dir() and place.name.isdecimal()):
+        return []
+    return [other for other in _numbered(place.parent, "*") if other != place and _suffix_of_model(other) is not None]
+
+
+def photos_in_model(place: Path) -> int:
+    """How many photos a whole model poses; of one that cannot be read 0, as others may be sound."""
+    suffix = _suffix_of_model(place)
+    try:
+        return 0 if suffix is None else len(_READERS[suffix][1](place / f"images{suffix}"))
+    except (struct.error, ValueError, OSError):
+        return 0
 
 
 def _suffix_of_model(place: Path) -> str | None:

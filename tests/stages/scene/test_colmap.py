@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import UserError
-from stages.scene.colmap import find_colmap_model, read_colmap_model
+from stages.scene.colmap import find_colmap_model, models_beside, photos_in_model, read_colmap_model
 from stages.scene.lens import Lens
 
 LENS = Lens("OPENCV", (500.0, 510.0, 320.0, 240.0, -0.1, 0.02, 0.001, 0.002), 640, 480)
@@ -51,6 +51,21 @@ def test_a_model_is_found_where_captures_keep_it(tmp_path: Path, place: str) -> 
     found = find_colmap_model(tmp_path)
     assert found is not None
     assert len(read_colmap_model(found)) == 2
+
+
+def test_of_several_models_the_one_of_most_photos_counts(tmp_path: Path) -> None:
+    """COLMAP writes a model for each part that it could not connect, the largest under any number."""
+    for number, photos in (("0", 1), ("1", 2), ("2", 2), ("10", 1)):
+        write_text_model(tmp_path / "sparse" / number)
+        if photos == 1:
+            images = tmp_path / "sparse" / number / "images.txt"
+            images.write_text("\n".join(images.read_text().splitlines()[:3]))
+    (tmp_path / "sparse" / "notes").mkdir()
+    found = find_colmap_model(tmp_path)
+    assert found == tmp_path / "sparse" / "1"
+    assert [(other.name, photos_in_model(other)) for other in models_beside(found)] == [("0", 1), ("2", 2), ("10", 1)]
+    (found / "images.txt").write_text("no model")
+    assert find_colmap_model(tmp_path) == tmp_path / "sparse" / "2"
 
 
 def test_half_a_model_is_none(tmp_path: Path) -> None:
