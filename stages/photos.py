@@ -16,6 +16,7 @@ from stages.imaging.pictures import encode_png, read_picture
 from stages.scene.camera_checks import refuse_far_poses
 from stages.scene.capture import Capture, numbered, write_capture
 from stages.scene.colmap import models_beside, photos_in_model
+from stages.scene.named_frames import find_posed_photos
 from stages.scene.photo_folder import (
     ANIMATIONS,
     SUFFIXES,
@@ -31,7 +32,7 @@ from stages.scene.photo_folder import (
     read_poses,
 )
 from stages.scene.splits import TEST, find_split_photos, find_splits, read_split_poses
-from stages.scene.transforms import held_out_files
+from stages.scene.transforms import FILE, held_out_files, masked_frames
 
 WHITE = "white"
 """What `read_picture` lays transparent pictures over."""
@@ -86,11 +87,12 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     splits = find_splits(parameters.folder) if place is None else {}
     _refuse_images(parameters, splits)
     suffixes = (*SUFFIXES, *ANIMATIONS) if parameters.any_pictures else SUFFIXES
-    found = (
-        find_split_photos(parameters.folder, splits)
-        if splits
-        else find_photos(parameters.folder, parameters.images, suffixes)
-    )
+    if splits:
+        found = find_split_photos(parameters.folder, splits)
+    elif place == parameters.folder / FILE and parameters.images is None:
+        found = find_posed_photos(parameters.folder, place, suffixes)
+    else:
+        found = find_photos(parameters.folder, parameters.images, suffixes)
     facts = facts_of(context, found, posed=place is not None or bool(splits))
     poses, names = None, tuple(found.photos)
     if place is not None or splits:
@@ -127,7 +129,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         return picture_of(found.photos[name], parameters.background, facts[name].turned)
 
     write_capture(context.output("capture"), capture, kept)
-    held_out = held_out_names(names, place, splits)
+    held_out = held_out_names(names, place, splits, parameters.folder)
     if held_out:
         context.output("capture").attributes["test_names"] = [*held_out]
         context.log(f"{len(held_out)} photos are test views by the files of poses; the stage hold_out keeps to that")
@@ -138,6 +140,8 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         left_out=len(found.left_out),
         unread=dict(found.unread),
         not_looked_at=len(unseen),
+        below=found.below,
+        masked=0 if place is None or place.is_dir() else masked_frames(place),
     )
 
 
@@ -170,12 +174,26 @@ def picture_of(path: Path, background: str, turned: int) -> Path | bytes:
     return path if picture is None else encode_png(picture)
 
 
-def held_out_names(names: Iterable[str], place: Path | None, splits: Mapping[str, Path]) -> list[str]:
-    """The photos that the files of poses hold out for tests; empty where they say nothing of it."""
+def held_out_names(names: Iterable[str], place: Path | None, splits: Mapping[str, Path], folder: Path) -> list[str]:
+    """The photos that the files of poses hold out for tests; empty where they say nothing of it.
+
+    nerfstudio leaves a transforms.json beside the COLMAP model that it was made from.
+    """
     if splits:
         return [name for name in names if name.startswith(f"{TEST}_")]
-    if place is None or place.is_dir():
+    if place is None:
         return []
+    file = folder / FILE if place.is_dir() else place
     names = list(names)
-    held_out = set(map(photo_finder(names, place), held_out_files(place)))
+    held_out = set(map(photo_finder(names, file), _held_out_files(file, needed=not place.is_dir())))
     return [name for name in names if name in held_out]
+
+
+def _held_out_files(file: Path, needed: bool) -> list[str]:
+    """Of a file that is not needed, as a model has the poses, nothing if it is not there or is none."""
+    try:
+        return held_out_files(file)
+    except UserError:
+        if needed:
+            raise
+        return []

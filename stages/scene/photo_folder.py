@@ -46,12 +46,15 @@ class PhotoFolder:
 
     `unread`: how many of these are pictures that are not read, by suffix, but those whose photo is there as well.
     `left_out`: photos that lie in another place where they could have been looked for, such as a preview beside images.
+    `below`: how many lie in the folders beside the photos, where they outnumber these: of a rig with a few strays, most
+    likely, while depths and masks are as many as the photos.
     """
 
     photos: dict[str, Path]
     ignored: int
     left_out: tuple[Path, ...] = ()
     unread: Mapping[str, int] = field(default_factory=dict)
+    below: int = 0
 
 
 @dataclass(frozen=True)
@@ -89,8 +92,13 @@ def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str]
     (place, photos), (_, left_out) = (beside, inside) if len(beside[1]) >= len(inside[1]) else (inside, beside)
     if photos:
         files = [file for file in place.iterdir() if file.is_file()]
+        below = _photos_below(place, suffixes, {*left_out})
         return PhotoFolder(
-            named_photos(place, photos), len(files) - len(photos), tuple(left_out), _unread(files, photos)
+            named_photos(place, photos),
+            len(files) - len(photos),
+            tuple(left_out),
+            _unread(files, photos),
+            below if below > len(photos) else 0,
         )
     for place in own:
         files = _files_below(place)
@@ -132,6 +140,12 @@ def files_not_among(photos: Collection[Path], folder: Path) -> list[Path]:
 
 def _photos_in(place: Path, suffixes: Sequence[str]) -> list[Path]:
     return sorted(file for file in place.iterdir() if file.is_file() and _is_photo(file, suffixes))
+
+
+def _photos_below(place: Path, suffixes: Sequence[str], known: Collection[Path]) -> int:
+    """How many photos lie in the folders of `place`, but those that are known."""
+    folders = [folder for folder in place.iterdir() if folder.is_dir() and not folder.name.startswith(".")]
+    return sum(photo not in known for folder in folders for photo in _photos_in(folder, suffixes))
 
 
 def _files_below(place: Path) -> list[Path]:

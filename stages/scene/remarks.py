@@ -43,10 +43,20 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
     if elsewhere:
         remarks.append(
             Remark(
-                f"{elsewhere} more photos were left out, which lie in the folder itself or in one for photos in it, "
-                "where fewer are; the log says where."
+                f"{elsewhere} more photos were left out, which lie in the folder itself or in another in it; the log "
+                "says where."
             )
         )
+    below, masked = (int(str(finished.facts.get(fact, 0))) for fact in ("below", "masked"))
+    if below:
+        remarks.append(
+            Remark(
+                f"{below} photos lie in folders beside the {kept + left} that were taken, and were left out. Those of "
+                "several folders, such as the cameras of a rig, are taken where no photo lies beside the folders."
+            )
+        )
+    if masked:
+        remarks.append(Remark(f"{masked} frames name masks, which are not used: what they cover is part of the scene."))
     unread = told_of_unread(finished.facts)
     if unread:
         remarks.append(Remark(unread))

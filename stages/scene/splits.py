@@ -7,15 +7,14 @@ names, too: `train_left_r_0.png`. The split `val` is left out, as others leave i
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.errors import UserError
 from stages.scene.capture import PoseSource
 from stages.scene.colmap import PosedPhoto
-from stages.scene.photo_folder import SUFFIXES, PhotoFolder, named_photos, read_poses, refuse_unwritten_names
+from stages.scene.named_frames import photo_of_frame, under_one_folder
+from stages.scene.photo_folder import PhotoFolder, read_poses, refuse_unwritten_names
 from stages.scene.transforms import frame_files
 
 TRAIN, TEST = "train", "test"
@@ -40,34 +39,10 @@ def find_split_photos(folder: Path, splits: Mapping[str, Path]) -> PhotoFolder:
     """
     photos: dict[str, Path] = {}
     for split, file in splits.items():
-        own = list(dict.fromkeys(_photo_of(folder, file, frame) for frame in frame_files(file)))
-        if own:
-            shared = Path(os.path.commonpath([photo.parent for photo in own]))
-            photos |= {f"{split}_{name}": photo for name, photo in named_photos(shared, own).items()}
+        own = list(dict.fromkeys(photo_of_frame(folder, file, frame) for frame in frame_files(file)))
+        photos |= {f"{split}_{name}": photo for name, photo in under_one_folder(own).items()}
     refuse_unwritten_names(folder, photos)
     return PhotoFolder(dict(sorted(photos.items())), 0)
-
-
-def _photo_of(folder: Path, file: Path, frame: str) -> Path:
-    inside = not Path(frame).is_absolute() and ".." not in Path(frame).parts
-    candidates = [folder / f"{frame}{suffix}" for suffix in ("", *SUFFIXES)] if inside and "\0" not in frame else []
-    for candidate in candidates:
-        if candidate.suffix.lower() in SUFFIXES and _is_file(candidate):
-            return candidate
-    raise UserError(
-        "poses came for photos that do not exist",
-        where=file,
-        found=repr(frame[:80]),
-        expected=f"a file_path of a photo in the capture's folder, with or without {', '.join(SUFFIXES)}",
-        remedy="Put the photo there, or take the frame out.",
-    )
-
-
-def _is_file(candidate: Path) -> bool:
-    try:
-        return candidate.is_file()
-    except OSError:  # a name that no file system has room for
-        return False
 
 
 def read_split_poses(

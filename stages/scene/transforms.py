@@ -82,6 +82,11 @@ def held_out_files(path: Path) -> list[str]:
     return [name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
 
 
+def masked_frames(path: Path) -> int:
+    """How many frames name a mask, as nerfstudio's `mask_path` does."""
+    return sum(isinstance(frame, Mapping) and bool(frame.get("mask_path")) for frame in _content(path)["frames"])
+
+
 def _content(path: Path) -> Mapping[str, Any]:
     try:
         content = json.loads(path.read_text("utf-8-sig"))

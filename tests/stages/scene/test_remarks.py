@@ -81,6 +81,12 @@ def test_photos_in_another_place() -> None:
     assert remark.text.startswith("1 more photos were left out")
 
 
+def test_photos_in_folders_beside_and_masks() -> None:
+    below, masked = photos_left_out(finished({}, {}, photos=3, below=400, masked=2))
+    assert below.text.startswith("400 photos lie in folders beside the 3 that were taken")
+    assert masked.text.startswith("2 frames name masks, which are not used")
+
+
 def test_pictures_that_are_not_read() -> None:
     (remark,) = photos_left_out(finished({}, {}, photos=3, unread={".heic": 30, ".dng": 1}))
     assert remark.text == "31 pictures (.heic, .dng) cannot be read and were left out; convert them to JPEG."

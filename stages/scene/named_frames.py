@@ -1,0 +1,70 @@
+"""The photos that a file of poses names by their paths, wherever in the capture's folder they lie."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from pipeline.errors import UserError
+from stages.scene.photo_folder import SUFFIXES, PhotoFolder, find_photos, named_photos
+from stages.scene.transforms import frame_files
+
+
+def find_posed_photos(folder: Path, file: Path, suffixes: Sequence[str] = SUFFIXES) -> PhotoFolder:
+    """The photos of a `folder` whose poses are in the transforms.json `file`.
+
+    Those that `find_photos` finds, unless all photos that the frames name are there and some are others: they may lie
+    in a folder of any name, and undistorted ones beside the originals. Raises `UserError` as `find_photos` does.
+    """
+    named = _named(folder, file)
+    try:
+        found = find_photos(folder, suffixes=suffixes)
+    except UserError:
+        if named:
+            return PhotoFolder(named, 0)
+        raise
+    known = {*found.photos.values()}
+    if known.issuperset(named.values()):
+        return found
+    return PhotoFolder(named, 0, tuple(sorted(known.difference(named.values()))))
+
+
+def _named(folder: Path, file: Path) -> dict[str, Path]:
+    """The photos of all frames under the names of files, sorted; empty where not all are there."""
+    try:
+        photos = list(dict.fromkeys(photo_of_frame(folder, file, frame) for frame in frame_files(file)))
+    except UserError:  # paths as they were where the file was written, most often
+        return {}
+    return under_one_folder(photos)
+
+
+def under_one_folder(photos: Sequence[Path]) -> dict[str, Path]:
+    """The photos as `named_photos` names them from the folder that all of them lie in; empty where there is none."""
+    return named_photos(Path(os.path.commonpath([photo.parent for photo in photos])), photos) if photos else {}
+
+
+def photo_of_frame(folder: Path, file: Path, frame: str) -> Path:
+    """The photo that a frame of `file` names by a path from `folder`, which may leave the extension out.
+
+    Raises `UserError` where it is not there, or lies outside of `folder`, since what does could change unseen.
+    """
+    inside = not Path(frame).is_absolute() and ".." not in Path(frame).parts
+    candidates = [folder / f"{frame}{suffix}" for suffix in ("", *SUFFIXES)] if inside and "\0" not in frame else []
+    for candidate in candidates:
+        if candidate.suffix.lower() in SUFFIXES and _is_file(candidate):
+            return candidate
+    raise UserError(
+        "poses came for photos that do not exist",
+        where=file,
+        found=repr(frame[:80]),
+        expected=f"a file_path of a photo in the capture's folder, with or without {', '.join(SUFFIXES)}",
+        remedy="Put the photo there, or take the frame out.",
+    )
+
+
+def _is_file(candidate: Path) -> bool:
+    try:
+        return candidate.is_file()
+    except OSError:  # a name that no file system has room for
+        return False

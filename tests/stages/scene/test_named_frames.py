@@ -1,0 +1,93 @@
+"""Photos of a transforms.json, which names them by paths: in a folder of any name, and undistorted ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.artifact import Artifact
+from pipeline.canonical import Json
+from pipeline.stage import Context
+from stages.scene.capture import picture_path, read_capture
+from tests.stages.scene.test_colmap import write_text_model
+from tests.stages.scene.test_transforms import MATRIX, write
+from tests.stages.test_photos import capture, take
+
+
+def posed(folder: Path, *paths: str, **shared: object) -> None:
+    """A file of poses of photos at these paths, 64 x 48 pixels."""
+    frames: list[dict] = [{"file_path": path, "transform_matrix": MATRIX} for path in paths]
+    write(folder, frames, fl_x=60, w=64, h=48, **shared)
+
+
+def bytes_of(made: Artifact) -> list[bytes]:
+    return [picture_path(made, name).read_bytes() for name in read_capture(made).names]
+
+
+@pytest.mark.parametrize("suffix", ["", ".png"])
+def test_photos_lie_where_the_frames_say(tmp_path: Path, suffix: str) -> None:
+    for name in ("1.png", "2.png"):
+        take(tmp_path / "scan" / "frames" / name)
+    posed(tmp_path / "scan", f"./frames/1{suffix}", f"frames/2{suffix}")
+    assert read_capture(capture(tmp_path / "scan", tmp_path / "out")).names == ("1.png", "2.png")
+
+
+def test_undistorted_photos_come_before_the_originals_of_the_same_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded: dict[str, Json] = {}
+    monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))
+    scan = tmp_path / "scan"
+    for name in ("1.jpg", "2.jpg"):
+        take(scan / "images" / name, size=(640, 480))
+        take(scan / "undistorted" / name)
+    posed(scan, "undistorted/1.jpg", "undistorted/2.jpg")
+    made = capture(scan, tmp_path / "out")
+    assert read_capture(made).sizes == ((64, 48), (64, 48))
+    assert bytes_of(made) == [(scan / "undistorted" / name).read_bytes() for name in ("1.jpg", "2.jpg")]
+    assert recorded["left_out"] == 2
+
+
+def test_photos_elsewhere_than_the_frames_say_are_found_by_their_names(tmp_path: Path) -> None:
+    """As where the file was written on another machine, or names only some of the photos."""
+    scan = tmp_path / "scan"
+    for name in ("1.jpg", "2.jpg", "3.jpg"):
+        take(scan / "images" / name)
+    posed(scan, "/home/somebody/1.jpg", "../2.jpg")
+    assert read_capture(capture(scan, tmp_path / "elsewhere")).names == ("1.jpg", "2.jpg")
+    posed(scan, "images/1.jpg", "images/3.jpg")
+    assert read_capture(capture(scan, tmp_path / "some")).names == ("1.jpg", "3.jpg")
+
+
+def test_the_parameter_images_wins(tmp_path: Path) -> None:
+    scan = tmp_path / "scan"
+    take(scan / "frames" / "1.jpg", size=(640, 480))
+    take(scan / "frames_10" / "1.jpg")
+    posed(scan, "frames/1.jpg")
+    assert read_capture(capture(scan, tmp_path / "out", images="frames_10")).sizes == ((64, 48),)
+
+
+def test_masks_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded: dict[str, Json] = {}
+    monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))
+    take(tmp_path / "scan" / "images" / "1.jpg")
+    masked: dict = {"file_path": "images/1.jpg", "transform_matrix": MATRIX, "mask_path": "masks/1.png"}
+    write(tmp_path / "scan", [masked], fl_x=60, w=64, h=48)
+    capture(tmp_path / "scan", tmp_path / "out")
+    assert recorded["masked"] == 1
+
+
+@pytest.mark.parametrize(("content", "held_out"), [(None, ["a.jpg"]), ("no JSON", None)])
+def test_the_split_beside_a_model_counts(tmp_path: Path, content: str | None, held_out: list[str] | None) -> None:
+    """nerfstudio leaves a transforms.json beside the model; any other file of that name says nothing."""
+    scan = tmp_path / "scan"
+    write_text_model(scan / "colmap" / "sparse" / "0")
+    for name in ("a.jpg", "b two.jpg"):
+        take(scan / "images" / name, size=(640, 480))
+    posed(scan, "images/a.jpg", "images/b two.jpg", test_filenames=["images/a.jpg"])
+    if content is not None:
+        (scan / "transforms.json").write_text(content)
+    made = capture(scan, tmp_path / "out")
+    assert made.attributes["poses"] == "colmap"
+    assert made.attributes.get("test_names") == held_out
