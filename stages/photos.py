@@ -30,6 +30,7 @@ from stages.scene.photo_folder import (
     poses_at,
     read_facts,
     read_poses,
+    taken_by,
 )
 from stages.scene.splits import TEST, find_split_photos, find_splits, read_split_poses
 from stages.scene.transforms import FILE, held_out_files, masked_frames
@@ -119,6 +120,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         focal_pixels=tuple(facts[name].focal_pixels for name in names),
         ordered=numbered(names) if parameters.order == "auto" else parameters.order == "ordered",
         poses=poses,
+        taken_by=taken_by({name: found.photos[name] for name in names}, facts),
     )
     turned = sum(facts[name].turned != UPRIGHT for name in names)
     if turned:

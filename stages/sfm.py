@@ -7,14 +7,17 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from pipeline.canonical import Json
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, KnownPoses, picture_path, read_capture
+from stages.scene.drawn_depths import drawn_scene
 from stages.scene.pairing import Matching
 from stages.scene.pose_errors import pose_errors
+from stages.scene.reconstruction_job import Reconstruction
 from stages.scene.scene import Scene, write_scene
-from stages.scene.structure_from_motion import PROCESS, WHERE, Settings, Watcher, reconstruct
+from stages.scene.structure_from_motion import FEWEST_POINTS, PROCESS, WHERE, Settings, Watcher, reconstruct
 
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
 
@@ -26,8 +29,9 @@ class SfmParameters(Parameters):
     matching_size: int = Field(1600, ge=64, description="Long side at which photos are matched, at most.")
     matching: Matching = Field(
         "auto",
-        description="Which photos are compared: all, or neighbours in a sequence; auto: a sequence where more than 30 "
-        "photos are ordered, and all of up to 120 after all where that places too few.",
+        description="Which photos are compared: all, or neighbours in a sequence; auto: all of up to 30 photos; of "
+        "more those that stand near each other where poses are kept, else a sequence where they are ordered (and all "
+        "of up to 120 after all where that places too few), else all.",
     )
     max_features: int = Field(
         8192, ge=64, description="Features a photo, about: COLMAP drops the finest scales of what exceeds it."
@@ -56,6 +60,10 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
     watcher = Watcher(lambda done: context.progress(round(100 * done, 1), 100), context.log, context.stop_requested)
     pictures = {name: picture_path(artifact, name) for name in capture.names}
     scene, result = reconstruct(capture, pictures, poses, settings, context.scratch, watcher)
+    if poses is not None:
+        scene, factor = drawn_scene(scene)
+        if factor != 1:
+            context.log(f"the poses' world is small: enlarged {factor:.3g} times, lest it lies nearer than is drawn")
     errors = errors_against_truth(capture, scene) if poses is None else {}
     write_scene(
         context.output("scene"),
@@ -78,8 +86,15 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
     )
     if min(result.lens_shares, default=1.0) < 1:
         context.record(shares_shown=[round(result.lens_shares[lens], 3) for lens in result.lens_of])
+    if poses is not None:
+        context.record(unsure_poses=photos_without_points(scene, result))
     if result.folded:
         context.record(folded=[capture.names[row] for row in result.folded])
+
+
+def photos_without_points(scene: Scene, result: Reconstruction) -> list[Json]:
+    """The photos that see hardly any of the points: of given poses, those that may be wrong."""
+    return [name for name, seen in zip(scene.cameras.names, result.points_seen, strict=True) if seen < FEWEST_POINTS]
 
 
 def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | None:

@@ -7,20 +7,12 @@ own, a thing of a tenth of a unit in metres say, would lie before that plane, wh
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
-import numpy as np
-
-from opencl.rasterizer import RasterSettings
 from stages.hiding.placing import clear_depth
 from stages.hiding.placing_alone import CLEAR_RADII, middle_and_radius
+from stages.scene.drawn_depths import AMPLE, NEAR, enlarged_scene
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import Scene
-from stages.scene.similarity import Similarity
-
-NEAR = RasterSettings().near
-AMPLE = 10 * NEAR
-"""The depth from which on surfaces count in an enlarged world: about that of COLMAP's worlds."""
 
 
 def enlarged(gaussians: Gaussians, message: Scene | None) -> tuple[Gaussians, Scene | None, float]:
@@ -36,11 +28,5 @@ def enlarged(gaussians: Gaussians, message: Scene | None) -> tuple[Gaussians, Sc
         return gaussians, message, 1.0
     factor = AMPLE / clear_from
     grown = {"means": gaussians.means * factor, "log_scales": gaussians["log_scales"] + math.log(factor)}
-    scene = None if message is None else _enlarged_scene(message, factor)
+    scene = None if message is None else enlarged_scene(message, factor)
     return Gaussians(gaussians.parameters | grown), scene, factor
-
-
-def _enlarged_scene(scene: Scene, factor: float) -> Scene:
-    grown = Similarity(factor, np.eye(3), np.zeros(3))
-    cameras = replace(scene.cameras, world_to_camera=grown.world_to_camera(scene.cameras.world_to_camera))
-    return replace(scene, cameras=cameras, points=scene.points * np.float32(factor))

@@ -36,6 +36,7 @@ class Capture:
 
     `names` are file names, `sizes` the width and height of each picture when upright, `focal_pixels` what EXIF says
     of its focal length. `ordered`: the names' numbers count in the order in which the photos were taken.
+    `taken_by`: the number of the camera that took each, as far as it is known which differ; empty: nothing says so.
     """
 
     names: tuple[str, ...]
@@ -43,6 +44,7 @@ class Capture:
     focal_pixels: tuple[float | None, ...]
     ordered: bool
     poses: KnownPoses | None = None
+    taken_by: tuple[int, ...] = ()
 
 
 def write_capture(writer: ArtifactWriter, capture: Capture, picture_of: Callable[[str], bytes | Path]) -> None:
@@ -58,6 +60,7 @@ def write_capture(writer: ArtifactWriter, capture: Capture, picture_of: Callable
         sizes=[list(size) for size in capture.sizes],
         focal_pixels=list(capture.focal_pixels),
         ordered=capture.ordered,
+        taken_by=list(capture.taken_by),
         poses="none" if capture.poses is None else capture.poses.source,
     )
     if capture.poses is not None:
@@ -78,6 +81,7 @@ def read_capture(artifact: Artifact) -> Capture:
         focal_pixels=tuple(attributes["focal_pixels"]),
         ordered=bool(attributes["ordered"]),
         poses=_read_poses(artifact, attributes, sizes),
+        taken_by=tuple(attributes.get("taken_by", ())),
     )
 
 

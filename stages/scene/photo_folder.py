@@ -30,7 +30,7 @@ OTHER_PICTURES = (".heic", ".heif", ".avif", ".jxl", ".gif", ".dng", ".cr2", ".c
 SUBFOLDERS = ("images", "input", "photos", "rgb")
 """Where captures keep their pictures when they do not lie in the folder itself."""
 
-EXIF_FOLDER, FOCAL_LENGTH_IN_35MM = 0x8769, 0xA405
+EXIF_FOLDER, FOCAL_LENGTH_IN_35MM, FOCAL_LENGTH, MAKER, MODEL = 0x8769, 0xA405, 0x920A, 0x010F, 0x0110
 DIAGONAL_OF_35MM = math.hypot(36, 24)
 ASPECT_TOLERANCE = 0.01
 LARGEST_SIDE = 1_000_000
@@ -62,11 +62,13 @@ class PhotoFacts:
     """Width and height, and the focal length in pixels where EXIF tells it.
 
     `turned` is EXIF's orientation where they are of the pixels as stored, from which a viewer would turn them.
+    `camera` is what EXIF says of what took it: maker, model, and how far its lens was zoomed; empty where it is silent.
     """
 
     size: tuple[int, int]
     focal_pixels: float | None
     turned: int = UPRIGHT
+    camera: str = ""
 
 
 def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str] = SUFFIXES) -> PhotoFolder:
@@ -241,16 +243,33 @@ def read_facts(photo: Path, posed: bool = False) -> PhotoFacts:
     height, width = read_picture(photo).shape[:2]
     with open_picture(photo) as image:
         turned = orientation_of(image) if posed else UPRIGHT
-        equivalent = _equivalent_focal_length(image)
+        equivalent, camera = _millimetres(image, FOCAL_LENGTH_IN_35MM), _camera(image)
     size = (height, width) if turned in SIDEWAYS else (width, height)
     focal_pixels = None if equivalent is None else equivalent / DIAGONAL_OF_35MM * math.hypot(width, height)
-    return PhotoFacts(size, focal_pixels, turned)
+    return PhotoFacts(size, focal_pixels, turned, camera)
 
 
-def _equivalent_focal_length(image: Image.Image) -> float | None:
-    """In millimetres on 35 mm film, as EXIF says; None where it does not, or cannot be read: SfM finds it as well."""
+def taken_by(photos: Mapping[str, Path], facts: Mapping[str, PhotoFacts]) -> tuple[int, ...]:
+    """A number for each photo, equal for those that one camera may have taken, zoomed alike: by EXIF, and where it is
+    silent by the folder that the photo lies in, as of a rig's cameras."""
+    told = [facts[name].camera or f"in {photo.parent}" for name, photo in photos.items()]
+    numbers = {camera: number for number, camera in enumerate(dict.fromkeys(told))}
+    return tuple(numbers[camera] for camera in told)
+
+
+def _camera(image: Image.Image) -> str:
+    """Maker and model, and the focal length in millimetres; empty where EXIF tells no model, or cannot be read."""
     try:
-        millimetres = float(image.getexif().get_ifd(EXIF_FOLDER)[FOCAL_LENGTH_IN_35MM])
+        maker, model = (str(image.getexif().get(tag, "")).strip(" \0") for tag in (MAKER, MODEL))
+    except BROKEN_EXIF:
+        return ""
+    return f"{maker} {model} {_millimetres(image, FOCAL_LENGTH) or 0:.2f}" if model else ""
+
+
+def _millimetres(image: Image.Image, tag: int) -> float | None:
+    """A focal length of EXIF's; None where it does not say, or cannot be read: SfM finds it as well."""
+    try:
+        millimetres = float(image.getexif().get_ifd(EXIF_FOLDER)[tag])
     except BROKEN_EXIF:
         return None
     return millimetres if math.isfinite(millimetres) and millimetres > 0 else None

@@ -27,13 +27,14 @@ class Job:
     """V working pictures in `folder`, as `working_name` calls them, and what to do with them.
 
     `lenses` are starting points, or known where `poses` (world to camera) are given; photos with equal lenses share
-    one camera. `pairs` are the photos to compare, `pairs_in_need` those to compare as well where the
-    first place too few. `width` and `height` are the training size.
+    one camera where `taken_by` is equal, too. `pairs` are the photos to compare, `pairs_in_need` those to compare as
+    well where the first place too few. `width` and `height` are the training size.
     """
 
     folder: Path
     lenses: tuple[Lens, ...]
     focal_known: tuple[bool, ...]
+    taken_by: tuple[int, ...]
     poses: tuple[tuple[tuple[float, ...], ...], ...] | None
     pairs: tuple[Pair, ...]
     pairs_in_need: tuple[Pair, ...]
@@ -62,6 +63,7 @@ def read_job(path: Path) -> Job:
                 Lens(one["model"], tuple(one["parameters"]), one["width"], one["height"]) for one in content["lenses"]
             ),
             "focal_known": tuple(content["focal_known"]),
+            "taken_by": tuple(content["taken_by"]),
             "poses": None if poses is None else tuple(tuple(tuple(row) for row in pose) for pose in poses),
             "pairs": tuple((first, second) for first, second in content["pairs"]),
             "pairs_in_need": tuple((first, second) for first, second in content["pairs_in_need"]),
@@ -74,8 +76,9 @@ class Reconstruction:
     """R registered photos (`rows`, ascending, of the job's V), P points, and one pinhole for all pictures.
 
     `lens_of` is the lens of each registered photo, the row of `read_corners` and of `lens_shares`: what the pinhole
-    shows of the picture that this lens alone would give (see `shares_shown`). The reprojection error is in working
-    pixels. Where too few photos registered there may be no points, no lens and no pinhole: there are no corners then.
+    shows of the picture that this lens alone would give (see `shares_shown`). `points_seen`: how many of the points
+    each registered photo sees. The reprojection error is in working pixels. Where too few photos registered there may
+    be no points, no lens and no pinhole: there are no corners then.
     `folded` are rows that were left out because their lens folds over (see `folded_lenses`).
     """
 
@@ -84,6 +87,7 @@ class Reconstruction:
     intrinsics: Float64[np.ndarray, "3 3"]
     lens_of: tuple[int, ...]
     lens_shares: tuple[float, ...]
+    points_seen: tuple[int, ...]
     points: Float32[np.ndarray, "P 3"]
     point_colors: UInt8[np.ndarray, "P 3"]
     mean_reprojection_error: float
@@ -97,6 +101,7 @@ class Reconstruction:
             "rows": self.rows,
             "lens_of": self.lens_of,
             "lens_shares": self.lens_shares,
+            "points_seen": self.points_seen,
             "mean_reprojection_error": self.mean_reprojection_error,
             "lens_parameters": self.lens_parameters,
             "folded": self.folded,
@@ -116,7 +121,7 @@ class Reconstruction:
 def read_reconstruction(folder: Path) -> Reconstruction:
     """Read what `Reconstruction.write` wrote."""
     facts = json.loads((folder / FACTS).read_text())
-    for name in ("rows", "lens_of", "lens_shares", "lens_parameters", "folded"):
+    for name in ("rows", "lens_of", "lens_shares", "points_seen", "lens_parameters", "folded"):
         facts[name] = tuple(facts[name])
     with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
         return Reconstruction(**facts, **{name: arrays[name] for name in arrays.files})

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import time
 import zlib  # noqa: F401 - loaded before pycolmap, for the reason above
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -84,12 +85,10 @@ def extract(job: Job) -> None:
 
 def enter_pictures(job: Job, path: Path) -> None:
     pycolmap.Database.open(path).close()
-    for lens, known in dict.fromkeys(zip(job.lenses, job.focal_known, strict=True)):
-        group = [
-            working_name(row)
-            for row, pair in enumerate(zip(job.lenses, job.focal_known, strict=True))
-            if pair == (lens, known)
-        ]
+    cameras = list(zip(job.lenses, job.focal_known, job.taken_by, strict=True))
+    for camera in dict.fromkeys(cameras):
+        lens, known, _ = camera
+        group = [working_name(row) for row, own in enumerate(cameras) if own == camera]
         options = pycolmap.ImageReaderOptions(camera_model=lens.model, camera_params=written(lens))
         pycolmap.import_images(path, job.folder, pycolmap.CameraMode.SINGLE, group, options)
         if not known:
@@ -221,12 +220,14 @@ def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str,
     poses = np.tile(np.eye(4), (len(images), 1, 1))
     poses[:, :3] = [image.cam_from_world().matrix() for image in images]
     kept = [point for _, point in sorted(model.points3D.items()) if point.track.length() >= SHORTEST_TRACK]
+    seen = Counter(number for point in kept for number in {element.image_id for element in point.track.elements})
     return Reconstruction(
         rows=tuple(row_of(image.name) for image in images),
         world_to_camera=poses,
         intrinsics=pinhole.intrinsics,
         lens_of=tuple(numbers.index(image.camera_id) for image in images),
         lens_shares=shares_shown(lenses, job.width, job.height),
+        points_seen=tuple(seen[image.image_id] for image in images),
         points=np.array([point.xyz for point in kept], np.float32).reshape(-1, 3),
         point_colors=np.array([point.color for point in kept], np.uint8).reshape(-1, 3),
         mean_reprojection_error=model.compute_mean_reprojection_error() if kept else 0.0,
@@ -245,6 +246,7 @@ def nothing(seconds: dict[str, float], folded: tuple[int, ...]) -> Reconstructio
         intrinsics=np.eye(3),
         lens_of=(),
         lens_shares=(),
+        points_seen=(),
         points=np.empty((0, 3), np.float32),
         point_colors=np.empty((0, 3), np.uint8),
         mean_reprojection_error=0.0,

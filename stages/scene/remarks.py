@@ -20,6 +20,7 @@ HARDLY_SEEN = (
 CHOOSE_ANOTHER = "Choose one that was photographed from all the sides from which the cover's cameras look."
 WORTH_A_WORD = 0.8
 """Where the pictures show at least this share of most photos, nothing is said of the rest."""
+UNSURE_SHARE = 0.2
 OVERLAP = "More overlap between photos, or a larger matching_size, places more."
 
 
@@ -73,8 +74,23 @@ def told_of_unread(facts: Mapping[str, object]) -> str:
 
 
 def photos_missing_or_cropped(finished: Finished) -> tuple[Remark, ...]:
-    """Of `sfm`: photos that are not in the scene, and pictures that show little of theirs."""
-    return photos_not_placed(finished) + photos_cropped(finished)
+    """Of `sfm`: photos that are not in the scene, or by wrong poses, and pictures that show little of theirs."""
+    return photos_not_placed(finished) + poses_unsure(finished) + photos_cropped(finished)
+
+
+def poses_unsure(finished: Finished) -> tuple[Remark, ...]:
+    """Of `sfm`: how many photos with given poses see hardly a point, where that is every fifth or more."""
+    recorded, names = finished.facts.get("unsure_poses", []), strings(finished.outputs["scene"], "names")
+    unsure = [str(name) for name in recorded] if isinstance(recorded, list) else []
+    if len(unsure) < UNSURE_SHARE * len(names) or not unsure:
+        return ()
+    return (
+        Remark(
+            f"{len(unsure)} of {len(names)} photos see hardly a point that their given poses explain: these may be "
+            "wrong, or there is nothing to match. With poses=estimate the stage finds its own.",
+            f"These are {', '.join(unsure)}",
+        ),
+    )
 
 
 def photos_not_placed(finished: Finished) -> tuple[Remark, ...]:

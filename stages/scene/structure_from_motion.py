@@ -142,12 +142,14 @@ def job_of(
     else:
         known = [focal is not None for focal in capture.focal_pixels]
         lenses = [starting_lens(capture, row, size, settings.camera_model) for row, size in enumerate(sizes)]
-    pairs, in_need = choose_pairs(settings.matching, in_order_of_numbers(capture.names), capture.ordered)
+    known_poses = None if poses is None else poses.world_to_camera
+    pairs, in_need = choose_pairs(settings.matching, in_order_of_numbers(capture.names), capture.ordered, known_poses)
     width, height = training_size(Counter(capture.sizes).most_common(1)[0][0], settings.width)
     return Job(
         folder=folder,
         lenses=tuple(lenses),
         focal_known=tuple(known),
+        taken_by=capture.taken_by or (0,) * len(lenses),
         poses=None if poses is None else tuple(tuple(map(tuple, pose)) for pose in poses.world_to_camera.tolist()),
         pairs=tuple(sorted(pairs)),
         pairs_in_need=tuple(sorted(in_need)),

@@ -19,8 +19,15 @@ from tests.stages.scene.test_colmap import QUATERNION, TRANSLATION, write_binary
 from tests.stages.scene.test_transforms import MATRIX
 
 
-def take(path: Path, size: tuple[int, int] = (64, 48), orientation: int | None = None, focal: object = None) -> None:
-    """A photo of noise, with EXIF data as asked for."""
+def take(
+    path: Path,
+    size: tuple[int, int] = (64, 48),
+    orientation: int | None = None,
+    focal: object = None,
+    model: str | None = None,
+    zoom: float | None = None,
+) -> None:
+    """A photo of noise, with EXIF data as asked for: `focal` on 35 mm film, `zoom` of the lens itself."""
     path.parent.mkdir(parents=True, exist_ok=True)
     pixels = np.random.default_rng(len(path.name)).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
     exif = Image.Exif()
@@ -28,6 +35,10 @@ def take(path: Path, size: tuple[int, int] = (64, 48), orientation: int | None =
         exif[0x0112] = orientation
     if focal is not None:
         exif.get_ifd(0x8769)[0xA405] = focal
+    if model is not None:
+        exif[0x0110] = model
+    if zoom is not None:
+        exif.get_ifd(0x8769)[0x920A] = zoom
     Image.fromarray(pixels).save(path, exif=exif)
 
 
@@ -74,6 +85,18 @@ def test_a_turned_photo_counts_as_it_is_seen(tmp_path: Path) -> None:
     assert read_picture(picture_path(artifact, "a.jpg")).shape == (64, 48, 3)
     diagonal_of_film = np.hypot(36, 24)
     assert found.focal_pixels[0] == pytest.approx(36 * np.hypot(48, 64) / diagonal_of_film)
+
+
+def test_photos_of_different_cameras_do_not_share_a_lens(tmp_path: Path) -> None:
+    """By EXIF's model and zoom; without them by the folder, as of a rig, but not by that where EXIF tells."""
+    rig = tmp_path / "rig" / "images"
+    for path in ("left/1.jpg", "left/2.jpg", "right/1.jpg"):
+        take(rig / path)
+    assert read_capture(capture(tmp_path / "rig", tmp_path / "out")).taken_by == (0, 0, 1)
+    phone = tmp_path / "phone" / "images"
+    for path, model, zoom in (("a/1.jpg", "X", 4.2), ("a/2.jpg", "X", 9), ("b/1.jpg", "X", 4.2), ("b/2.jpg", "Y", 9)):
+        take(phone / path, model=model, zoom=zoom)
+    assert read_capture(capture(tmp_path / "phone", tmp_path / "phone out")).taken_by == (0, 1, 0, 2)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

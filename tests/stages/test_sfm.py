@@ -19,9 +19,10 @@ from pipeline.canonical import Json
 from pipeline.errors import Interrupted, UserError
 from pipeline.stage import Context, Services, run_stage
 from stages.photos import PhotosParameters, photos
-from stages.scene.alignment import project
+from stages.scene.alignment import nearest_depth, project
 from stages.scene.cameras import Cameras
-from stages.scene.capture import Capture, KnownPoses, PoseSource, read_capture, write_capture
+from stages.scene.capture import Capture, KnownPoses, PoseSource, picture_path, read_capture, write_capture
+from stages.scene.drawn_depths import AMPLE
 from stages.scene.lens import Lens
 from stages.scene.reconstruction_job import Reconstruction
 from stages.scene.scene import Scene, read_scene
@@ -162,6 +163,25 @@ def test_given_poses_are_kept(truth: Cameras, source: PoseSource, tmp_path: Path
     assert np.median(nearest) < 0.02
 
 
+def test_poses_of_small_units_are_enlarged_until_what_they_see_is_drawn(
+    truth: Cameras, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of a close-up in metres: all of it would lie before the nearest plane that is drawn."""
+    recorded: dict[str, Json] = {}
+    monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))
+    tiny = truth.world_to_camera.copy()
+    tiny[:, :3, 3] *= 0.01
+    capture = write(replace(truth, world_to_camera=tiny), "colmap", tmp_path, photographs=photograph(truth))
+    log: list[str] = []
+    scene = read_scene(run(capture, tmp_path / "out", Services(log=log.append)))
+    assert nearest_depth(scene.cameras, scene.points) == pytest.approx(AMPLE, rel=1e-5)
+    factor = scene.cameras.world_to_camera[0, :3, 3] / tiny[0, :3, 3]
+    np.testing.assert_allclose(scene.cameras.world_to_camera[:, :3, 3], tiny[:, :3, 3] * factor[0], rtol=1e-6)
+    expect_points_where_pictures_show_them(scene)
+    assert any("enlarged" in line for line in log)
+    assert recorded["unsure_poses"] == []
+
+
 def test_poses_that_are_to_be_given_are_not_estimated_where_none_came(tmp_path: Path) -> None:
     with create(tmp_path / "capture", "capture") as writer:
         capture = Capture(("a.png", "b.png", "c.png"), (SIZE,) * 3, (None,) * 3, ordered=False)
@@ -187,6 +207,19 @@ def test_every_photo_may_have_a_lens_of_its_own(
     assert recorded["shares_shown"] == pytest.approx((np.linspace(1, 1.4, VIEWS) / 1.4) ** 2, abs=1e-3)
 
 
+def test_cameras_that_differ_get_a_lens_each(
+    synthetic: Artifact, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded: dict[str, Json] = {}
+    monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))
+    given = replace(read_capture(synthetic), poses=None, taken_by=(0, 0, 0, 1, 1, 1, 1, 1))
+    with create(tmp_path / "capture", "capture") as writer:
+        write_capture(writer, given, lambda name: picture_path(synthetic, name))
+    scene = run(load(tmp_path / "capture"), tmp_path / "out")
+    assert len(read_scene(scene).cameras) == VIEWS
+    assert len(set(map(str, recorded["lenses"]))) == 2  # type: ignore[arg-type]  # a list
+
+
 def test_given_lenses_that_fold_over_are_told_with_their_photos_before_any_work(truth: Cameras, tmp_path: Path) -> None:
     real = Lens("SIMPLE_RADIAL", (240.0, 100.0, 75.0, 0.02), *SIZE)
     folded = Lens("SIMPLE_RADIAL", (90.0, 100.0, 75.0, -0.4), *SIZE)
@@ -200,7 +233,7 @@ def test_given_lenses_that_fold_over_are_told_with_their_photos_before_any_work(
 def test_photos_left_out_for_their_lenses_are_told_where_too_few_are_left(synthetic: Artifact) -> None:
     settings = Settings(100, 960, "auto", 8192, "SIMPLE_RADIAL", minimum_registered=0.5, seed=0)
     none = np.empty((0, 3))
-    result = Reconstruction((), np.empty((0, 4, 4)), np.eye(3), (), (), none, none, 0.0, (), (2, 3), {}, "")
+    result = Reconstruction((), np.empty((0, 4, 4)), np.eye(3), (), (), (), none, none, 0.0, (), (2, 3), {}, "")
     with pytest.raises(
         UserError, match=r"placed 0 of 8 photos; found besides, 2 photos \(02\.png, 03\.png\).*panoramas"
     ):

@@ -35,7 +35,7 @@ describe(job, model, {}).write(job.folder)
 def described(folder: Path, panoramas: int) -> Reconstruction:
     """What the process makes of a model of `VIEWS` photos, each with a lens of its own, the first ones panoramas."""
     guesses = (Lens("SIMPLE_PINHOLE", (1200.0, 512.0, 384.0), 1024, 768),) * VIEWS
-    job = Job(folder, guesses, (False,) * VIEWS, None, (), (), 100, *SIZE, seed=0, threads=1)
+    job = Job(folder, guesses, (False,) * VIEWS, (0,) * VIEWS, None, (), (), 100, *SIZE, seed=0, threads=1)
     command = [sys.executable, "-c", DESCRIBE, str(job.write()), str(panoramas)]
     subprocess.run(command, check=True, cwd=Path(__file__).parents[3])
     return read_reconstruction(folder)

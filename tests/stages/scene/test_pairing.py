@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+from collections import Counter
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stages.scene.pairing import Matching, choose_pairs, exhaustive_pairs, in_batches, sequential_pairs
+from stages.scene.pairing import Matching, choose_pairs, exhaustive_pairs, in_batches, posed_pairs, sequential_pairs
 
 
 @given(st.permutations(range(40)))
@@ -29,6 +31,30 @@ def test_batches_hold_every_pair_once(photos: int, at_least: int) -> None:
     flat = [pair for batch in batches for pair in batch]
     assert sorted(flat) == sorted(exhaustive_pairs(photos))
     assert all(len(batch) >= at_least for batch in batches[:-1])
+
+
+@pytest.mark.parametrize("inwards", [True, False])
+def test_photos_are_compared_with_those_that_stand_and_look_alike(inwards: bool) -> None:
+    """A ring of 90 cameras that look inwards, or one that turns on its heel, in no order of their names."""
+    places = np.random.default_rng(0).permutation(90)
+    angles = np.radians(4 * places)
+    poses = np.tile(np.eye(4), (90, 1, 1))
+    poses[:, 0, [0, 2]] = np.stack([np.cos(angles), -np.sin(angles)], axis=1)
+    poses[:, 2, [0, 2]] = np.stack([np.sin(angles), np.cos(angles)], axis=1)
+    poses[:, 2, 3] = 5 if inwards else 0
+    pairs = posed_pairs(poses)
+    steps = Counter(min((places[a] - places[b]) % 90, (places[b] - places[a]) % 90) for a, b in pairs)
+    assert steps == dict.fromkeys(range(1, 11), 90)
+    assert all(first < second for first, second in pairs)
+
+
+def test_poses_decide_what_is_compared_of_many_photos() -> None:
+    poses = np.tile(np.eye(4), (40, 1, 1))
+    poses[:, 0, 3] = range(40)
+    assert choose_pairs("auto", list(range(40)), True, poses) == (posed_pairs(poses), set())
+    assert choose_pairs("exhaustive", list(range(40)), True, poses)[0] == exhaustive_pairs(40)
+    assert choose_pairs("auto", list(range(30)), True, poses[:30])[0] == exhaustive_pairs(30)
+    assert (0, 39) not in posed_pairs(poses)
 
 
 @pytest.mark.parametrize(
