@@ -19,7 +19,8 @@ class RasterSettings:
 
     What differs from its code: a Gaussian is drawn wherever it is more opaque than `alpha_minimum`, where that draws
     only tiles within 3 standard deviations; `radii` are 0 where no pixel is reached, where its are where no tile is
-    touched; and opacities that were clamped to `alpha_maximum` pass no gradient, where it lets them.
+    touched; opacities that were clamped to `alpha_maximum` pass no gradient, where it lets them; and where the field of
+    view is clamped the gradient of the depth is exact, of which it takes one term twice.
 
     gsplat's are `RasterSettings(near=0.01, alpha_maximum=0.999, radius_sigmas=3.33, clamp_about="principal_point")`.
     """

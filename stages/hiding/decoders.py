@@ -62,12 +62,13 @@ def decode(
 ) -> Float[Tensor, "H W C"]:
     """D(F_coup) of Eq. 5, unclamped float32, channels last.
 
-    `precision` bfloat16 runs the convolutions between the first and the last in it, with float32 weights, gradients and
-    sums: 0.6 of the time on CPUs that have the instructions, 1.1 times on others (`_through_rounded`). The last stays
-    in float32, since pictures rounded to eight bits are wrong about the sign of small residuals: on a trained container
-    that put a bias of up to 30 % on gradients of the weights. So does the first, which would read rounded features; it
-    costs no time. What is left: fox hiding kitchen, 600 iterations, shows the message 0.15 (homogeneous) and 0.08 dB
-    (gs_hider) worse on training views.
+    `precision` bfloat16 runs the convolutions between the first and the last in it, forward and backward, with float32
+    sums and weights that learn in float32: 0.6 of the time on AMD's CPUs that have the instructions (Zen 4 and 5), 1.4
+    times on Intel's without AMX (Emerald Rapids), 1.1 times on others (`_through_rounded`). The last stays in float32,
+    since pictures rounded to eight bits are wrong about the sign of small residuals: on a trained container that put a
+    bias of up to 30 % on gradients of the weights. So does the first, which would read rounded features; it costs no
+    time. What is left: fox hiding kitchen, 600 iterations, shows the message 0.15 (homogeneous) and 0.08 dB (gs_hider)
+    worse on training views.
     Both precisions give the same bits every time on one machine with one number of threads. Pictures do not depend on
     that number, but gradients of the weights do: they are sums over pixels, of which every thread adds its share first.
     """
