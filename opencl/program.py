@@ -43,6 +43,8 @@ _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
     ("gpu", "ssim"): ("real.cl", "cpu/lanes.cl", "ssim.cl"),
 }
 _KERNELS = Path(__file__).parent / "kernels"
+_TEXTS = {name: (_KERNELS / name).read_text(encoding="utf-8") for names in _SOURCES.values() for name in names}
+"""Read when this module is: a program that is built hours later is of the same sources, whatever was edited since."""
 
 PROJECTION_CHUNK: dict[Schedule, int] = {"cpu": 128, "gpu": 1}
 """Gaussians that a work-item of the projection takes."""
@@ -110,4 +112,4 @@ class ProgramKey:
         if self.dtype == torch.float64:
             lines.append("#define REAL_IS_DOUBLE")
         sources = _SOURCES[self.schedule, self.part]
-        return "\n".join([*lines, *((_KERNELS / source).read_text(encoding="utf-8") for source in sources)])
+        return "\n".join([*lines, *(_TEXTS[source] for source in sources)])

@@ -209,6 +209,7 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         transient = isinstance(error, TransientError)
         return Outcome(state, time.monotonic() - started, None, cause, damaged, log=path, transient=transient)
     finally:
+        action.loaded.look()  # a stage that failed early, and remarks, may have loaded what others work with later
         log.close()
         store.keep_log(path)
         shutil.rmtree(work, ignore_errors=True)

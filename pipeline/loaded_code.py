@@ -20,15 +20,22 @@ class LoadedCode:
 
     def __init__(self, code: Code) -> None:
         self._code = code
+        self._packages = {name.partition(".")[0] for name in code.modules}
         self._unseen = set(code.modules)
 
     def look(self) -> None:
-        """Notes what has been loaded since the last look; cheap where nothing has."""
-        new = [name for name in self._unseen if name in sys.modules]
-        unmarked = [name for name in new if not hasattr(sys.modules[name], MARK)]
-        for name, digest in self._on_disk(unmarked).items():
-            setattr(sys.modules[name], MARK, digest)
-        self._unseen.difference_update(new)
+        """Notes what has been loaded since the last look, be it of this code or not: a later stage may work with it."""
+        for name, module in [*sys.modules.items()]:
+            if name.partition(".")[0] in self._packages and not hasattr(module, MARK):
+                setattr(module, MARK, self._as_loaded(name))
+        self._unseen.difference_update(sys.modules)
+
+    def _as_loaded(self, name: str) -> str | None:
+        """The digest of a module that was loaded a moment ago; None, as no plan has it, if it is no Python now."""
+        try:
+            return self._on_disk([name])[name]
+        except UserError:
+            return None
 
     def check(self) -> None:
         """Raises UserError where a module was loaded, or could be loaded from now on, that is not as planned."""
@@ -47,6 +54,6 @@ class LoadedCode:
     def _on_disk(self, names: list[str] | set[str]) -> dict[str, str | None]:
         if not names:
             return {}
-        sources = SourceTree({name.partition(".")[0] for name in self._code.modules})
+        sources = SourceTree(self._packages)
         modules = {name: sources.module(name) for name in names}
         return {name: module.digest if module else None for name, module in modules.items()}

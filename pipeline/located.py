@@ -22,10 +22,11 @@ A_VALUE_OF_TEXT = 64  # characters that count as one value
 
 
 class Problems:
-    """Collects what is wrong, so that a person hears of all of it at once."""
+    """Collects what is wrong, so that a person hears of all of it at once; `missing` are vars that have no value."""
 
     def __init__(self) -> None:
         self._problems: list[Problem] = []
+        self.missing: set[str] = set()
 
     def add(self, place: Place, message: str) -> None:
         self._problems.append(Problem(place, message))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.collection import without_collection
 from pipeline.declaration import Catalogue
-from pipeline.errors import CommandError, Place
+from pipeline.errors import CommandError, PipelineError, Place
 from pipeline.external_cache import ExternalCache
 from pipeline.graph import Graph, build_graph
 from pipeline.located import Problems
@@ -50,8 +51,9 @@ def open_project(
             opened = open_store(store, make and not problems)
         except OSError as error:
             raise CommandError("cannot be a store", where=store, found=error.strerror) from error
-        if problems and not settings and not vars_files:
-            _remind(problems, file, opened.history.last_given(workflow.name))
+        if problems.missing and not settings and not vars_files:
+            with suppress(PipelineError, OSError):  # a bucket that cannot be reached must not hide the problems
+                _remind(problems, file, opened.history.last_given(workflow.name))
         catalogue = Catalogue(package, LIBRARIES, opened)
         graph = build_graph(workflow, catalogue, ExternalCache(opened), problems)
     given = [word for vars_file in vars_files for word in ("--vars", str(vars_file))]

@@ -205,6 +205,7 @@ class _Parser:
                 scope[name] = None if settings[name].broken else settings[name]
             elif value.value is None and stated[name].value is None and not value.broken:
                 self.problems.add(value.place, f"the var {name!r} has no value; give it with --set {name}=VALUE")
+                self.problems.missing.add(name)
                 scope[name] = None
             else:
                 scope[name] = substitute(value, scope, self.problems)

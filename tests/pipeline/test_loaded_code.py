@@ -62,6 +62,23 @@ def test_what_counts_is_what_was_imported(package: Path) -> None:
     LoadedCode(planned()).check()
 
 
+def test_what_another_stage_loaded_counts_too(package: Path) -> None:
+    """As remarks do after the last check, and whatever a stage loads that fails before its first."""
+    (package / "other.py").write_text("")
+    other = SourceTree((PACKAGE,)).code((f"{PACKAGE}.other",))
+    importlib.import_module(f"{PACKAGE}.work")
+    LoadedCode(other).look()
+    before = planned()
+    (package / "helper.py").write_text("FACTOR = 3\n")
+    with pytest.raises(UserError, match=rf"found another {PACKAGE}\.helper\b"):
+        LoadedCode(planned()).check()
+    LoadedCode(before).check()
+    (package / "broken.py").write_text("")
+    importlib.import_module(f"{PACKAGE}.broken")
+    (package / "broken.py").write_text("no Python")
+    LoadedCode(before).check()
+
+
 def test_the_engine_is_compared_too() -> None:
     check_engine(engine_digest())
     with pytest.raises(UserError, match="another version of the engine"):

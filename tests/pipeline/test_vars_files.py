@@ -149,3 +149,7 @@ def test_what_is_missing_is_told_from_the_last_run(profiled: Workspace) -> None:
     assert f"its last run in this store was given --vars {cpu} --set 'note=with a blank'" in told
     _, _, other = call(profiled, "status", "--set", "count=2")
     assert "last run" not in other
+    profiled.write(WORKFLOW.replace("file: null", "file: /dev/null").replace("uses: numbers", "uses: nought"))
+    _, _, wrong = call(profiled, "status")
+    assert "nought" in wrong
+    assert "last run" not in wrong

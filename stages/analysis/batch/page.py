@@ -23,12 +23,12 @@ from stages.analysis.batch.results import (
     measured,
 )
 from stages.analysis.page.figures import MISSING, WORDING, label, write_figure, write_seconds
-from stages.analysis.page.html import fill
+from stages.analysis.page.html import fill, templates_beside
 from stages.analysis.page.placed import Placed
 from stages.analysis.page.summary import Tile
 
 RESOURCES = ("templates/*",)
-TEMPLATES = Path(__file__).parent / "templates"
+TEMPLATES = templates_beside(__file__)
 OWNER_SUBJECTS = {
     COVER: "Cover, test views",
     MESSAGE: "Message, test views",

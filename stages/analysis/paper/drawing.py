@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from textwrap import wrap
 
 from stages.analysis.page.chart import HEIGHT, WIDTH, Chart
-from stages.analysis.page.html import fill
+from stages.analysis.page.html import fill, templates_beside
 
 RESOURCES = ("templates/*",)
-TEMPLATES = Path(__file__).parent / "templates"
+TEMPLATES = templates_beside(__file__)
 
 COLUMNS, GAP = 3, 24
 ABOVE, TITLE_LINE, BELOW, LEGEND_LINE = 22, 18, 24, 18

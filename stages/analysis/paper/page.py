@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from stages.analysis.page.figures import WORDING
-from stages.analysis.page.html import fill
+from stages.analysis.page.html import fill, templates_beside
 from stages.analysis.page.summary import Tile
 from stages.analysis.paper.ablations import ablations
 from stages.analysis.paper.chapter import Chapter, Writer
@@ -31,7 +30,7 @@ from stages.analysis.paper.steganalysis import steganalysis
 from stages.imaging.lpips_weights import HOW_TO_INSTALL
 
 RESOURCES = ("templates/*",)
-TEMPLATES = Path(__file__).parent / "templates"
+TEMPLATES = templates_beside(__file__)
 WRITERS: Mapping[str, Writer] = {
     "fidelity": fidelity,
     "no_message": no_message,

@@ -14,6 +14,7 @@ from stages.analysis.page.material import GS_HIDER
 
 RESOURCES = ("published.yaml",)
 FILE = Path(__file__).parent / "published.yaml"
+TEXT = FILE.read_text(encoding="utf-8")
 CAPTURES = 9
 
 PUBLISHED_AS = {"lpips_vgg": "lpips"}
@@ -102,7 +103,7 @@ def row_of(tables: Published, method: str, subject: Subject, quantity: str) -> R
 
 def read_published() -> Published:
     """The paper's tables."""
-    return Published.model_validate(YAML(typ="safe", pure=True).load(FILE))
+    return Published.model_validate(YAML(typ="safe", pure=True).load(TEXT))
 
 
 def rows_of(tables: Published) -> Iterator[tuple[str, Row]]:
