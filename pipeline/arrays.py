@@ -53,6 +53,8 @@ def _bytes_of_a_chunk(where: Path, record: ArrayRecord) -> int:
     sizes = (*record.shape, *record.chunks)
     if not kind or len(record.shape) != len(record.chunks) or any(type(size) is not int or size < 0 for size in sizes):
         raise CorruptArtifact(f"{where}: of type {record.dtype!r} and shape {record.shape}; expected numbers")
+    if any(chunk > max(1, size) for size, chunk in zip(record.shape, record.chunks, strict=True)):
+        raise CorruptArtifact(f"{where}: chunks of {record.chunks} in a shape of {record.shape}; expected smaller ones")
     size = math.prod(record.chunks) * int(kind[2])
     if not 0 < size <= LARGEST_READ:
         raise CorruptArtifact(f"{where}: {size} bytes in a chunk; expected 1 to {LARGEST_READ}")

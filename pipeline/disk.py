@@ -88,6 +88,8 @@ def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
         return f"{where}{error.strerror or error}"
     so_far = f", after {size_words(written)} were written" if written else ""
     kept = "What is done is kept; make room, then run again."
+    if "://" in str(store):
+        return f"no space left on this machine's disk, where copies of what is in {store} are kept{so_far}. {kept}"
     return f"no space left on the disk that holds {store}: {_room_words(store)}{so_far}. {kept}"
 
 

@@ -284,8 +284,11 @@ class _Collector:
             status = path.lstat()
             return self.now - max(status.st_atime, status.st_mtime) > CACHE_DAYS * DAY
 
-        files = self.here("cache/external", lambda path: bool(self.rules.forgotten) or is_old(path))
-        return files | self.here("cache/declarations", is_old) | self.here("cache/sources", is_old)
+        def is_old_or_names_files(path: Path) -> bool:
+            return bool(self.rules.forgotten) or is_old(path)
+
+        files = self.here("cache/external", is_old_or_names_files)
+        return files | self.here("cache/declarations", is_old_or_names_files) | self.here("cache/sources", is_old)
 
     def here(self, folder: str, goes: Callable[[Path], bool]) -> dict[str, int]:
         """As `entries`, of a folder that is never in a bucket."""

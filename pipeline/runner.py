@@ -18,6 +18,7 @@ from pipeline.canonical import Json
 from pipeline.cause import lasting_words
 from pipeline.changes import FAILED
 from pipeline.disk import words_of
+from pipeline.errors import Unreachable
 from pipeline.events import Event, Noted, Remarked, StageEnded, State, Summary
 from pipeline.executor import Executor, Lost
 from pipeline.graph import Graph, Node, Source
@@ -69,6 +70,7 @@ class Run:
     _journal: Journal | None = None
     _failures: Counter[str] = field(default_factory=Counter)
     _again_at: dict[str, float] = field(default_factory=dict)
+    _held: set[str] = field(default_factory=set)
     _commit: str | None = None
     _stopped_at: float | None = None
 
@@ -170,18 +172,23 @@ class Run:
             self._causes[name] = self._causes.get(lacking[0], "not made")
             self._end(StageResult(name, "skipped", cause=f"needs {lacking[0]}, which was not made"))
             return True
-        if time.monotonic() < self._again_at.get(name, 0.0):
+        if time.monotonic() < self._again_at.get(name, 0.0) or name in self._held:
             return False
         digests = {source: self._digest(source) for sources in node.sources.values() for source in sources}
         parts = key_parts(node, {source: digest or FAILED for source, digest in digests.items()}, self._causes)
         key = key_of(parts)
-        record = self._found(name, key)
+        try:
+            record = self._found(name, key)
+        except Unreachable as error:
+            self._ask_again(name, error)
+            return False
         if record:
+            self._again_at.pop(name, None)
             self._finish(StageResult(name, "cached", key, record.outputs, 0.0, record.private))
             return True
-        if key in self._running.values():
-            return False  # another stage is just doing the same
-        if self._running and (node.declaration.alone or self._someone_is_alone()):
+        another_does_the_same = key in self._running.values()
+        if another_does_the_same or (self._running and (node.declaration.alone or self._someone_is_alone())):
+            self._held.add(name)
             return False
         remains = self.store.remains(key) if node.unrepeatable else ()
         if remains:
@@ -201,6 +208,15 @@ class Run:
         for digest in damaged:
             self.store.set_aside(digest)
         return None if damaged else record
+
+    def _ask_again(self, name: str, error: Unreachable) -> None:
+        """Whether a stage is done is asked again after a while: however often, as long as others work meanwhile.
+
+        Raises the error where none does, and it was asked as often as a stage is tried.
+        """
+        if not self._running and self._failures[name] >= self.retries:
+            raise error
+        self._try_again(name, str(error))
 
     def _someone_is_alone(self) -> bool:
         return any(self.graph.nodes[name].declaration.alone for name in self._running)
@@ -264,12 +280,13 @@ class Run:
     def _take(self, name: str, outcome: Outcome | Lost) -> Iterable[str]:
         """Ends what an executor is done with; returns the nodes that this may concern."""
         key = self._running.pop(name)
+        self._held.clear()
         begun = self._begun_flag(key)
         if isinstance(outcome, Lost):
             outcome = self._lost(name, key, outcome, begun.exists())
         begun.unlink(missing_ok=True)
         if outcome.transient and self._failures[name] < self.retries and self._stopped_at is None:
-            return self._try_again(name, outcome)
+            return self._try_again(name, outcome.cause)
         if outcome.state == "damaged":
             return self._make_again(name, key, outcome)
         if outcome.state == "stopped":
@@ -294,14 +311,14 @@ class Run:
         log = self._log_of(name) if begun else None
         return Outcome("failed", cause=lost.reason, log=log, transient=lost.transient and not begun)
 
-    def _try_again(self, name: str, outcome: Outcome) -> Iterable[str]:
+    def _try_again(self, name: str, cause: str | None) -> Iterable[str]:
         """Puts a stage back whose failure may pass, to be done after a while."""
-        wait = FIRST_WAIT * 4 ** self._failures[name]
-        self._failures[name] += 1
+        times = min(self._failures[name] + 1, self.retries)
+        wait = FIRST_WAIT * 4 ** (times - 1)
+        self._failures[name] = times
         self._again_at[name] = time.monotonic() + wait
         self._waiting[name] = None
-        attempt = f"{self._failures[name]} of {self.retries}"
-        self.tell(Noted(f"{name}: {outcome.cause}; tried again in {wait:.0f} s ({attempt})"))
+        self.tell(Noted(f"{name}: {cause}; tried again in {wait:.0f} s ({times} of {self.retries})"))
         return [name]
 
     def _begun_flag(self, key: str) -> Path:

@@ -141,6 +141,14 @@ def test_a_manifest_that_leaves_the_directory_is_refused(tmp_path: Path) -> None
         load(tmp_path / "a")
 
 
+def test_chunks_larger_than_their_array_are_refused(tmp_path: Path) -> None:
+    """One number in a chunk of two gibibytes unfolds into them wherever it is read."""
+    with create(tmp_path / "a", "numbers") as writer:
+        writer.write("values", np.zeros(3), chunks=(3000,))
+    with pytest.raises(CorruptArtifact, match=r"chunks of \(3000,\) in a shape of \(3,\)"):
+        load(tmp_path / "a").read("values")
+
+
 @pytest.mark.parametrize("damage", ["", "{", "[]", '{"format": 1}', '{"format": 99}'])
 def test_a_damaged_manifest_is_noticed(tmp_path: Path, damage: str) -> None:
     write(tmp_path / "a", np.zeros(3))

@@ -164,7 +164,7 @@ def test_what_is_remembered_of_files_goes_with_a_forgotten_workflow(chain: Works
     assert list(store.root.glob("cache/external/*"))
     collected(chain, forgotten=frozenset({"chain"}))
     assert not list(store.root.glob("cache/external/*"))
-    assert list(store.root.glob("cache/declarations/*"))
+    assert not list(store.root.glob("cache/declarations/*"))
 
 
 def test_old_journals_go_but_not_the_last_word_on_a_stage(chain: Workspace) -> None:

@@ -91,6 +91,51 @@ def test_inputs_are_fetched_again_from_a_bucket_that_was_not_reached(
     assert list(said(ran)) == ["b: the connection broke off; tried again in 2 s (1 of 3)"]
 
 
+def test_a_bucket_that_does_not_say_what_is_done_is_asked_again(
+    workspace: Workspace, waits: Waits, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the run itself, which would end with all that runs; where nothing else is to be done, not for ever."""
+    workspace.write("stages:\n  a: {uses: numbers}\n  b: {uses: scale, in: {numbers: a}}\n")
+    find, left = Store.find, 2
+
+    def find_now_and_then(store: Store, key: str) -> object:
+        nonlocal left
+        left -= 1
+        if left >= 0:
+            raise Unreachable("the server cannot be reached")
+        return find(store, key)
+
+    monkeypatch.setattr(Store, "find", find_now_and_then)
+    ran = workspace.run()
+    assert ran.states == {"a": "ran", "b": "ran"}
+    assert [text.partition("; ")[2] for text in said(ran)] == [
+        "tried again in 2 s (1 of 3)",
+        "tried again in 8 s (2 of 3)",
+    ]
+    left = 1000
+    with pytest.raises(Unreachable, match="cannot be reached"):
+        workspace.run()
+
+
+def test_what_waits_for_others_is_not_looked_for_all_the_time(
+    workspace: Workspace, waits: Waits, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workspace.write("stages:\n  a: {uses: numbers}\n  b: {uses: measure}\n")
+    asked: list[str] = []
+    find = Store.find
+    monkeypatch.setattr(Store, "find", lambda store, key: (asked.append(key), find(store, key))[1])
+
+    class Slow(SerialExecutor):
+        rounds = 20
+
+        def wait(self, tell: Tell, seconds: float) -> tuple[str, object] | None:
+            self.rounds -= 1
+            return None if self.rounds > 0 else super().wait(tell, seconds)
+
+    assert workspace.run(executor=Slow()).states == {"a": "ran", "b": "ran"}
+    assert len(asked) <= 8
+
+
 def test_not_for_ever(workspace: Workspace, waits: Waits) -> None:
     workspace.write("stages:\n  a: {uses: flaky, with: {failures: 9}}\n  b: {uses: scale, in: {numbers: a}}\n")
     ran = workspace.run()

@@ -57,3 +57,8 @@ def test_what_is_used_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, files:
     words = words_of(OSError(errno.ENOSPC, "No space left on device"), tmp_path)
     assert said in words
     assert ("inodes" in words) == (said == "no free inodes")
+
+
+def test_of_a_store_in_a_bucket_it_is_the_disk_of_the_copies() -> None:
+    words = words_of(OSError(errno.ENOSPC, "No space left on device"), "s3://bucket/prefix")
+    assert words.startswith("no space left on this machine's disk, where copies of what is in s3://bucket/prefix")
