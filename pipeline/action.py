@@ -152,7 +152,7 @@ def _perform(job: Job, tell: Tell) -> Outcome:
             waits = True
             continue
         try:
-            record = store.find(job.key)
+            record = store.find(job.key) or store.send_late(job.key)
             if record:
                 return Outcome("cached", outputs=record.outputs, private=record.private)
             with store.in_use():

@@ -8,10 +8,11 @@
 A bucket knows neither renaming nor locks. So an action is done when its record is there, which is put after its
 artifacts and only where there is none yet: whoever comes second takes the record of the first.
 
-Stages work on the mirror. An artifact is fetched whole when it is first needed, and is moved into the mirror when every
-byte of it has been checked. Locks, checkpoints, declarations, the files behind a digest and the links in `latest` are
-the mirror's alone: on one machine each action is done once; two machines at the same time may both do one, of which
-one result counts; and what was interrupted on one machine begins anew on another.
+Stages work on the mirror. What is done there and could not be put into the bucket is put there when it is asked for
+next. An artifact is fetched whole when it is first needed, and is moved into the mirror when every byte of it has been
+checked. Locks, checkpoints, declarations, the files behind a digest and the links in `latest` are the mirror's alone: on
+one machine each action is done once; two machines at the same time may both do one, of which one result counts; and
+what was interrupted on one machine begins anew on another.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ from pipeline.sealed import write_text_whole
 from pipeline.store import LOCKS, Store, Young, is_store
 
 CACHE = "GS_HIDER_CACHE"
+UNSENT = "unsent"
+"""The mirror's folder with an empty file for each action whose result is not in the bucket yet, by its key."""
 SPARED = 86400.0  # seconds for which `gc` spares what was put: no lock tells of runs on other machines
 ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 
@@ -294,12 +297,24 @@ class RemoteStore(Store):
     def commit(
         self, key: str, parts: Mapping[str, Json], writers: Mapping[str, ArtifactWriter], provenance: Mapping[str, Any]
     ) -> Record:
-        """As in a local store. If it breaks off, nothing of the action can be seen."""
-        made = self._mirror.commit(key, parts, writers, provenance)
+        """As in a local store. If it breaks off, nothing of the action can be seen, and `send_late` goes on with it."""
+        mark = self.folder(UNSENT) / key
+        mark.touch(mode=0o600)
+        return self._send(self._mirror.commit(key, parts, writers, provenance), mark)
+
+    def send_late(self, key: str) -> Record | None:
+        """Without a mark a result that is here alone was deleted from the bucket, and counts no more."""
+        mark = self.root / UNSENT / key
+        made = self._mirror.find(key) if mark.is_file() else None
+        return self._send(made, mark) if made else None
+
+    def _send(self, made: Record, mark: Path) -> Record:
         for digest in made.outputs.values():
             self._artifacts.put(self._mirror.artifact(digest))
-        self._put_code(str(parts.get("code")))
-        return self._put_record(made)
+        self._put_code(str(made.parts.get("code")))
+        first = self._put_record(made)
+        mark.unlink(missing_ok=True)
+        return first
 
     def add(self, record: Record) -> None:
         self._mirror.add(record)
@@ -380,7 +395,10 @@ class RemoteStore(Store):
         """Files of uploads that broke off, a day ago or longer, and copies here of what is no longer in the bucket."""
         actions, objects = self.actions, self.objects
         copies = self._mirror.entries("actions") | self._mirror.entries("objects")
-        lone = {name: size for name, size in copies.items() if name.rpartition("/")[2] not in actions | objects}
+        unsent = {name.rpartition("/")[2] for name in self._mirror.entries(UNSENT)}
+        made = [record for key in unsent if (record := self._mirror.find(key))]
+        here = actions | objects | unsent | {digest for record in made for digest in record.outputs.values()}
+        lone = {name: size for name, size in copies.items() if name.rpartition("/")[2] not in here}
         return self._artifacts.unfinished(SPARED) | lone
 
 

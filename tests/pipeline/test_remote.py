@@ -208,7 +208,7 @@ def test_what_is_deleted_is_deleted_everywhere(remote: Elsewhere) -> None:
 
 
 def test_a_broken_connection(remote: Elsewhere, server: Server) -> None:
-    """Some attempts are made; then the stage fails, and nothing of its result is to be seen."""
+    """Some attempts are made; then the stage fails, and nothing of its result is to be seen until it can be put."""
     (server.folder / "break").write_text("2")
     assert set(remote.write(CHAIN).run().states.values()) == {"ran"}
     (server.folder / "break").write_text("1000")
@@ -218,8 +218,22 @@ def test_a_broken_connection(remote: Elsewhere, server: Server) -> None:
     assert len(remote.store().actions) == 4
     assert remote.machine("B").plan("base.count=4")["base"].failed == ran.ended["base"].cause
     (server.folder / "break").unlink()
-    assert set(remote.machine("A").run("base.count=4").states.values()) == {"ran"}
+    assert not remote.machine("A").store().abandoned()
+    states = remote.run("base.count=4").states
+    assert states == {"base": "cached", "twice": "ran", "other": "ran", "sum": "ran"}
+    assert set(remote.machine("B").run("base.count=4").states.values()) == {"cached"}
     assert remote.is_valid()
+
+
+def test_what_is_done_but_not_put_is_put_by_the_next_attempt(remote: Elsewhere, server: Server) -> None:
+    """And not done again; what was deleted from the bucket meanwhile, by any machine, is."""
+    (server.folder / "break").write_text("1000")
+    remote.write(PAIR).run(retries=0)
+    (server.folder / "break").unlink()
+    assert remote.run().states == {"base": "cached", "twice": "ran"}
+    store = remote.machine("B").store()
+    store.delete_record(str(remote.machine("A").run().ended["base"].key))
+    assert remote.run().states["base"] == "ran"
 
 
 @pytest.fixture
