@@ -10,8 +10,8 @@ artifacts and only where there is none yet: whoever comes second takes the recor
 
 Stages work on the mirror. What is done there and could not be put into the bucket is put there when it is asked for
 next. An artifact is fetched whole when it is first needed, and is moved into the mirror when every byte of it has been
-checked. Locks, checkpoints, declarations, the files behind a digest and the links in `latest` are the mirror's alone: on
-one machine each action is done once; two machines at the same time may both do one, of which one result counts; and
+checked. Locks, checkpoints, declarations, the files behind a digest and the links in `latest` are the mirror's alone:
+on one machine each action is done once; two machines at the same time may both do one, of which one result counts; and
 what was interrupted on one machine begins anew on another.
 """
 
