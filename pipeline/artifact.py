@@ -203,9 +203,9 @@ class ArtifactWriter:
     def write(self, name: str, array: np.ndarray, chunks: tuple[int, ...] | None = None) -> None:
         """Writes a whole array under `name`, which may hold `/`.
 
-        `chunks` is the shape of a chunk; by default an item along axis 0 that is large (a picture) is a chunk of its
-        own, and of anything smaller up to 65,536 items are. Raises ArtifactError for types other than booleans,
-        integers and floating-point or complex numbers, and for a name that is taken.
+        `chunks` is the shape of a chunk, at most that of the array; by default an item along axis 0 that is large (a
+        picture) is a chunk of its own, and of anything smaller up to 65,536 items are. Raises ArtifactError for types
+        other than booleans, integers and floating-point or complex numbers, and for a name that is taken.
         """
         import numpy as np
         import zarr
@@ -219,6 +219,7 @@ class ArtifactWriter:
         if name in self._arrays:
             raise ArtifactError(f"array {name!r} is written twice")
         chunks = chunks if chunks is not None else default_chunks(array.shape, array.dtype.itemsize)
+        chunks = tuple(min(chunk, max(1, size)) for chunk, size in zip(chunks, array.shape, strict=True))
         group = zarr.open_group(self.path / ARRAYS, mode="a")
         stored = group.create_array(
             name,

@@ -145,6 +145,11 @@ def test_chunks_larger_than_their_array_are_refused(tmp_path: Path) -> None:
     """One number in a chunk of two gibibytes unfolds into them wherever it is read."""
     with create(tmp_path / "a", "numbers") as writer:
         writer.write("values", np.zeros(3), chunks=(3000,))
+    manifest = tmp_path / "a" / "manifest.json"
+    content = json.loads(manifest.read_text())
+    assert content["arrays"]["values"]["chunks"] == [3], "our own are no larger"
+    content["arrays"]["values"]["chunks"] = [3000]
+    manifest.write_text(json.dumps(content))
     with pytest.raises(CorruptArtifact, match=r"chunks of \(3000,\) in a shape of \(3,\)"):
         load(tmp_path / "a").read("values")
 
