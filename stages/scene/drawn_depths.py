@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from opencl.rasterizer import RasterSettings
+from opencl.contract import RasterSettings
 from stages.scene.alignment import nearest_depth
 from stages.scene.scene import Scene
 from stages.scene.similarity import Similarity
