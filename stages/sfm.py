@@ -7,7 +7,6 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.canonical import Json
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.scene.cameras import Cameras
@@ -87,14 +86,15 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
     if min(result.lens_shares, default=1.0) < 1:
         context.record(shares_shown=[round(result.lens_shares[lens], 3) for lens in result.lens_of])
     if poses is not None:
-        context.record(unsure_poses=photos_without_points(scene, result))
+        context.record(unsure_poses=[*photos_without_points(scene, result)])
     if result.folded:
         context.record(folded=[capture.names[row] for row in result.folded])
 
 
-def photos_without_points(scene: Scene, result: Reconstruction) -> list[Json]:
+def photos_without_points(scene: Scene, result: Reconstruction) -> tuple[str, ...]:
     """The photos that see hardly any of the points: of given poses, those that may be wrong."""
-    return [name for name, seen in zip(scene.cameras.names, result.points_seen, strict=True) if seen < FEWEST_POINTS]
+    seen = zip(scene.cameras.names, result.points_seen, strict=True)
+    return tuple(name for name, points in seen if points < FEWEST_POINTS)
 
 
 def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | None:

@@ -39,7 +39,8 @@ STAGE_FACING = {
     for name in ("stage", "artifact", "errors", "plain_text", "drawing", "companion", "checkpoint", "data_folder")
 }
 LIBRARY_FLOORS = ["timing", "imaging", "scene", "tracing", "hiding", "training", "analysis"]
-RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device", "opencl.harmonics", "opencl.routes", "opencl.ssim"}
+RASTERIZER_FACING = {f"opencl.{name}" for name in ("contract", "rasterizer", "device", "harmonics", "routes", "ssim")}
+"""The contract by itself, too: what only has to know how near is drawn need not depend on kernels."""
 
 
 def sources(package: str) -> Iterator[tuple[str, Path]]:
