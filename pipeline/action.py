@@ -29,11 +29,11 @@ from pipeline.executor import Tell
 from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
 from pipeline.loaded_code import LoadedCode
+from pipeline.opening import open_store
 from pipeline.process import nobody_else_reads
 from pipeline.provenance import machine, now, versions_of
 from pipeline.record import Record
 from pipeline.remarks import remarks_on
-from pipeline.remote import open_store
 from pipeline.stage import (
     Context,
     Finished,

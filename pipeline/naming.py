@@ -12,8 +12,8 @@ from pipeline.artifact import Artifact, load
 from pipeline.errors import CommandError, nearest
 from pipeline.external import from_home
 from pipeline.manifest import MANIFEST
-from pipeline.remote import open_store
-from pipeline.store import Store, is_store
+from pipeline.opening import is_store, open_store
+from pipeline.store import Store
 
 PREFIX = re.compile(r"[0-9a-f]{6,64}")
 SHOWN = 12  # names in an error

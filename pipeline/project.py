@@ -14,7 +14,7 @@ from pipeline.errors import CommandError, PipelineError, Place
 from pipeline.external_cache import ExternalCache
 from pipeline.graph import Graph, build_graph
 from pipeline.located import Problems
-from pipeline.remote import open_store
+from pipeline.opening import open_store
 from pipeline.repeating import command_of
 from pipeline.store import Store
 from pipeline.workflow import read_workflow

@@ -29,13 +29,10 @@ from typing import Any
 
 from platformdirs import user_cache_path
 
-from pipeline.absent_store import AbsentStore
 from pipeline.artifact import Artifact, ArtifactWriter, publish
 from pipeline.bucket import Bucket
 from pipeline.canonical import Json
-from pipeline.errors import CommandError, CorruptArtifact, RemoteError
-from pipeline.external import from_home
-from pipeline.hidden import IGNORED
+from pipeline.errors import CorruptArtifact, RemoteError
 from pipeline.history import History
 from pipeline.pins import Pins
 from pipeline.record import KEY, RECORD, Record, read_record
@@ -44,42 +41,13 @@ from pipeline.remote_damaged import RemoteDamaged, damaged_record_name
 from pipeline.remote_history import RemoteHistory
 from pipeline.remote_pins import RemotePins
 from pipeline.sealed import write_text_whole
-from pipeline.store import LOCKS, Store, Young, is_store
+from pipeline.store import Store, Young
 
 CACHE = "GS_HIDER_CACHE"
 UNSENT = "unsent"
 """The mirror's folder with an empty file for each action whose result is not in the bucket yet, by its key."""
 SPARED = 86400.0  # seconds for which `gc` spares what was put: no lock tells of runs on other machines
 ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
-
-
-def open_store(address: str | Path, make: bool = True) -> Store:
-    """The store at an address: a folder, or `s3://BUCKET/PREFIX`. Raises CommandError for what is no address.
-
-    A folder that is missing or empty becomes a store; unless `make`, it is left so and an empty store stands for it.
-    Raises CommandError for a folder that holds something else.
-    """
-    if "://" in str(address):
-        return RemoteStore(Bucket(str(address)))
-    root = from_home(address)
-    if not str(address):
-        raise CommandError("the address of the store is empty", expected="a folder, or s3://BUCKET/PREFIX")
-    if is_store(root):
-        return Store(root)
-    found = sorted(entry.name for entry in root.iterdir()) if root.is_dir() else []
-    if set(found) - {LOCKS, IGNORED}:  # these alone: another run is just making it, or it was emptied
-        raise CommandError(
-            "a folder of something else",
-            where=root,
-            found=", ".join(found[:5]),
-            expected="a store, or a folder that is empty or not there yet",
-            remedy="Say with --store, or in $GS_HIDER_STORE, where results are to be kept.",
-        )
-    if not make and (root.is_dir() or not os.path.lexists(root)):
-        return AbsentStore(root)
-    store = Store(root)
-    store.mark()
-    return store
 
 
 def mirror_folder(address: str) -> Path:

@@ -186,9 +186,8 @@ class Run:
             self._again_at.pop(name, None)
             self._finish(StageResult(name, "cached", key, record.outputs, 0.0, record.private))
             return True
-        another_does_the_same = key in self._running.values()
-        if another_does_the_same or (self._running and (node.declaration.alone or self._someone_is_alone())):
-            self._held.add(name)
+        if key in self._running.values() or (self._running and (node.declaration.alone or self._someone_is_alone())):
+            self._held.add(name)  # another stage is just doing the same, or one of them has to be alone
             return False
         remains = self.store.remains(key) if node.unrepeatable else ()
         if remains:

@@ -60,14 +60,6 @@ class Young:
     objects: frozenset[str] = frozenset()
 
 
-def is_store(root: Path) -> bool:
-    """Whether a folder is a store, of this or an earlier version, or a copy of one without its locks.
-
-    `gc` deletes what nobody needs, `verify` sets aside what is damaged: in another folder that would be all there is.
-    """
-    return (root / LOCKS / IN_USE).is_file() or any((root / "actions").glob(f"*/{RECORD}"))
-
-
 class Store:
     """A store in the directory `root`, which is made by what is first written to it, where it is missing."""
 

@@ -24,7 +24,7 @@ ENGINE = [
     "absent_store",
     "remote_damaged",
     "remarks source_cache checkpoint remote external_cache privacy garbage verification workers progress",
-    "declaration",
+    "declaration opening",
     "graph action naming storewords cluster",
     "keys changes repeating description exporting urgency loss",
     "plan runner showing pictures",
@@ -39,8 +39,7 @@ STAGE_FACING = {
     for name in ("stage", "artifact", "errors", "plain_text", "drawing", "companion", "checkpoint", "data_folder")
 }
 LIBRARY_FLOORS = ["timing", "imaging", "scene", "tracing", "hiding", "training", "analysis"]
-RASTERIZER_FACING = {f"opencl.{name}" for name in ("contract", "rasterizer", "device", "harmonics", "routes", "ssim")}
-"""The contract by itself, too: what only has to know how near is drawn need not depend on kernels."""
+RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device", "opencl.harmonics", "opencl.routes", "opencl.ssim"}
 
 
 def sources(package: str) -> Iterator[tuple[str, Path]]:

@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from opencl.contract import RasterSettings
 from stages.scene.alignment import nearest_depth
 from stages.scene.scene import Scene
 from stages.scene.similarity import Similarity
 
-NEAR = RasterSettings().near
+NEAR = 0.2
+"""`RasterSettings().near`, as a test checks: no change of the rasterizer is to do structure from motion anew."""
 AMPLE = 10 * NEAR
 """The depth from which on surfaces count in an enlarged world: about that of COLMAP's worlds."""
 CLOSEST = 2 * NEAR

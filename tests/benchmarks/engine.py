@@ -23,10 +23,10 @@ from pipeline.graph import Node, Source
 from pipeline.history import StageResult
 from pipeline.keys import key_of, key_parts
 from pipeline.manifest import FileRecord, Manifest
+from pipeline.opening import open_store
 from pipeline.project import open_project
 from pipeline.provenance import machine
 from pipeline.record import RECORD, Record
-from pipeline.remote import open_store
 from pipeline.sealed import sealed
 from pipeline.stage import output_is_private
 from pipeline.store import Store

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pipeline.garbage import Collection, Rules, collect
-from pipeline.remote import open_store
+from pipeline.opening import open_store
 from pipeline.store import Store
 from pipeline.verification import verify_store
 from tests.pipeline.helpers import Workspace

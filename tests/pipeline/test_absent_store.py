@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.remote import open_store
+from pipeline.opening import open_store
 from tests.pipeline.helpers import TOYS, Workspace
 from tests.pipeline.test_runner import CHAIN
 

@@ -18,8 +18,8 @@ pytest.importorskip("s3fs", reason='stores in a bucket are tested with pip insta
 
 from pipeline.bucket import Bucket
 from pipeline.errors import CommandError, RemoteError, Unreachable
+from pipeline.opening import open_store
 from pipeline.plan import make_plan
-from pipeline.remote import open_store
 from tests.pipeline.elsewhere import SECRET, Elsewhere, Server, await_file, forget_connections
 from tests.pipeline.helpers import Ran
 from tests.pipeline.test_runner import CHAIN

@@ -68,6 +68,14 @@ def photograph(cameras: Cameras) -> list[np.ndarray]:
     return pictures
 
 
+@pytest.fixture
+def recorded(monkeypatch: pytest.MonkeyPatch) -> dict[str, Json]:
+    """What the stage says of itself while a test runs."""
+    facts: dict[str, Json] = {}
+    monkeypatch.setattr(Context, "record", lambda context, **given: facts.update(given))
+    return facts
+
+
 @pytest.fixture(scope="module")
 def truth() -> Cameras:
     return arc(np.zeros(3), views=VIEWS, degrees=50, radius=5.0, height=0.8, size=SIZE, focal=240.0)
@@ -164,11 +172,9 @@ def test_given_poses_are_kept(truth: Cameras, source: PoseSource, tmp_path: Path
 
 
 def test_poses_of_small_units_are_enlarged_until_what_they_see_is_drawn(
-    truth: Cameras, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    truth: Cameras, tmp_path: Path, recorded: dict[str, Json]
 ) -> None:
     """As of a close-up in metres: all of it would lie before the nearest plane that is drawn."""
-    recorded: dict[str, Json] = {}
-    monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))
     tiny = truth.world_to_camera.copy()
     tiny[:, :3, 3] *= 0.01
     capture = write(replace(truth, world_to_camera=tiny), "colmap", tmp_path, photographs=photograph(truth))
@@ -190,12 +196,8 @@ def test_poses_that_are_to_be_given_are_not_estimated_where_none_came(tmp_path: 
         run(load(tmp_path / "capture"), tmp_path / "out", poses="given")
 
 
-def test_every_photo_may_have_a_lens_of_its_own(
-    truth: Cameras, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_photo_may_have_a_lens_of_its_own(truth: Cameras, tmp_path: Path, recorded: dict[str, Json]) -> None:
     """Zoomed from photo to photo: all come out as seen by one pinhole camera, and how much of each is recorded."""
-    recorded: dict[str, Json] = {}
-    monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))
     zoomed = truth.intrinsics.copy()
     zoomed[:, [0, 1], [0, 1]] *= np.linspace(1, 1.4, VIEWS)[:, None]
     cameras = replace(truth, intrinsics=zoomed)
@@ -207,11 +209,7 @@ def test_every_photo_may_have_a_lens_of_its_own(
     assert recorded["shares_shown"] == pytest.approx((np.linspace(1, 1.4, VIEWS) / 1.4) ** 2, abs=1e-3)
 
 
-def test_cameras_that_differ_get_a_lens_each(
-    synthetic: Artifact, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recorded: dict[str, Json] = {}
-    monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))
+def test_cameras_that_differ_get_a_lens_each(synthetic: Artifact, tmp_path: Path, recorded: dict[str, Json]) -> None:
     given = replace(read_capture(synthetic), poses=None, taken_by=(0, 0, 0, 1, 1, 1, 1, 1))
     with create(tmp_path / "capture", "capture") as writer:
         write_capture(writer, given, lambda name: picture_path(synthetic, name))

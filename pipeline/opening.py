@@ -1,0 +1,52 @@
+"""Opening the store at an address: a folder, which has to be a store or empty, or a bucket."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from pipeline.absent_store import AbsentStore
+from pipeline.bucket import Bucket
+from pipeline.errors import CommandError
+from pipeline.external import from_home
+from pipeline.hidden import IGNORED
+from pipeline.record import RECORD
+from pipeline.remote import RemoteStore
+from pipeline.store import IN_USE, LOCKS, Store
+
+
+def open_store(address: str | Path, make: bool = True) -> Store:
+    """The store at an address: a folder, or `s3://BUCKET/PREFIX`. Raises CommandError for what is no address.
+
+    A folder that is missing or empty becomes a store; unless `make`, it is left so and an empty store stands for it.
+    Raises CommandError for a folder that holds something else.
+    """
+    if "://" in str(address):
+        return RemoteStore(Bucket(str(address)))
+    root = from_home(address)
+    if not str(address):
+        raise CommandError("the address of the store is empty", expected="a folder, or s3://BUCKET/PREFIX")
+    if is_store(root):
+        return Store(root)
+    found = sorted(entry.name for entry in root.iterdir()) if root.is_dir() else []
+    if set(found) - {LOCKS, IGNORED}:  # these alone: another run is just making it, or it was emptied
+        raise CommandError(
+            "a folder of something else",
+            where=root,
+            found=", ".join(found[:5]),
+            expected="a store, or a folder that is empty or not there yet",
+            remedy="Say with --store, or in $GS_HIDER_STORE, where results are to be kept.",
+        )
+    if not make and (root.is_dir() or not os.path.lexists(root)):
+        return AbsentStore(root)
+    store = Store(root)
+    store.mark()
+    return store
+
+
+def is_store(root: Path) -> bool:
+    """Whether a folder is a store, of this or an earlier version, or a copy of one without its locks.
+
+    `gc` deletes what nobody needs, `verify` sets aside what is damaged: in another folder that would be all there is.
+    """
+    return (root / LOCKS / IN_USE).is_file() or any((root / "actions").glob(f"*/{RECORD}"))
