@@ -1,7 +1,8 @@
 # make demo   hide two scenes in a third, from pictures to the report
 # make test   lint, types and all tests but the slow ones
 # make tables PHOTOS=FOLDER   the paper's tables of quality by the CPU profile, each ending in a page; those of attacks,
-#                             detectors and RTWS, which take longer: TABLES="robustness security rtws"
+#                             detectors and RTWS, which take longer: TABLES="robustness security rtws"; other values:
+#                             SETTINGS="--set precision=float32"
 # Each makes the virtual environment that it needs.
 
 PYTHON ?= python3
@@ -16,6 +17,7 @@ PHOTO_PACKAGES := mate-backgrounds lomiri-wallpapers-16.04 opencv-doc plasma-wor
 STORE ?= store
 TEST_REPORT ?= build/tests.html
 TABLES ?= fidelity ablations hide_image several_messages probes
+SETTINGS ?=
 
 .PHONY: demo test tables environment clean
 .DEFAULT_GOAL := demo
@@ -38,7 +40,7 @@ tables: $(INSTALLED)
 	@failed=; for workflow in $(TABLES); do \
 		echo "$$workflow, $$(date +%T)"; \
 		$(BIN)/python -m pipeline run workflows/$$workflow.yaml --vars workflows/profiles/cpu.yaml \
-			--set photos="$(PHOTOS)" --store $(STORE) \
+			--set photos="$(PHOTOS)" --store $(STORE) $(SETTINGS) \
 			|| { test $$? -lt 128 || exit 1; failed="$$failed $$workflow"; }; \
 	done; test -z "$$failed" || { echo "Not whole:$$failed. The same command goes on."; exit 1; }
 
