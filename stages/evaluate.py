@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Literal
 
 import torch
@@ -13,8 +12,9 @@ from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.analysis.comparisons import write_comparisons
+from stages.analysis.comparisons import Comparison, write_comparisons
 from stages.analysis.fidelity import Perceptual
+from stages.analysis.public_scores import comparisons_for_the_public, rows_for_the_public
 from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score, views_for_the_public
 from stages.hiding.method import module_of
 from stages.hiding.storage import bytes_of, check_method, read_gaussians, read_method
@@ -22,7 +22,7 @@ from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
 from stages.imaging.image import filling, read_image
 from stages.imaging.lpips import Lpips, load_lpips, networks_for
 from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network, weights_installed
-from stages.imaging.metric_table import MetricRow, mean_value, write_rows
+from stages.imaging.metric_table import MetricRow, write_rows
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
 
@@ -73,7 +73,11 @@ class EvaluateParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method), module_of(REFERENCE_METHOD)],
 )
 def evaluate(context: Context, parameters: EvaluateParameters) -> None:
-    """Score the container's cover and messages or hidden image, and plain 3DGS of the same cover where it is given."""
+    """Score the container's cover and messages or hidden image, and plain 3DGS of the same cover where it is given.
+
+    The public learns of the cover alone: nothing where the splats are private, and where the cover is, neither its
+    photos nor their names.
+    """
     torch.set_num_threads(parameters.threads)
     device, scene = working_device(), read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
@@ -101,9 +105,11 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
         return scores
 
     every = [scored(container, parameters.method, messages, 0)]
+    published = [] if container.private else [*every]
     if reference is not None:
         every.append(scored(reference, REFERENCE_METHOD, {}, 1))
-    _write(context, every, scene, views_for_the_public(scene, parameters.shown_train_views))
+        published += [] if reference.private else every[-1:]
+    _write(context, every, scene, published, views_for_the_public(scene, parameters.shown_train_views))
     context.record(device=describe_drawing(device))
 
 
@@ -149,27 +155,21 @@ def _sizes(splats: Artifact, name: str, secret: Artifact | None) -> list[MetricR
     ]
 
 
-def _write(context: Context, every: list[Scores], scene: Scene, public_views: set[str]) -> None:
-    """Everything for the owner; for the public, only what any holder of the container can render."""
-    rows = [row for scores in every for row in scores.rows]
-    pictures = [comparison for scores in every for comparison in scores.comparisons(scene)]
-    write_rows(context.output("scores"), rows)
-    write_comparisons(context.output("pictures"), pictures)
-    write_rows(context.output("public_scores"), _for_the_public(rows))
-    public = [comparison.of_views(public_views) for comparison in pictures if comparison.role != "message"]
-    write_comparisons(context.output("public_pictures"), [comparison for comparison in public if comparison.names])
+def _write(
+    context: Context, every: list[Scores], scene: Scene, published: list[Scores], public_views: set[str]
+) -> None:
+    """Everything for the owner; for the public, what is `published`: see `stages.analysis.public_scores`."""
+    private_cover = context.input("cover").private
+    write_rows(context.output("scores"), _rows(every))
+    write_comparisons(context.output("pictures"), _comparisons(every, scene))
+    write_rows(context.output("public_scores"), rows_for_the_public(_rows(published), private_cover))
+    shown = comparisons_for_the_public(_comparisons(published, scene), public_views, private_cover)
+    write_comparisons(context.output("public_pictures"), shown)
 
 
-def _for_the_public(rows: list[MetricRow]) -> list[MetricRow]:
-    """Figures of the cover: of training views means alone, since the view that hides an image may stand out by its own.
+def _rows(every: list[Scores]) -> list[MetricRow]:
+    return [row for scores in every for row in scores.rows]
 
-    The size in all would tell that there is a secret, and how large it is; rows of a message, that there is one.
-    """
-    public = [row for row in rows if row.message is None and row.quantity != "total_bytes"]
-    means: dict[MetricRow, list[MetricRow]] = {}
-    for row in public:
-        if row.split == "train":
-            means.setdefault(replace(row, view=None, value=0.0), []).append(row)
-    return [row for row in public if row.split != "train"] + [
-        replace(of, value=mean_value(each)) for of, each in means.items()
-    ]
+
+def _comparisons(every: list[Scores], scene: Scene) -> list[Comparison]:
+    return [comparison for scores in every for comparison in scores.comparisons(scene)]

@@ -46,7 +46,7 @@ class RenderPathParameters(Parameters):
 )
 def render_path(context: Context, parameters: RenderPathParameters) -> None:
     """All that the owner sees along a smooth path of the training cameras, by itself and side by side; for the public,
-    the cover alone.
+    the cover alone, and nothing where the container is private.
     """
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
@@ -64,7 +64,8 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
     rate = parameters.frames / parameters.seconds
     videos = encoded(filmed, parameters.method, rate, context.stop_if_requested)
     write_videos(context.output("videos"), videos)
-    write_videos(context.output("public_videos"), [video for video in videos if video.role == "cover"])
+    public = [video for video in videos if video.role == "cover" and not container.private]
+    write_videos(context.output("public_videos"), public)
     context.record(device=describe_drawing(device))
 
 

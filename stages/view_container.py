@@ -154,11 +154,12 @@ def _write(
     filmed: Mapping[str, Sequence[Picture]],
     pictures: Sequence[Comparison],
 ) -> None:
-    """All for whoever runs it; for the public the cover alone."""
+    """All for whoever runs it; for the public the cover alone, and nothing of a private container."""
     rate = len(filmed[COVER]) / parameters.seconds
     large = {title: [enlarged(picture) for picture in pictures] for title, pictures in filmed.items()}
     videos = encoded(large, parameters.method, rate, context.stop_if_requested)
     write_videos(context.output("videos"), videos)
-    write_videos(context.output("public_videos"), [video for video in videos if video.role == "cover"])
+    public = () if context.input("container").private else ("cover",)
+    write_videos(context.output("public_videos"), [video for video in videos if video.role in public])
     write_comparisons(context.output("pictures"), pictures)
-    write_comparisons(context.output("public_pictures"), [each for each in pictures if each.role == "cover"])
+    write_comparisons(context.output("public_pictures"), [each for each in pictures if each.role in public])

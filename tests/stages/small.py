@@ -34,12 +34,12 @@ def points() -> np.ndarray:
     return np.random.default_rng(1).uniform(-1, 1, (60, 3)).astype(np.float32)
 
 
-def scene(folder: Path, test_views: int = 1) -> Artifact:
+def scene(folder: Path, test_views: int = 1, private: bool = False) -> Artifact:
     """Its first views are the test views."""
     poses, intrinsics = orbit(VIEWS, WIDTH, HEIGHT, seed=1)
     cameras = Cameras(NAMES, poses, intrinsics, WIDTH, HEIGHT)
     colors = np.full((60, 3), 128, np.uint8)
-    with create(folder, "scene") as writer:
+    with create(folder, "scene", private) as writer:
         write_scene(writer, Scene(cameras, pictures(0), points(), colors, NAMES[:test_views]))
     return load(folder)
 
@@ -52,10 +52,10 @@ def message_views(folder: Path, name: str = "statue") -> Artifact:
     return load(folder)
 
 
-def splats(folder: Path, kind: str = "splats") -> Artifact:
+def splats(folder: Path, kind: str = "splats", private: bool = False) -> Artifact:
     torch.manual_seed(0)
     method = build_method("plain", {"sh_degree": 0})
     attributes = method.initial_attributes({COVER: np.full((60, 3), 0.7)}, np.random.default_rng(0))
-    with create(folder, kind) as writer:
+    with create(folder, kind, private) as writer:
         write_container(writer, gaussians_at(points(), attributes), method)
     return load(folder)
