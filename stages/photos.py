@@ -24,6 +24,7 @@ from stages.scene.photo_folder import (
     PhotoFolder,
     files_not_among,
     find_photos,
+    find_pictures,
     find_poses,
     known_poses,
     photo_finder,
@@ -67,8 +68,9 @@ class PhotosParameters(Parameters):
     )
     any_pictures: bool = Field(
         False,
-        description="Whether the folder holds no capture but pictures of any kind to look through: GIFs count, too, by "
-        "their first frame, and it is said how many files of the folder and of those below it were not looked at.",
+        description="Whether the folder holds no capture but pictures of any kind to look through: those directly in it "
+        "and no others, GIFs too, by their first frame, without poses; if there are none, as of a capture. It is said "
+        "how many files of the folder and of those below it were not looked at.",
     )
     order: Literal["auto", "ordered", "unordered"] = Field(
         "auto",
@@ -84,16 +86,7 @@ class PhotosParameters(Parameters):
 )
 def photos(context: Context, parameters: PhotosParameters) -> None:
     """Read every photo once, so that damage shows here, and keep them as they came."""
-    place = find_poses(parameters.folder) if parameters.poses is None else poses_at(parameters.poses)
-    splits = find_splits(parameters.folder) if place is None else {}
-    _refuse_images(parameters, splits)
-    suffixes = (*SUFFIXES, *ANIMATIONS) if parameters.any_pictures else SUFFIXES
-    if splits:
-        found = find_split_photos(parameters.folder, splits)
-    elif place == parameters.folder / FILE and parameters.images is None:
-        found = find_posed_photos(parameters.folder, place, suffixes)
-    else:
-        found = find_photos(parameters.folder, parameters.images, suffixes)
+    found, place, splits = _found(parameters)
     facts = facts_of(context, found, posed=place is not None or bool(splits))
     poses, names = None, tuple(found.photos)
     if place is not None or splits:
@@ -145,6 +138,23 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         below=found.below,
         masked=0 if place is None or place.is_dir() else masked_frames(place),
     )
+
+
+def _found(parameters: PhotosParameters) -> tuple[PhotoFolder, Path | None, Mapping[str, Path]]:
+    """The photos, and what their poses come from: a model or a file, or the file of each split; neither for pictures
+    of any kind, where some lie directly in the folder.
+    """
+    folder, suffixes = parameters.folder, (*SUFFIXES, *ANIMATIONS) if parameters.any_pictures else SUFFIXES
+    if parameters.any_pictures and (pictures := find_pictures(folder, suffixes)).photos:
+        return pictures, None, {}
+    place = find_poses(folder) if parameters.poses is None else poses_at(parameters.poses)
+    splits = find_splits(folder) if place is None else {}
+    _refuse_images(parameters, splits)
+    if splits:
+        return find_split_photos(folder, splits), place, splits
+    if place == folder / FILE and parameters.images is None:
+        return find_posed_photos(folder, place, suffixes), place, splits
+    return find_photos(folder, parameters.images, suffixes), place, splits
 
 
 def _refuse_images(parameters: PhotosParameters, splits: Mapping[str, Path]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from unicodedata import normalize
 
 from pipeline.errors import UserError
 from stages.scene.photo_folder import SUFFIXES, PhotoFolder, find_photos, named_photos
@@ -45,12 +46,15 @@ def under_one_folder(photos: Sequence[Path]) -> dict[str, Path]:
 
 
 def photo_of_frame(folder: Path, file: Path, frame: str) -> Path:
-    """The photo that a frame of `file` names by a path from `folder`, which may leave the extension out.
+    """The photo that a frame of `file` names by a path from `folder`, which may leave the extension out and write
+    accented letters as one character or as two.
 
     Raises `UserError` where it is not there, or lies outside of `folder`, since what does could change unseen.
     """
     inside = not Path(frame).is_absolute() and ".." not in Path(frame).parts
-    candidates = [folder / f"{frame}{suffix}" for suffix in ("", *SUFFIXES)] if inside and "\0" not in frame else []
+    written = dict.fromkeys((frame, normalize("NFC", frame), normalize("NFD", frame)))
+    candidates = [folder / f"{path}{suffix}" for path in written for suffix in ("", *SUFFIXES)]
+    candidates = candidates if inside and "\0" not in frame else []
     for candidate in candidates:
         if candidate.suffix.lower() in SUFFIXES and _is_file(candidate):
             return candidate

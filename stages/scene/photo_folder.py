@@ -8,6 +8,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from unicodedata import normalize
 
 import numpy as np
 from PIL import Image
@@ -115,6 +116,18 @@ def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str]
         expected=f"photos ({', '.join(suffixes)}) in {searched}",
         remedy=_how_to_have_photos([*folder.iterdir(), *(file for place in own for file in _files_below(place))]),
     )
+
+
+def find_pictures(folder: Path, suffixes: Sequence[str]) -> PhotoFolder:
+    """The pictures directly in a folder, each for itself, so that only their extensions may tell them apart.
+
+    There may be none, or no folder. Raises `UserError` for names that tables cannot hold.
+    """
+    files = [file for file in folder.iterdir() if file.is_file()] if folder.is_dir() else []
+    pictures = sorted(file for file in files if _is_photo(file, suffixes))
+    refuse_unwritten_names(folder, [picture.name for picture in pictures])
+    named = {picture.name: picture for picture in pictures}
+    return PhotoFolder(named, len(files) - len(pictures), unread=_unread(files, pictures))
 
 
 def _how_to_have_photos(found: Sequence[Path]) -> str:
@@ -299,14 +312,16 @@ def find_poses(folder: Path) -> Path | None:
 def photo_finder(photos: Collection[str], place: Path) -> Callable[[str], str | None]:
     """What finds the photo that a file of poses, which is at `place`, means by a path, or None.
 
-    It has its file name, else its stem; of photos in several folders, the folders before it, too. Its time is in
-    proportion to the path; it raises `UserError` for one that no photo can have.
+    It has its file name, else its stem; of photos in several folders, the folders before it, too; and accented letters
+    written as one character or as two. Its time is in proportion to the path; it raises `UserError` for one that no
+    photo can have.
 
     >>> find = photo_finder(["left_1.jpg", "right_1.jpg", "2.png"], Path("transforms.json"))
     >>> find("images/left/1.jpg"), find("right/1"), find("images/2.jpg"), find("1.jpg")
     ('left_1.jpg', 'right_1.jpg', '2.png', None)
     """
-    stems = {Path(name).stem: name for name in photos}
+    named = {normalize("NFC", name): name for name in photos} | {name: name for name in photos}
+    stems = {Path(written).stem: name for written, name in named.items()}
     most_parts = 1 + max((name.count("_") for name in photos), default=0)  # a name has a low line for each folder
 
     def find(path: str) -> str | None:
@@ -318,11 +333,12 @@ def photo_finder(photos: Collection[str], place: Path) -> Callable[[str], str | 
                 expected=f"at most {LONGEST_PATH} characters",
                 remedy="Repair the file of poses, or take it out of the folder to have the poses estimated.",
             )
-        parts = Path(path).parts[-most_parts:]
-        for name in ("_".join(parts[start:]) for start in range(len(parts))):
-            found = name if name in photos else stems.get(name) or stems.get(Path(name).stem)
-            if found:
-                return found
+        for written in dict.fromkeys((path, normalize("NFC", path))):
+            parts = Path(written).parts[-most_parts:]
+            for name in ("_".join(parts[start:]) for start in range(len(parts))):
+                found = named.get(name) or stems.get(name) or stems.get(Path(name).stem)
+                if found:
+                    return found
         return None
 
     return find

@@ -73,18 +73,23 @@ def frame_files(path: Path) -> list[str]:
     """Where the file says that its frames lie, relative to itself, with or without extension; "" where it does not."""
     frames = _content(path)["frames"]
     named = [frame.get("file_path", "") if isinstance(frame, Mapping) else "" for frame in frames]
-    return [name if isinstance(name, str) else "" for name in named]
+    return [_slashed(name) if isinstance(name, str) else "" for name in named]
 
 
 def held_out_files(path: Path) -> list[str]:
     """The paths of the frames that nerfstudio's `test_filenames` holds out; empty where there is no such list."""
     listed = _content(path).get("test_filenames", [])
-    return [name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
+    return [_slashed(name) for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
 
 
 def masked_frames(path: Path) -> int:
     """How many frames name a mask, as nerfstudio's `mask_path` does."""
     return sum(isinstance(frame, Mapping) and bool(frame.get("mask_path")) for frame in _content(path)["frames"])
+
+
+def _slashed(path: str) -> str:
+    """What Windows wrote with backslashes, as Blender's exporters do there; no photo's name may hold one."""
+    return path.replace("\\", "/")
 
 
 def _content(path: Path) -> Mapping[str, Any]:
@@ -105,7 +110,7 @@ def _content(path: Path) -> Mapping[str, Any]:
 def _posed_photo(
     shared: Mapping[str, Any], frame: Mapping[str, Any], size_of: Callable[[str], tuple[int, int]], resized: bool
 ) -> PosedPhoto:
-    name, given = Path(frame["file_path"]).as_posix(), {**shared, **frame}
+    name, given = Path(_slashed(frame["file_path"])).as_posix(), {**shared, **frame}
     if resized and IN_PIXELS & given.keys() and not {"w", "h"} <= given.keys():
         raise ValueError("w and h are missing: resized photos do not tell what intrinsics in pixels are relative to")
     return PosedPhoto(name, _pose(frame["transform_matrix"]), _lens(given, lambda: size_of(name)))

@@ -33,6 +33,27 @@ def test_photos_lie_where_the_frames_say(tmp_path: Path, suffix: str) -> None:
     assert read_capture(capture(tmp_path / "scan", tmp_path / "out")).names == ("1.png", "2.png")
 
 
+@pytest.mark.parametrize("file", ["transforms.json", "transforms_train.json"])
+@pytest.mark.parametrize(
+    ("frame", "photo"),
+    [
+        (r"train\1.png", "train/1.png"),
+        (r".\train\1", "train/1.png"),
+        ("train/cafe\N{COMBINING ACUTE ACCENT}.png", "train/caf\N{LATIN SMALL LETTER E WITH ACUTE}.png"),
+        ("train/caf\N{LATIN SMALL LETTER E WITH ACUTE}.png", "train/cafe\N{COMBINING ACUTE ACCENT}.png"),
+    ],
+    ids=["windows", "windows, no extension", "composed on the disk", "decomposed on the disk"],
+)
+def test_paths_as_other_systems_write_them(tmp_path: Path, file: str, frame: str, photo: str) -> None:
+    take(tmp_path / "scan" / photo)
+    posed(tmp_path / "scan", frame)
+    (tmp_path / "scan" / "transforms.json").rename(tmp_path / "scan" / file)
+    found = read_capture(capture(tmp_path / "scan", tmp_path / "out"))
+    before = "train_" if "train" in file else ""
+    assert found.names == (before + Path(photo).name,)
+    assert found.poses is not None
+
+
 def test_undistorted_photos_come_before_the_originals_of_the_same_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

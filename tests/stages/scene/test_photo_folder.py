@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pipeline.errors import UserError
@@ -73,6 +75,25 @@ def test_of_any_pictures_it_is_said_how_many_files_were_not_looked_at(tmp_path: 
     ) in "".join(log)
     assert read_capture(capture(tmp_path / "found", tmp_path / "photos", log)).names == ("a.png", "g.jfif")
     assert sum("not looked at" in line for line in log) == 1
+
+
+def test_of_any_pictures_those_directly_in_the_folder_are_looked_at_whatever_lies_beside_them(tmp_path: Path) -> None:
+    """A folder of that name with more pictures, files of poses, and the same picture in two formats."""
+    found = tmp_path / "found"
+    for path in ("a.png", "a.jpg", "b.png", "images/1.png", "images/2.png", "images/3.png", "images/4.png"):
+        take(found / path, size=(64, 64))
+    frame = {"file_path": "a.png", "transform_matrix": np.eye(4).tolist(), "fl_x": 60.0}
+    for name in ("transforms.json", "transforms_train.json"):
+        (found / name).write_text(json.dumps({"frames": [frame]}))
+    read = read_capture(capture(found, tmp_path / "out", any_pictures=True))
+    assert read.names == ("a.jpg", "a.png", "b.png")
+    assert read.poses is None
+
+
+def test_of_a_captures_folder_any_pictures_are_its_photos(tmp_path: Path) -> None:
+    """As where a cover's own photos are looked at first."""
+    take(tmp_path / "scan" / "images" / "1.png")
+    assert read_capture(capture(tmp_path / "scan", tmp_path / "out", any_pictures=True)).names == ("1.png",)
 
 
 def test_photos_that_folders_give_the_same_name_are_refused(tmp_path: Path) -> None:
