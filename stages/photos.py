@@ -68,9 +68,9 @@ class PhotosParameters(Parameters):
     )
     any_pictures: bool = Field(
         False,
-        description="Whether the folder holds no capture but pictures of any kind to look through: those directly in it "
-        "and no others, GIFs too, by their first frame, without poses; if there are none, as of a capture. It is said "
-        "how many files of the folder and of those below it were not looked at.",
+        description="Whether the folder holds no capture but pictures of any kind to look through: those directly in "
+        "it and no others, GIFs too, by their first frame, without poses; if there are none, as of a capture. It is "
+        "said how many files of the folder and of those below it were not looked at.",
     )
     order: Literal["auto", "ordered", "unordered"] = Field(
         "auto",

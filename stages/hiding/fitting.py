@@ -29,9 +29,9 @@ def fitted_method(
     """The method `name` with the weights of `networks`, which may lack the secret ones where there are no `messages`.
 
     `shapes` are those of a Gaussian's attributes. The method is first built without memory, then compared, then built:
-    it takes no more than the weights themselves. Raises `UserError` where settings are none that a method has, where
-    weights are missing, too many or of other shapes, and where Gaussians lack what the method renders or have an
-    attribute called as a network is.
+    it takes no more than the weights themselves. Raises `UserError` where settings are none that a method has or
+    leave a network without channels, where weights are missing, too many or of other shapes, and where Gaussians lack
+    what the method renders or have an attribute called as a network is.
     """
     check_settings(where, settings)
     full = dict(settings) | ({"messages": list(messages)} if messages else {})
@@ -78,6 +78,8 @@ def _check_networks(where: object, method: Method, networks: Mapping[str, Weight
         )
     for network, module in method.networks.items():
         expected = {weight: tuple(tensor.shape) for weight, tensor in module.state_dict().items()}
+        if any(0 in shape for shape in expected.values()):
+            raise ValueError(f"{network} would have no channels")
         found = {weight: values.shape for weight, values in networks.get(network, {}).items()}
         if found != expected:
             raise UserError(

@@ -69,13 +69,16 @@ def read_picture(path: Path) -> Picture:
 def in_eight_bits(image: Image.Image) -> Image.Image:
     """16-bit grey in 8 bits, with alpha where the file calls one grey transparent; any other picture as it is.
 
-    Pillow itself reduces 16-bit colours, but cuts greys off at 255. The picture must be loaded.
+    Pillow itself reduces 16-bit colours, but cuts greys off at 255, and leaves the colour that the file calls
+    transparent as it was. The picture must be loaded.
     """
+    transparent = image.info.get("transparency")
+    if image.mode == "RGB" and isinstance(transparent, tuple) and max(transparent) > 255:
+        image.info["transparency"] = tuple(value >> 8 for value in transparent)
     if not image.mode.startswith("I"):
         return image
     values = np.asarray(image).clip(0, 65535)
     grey = (values / 257).round().astype(np.uint8)
-    transparent = image.info.get("transparency")
     if transparent is None:
         return Image.fromarray(grey)
     return Image.fromarray(np.stack([grey, np.where(values == transparent, 0, 255).astype(np.uint8)], axis=-1))

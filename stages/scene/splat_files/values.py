@@ -38,7 +38,7 @@ def gaussians_of(path: Path, values: SplatValues) -> Gaussians:
     Raises `UserError` for what `refuse_garbage` calls so.
     """
     with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, which is refused
-        arrays = {name: np.ascontiguousarray(array, np.float32) for name, array in vars(values).items()}
+        arrays = {name: np.array(array, np.float32, order="C") for name, array in vars(values).items()}
     arrays["logit_opacities"] = arrays["logit_opacities"].clip(-LARGEST_LOGIT, LARGEST_LOGIT)  # NaN stays
     refuse_garbage(path, arrays)
     return Gaussians({name: torch.from_numpy(array) for name, array in arrays.items()})

@@ -114,6 +114,27 @@ def test_sixteen_bits_grey_and_palette_become_eight_bit_rgb(tmp_path: Path, grad
         assert read_picture(path).shape == gradient.shape, mode
 
 
+def png_of_sixteen_bits(colors: np.ndarray, transparent: tuple[int, int, int]) -> bytes:
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    height, width = colors.shape[:2]
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in colors)
+    header = struct.pack(">IIBBBBB", width, height, 16, 2, 0, 0, 0)
+    chunks = [(b"IHDR", header), (b"tRNS", struct.pack(">3H", *transparent)), (b"IDAT", zlib.compress(rows))]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*each) for each in [*chunks, (b"IEND", b"")])
+
+
+def test_a_colour_that_a_picture_of_16_bits_calls_transparent(tmp_path: Path) -> None:
+    colors = np.array([[[40_000, 20_000, 10_000], [10_000, 20_000, 40_000]]], np.uint16)
+    path = tmp_path / "deep.png"
+    path.write_bytes(png_of_sixteen_bits(colors, transparent=(40_000, 20_000, 10_000)))
+    assert read_picture(path).tolist() == [[[255, 255, 255], [39, 78, 156]]]
+    over = over_background(path, "black")
+    assert over is not None
+    assert over.tolist() == [[[0, 0, 0], [39, 78, 156]]]
+
+
 @pytest.mark.parametrize("file_format", ["PNG", "JPEG"])
 def test_truncated_files_are_named(tmp_path: Path, file_format: str) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tracemalloc
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,13 @@ def refusal(path: Path, content: bytes) -> str:
     assert "\n" not in str(raised.value)
     assert len(str(raised.value)) < 1000
     return str(raised.value)
+
+
+def test_a_single_gaussian_is_no_view_of_the_file(tmp_path: Path) -> None:
+    (tmp_path / "a.splat").write_bytes(records(1).tobytes())
+    with warnings.catch_warnings(action="error"):
+        gaussians, _ = read_splats(tmp_path / "a.splat")
+    gaussians["means"][0, 0] = 1.0  # of mapped memory that cannot be written to this would end the process
 
 
 @pytest.mark.parametrize("degree", range(4))
