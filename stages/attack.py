@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -18,6 +19,7 @@ from stages.analysis.attacks.scoring import Scorer
 from stages.analysis.attacks.target import Knowledge, Target
 from stages.analysis.fidelity import Perceptual
 from stages.analysis.measurements import KIND, write_measurements
+from stages.analysis.seeds import DistinctSeeds
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.what_is_hidden import at_least_one_hidden
@@ -34,14 +36,14 @@ class AttackParameters(Parameters):
 
     method: str = Field("gs_hider", description="The container's method.")
     attacks: tuple[AttackName, ...] = Field(tuple(ATTACKS), min_length=1, description="The attacks, in order.")
-    cover_losses: tuple[float, ...] = Field(
+    cover_losses: tuple[Annotated[float, Field(gt=0)], ...] = Field(
         (0.25, 0.5, 1.0, 2.0, 4.0),
         min_length=1,
         description="How much the cover is to lose on test views, in dB: severities follow from it for all attacks "
         "that have no natural ones, such as bits.",
     )
-    seeds: tuple[int, ...] = Field((0, 1, 2), min_length=1, description="Of what is random in the attacks.")
-    reoptimised: tuple[int, ...] = Field(
+    seeds: DistinctSeeds = Field((0, 1, 2), min_length=1, description="Of what is random in the attacks.")
+    reoptimised: tuple[Annotated[int, Field(ge=1)], ...] = Field(
         (100, 200, 300, 400, 500), min_length=1, description="Iterations of re-optimisation after which it is measured."
     )
     test_views: int = Field(12, ge=1, description="Of the test views at most so many are measured, evenly spread.")

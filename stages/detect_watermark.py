@@ -228,6 +228,13 @@ def _amounts(context: Context, parameters: DetectWatermarkParameters) -> Amounts
             found=f"{len(scenes)} scenes and {len(splats)} splats",
             expected="as many of one as of the other, in the same order",
         )
+    if splats and (photos := len(context.input_many("other_photos"))) not in (0, len(splats)):
+        raise UserError(
+            "photos and splats of other captures belong together",
+            found=f"photos of {photos} captures and splats of {len(splats)}",
+            expected="as many of one as of the other, in the same order: photos and renders of a capture are one scene",
+            remedy="give both of every capture, or one of the two alone",
+        )
     is_shipped = bool(parameters.shipped_photos)
     sources = len(context.input_many("other_photos")) + len(splats) + is_shipped
     own, each = -(-parameters.negatives // 2), -(-parameters.negatives // max(1, sources))

@@ -14,6 +14,7 @@ from stages.analysis.comparisons import write_comparisons
 from stages.analysis.measurements import write_measurements
 from stages.analysis.secrecy.probing import Probe, SecrecySettings
 from stages.analysis.secrecy.surrogate import SurrogateSettings
+from stages.analysis.seeds import DistinctSeeds
 from stages.hiding.method import module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.scene.attributes import strings
@@ -32,7 +33,7 @@ class ProbeSecrecyParameters(Parameters):
     shares: tuple[Annotated[float, Field(ge=0, le=1)], ...] = Field(
         (0.0, 0.01, 0.05, 0.2), description="Shares of the training views whose message leaked, each from 0 to 1."
     )
-    seeds: tuple[int, ...] = Field(
+    seeds: DistinctSeeds = Field(
         (0, 1, 2), min_length=1, description="Of surrogates: which views leaked, and first weights."
     )
     steps: int = Field(1000, ge=1, description="Of Adam, for each surrogate.")

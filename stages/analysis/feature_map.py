@@ -11,7 +11,7 @@ from stages.hiding.rendering import Rendering
 from stages.scene.gaussians import Gaussians
 
 CHANNELS = 3
-"""The first are shown as red, green and blue, as in the paper's figure of the feature map."""
+"""The first are shown as red, green and blue; the paper's figure of the feature map has three at random."""
 
 
 def feature_map_picture(gaussians: Gaussians, rendering: Rendering) -> Float[Tensor, "H W 3"] | None:

@@ -115,12 +115,14 @@ def readings(experiment: Experiment, attack: str, reading: Reading) -> tuple[Cur
 
 
 def average_curve(experiments: Iterable[Experiment], condition: str) -> Curve | None:
-    """The mean over seeds and captures, point by point; of as many points as all have. None without any."""
-    every = [curve for experiment in experiments for curve in curves(experiment, condition)]
-    if not every:
-        return None
-    points = zip(*(curve.points for curve in every), strict=False)
-    return Curve(_mean([curve.unattacked for curve in every]), tuple(map(_mean, points)))
+    """The mean over captures of the mean over seeds and trainings, point by point; of as many points as all have. None
+    without any.
+    """
+    by_capture: dict[str, list[Curve]] = {}
+    for experiment in experiments:
+        by_capture.setdefault(experiment.capture, []).extend(curves(experiment, condition))
+    every = [_mean_curve(found) for found in by_capture.values() if found]
+    return _mean_curve(every) if every else None
 
 
 def measured(
@@ -175,6 +177,11 @@ def _point(rows: Sequence[Measurement], severity: float, floors: Mapping[str | N
     cover = mean(found.pop(None, ()))
     messages = (max(mean(values), floors.get(name, -math.inf)) for name, values in found.items())
     return Point(severity, cover, mean(messages))
+
+
+def _mean_curve(every: Sequence[Curve]) -> Curve:
+    points = zip(*(curve.points for curve in every), strict=False)
+    return Curve(_mean([curve.unattacked for curve in every]), tuple(map(_mean, points)))
 
 
 def _mean(points: Sequence[Point]) -> Point:

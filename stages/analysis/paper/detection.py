@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stages.analysis.learned_detection import LEARNED
 from stages.analysis.paper.grid import Cell
-from stages.analysis.paper.measuring import Spread
+from stages.analysis.paper.measuring import Measured, Spread
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
 from stages.analysis.roc import Area, Scores, bootstrap_area
@@ -74,6 +74,20 @@ def _directed_area(experiments: Sequence[Experiment], quantity: str, comparison:
     """The seed of its interval follows from what it is of."""
     seed = zlib.crc32(f"{quantity}: {comparison.title}".encode())
     return bootstrap_area(scores_of(experiments, quantity, comparison), seed)
+
+
+@dataclass(frozen=True)
+class MeasuredAreas(Measured):
+    """Areas by capture, whose average is that of all together, `whole`: a detector that has to be inverted on one
+    capture and not on the next has found nothing, though every capture's own area is above chance.
+    """
+
+    whole: float = math.nan
+
+    @property
+    def average(self) -> Spread:
+        """Of the captures together."""
+        return replace(super().average, mean=self.whole)
 
 
 def is_inverted(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> bool:

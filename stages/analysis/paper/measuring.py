@@ -76,7 +76,8 @@ class Measured:
     def with_other(self, other: Measured, combine: Callable[[float, float], float]) -> Measured:
         """What becomes of both figures on each capture that both have; worth what a difference of both is."""
         found = {}
-        for capture, own in self.by_capture.items():
+        for capture in [each for each in self.by_capture if each in other.by_capture]:
+            own = self.by_capture[capture]
             value = combine(own.mean, other.on(capture))
             if not math.isnan(value):
                 worth = 1 / (1 / own.worth + 1 / other.by_capture[capture].worth)

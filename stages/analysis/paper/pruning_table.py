@@ -108,10 +108,10 @@ def _addition(
 def added_psnr(before: float, after: float) -> float:
     """-10 log10 of the squared error that was added, where one of `before` dB became one of `after`.
 
-    As if what was added did not depend on what was there. Infinity where nothing was added.
+    As if what was added did not depend on what was there. Infinity where nothing was added, NaN where one is not known.
     """
     added = 10 ** (-after / 10) - 10 ** (-before / 10)
-    return -10 * math.log10(added) if added > 0 else math.inf
+    return math.inf if added <= 0 else -10 * math.log10(added)
 
 
 def _change(experiments: Sequence[Experiment], attack: str, share: float, message: bool) -> Measured:

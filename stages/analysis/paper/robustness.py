@@ -11,10 +11,10 @@ from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.page.figures import MISSING
 from stages.analysis.page.material import DECODER, GS_HIDER, OURS, PLAIN, SECOND_HARMONICS
 from stages.analysis.page.summary import Tile
-from stages.analysis.paper.attack_curves import Curve, Reading, average_curve, curves, measured, readings
+from stages.analysis.paper.attack_curves import Curve, Reading, average_curve, curves, measured
 from stages.analysis.paper.chapter import Chapter, title_of
 from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, signed, without_empty_columns
-from stages.analysis.paper.measuring import Measured, Spread, mean
+from stages.analysis.paper.measuring import Measured, Spread
 from stages.analysis.paper.pruning_table import pruning_relations, pruning_table
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation
@@ -167,8 +167,7 @@ def _lost_by_ours(attacked: Attacked, reading: Reading) -> tuple[str, ...]:
 
 def _unattacked(experiments: Sequence[Experiment]) -> Spread:
     """The message before any attack, counted as it is after them: never worse than a picture of one colour."""
-    found = [curve.unattacked.message for each in experiments for curve in readings(each, UNATTACKED, "as found")]
-    return Spread(mean(found))
+    return measured(experiments, UNATTACKED, "as found", lambda curve: curve.unattacked.message).average
 
 
 def _cell(attack: AttackName, method: str, figure: Measured, note: str = "") -> Cell:

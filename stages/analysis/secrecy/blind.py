@@ -31,7 +31,7 @@ Maps = list[Float[Tensor, "H W C"]]
 def blind_readings(public: Method, views: Sequence[Observed], seed: int) -> dict[str, Maps]:
     """Three channels of every view, by how they were found; `seed` is that of the scene decoder's probes.
 
-    CHANNELS: the first three of the feature map, as the paper shows them. COMPONENTS: its principal components.
+    CHANNELS: the first three of the feature map; the paper shows three at random. COMPONENTS: its principal components.
     UNEXPLAINED: those of what is left when the cover's picture, with neighbours, is regressed out. IGNORED, of methods
     with a scene decoder: directions along which features vary most for how little the scene decoder heeds them. Of
     fewer than three channels the rest are zero.

@@ -30,7 +30,7 @@ COMPONENTS = "principal components"
 UNEXPLAINED = "what the cover does not explain"
 IGNORED = "what the scene decoder ignores"
 ALL = "all channels together"
-"""Of the feature map: as the paper shows it, and as a blind reader finds something else in it than the cover."""
+"""Of the feature map: three channels, as the paper shows it, and as a blind reader finds more in it than the cover."""
 
 CHANNEL, COMPONENT = "channel {}", "principal component {}"
 LINES = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -43,12 +44,12 @@ def least_squares(
 def multiple_correlations(regressors: Float[Tensor, "*P D"], targets: Float[Tensor, "*P T"]) -> list[float]:
     """Of each target with its best linear prediction, from 0 to 1; the regressors hold a constant one.
 
-    0 for a target that is constant: there is nothing to predict.
+    NaN for a target that is constant, as where a view shows nothing of a message: there is nothing to predict.
     """
     wanted = targets.reshape(-1, targets.shape[-1])
     rest = wanted - regressors.reshape(len(wanted), -1) @ least_squares([regressors], [targets])
     left, variance = rest.double().square().sum(0), (wanted - wanted.mean(0)).double().square().sum(0)
     return [
-        max(0.0, 1 - unexplained / whole) ** 0.5 if whole > 0 else 0.0
+        max(0.0, 1 - unexplained / whole) ** 0.5 if whole > 0 else math.nan
         for unexplained, whole in zip(left.tolist(), variance.tolist(), strict=True)
     ]

@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 
 from stages.analysis.attacks.catalogue import ONE_COLOUR, UNATTACKED, restored
 from stages.analysis.measurements import Measurement
-from stages.analysis.paper.attack_curves import LEAST_LOSS, Curve, Point, at_severity, measured, readings
+from stages.analysis.paper.attack_curves import (
+    LEAST_LOSS,
+    Curve,
+    Point,
+    at_severity,
+    average_curve,
+    measured,
+    readings,
+)
 from stages.analysis.paper.runs import Experiment
 
 COVER, MESSAGE = 30.0, 24.0
@@ -20,6 +28,22 @@ def curve(*points: tuple[float, float]) -> Curve:
     """Of what cover and message lose, in dB."""
     shown = (Point(number, COVER - cover, MESSAGE - message) for number, (cover, message) in enumerate(points))
     return Curve(Point(0, COVER, MESSAGE), tuple(shown))
+
+
+def test_captures_weigh_alike_however_often_each_was_trained() -> None:
+    def trained(capture: str, message: float, seed: int) -> Experiment:
+        rows = [
+            Measurement("psnr", value, condition, severity, 0, None, "test", name, "gs_hider")
+            for condition, severity in (("none", None), ("noise", 0.1))
+            for value, name in ((COVER, None), (message, "statue"))
+        ]
+        return Experiment(capture, "gs_hider", str(seed), tuple(rows), {})
+
+    averaged = average_curve([*(trained("fox", 24.0, seed) for seed in range(3)), trained("bonsai", 18.0, 0)], "noise")
+    assert averaged is not None
+    assert averaged.unattacked.message == pytest.approx(21)
+    assert [point.message for point in averaged.points] == pytest.approx([21])
+    assert average_curve([], "noise") is None
 
 
 def test_a_straight_line() -> None:

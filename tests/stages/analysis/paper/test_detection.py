@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from stages.analysis.measurements import Measurement
-from stages.analysis.paper.detection import HIDING, area_by_chance, area_of, verdict
+from stages.analysis.paper.detection import HIDING, MeasuredAreas, area_by_chance, area_of, verdict
+from stages.analysis.paper.measuring import Spread
+from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
 
@@ -46,6 +48,14 @@ def test_chance_that_was_not_measured_is_said() -> None:
     assert verdict(unknown, LOGIT) == "told apart, how far chance does it was not measured"
     assert verdict([], LOGIT) == "not measured"
     assert verdict([seen("fox", 0.5, 0.5)], LOGIT) == "not told apart"
+
+
+def test_the_average_of_areas_is_that_of_all_captures_together() -> None:
+    """StegExpose's is inverted where that is better; where captures want it both ways it finds nothing."""
+    areas = MeasuredAreas({"fox": Spread(0.65), "bonsai": Spread(0.53), "kitchen": Spread(0.78)}, 0.55)
+    assert areas.average.mean == 0.55
+    asked = Relation("an area", "ratio", "at most", 0.6, areas)
+    assert asked.verdict == "holds on average alone, on 1 of 3 captures"
 
 
 def test_two_trainings_of_a_scene_are_not_pooled() -> None:

@@ -16,6 +16,17 @@ def test_twice_the_error_is_as_much_again() -> None:
     assert added_psnr(30.0, 30.0 - 10 * math.log10(2)) == pytest.approx(30.0)
     assert added_psnr(30.0, 30.0) == math.inf
     assert added_psnr(30.0, 31.0) == math.inf
+    assert math.isnan(added_psnr(30.0, math.nan))
+
+
+@pytest.mark.parametrize("condition", ["sequential_pruning", "channel_permutation"])
+def test_of_attacks_that_were_not_made_nothing_is_asked(condition: str) -> None:
+    rows = tuple(
+        Measurement("psnr", 30.0, each, severity, 0, None, "test", None, "gs_hider")
+        for each, severity in (("none", None), (condition, 0.15))
+    )
+    groups = {"gs_hider": (Experiment("fox", "gs_hider", "0", rows, {}, "attacked[fox]"),)}
+    assert not [each for each in pruning_relations(groups, read_published()) if "at random" in each.text]
 
 
 @pytest.mark.parametrize(("before", "after", "verdict"), [(31.0, 27.0, "holds"), (31.0, 24.0, "does not hold")])
