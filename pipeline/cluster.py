@@ -108,6 +108,9 @@ class DaskExecutor:
 
     def _connected(self, cluster: Any) -> Client:
         where = f"--scheduler {self._address}"
+        if self._address is not None and ":" not in self._address:  # dask would try for a minute, and leave a trace
+            self._ends.close()
+            raise CommandError("no address of a dask scheduler", where=where, expected="HOST:PORT")
         try:
             client = Client(cluster, timeout="20s", set_as_default=False)
         except (OSError, ValueError) as error:

@@ -140,7 +140,7 @@ def in_words(explanation: Explanation, graph: Graph, duration: str) -> list[str]
         lines = [f"{step.name}: to run, because"]
     lines += [f"  {reason}" for reason in step.reasons]
     lines += dict.fromkeys(f"  {cause.text}" for cause in explanation.causes)  # two inputs may have one cause
-    return lines + ([f"  it failed last time: {step.failed}"] if step.failed else [])
+    return lines + ([f"  it {step.failed_before}"] if step.failed_before else [])
 
 
 def as_json(explanation: Explanation) -> dict[str, object]:

@@ -43,6 +43,13 @@ class Step:
     result: StageResult | None = None
     failed: str | None = None
 
+    @property
+    def failed_before(self) -> str | None:
+        """That it failed last time, and why: while an input is missing nobody knows whether with the same ones."""
+        if self.failed is None:
+            return None
+        return f"failed last time{'' if self.key else ', with these inputs or others'}: {self.failed}"
+
 
 class Known:
     """What the store knows of digests of code and of external files, each looked up once."""

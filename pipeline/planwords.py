@@ -8,8 +8,12 @@ from collections.abc import Mapping
 
 from pipeline.drawing import Box, Tone
 from pipeline.graph import Node
+from pipeline.plain_text import in_a_line
 from pipeline.plan import Step
 from pipeline.wording import duration
+
+MOST_OF_A_CAUSE = 160
+"""Characters of why something failed; `explain` has all of it."""
 
 STATES = {"cached": "cached", "run": "to run", "depends": "depends", "shared": "shared", "lost": "lost"}
 
@@ -38,7 +42,7 @@ def _state_words(step: Step) -> str:
         words = f"{STATES[step.state]}  {duration(step.result.seconds)}"
     else:
         words = f"{STATES[step.state]}  {'; '.join(step.reasons)}"
-    return f"{words} (failed last time: {step.failed})" if step.failed else words
+    return f"{words} ({in_a_line(step.failed_before, MOST_OF_A_CAUSE)})" if step.failed_before else words
 
 
 def _step_as_json(step: Step) -> dict[str, object]:

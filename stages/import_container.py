@@ -58,7 +58,8 @@ def import_container(context: Context, parameters: ImportContainerParameters) ->
             where=parameters.bundle,
             found=bundle.method,
             expected=parameters.method,
-            remedy=f"set the stage's method to {bundle.method}",
+            remedy=f"set the method of every stage that takes it to {bundle.method}: --set method={bundle.method} in "
+            "the workflows that view and recover containers",
         )
     networks = {**bundle.networks, **secret.networks}
     where = parameters.bundle

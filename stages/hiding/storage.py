@@ -78,7 +78,8 @@ def check_method(container: Artifact, declared: str) -> None:
             where=str(container.path),
             found=found,
             expected=declared,
-            remedy=f"set the stage's method to {found}",
+            remedy=f"set the method of every stage that takes it to {found}: --set method={found} where a workflow has "
+            "that variable",
         )
 
 

@@ -180,7 +180,7 @@ def _chart(title: str, curves: Sequence[MetricRow], quantity: str, logarithmic: 
         )
         for method, message in lines
     ]
-    return line_chart(title, series, logarithmic)
+    return line_chart(title, series, logarithmic, axes=("iterations", ""))
 
 
 def _points(rows: Sequence[MetricRow]) -> tuple[tuple[float, float], ...]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from stages.analysis.learned_detection import LEARNED
 from stages.analysis.paper.grid import Cell
-from stages.analysis.paper.measuring import Measured, Spread
+from stages.analysis.paper.measuring import Spread
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
 from stages.analysis.roc import Area, Scores, bootstrap_area
@@ -76,20 +76,6 @@ def _directed_area(experiments: Sequence[Experiment], quantity: str, comparison:
     return bootstrap_area(scores_of(experiments, quantity, comparison), seed)
 
 
-@dataclass(frozen=True)
-class MeasuredAreas(Measured):
-    """Areas by capture, whose average is that of all together, `whole`: a detector that has to be inverted on one
-    capture and not on the next has found nothing, though every capture's own area is above chance.
-    """
-
-    whole: float = math.nan
-
-    @property
-    def average(self) -> Spread:
-        """Of the captures together."""
-        return replace(super().average, mean=self.whole)
-
-
 def is_inverted(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> bool:
     """Whether the area is that of the detector's opposite."""
     return area_of(experiments, quantity, comparison) != _directed_area(experiments, quantity, comparison)
@@ -110,11 +96,35 @@ def verdict(experiments: Sequence[Experiment], quantity: str) -> str:
     if math.isnan(hiding.value):
         return "not measured"
     if hiding.low <= 0.5:
-        return "not told apart"
+        return _where_told(experiments, quantity)
     if hiding.low <= chance:
         return "told apart, but so are two that hide nothing"
     told = "told apart" if hiding.value > UNNOTICED else "hardly told apart"
     return told + (", how far chance does it was not measured" if math.isnan(chance) else "")
+
+
+def _where_told(experiments: Sequence[Experiment], quantity: str) -> str:
+    """Of what is not told apart on all captures together: on how many by itself, farther than two that hide nothing."""
+    captures = _by_capture(experiments)
+    told = [
+        own
+        for own in captures
+        if (area := area_of(own, quantity, HIDING)).low > max(0.5, _or_none(area_of(own, quantity, CHANCE).two_sided))
+        and area.value > UNNOTICED
+    ]
+    if not told or len(captures) < 2:
+        return "not told apart"
+    ways = {is_inverted(own, quantity, HIDING) for own in told}
+    return f"told apart on {len(told)} of {len(captures)} captures" + (", in opposite directions" * (len(ways) > 1))
+
+
+def _or_none(chance: Area) -> float:
+    return 0.5 if math.isnan(chance.value) else chance.value
+
+
+def _by_capture(experiments: Sequence[Experiment]) -> list[list[Experiment]]:
+    captures = dict.fromkeys(each.capture for each in experiments)
+    return [[each for each in experiments if each.capture == capture] for capture in captures]
 
 
 def area_by_chance(experiments: Sequence[Experiment], quantity: str) -> float:
@@ -123,7 +133,6 @@ def area_by_chance(experiments: Sequence[Experiment], quantity: str) -> float:
     Which of the two comes first means nothing, so that a capture where the area is 0.28 is as far from chance as one
     with 0.72, and the mean of both is no chance.
     """
-    by_capture = {each.capture: [own for own in experiments if own.capture == each.capture] for each in experiments}
-    areas = [area_of(own, quantity, CHANCE).two_sided.value for own in by_capture.values()]
+    areas = [area_of(own, quantity, CHANCE).two_sided.value for own in _by_capture(experiments)]
     measured = [area for area in areas if not math.isnan(area)]
     return sum(measured) / len(measured) if measured else math.nan

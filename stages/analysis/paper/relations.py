@@ -69,10 +69,11 @@ class Relation:
         if not captures:
             return "not measured"
         on_average = "holds on average alone" if self.holds(self.value) else "does not hold"
-        parts = ["holds" if self.is_found else on_average, *(["within noise"] if self.within_noise else [])]
-        if 0 < count < captures:
-            parts.append(f"on {count} of {captures} captures")
-        return ", ".join(parts)
+        words = ", ".join(["holds" if self.is_found else on_average, *(["within noise"] if self.within_noise else [])])
+        if not 0 < count < captures:
+            return words
+        some = f"on {count} of {captures} captures"
+        return f"{words}, {some}" if self.is_found else f"{words} (by itself {some})"
 
 
 def relations_grid(relations: Sequence[tuple[str, Relation]], captures: Sequence[str]) -> Grid:

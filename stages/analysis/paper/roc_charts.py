@@ -17,7 +17,10 @@ MOST_POINTS = 120
 
 
 def roc_charts(by_method: ByMethod, captures: Sequence[str]) -> Iterator[Chart]:
-    """As in the paper's figure, and against clean renders: by capture, and of several captures pooled."""
+    """StegExpose's as in the paper's figure, and against clean renders: by capture, and of several captures pooled.
+
+    As it scores: under the diagonal its opposite is better, which is what tables then score.
+    """
     groups: Mapping[str, Sequence[str]] = {capture_title(capture): [capture] for capture in captures}
     if len(captures) > 1:
         groups = {"All together": captures, **groups}
@@ -33,7 +36,7 @@ def roc_charts(by_method: ByMethod, captures: Sequence[str]) -> Iterator[Chart]:
             ]
             if any(each.points for each in series):
                 chart = line_chart(
-                    f"{title}: {comparison.title}",
+                    f"StegExpose, {title}: {comparison.title}",
                     [*series, Series("chance", ((0.0, 0.0), (1.0, 1.0)))],
                     from_zero=False,
                     axes=("false positive rate", "true positive rate"),

@@ -9,8 +9,8 @@ from stages.analysis.attribute_histograms import GAUSSIANS
 from stages.analysis.learned_detection import LEARNED, TRAINING_SCENES
 from stages.analysis.paper.attribute_tables import attribute_charts, attributes_grid
 from stages.analysis.paper.chapter import Chapter, title_of
-from stages.analysis.paper.detection import HIDING, UNNOTICED, ByMethod, MeasuredAreas, area_of
-from stages.analysis.paper.measuring import Spread
+from stages.analysis.paper.detection import HIDING, UNNOTICED, ByMethod, area_of
+from stages.analysis.paper.measuring import Measured, Spread
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.roc_charts import roc_charts
@@ -45,7 +45,7 @@ def steganalysis(study: Study, tables: Published) -> Chapter:
         "Can it be detected?",
         tuple(grids),
         (
-            *_relations(by_stegexpose, FUSION, "StegExpose"),
+            *_relations(by_stegexpose, FUSION, "StegExpose, inverted where that is better,"),
             *(
                 relation
                 for quantity, seen in LEARNED.items()
@@ -74,10 +74,7 @@ def _relations(experiments_of: ByMethod, quantity: str, detector: str) -> Iterat
                 "ratio",
                 "at most",
                 UNNOTICED,
-                MeasuredAreas(
-                    {capture: Spread(area.value) for capture, area in areas.items()},
-                    area_of(experiments, quantity, HIDING).value,
-                ),
+                Measured({capture: Spread(area.value) for capture, area in areas.items()}),
                 noise=_of_one([(area.high - area.low) / DEVIATIONS for area in areas.values()]),
             )
 

@@ -72,7 +72,8 @@ def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: 
             for method in methods
         ),
         (
-            "All captures together. Not told apart: the 95 % interval reaches down to chance. Told apart, but so are "
+            "All captures together. Not told apart: the 95 % interval reaches down to chance; where it does, captures are "
+            "counted on which that of their own is above what two that hide nothing come to. Told apart, but so are "
             "two that hide nothing: no farther than two clean trainings are from each other, on average over the "
             "captures, whichever of the two comes first. What no detector here finds may be found by others.",
         ),

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from stages.analysis.measurements import Measurement
-from stages.analysis.paper.detection import HIDING, MeasuredAreas, area_by_chance, area_of, verdict
-from stages.analysis.paper.measuring import Spread
-from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.detection import HIDING, area_by_chance, area_of, verdict
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
+from stages.analysis.stegexpose.fusion import FUSION
 
 LOGIT = "learned_on_renders"
 VIEWS = 60
@@ -50,12 +50,13 @@ def test_chance_that_was_not_measured_is_said() -> None:
     assert verdict([seen("fox", 0.5, 0.5)], LOGIT) == "not told apart"
 
 
-def test_the_average_of_areas_is_that_of_all_captures_together() -> None:
-    """StegExpose's is inverted where that is better; where captures want it both ways it finds nothing."""
-    areas = MeasuredAreas({"fox": Spread(0.65), "bonsai": Spread(0.53), "kitchen": Spread(0.78)}, 0.55)
-    assert areas.average.mean == 0.55
-    asked = Relation("an area", "ratio", "at most", 0.6, areas)
-    assert asked.verdict == "holds on average alone, on 1 of 3 captures"
+def test_what_is_told_on_some_captures_alone_is_said() -> None:
+    """Together they cancel, or chance is among them; a capture counts that is farther than two that hide nothing."""
+    both_ways = [seen("fox", 0.95, 0.5), seen("bonsai", 0.05, 0.5), seen("kitchen", 0.5, 0.5)]
+    fused = [replace(each, rows=tuple(replace(row, quantity=FUSION) for row in each.rows)) for each in both_ways]
+    assert verdict(fused, FUSION) == "told apart on 2 of 3 captures, in opposite directions"
+    excused = [seen("fox", 0.75, 0.9), seen("bonsai", 0.2, 0.5)]
+    assert verdict(excused, LOGIT) == "not told apart"
 
 
 def test_two_trainings_of_a_scene_are_not_pooled() -> None:
