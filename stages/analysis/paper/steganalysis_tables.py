@@ -72,9 +72,9 @@ def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: 
             for method in methods
         ),
         (
-            "All captures together. Not told apart: the 95 % interval reaches down to chance; where it does, captures are "
-            "counted on which that of their own is above what two that hide nothing come to. Told apart, but so are "
-            "two that hide nothing: no farther than two clean trainings are from each other, on average over the "
+            "All captures together. Not told apart: the 95 % interval reaches down to chance; where it does, captures "
+            "are counted on which that of their own is above what two that hide nothing come to. Told apart, but so "
+            "are two that hide nothing: no farther than two clean trainings are from each other, on average over the "
             "captures, whichever of the two comes first. What no detector here finds may be found by others.",
         ),
     )
@@ -96,7 +96,7 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
             "that says little). ↓: the detector gives the first class less; its opposite is scored, which anyone would "
             "use. Of all together it is the opposite of all: directions that differ from capture to capture cancel, as "
             "they do for whoever cannot know them. The curves of all captures together pool them, as the paper's "
-            "figure does.",
+            "figure does; they are this fusion's as it scores: under the diagonal its opposite is better.",
             *(_finding(method, experiments) for method, experiments in by_method.items()),
             "The GS-Hider paper compares renders with photos only, and prints a figure without values. KeySS (ICLR "
             "2026) reports 0.45 of itself in the same way, two-sided 0.55.",
