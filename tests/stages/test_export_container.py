@@ -195,7 +195,7 @@ def test_a_container_that_could_not_be_read_again_is_not_exported(tmp_path: Path
 def test_another_method_than_declared_is_told(tmp_path: Path) -> None:
     container, _ = stored(tmp_path, "homogeneous")
     bundle = exported(tmp_path, container)["bundle"].path
-    with pytest.raises(UserError, match="Set the stage's method to homogeneous"):
+    with pytest.raises(UserError, match="Set the method of every stage that takes it to homogeneous"):
         imported(tmp_path, "gs_hider", bundle)
 
 

@@ -63,5 +63,5 @@ def test_what_is_left_out_is_said_and_features_of_another_number_are_recovered(t
 def test_another_method_than_declared_is_told(tmp_path: Path) -> None:
     container, columns = published(tmp_path, "homogeneous")
     parameters = ImportFoundParameters(place=write_ply(tmp_path / "a.ply", columns), method="gs_hider")
-    with pytest.raises(UserError, match="Set the stage's method to homogeneous"):
+    with pytest.raises(UserError, match="Set the method of every stage that takes it to homogeneous"):
         run_stage(import_found, parameters, {"published": container}, tmp_path / "outputs")
