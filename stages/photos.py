@@ -16,23 +16,10 @@ from stages.imaging.pictures import encode_png, read_picture
 from stages.scene.camera_checks import refuse_far_poses
 from stages.scene.capture import Capture, numbered, write_capture
 from stages.scene.colmap import models_beside, photos_in_model
+from stages.scene.given_poses import find_poses, known_poses, photo_finder, poses_at, read_poses
 from stages.scene.named_frames import find_posed_photos
-from stages.scene.photo_folder import (
-    ANIMATIONS,
-    SUFFIXES,
-    PhotoFacts,
-    PhotoFolder,
-    files_not_among,
-    find_photos,
-    find_pictures,
-    find_poses,
-    known_poses,
-    photo_finder,
-    poses_at,
-    read_facts,
-    read_poses,
-    taken_by,
-)
+from stages.scene.photo_facts import PhotoFacts, read_facts, taken_by
+from stages.scene.photo_folder import ANIMATIONS, SUFFIXES, PhotoFolder, files_not_among, find_photos, find_pictures
 from stages.scene.splits import TEST, find_split_photos, find_splits, read_split_poses
 from stages.scene.transforms import FILE, held_out_files, masked_frames
 

@@ -13,8 +13,9 @@ from pathlib import Path
 
 from stages.scene.capture import PoseSource
 from stages.scene.colmap import PosedPhoto
+from stages.scene.given_poses import read_poses
 from stages.scene.named_frames import photo_of_frame, under_one_folder
-from stages.scene.photo_folder import PhotoFolder, read_poses, refuse_unwritten_names
+from stages.scene.photo_folder import PhotoFolder, refuse_unwritten_names
 from stages.scene.transforms import frame_files
 
 TRAIN, TEST = "train", "test"

@@ -24,7 +24,8 @@ from stages.imaging.pictures import (
     resize_picture,
     tensor_to_picture,
 )
-from stages.scene.photo_folder import ANIMATIONS, SUFFIXES, read_facts
+from stages.scene.photo_facts import read_facts
+from stages.scene.photo_folder import ANIMATIONS, SUFFIXES
 
 
 @pytest.fixture

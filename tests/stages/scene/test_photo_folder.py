@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 
 from pipeline.errors import UserError
 from stages.scene.capture import picture_path, read_capture
-from stages.scene.photo_folder import find_photos, photo_finder
+from stages.scene.photo_folder import find_photos
 from tests.stages.test_photos import capture, expect_refusal, take
 
 
@@ -106,15 +105,6 @@ def test_a_folder_of_folders_is_refused_with_what_to_do(tmp_path: Path) -> None:
     """Which of them hold photos of the capture, and not masks or other sizes, nobody said."""
     take(tmp_path / "rig" / "left" / "1.jpg")
     expect_refusal(tmp_path / "rig", tmp_path / "out", "folders left", "in one called images", "parameter images")
-
-
-def test_folders_before_a_photo_cost_no_time(tmp_path: Path) -> None:
-    """As many as a path may have: not every one of their endings can be a photo's name, and none else is compared."""
-    find = photo_finder(["left_far_1.jpg", "left_2.jpg"], tmp_path)
-    start = time.monotonic()
-    for _ in range(200):
-        assert find("d/" * 2000 + "left/far/1.png") == "left_far_1.jpg"
-    assert time.monotonic() - start < 2
 
 
 @pytest.mark.parametrize("place", ["", "images/left"])

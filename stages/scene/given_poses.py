@@ -1,0 +1,137 @@
+"""The poses that came with a capture: where they are, and which photo each belongs to."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from unicodedata import normalize
+
+import numpy as np
+
+from pipeline.errors import UserError
+from pipeline.plain_text import in_a_line
+from stages.scene.capture import KnownPoses, PoseSource
+from stages.scene.colmap import PosedPhoto, find_colmap_model, read_colmap_model
+from stages.scene.lens import Lens
+from stages.scene.photo_folder import what_is_there
+from stages.scene.transforms import FILE, read_transforms
+
+ASPECT_TOLERANCE = 0.01
+LARGEST_SIDE = 1_000_000
+LONGEST_PATH = 4096
+"""Characters, as Linux has it: what is longer in a file of poses is none of a photo."""
+
+
+def poses_at(place: Path) -> Path:
+    """A file of poses as it is, of a folder what `find_poses` finds; raises `UserError` where that is nothing."""
+    found = find_poses(place) if place.is_dir() else place
+    if found is None:
+        raise UserError(
+            "a folder without poses",
+            where=place,
+            found=what_is_there(place),
+            expected=f"a COLMAP model (cameras and images, .bin or .txt) or a {FILE}",
+        )
+    return found
+
+
+def find_poses(folder: Path) -> Path | None:
+    """The COLMAP model's folder or the `transforms.json` of a capture's folder; a model comes first."""
+    model = find_colmap_model(folder)
+    if model is None and (folder / FILE).is_file():
+        return folder / FILE
+    return model
+
+
+def photo_finder(photos: Collection[str], place: Path) -> Callable[[str], str | None]:
+    """What finds the photo that a file of poses, which is at `place`, means by a path, or None.
+
+    It has its file name, else its stem; of photos in several folders, the folders before it, too; and accented letters
+    written as one character or as two. Its time is in proportion to the path; it raises `UserError` for one that no
+    photo can have.
+
+    >>> find = photo_finder(["left_1.jpg", "right_1.jpg", "2.png"], Path("transforms.json"))
+    >>> find("images/left/1.jpg"), find("right/1"), find("images/2.jpg"), find("1.jpg")
+    ('left_1.jpg', 'right_1.jpg', '2.png', None)
+    """
+    named = {normalize("NFC", name): name for name in photos} | {name: name for name in photos}
+    stems = {Path(written).stem: name for written, name in named.items()}
+    most_parts = 1 + max((name.count("_") for name in photos), default=0)  # a name has a low line for each folder
+
+    def find(path: str) -> str | None:
+        if len(path) > LONGEST_PATH:
+            raise UserError(
+                "the path of a photo is too long",
+                where=place,
+                found=f"{in_a_line(path, 60)}, of {len(path)} characters",
+                expected=f"at most {LONGEST_PATH} characters",
+                remedy="Repair the file of poses, or take it out of the folder to have the poses estimated.",
+            )
+        for written in dict.fromkeys((path, normalize("NFC", path))):
+            parts = Path(written).parts[-most_parts:]
+            names = ("_".join(parts[start:]) for start in range(len(parts)))
+            found = (named.get(name) or stems.get(name) or stems.get(Path(name).stem) for name in names)
+            if photo := next(filter(None, found), None):
+                return photo
+        return None
+
+    return find
+
+
+def read_poses(
+    place: Path, sizes: Mapping[str, tuple[int, int]], resized: bool = False
+) -> tuple[PoseSource, list[PosedPhoto]]:
+    """The poses of a COLMAP model or a transforms.json, under the names of the photos in `sizes`.
+
+    A posed photo is matched as `photo_finder` says; its lens is scaled to the photo's size, which is another than that
+    of the photos that were posed where they are `resized`. Raises `UserError` for what cannot be read, for poses whose
+    photo is not there, paths that are too long, twice posed photos, and other aspects.
+    """
+    photo_named = photo_finder(sizes, place)
+
+    def size_of(name: str) -> tuple[int, int]:
+        photo = photo_named(name)
+        return sizes[photo] if photo is not None else (1, 1)
+
+    source: PoseSource = "colmap" if place.is_dir() else "transforms"
+    posed = read_colmap_model(place) if place.is_dir() else read_transforms(place, size_of, resized=resized)
+    matched = {each.name: photo_named(each.name) for each in posed}
+    missing = [name for name, photo in matched.items() if photo is None]
+    if missing or not posed:
+        raise UserError(
+            "poses came for photos that do not exist" if posed else "a file of poses without poses",
+            where=place,
+            found=f"{len(missing)} of {len(posed)}: {', '.join(missing[:3])}" if posed else "0 photos",
+            expected=f"the names of the {len(sizes)} photos, such as {min(sizes)}" if sizes else "frames",
+            remedy="Put the photos there, or take the poses out of the folder to have them estimated.",
+        )
+    renamed = [PosedPhoto(str(matched[each.name]), each.world_to_camera, each.lens) for each in posed]
+    name, times = Counter(each.name for each in renamed).most_common(1)[0]
+    if times > 1:
+        raise UserError(f"photo {name} is posed twice", where=place, remedy="Keep one pose for every photo.")
+    fitted = [PosedPhoto(p.name, p.world_to_camera, _fitted(place, p, sizes[p.name])) for p in renamed]
+    return source, sorted(fitted, key=lambda photo: photo.name)
+
+
+def _fitted(place: Path, photo: PosedPhoto, size: tuple[int, int]) -> Lens:
+    lens = photo.lens
+    if (
+        max(lens.width, lens.height) > LARGEST_SIDE
+        or abs(lens.width / lens.height / (size[0] / size[1]) - 1) > ASPECT_TOLERANCE
+    ):
+        raise UserError(
+            f"the poses are for a photo {photo.name} of another shape",
+            where=place,
+            found=f"{lens.width} x {lens.height} pixels",
+            expected=f"{size[0]} x {size[1]} pixels, or the same proportions",
+            remedy="Use the photos that the poses were made from, neither cropped nor turned.",
+        )
+    return lens.resized(*size)
+
+
+def known_poses(source: PoseSource, posed: list[PosedPhoto]) -> KnownPoses:
+    """Poses of the photos in this order."""
+    return KnownPoses(
+        source, np.stack([photo.world_to_camera for photo in posed]), tuple(photo.lens for photo in posed)
+    )
