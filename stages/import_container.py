@@ -5,13 +5,12 @@ from __future__ import annotations
 import torch
 from pydantic import Field
 
-from pipeline.errors import UserError
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
 from stages.hiding.bundle import CAMERAS, IMAGE_CAMERA, SecretBundle
 from stages.hiding.bundle_files import read_container_bundle, read_secret_bundle
 from stages.hiding.camera_reading import read_cameras_file
 from stages.hiding.fitting import fitted_method
-from stages.hiding.method import module_of
+from stages.hiding.method import module_of, refuse_another_method
 from stages.hiding.storage import write_container, write_secret
 from stages.scene.garbage import refuse_garbage
 from stages.scene.gaussians import Gaussians
@@ -52,15 +51,7 @@ def import_container(context: Context, parameters: ImportContainerParameters) ->
     """
     bundle = read_container_bundle(parameters.bundle)
     secret = read_secret_bundle(parameters.secret) if parameters.secret else SecretBundle(())
-    if bundle.method != parameters.method:
-        raise UserError(
-            "the container was made by another method",
-            where=parameters.bundle,
-            found=bundle.method,
-            expected=parameters.method,
-            remedy=f"set the method of every stage that takes it to {bundle.method}: --set method={bundle.method} in "
-            "the workflows that view and recover containers",
-        )
+    refuse_another_method(parameters.bundle, bundle.method, parameters.method)
     networks = {**bundle.networks, **secret.networks}
     where = parameters.bundle
     method = fitted_method(where, bundle.method, bundle.settings, secret.messages, bundle.shapes, networks)

@@ -1,12 +1,19 @@
-"""Hypothesis draws the same examples on every run: what is green stays green until the code changes.
+"""What holds for all tests: Hypothesis draws the same examples on every run, and Ctrl-C interrupts.
+
+What is green stays green until the code changes.
 
 To search for new ones: `pytest --hypothesis-profile=search tests/opencl/test_poison.py`.
 """
 
 from __future__ import annotations
 
+import signal
+
 from hypothesis import settings
 
 settings.register_profile("repeatable", derandomize=True)
 settings.register_profile("search", derandomize=False)
 settings.load_profile("repeatable")
+
+# Whoever starts the tests in the background of a script has them ignore SIGINT, and all that they start in turn.
+signal.signal(signal.SIGINT, signal.default_int_handler)

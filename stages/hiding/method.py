@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Collection, Mapping
+from pathlib import Path
 from typing import Protocol, cast
 
 import numpy as np
@@ -11,6 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pipeline.errors import UserError
 from stages.hiding.rendering import Rendering
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
@@ -58,6 +60,22 @@ class Method(Protocol):
 def module_of(name: str) -> str:
     """The module that holds method `name`: what a stage declares to the code fingerprint."""
     return f"{PACKAGE}.{name}"
+
+
+def refuse_another_method(where: Path, found: str, declared: str) -> None:
+    """Raise `UserError` unless the container at `where` was made by the method that a stage declared.
+
+    The declaration decides whose code the stage's results depend on, and under which name they appear.
+    """
+    if found != declared:
+        raise UserError(
+            "the container was made by another method",
+            where=where,
+            found=found,
+            expected=declared,
+            remedy=f"set the method of every stage that takes it to {found}: --set method={found} where a workflow has "
+            "that variable",
+        )
 
 
 def settings_of(name: str) -> tuple[str, ...]:

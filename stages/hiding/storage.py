@@ -10,7 +10,7 @@ import torch
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
 from stages.hiding.image_view import IMAGE_VIEW
-from stages.hiding.method import Method, build_method, move_networks
+from stages.hiding.method import Method, build_method, move_networks, refuse_another_method
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.scene.attributes import mapping, string, strings
 from stages.scene.gaussians import Gaussians
@@ -67,20 +67,8 @@ def read_method(container: Artifact, secret: Artifact | None = None, device: tor
 
 
 def check_method(container: Artifact, declared: str) -> None:
-    """Raise `UserError` unless the container was made by the method that a stage declared.
-
-    The declaration decides whose code the stage's results depend on, and under which name they appear.
-    """
-    found = string(container, "method")
-    if found != declared:
-        raise UserError(
-            "the container was made by another method",
-            where=str(container.path),
-            found=found,
-            expected=declared,
-            remedy=f"set the method of every stage that takes it to {found}: --set method={found} where a workflow has "
-            "that variable",
-        )
+    """Raise `UserError` unless the container was made by the method that a stage declared."""
+    refuse_another_method(container.path, string(container, "method"), declared)
 
 
 def bytes_of(artifact: Artifact) -> int:

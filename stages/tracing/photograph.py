@@ -25,7 +25,6 @@ class Studio:
     """A world with everything that all its pictures share. `gloss` scales the shine of everything in it."""
 
     def __init__(self, world: World, gloss: float = 1.0) -> None:
-        self._exposure = np.float32(world.exposure)
         self._shader = Shader(world, gloss)
 
     def photograph(
@@ -44,7 +43,7 @@ class Studio:
         picture = np.empty((height, width, 3), np.uint8)
         for rows, columns in _tiles(width, height, samples):
             place = _sample_places(rows, columns, strata, random)
-            light = self._pixels(place, world_to_camera, intrinsics, samples) * self._exposure
+            light = self._pixels(place, world_to_camera, intrinsics, samples)
             shape = (rows.stop - rows.start, columns.stop - columns.start, 3)
             picture[rows, columns] = _develop(light).T.reshape(shape)
         return picture

@@ -83,7 +83,6 @@ class World:
     suns: tuple[Sun, ...]
     lamps: tuple[Lamp, ...]
     sky: Sky
-    exposure: float
 
 
 def turned(yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> Float64[np.ndarray, "3 3"]:
@@ -195,5 +194,5 @@ class Builder:
         """A random tint about white, so that no two things of one material look alike."""
         return (1 + strength * (self.random.random(3, dtype=np.float32) * 2 - 1)) / (1 + strength)
 
-    def world(self, sky: Sky, exposure: float = 1.0) -> World:
-        return World(tuple(self.solids), tuple(self.pages), tuple(self.suns), tuple(self.lamps), sky, exposure)
+    def world(self, sky: Sky) -> World:
+        return World(tuple(self.solids), tuple(self.pages), tuple(self.suns), tuple(self.lamps), sky)

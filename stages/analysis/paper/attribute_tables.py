@@ -18,7 +18,7 @@ CLASS_TITLES = {HIDDEN: "hides a message", CLEAN: "hides nothing", CLEAN_AGAIN: 
 
 
 def attributes_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
-    """A line for each method and attribute, a column for each capture; in small letters the same of two clean ones."""
+    """A line for each method and attribute, a column for each capture; its second figure the same of two clean ones."""
     lines = [
         Line((title_of(method), title), tuple(_cell(experiments, quantity, capture, form) for capture in captures))
         for method, experiments in by_method.items()
@@ -30,7 +30,7 @@ def attributes_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
         tuple(map(capture_title, captures)),
         tuple(lines),
         (
-            "0: alike; 1: no value in common. In small letters: two clean containers that differ in their seed alone. "
+            "0: alike; 1: no value in common. Second figures: two clean containers that differ in their seed alone. "
             "Nobody who finds a container has its clean twin: a divergence says that there is something to learn, not "
             "that it was learnt. An attribute that only the container has needs no statistics: its name stands in the "
             "published file.",

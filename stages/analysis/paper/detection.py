@@ -96,30 +96,26 @@ def verdict(experiments: Sequence[Experiment], quantity: str) -> str:
     if math.isnan(hiding.value):
         return "not measured"
     if hiding.low <= 0.5:
-        return _where_told(experiments, quantity)
+        return _captures_told_apart(experiments, quantity)
     if hiding.low <= chance:
         return "told apart, but so are two that hide nothing"
     told = "told apart" if hiding.value > UNNOTICED else "hardly told apart"
     return told + (", how far chance does it was not measured" if math.isnan(chance) else "")
 
 
-def _where_told(experiments: Sequence[Experiment], quantity: str) -> str:
+def _captures_told_apart(experiments: Sequence[Experiment], quantity: str) -> str:
     """Of what is not told apart on all captures together: on how many by itself, farther than two that hide nothing."""
     captures = _by_capture(experiments)
-    told = [
-        own
-        for own in captures
-        if (area := area_of(own, quantity, HIDING)).low > max(0.5, _or_none(area_of(own, quantity, CHANCE).two_sided))
-        and area.value > UNNOTICED
-    ]
+    told = [own for own in captures if _is_told_apart(own, quantity)]
     if not told or len(captures) < 2:
         return "not told apart"
     ways = {is_inverted(own, quantity, HIDING) for own in told}
     return f"told apart on {len(told)} of {len(captures)} captures" + (", in opposite directions" * (len(ways) > 1))
 
 
-def _or_none(chance: Area) -> float:
-    return 0.5 if math.isnan(chance.value) else chance.value
+def _is_told_apart(capture: Sequence[Experiment], quantity: str) -> bool:
+    area, chance = area_of(capture, quantity, HIDING), area_by_chance(capture, quantity)
+    return area.value > UNNOTICED and area.low > (0.5 if math.isnan(chance) else max(0.5, chance))
 
 
 def _by_capture(experiments: Sequence[Experiment]) -> list[list[Experiment]]:

@@ -27,7 +27,7 @@ def write_markdown(page: TablesPage) -> str:
             parts.append(f"![{_text(chapter.title)}]({drawing_file(chapter.title)})")
     if page.relations:
         parts += ["## What should be seen", *_grid(page.relations)]
-    parts += ["## To read this", *map(_note, page.remarks)]
+    parts += ["## To read this", *map(_text, page.remarks)]
     parts.append("\n".join(f"- {_text(name)}: {_text(definition)}" for name, definition in page.definitions))
     return "\n\n".join(parts) + "\n"
 
@@ -42,7 +42,7 @@ def _grid(grid: Grid) -> list[str]:
             for line, span in zip(grid.lines, grid.spans, strict=True)
         ),
     ]
-    return [f"**{_text(grid.caption)}**", "\n".join(lines), *map(_note, grid.notes)]
+    return [f"**{_text(grid.caption)}**", "\n".join(lines), *map(_text, grid.notes)]
 
 
 def _written(cell: Cell) -> str:
@@ -51,11 +51,6 @@ def _written(cell: Cell) -> str:
 
 def _row(texts: Sequence[str] | Iterable[str]) -> str:
     return f"| {' | '.join(map(_text, texts))} |"
-
-
-def _note(note: str) -> str:
-    """What is small on the page stands in parentheses here."""
-    return _text(note.replace("In small letters", "In parentheses").replace("Small figures", "Figures in parentheses"))
 
 
 def _text(text: str) -> str:

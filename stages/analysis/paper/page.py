@@ -130,7 +130,7 @@ def _relations_tile(relations: Iterable[Relation]) -> list[Tile]:
 
 def _remarks(study: Study, chapters: Sequence[Chapter], wanted: Sequence[str], tables: Published) -> list[str]:
     remarks = [
-        "Small figures under a capture are differences to what the last column names. Average: over the captures that "
+        "Second figures under a capture are differences to what the last column names. Average: over the captures that "
         "are shown; the paper's over all nine of its own. ±: standard deviation of n runs that differ in their seed "
         "alone; of an average, that of the average, each capture having n runs.",
         f"Within noise: nearer to what is asked for than {NOISES} standard deviations of what is compared, which "

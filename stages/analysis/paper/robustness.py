@@ -142,7 +142,7 @@ def _areas(attacked: Attacked, reading: Reading, sources: str) -> Grid:
         (Line(("Nothing",), (*cells, Cell(""))), *lines),
         (
             CURVE_NOTE,
-            "Small figures: to what was read before the attack. Who begins with a better message can lose more of it "
+            "Second figures: to what was read before the attack. Who begins with a better message can lose more of it "
             "and still have more left.",
             *_lost_by_ours(attacked, reading),
             *_notes(reading),
@@ -273,7 +273,7 @@ def _points(attacked: Attacked) -> Grid:
         tuple(Line(names, _filled(cells, most)) for names, cells in lines),
         (
             "Means over captures and seeds, point by point, of as many points as all have; where a curve has more, its "
-            f"area counts them. Small figures are severities. {severities}.",
+            f"area counts them. Second figures are severities. {severities}.",
         ),
     )
 
@@ -296,7 +296,7 @@ def _registered_points(attacked: Attacked) -> Grid:
         ("Attack", "Method"),
         _headings(most),
         tuple(Line(names, _filled(cells, most)) for names, cells in lines),
-        ("As it was read, worse readings included; small figures are those as found, at the severities above.",),
+        ("As it was read, worse readings included; second figures are those as found, at the severities above.",),
     )
 
 

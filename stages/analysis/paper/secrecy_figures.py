@@ -136,9 +136,9 @@ def behind_owner(experiments: Sequence[Experiment], share: float) -> Measured:
     return surrogate.minus(measured(experiments, "psnr_covered", OWNER).certain)
 
 
-def shares(experiments: Sequence[Experiment], condition: str = SURROGATE) -> tuple[float, ...]:
+def shares(experiments: Sequence[Experiment]) -> tuple[float, ...]:
     """The shares of the training views that leaked to surrogates, ascending."""
-    rows = [row for experiment in experiments for row in experiment.rows if row.condition == condition]
+    rows = [row for experiment in experiments for row in experiment.rows if row.condition == SURROGATE]
     return tuple(sorted({row.severity for row in rows if row.severity is not None}))
 
 

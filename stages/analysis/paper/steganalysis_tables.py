@@ -91,7 +91,7 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
             for comparison in COMPARISONS
         ),
         (
-            "0.5: no better than chance; 1: always right. All together: the mean of the captures. In small letters the "
+            "0.5: no better than chance; 1: always right. All together: the mean of the captures. Second figures: the "
             "95 % interval, by drawing runs of neighbouring views (and captures, under All together: of as few as here "
             "that says little). ↓: the detector gives the first class less; its opposite is scored, which anyone would "
             "use. Of all together it is the opposite of all: directions that differ from capture to capture cancel, as "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -76,7 +76,6 @@ def observe(
     scene: Scene,
     messages: Mapping[str, MessageViews],
     views: Sequence[str],
-    after_each: Callable[[], None] = lambda: None,
 ) -> list[Observed]:
     """The views of these names, in this order; `messages` in the order of the message decoder's channels."""
     cameras = single_cameras(scene.cameras.select(views))
@@ -91,5 +90,4 @@ def observe(
                 torch.stack([torch.from_numpy(message.coverage[row]) for message in messages.values()]),
             )
         )
-        after_each()
     return observed

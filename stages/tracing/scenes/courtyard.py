@@ -33,7 +33,7 @@ def build(seed: int) -> World:
     _columns(builder, stone, clay, green)
     _stall(builder, rng, wood, clay, green)
     _pots(builder, clay, green, flowers)
-    _barrels_and_crates(builder, rng, wood, stone)
+    _barrels_and_crates(builder, wood, stone)
     builder.sun((0.55, 0.35, 0.76), (1.25, 1.1, 0.85))
     return builder.world(Sky(above=(0.42, 0.52, 0.7), below=(0.16, 0.13, 0.09)))
 
@@ -158,7 +158,7 @@ def _pots(builder: Builder, clay: Material, green: Material, flowers: Material) 
             builder.ball(place, (reach, reach, 0.85 * reach), plant, tint=builder.tone())
 
 
-def _barrels_and_crates(builder: Builder, rng: np.random.Generator, wood: Material, stone: Material) -> None:
+def _barrels_and_crates(builder: Builder, wood: Material, stone: Material) -> None:
     for x, y, height in ((1.55, -1.75, 0.62), (2.05, -1.45, 0.5), (-2.3, -0.6, 0.6)):
         middle = height / 2
         builder.rod((x, y, 0), (x, y, middle), 0.2, wood, end_radius=0.25, tint=builder.tone())

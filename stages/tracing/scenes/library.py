@@ -61,7 +61,7 @@ def build(seed: int) -> World:
     _walls(builder, rng, stuff)
     _table(builder, rng, stuff)
     _chandelier(builder, stuff)
-    _furniture(builder, rng, stuff)
+    _furniture(builder, stuff)
     _corners(builder, stuff)
     builder.sun((0.42, -0.36, 0.83), (1.15, 1.0, 0.74))
     return builder.world(Sky(above=(0.44, 0.42, 0.38), below=(0.23, 0.19, 0.14)))
@@ -281,7 +281,7 @@ def _chandelier(builder: Builder, stuff: Stuff) -> None:
     builder.lamp((0, 0, 2.5), (0.42, 0.3, 0.16), 3.0)
 
 
-def _furniture(builder: Builder, rng: np.random.Generator, stuff: Stuff) -> None:
+def _furniture(builder: Builder, stuff: Stuff) -> None:
     """What stands about the table, no farther out than the photographer walks."""
     _globe(builder, stuff, -1.75, 1.5, 0.03, 0.33)
     for x, y, yaw, base in ((1.75, 1.2, 215, 0.7), (-2.05, -1.05, 30, 0.6), (0.7, -2.2, 100, 0.45)):

@@ -1,4 +1,4 @@
-"""The decoders' precision: a processor without bfloat16 rounds as one that has it."""
+"""The decoders: their layers, and their precision: a processor without bfloat16 rounds as one that has it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from stages.hiding import decoders
+from stages.hiding.convolution import Convolution
 from stages.hiding.decoders import Decoder, decode
 
 
@@ -36,3 +37,11 @@ def test_without_the_instructions_float32_stays_as_it_is(monkeypatch: pytest.Mon
     with_them = decoded(monkeypatch, torch.float32, instructions=True)
     without = decoded(monkeypatch, torch.float32, instructions=False)
     assert all(torch.equal(value, without[name]) for name, value in with_them.items())
+
+
+def test_a_decoder_has_five_convolutions_of_which_the_last_is_linear() -> None:
+    """A ReLU there would show black, without a gradient, whatever starts below zero."""
+    torch.manual_seed(0)
+    decoder = Decoder(16, 3)
+    assert [type(module) is Convolution for module in decoder] == [True, False] * 4 + [True]
+    assert float(decode(decoder, torch.randn(12, 10, 16)).detach().min()) < 0
