@@ -48,10 +48,13 @@ def markdown(made: dict[str, Artifact], output: str = "owner") -> str:
 
 
 def table(text: str, caption: str) -> dict[tuple[str, ...], dict[str, str]]:
-    """The lines of a table of the Markdown file by their names, each a mapping from heading to what is written."""
+    """The lines of a table of the Markdown file by their names, each a mapping from heading to what is written.
+
+    Names come before figures, and before what relations are asked for, which begin at the left as well.
+    """
     rows = text[text.index(f"**{caption}**") :].split("\n\n")[1].splitlines()
     cells = [[cell.strip() for cell in row.strip("|").split(" | ")] for row in rows]
-    names = rows[1].split("|").count("---")
+    names = cells[0].index("Asked for") if "Asked for" in cells[0] else rows[1].strip("|").split("|").index("---:")
     found, method = {}, ""
     for line in cells[2:]:
         method = line[0] or method

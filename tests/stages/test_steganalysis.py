@@ -240,7 +240,7 @@ def test_the_page_tells_rendering_from_hiding(tmp_path: Path) -> None:
     text = written(tmp_path / "out", given)
     assert "what is seen is mostly that they are renders. Renders with and without a message: not told apart" in text
     assert "what is seen is more than rendering. Renders with and without a message: told apart" in text
-    assert "| 3DGS+SH | not measured | told apart | not measured | 2 attributes that no clean one has |" in text
+    assert "| 3DGS+SH | not measured | told apart | not measured | attributes that no clean one has: 2 |" in text
     assert "|  | renders | two that hide nothing, against each other | 0.50 (0.50 to 0.50)" in text
     assert "1.500 (0.900)" in text
     lines = [line for line in text.splitlines() if "renders that hide, against photos" in line]

@@ -58,6 +58,15 @@ class Grid:
         groups = [len(list(group)) for _, group in groupby(self.lines, lambda line: line.names[0])]
         return tuple(span for size in groups for span in (size, *(0,) * (size - 1)))
 
+    @property
+    def worded(self) -> tuple[bool, ...]:
+        """Which columns of cells hold words and no figure: they begin at the left, as words do."""
+        columns = [[line.cells[column].text[:1] for line in self.lines] for column in range(len(self.headings))]
+        return tuple(
+            any(map(str.isalpha, column)) and all(first.isalpha() or first in ("", MISSING) for first in column)
+            for column in columns
+        )
+
 
 def figure_cell(quantity: str, spread: Spread, note: str = "") -> Cell:
     """A figure as its quantity is written; with its standard deviation where there is one that can be written."""

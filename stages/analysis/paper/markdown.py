@@ -33,10 +33,10 @@ def write_markdown(page: TablesPage) -> str:
 
 
 def _grid(grid: Grid) -> list[str]:
-    numbers = ["---:"] * len(grid.headings)
+    aligned = ["---" if worded else "---:" for worded in grid.worded]
     lines = [
         _row([*grid.names, *grid.headings]),
-        f"|{'|'.join([*['---'] * len(grid.names), *numbers])}|",
+        f"|{'|'.join([*['---'] * len(grid.names), *aligned])}|",
         *(
             _row([line.names[0] if span else "", *line.names[1:], *map(_written, line.cells)])
             for line, span in zip(grid.lines, grid.spans, strict=True)

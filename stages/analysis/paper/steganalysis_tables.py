@@ -52,7 +52,7 @@ def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: 
         own = {row.value for row in rows if row.condition == HIDDEN}
         if not own:
             return Cell("not measured")
-        names = f"{max(own):.0f} attributes that no clean one has" if max(own) else "no attribute of its own"
+        names = f"attributes that no clean one has: {max(own):.0f}" if max(own) else "no attribute of its own"
         return Cell(names, widest_divergence(by_attributes[method]))
 
     methods = dict.fromkeys((*by_stegexpose, *by_learning, *by_attributes))
