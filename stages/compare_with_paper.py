@@ -53,8 +53,8 @@ class CompareWithPaperParameters(Parameters):
     version=1,
 )
 def compare_with_paper(context: Context, parameters: CompareWithPaperParameters) -> None:
-    """The owner's page shows everything; the public one is made of public scores and timings alone. `experiments` are
-    what was measured under conditions, such as attacks: none of it is public.
+    """The owner's page shows everything; the public one is made of public scores and timings alone, and not written
+    where these say nothing. `experiments` are what was measured under conditions, such as attacks: none of it is public.
 
     Items say what they are about: the capture, the method, the seed, and of `lambda_message`, `feature_dim`, `layers`
     and `iterations` whatever they vary.
@@ -70,7 +70,8 @@ def compare_with_paper(context: Context, parameters: CompareWithPaperParameters)
     ]
     public_study = read_study(shown[0], shown[1], columns, paper.setup)
     public = public_page(public_study, study, parameters.public_captures)
-    for name, page in (("owner", owner), ("public", public)):
+    context.output("public").attributes["tables"] = len(public.grids)
+    for name, page in [("owner", owner), *([("public", public)] if public.grids else [])]:
         context.output(name).write_file(PAGE_FILE, write_page(page))
         context.output(name).write_file(MARKDOWN_FILE, write_markdown(page))
         context.output(name).write_file(TABLE_FILE, write_csv(page.grids))
