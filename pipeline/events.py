@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-State = Literal["ran", "cached", "failed", "skipped"]
+StageState = Literal["ran", "cached", "failed", "skipped"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class StageEnded:
     """A stage came to its end, or to none: `cause` says why it failed or was skipped, `log` where to read more."""
 
     name: str
-    state: State
+    state: StageState
     key: str | None
     seconds: float
     outputs: Mapping[str, Path]
@@ -62,7 +62,7 @@ class Summary:
     """The end of a run: how many stages ended in each state."""
 
     seconds: float
-    counts: Mapping[State, int] = field(default_factory=dict)
+    counts: Mapping[StageState, int] = field(default_factory=dict)
     interrupted: bool = False
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, cast, get_args
 
 from pipeline.disk import entries_of, leads_elsewhere, parse_json, read_plain_file
-from pipeline.events import State
+from pipeline.events import StageState
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class StageResult:
     """How a stage ended in a run; `cause` says why it failed or was skipped, `outputs` are digests."""
 
     name: str
-    state: State
+    state: StageState
     key: str | None = None
     outputs: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
@@ -212,7 +212,7 @@ def _result(content: Mapping[str, Any]) -> StageResult | None:
     outputs = {} if outputs is None else outputs
     sound = (
         isinstance(name, str)
-        and state in get_args(State)
+        and state in get_args(StageState)
         and isinstance(key, str | None)
         and isinstance(seconds, float | int)
         and isinstance(cause, str | None)
@@ -223,5 +223,5 @@ def _result(content: Mapping[str, Any]) -> StageResult | None:
         return None
     private = content.get("private") is True
     return StageResult(
-        str(name), cast(State, state), key, cast(dict[str, str], outputs), float(seconds), private, cause
+        str(name), cast(StageState, state), key, cast(dict[str, str], outputs), float(seconds), private, cause
     )

@@ -20,7 +20,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from pipeline.events import Event, Noted, Remarked, StageEnded, StageProgressed, StageStarted, State
+from pipeline.events import Event, Noted, Remarked, StageEnded, StageProgressed, StageStarted, StageState
 from pipeline.wording import Pace, clock_words, ending, figures_words, remark_words
 
 MANY = 100  # stages; of more, those that ended well are only counted
@@ -28,7 +28,7 @@ SHOWN_FAILURES = 5
 LAST_ENDED = 3
 OTHER_LINES = SHOWN_FAILURES + 5  # besides those of running stages
 REFRESHES = 5  # a second
-STYLES: Mapping[State, str] = {"ran": "green", "failed": "bold red", "skipped": "yellow", "cached": "dim"}
+STYLES: Mapping[StageState, str] = {"ran": "green", "failed": "bold red", "skipped": "yellow", "cached": "dim"}
 REMARK = "bold yellow"
 WIDE, NARROW = 100, 60  # columns of the terminal: with all there is; without bars
 
@@ -53,7 +53,7 @@ class LiveTable:
         self._stages = stages
         self._began = time.monotonic()
         self._running: dict[str, Running] = {}
-        self._ended: dict[str, State] = {}
+        self._ended: dict[str, StageState] = {}
         self._failed: dict[str, StageEnded] = {}
         self._remarks: list[Remarked] = []
         self._last: deque[str] = deque(maxlen=LAST_ENDED)

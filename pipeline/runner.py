@@ -19,7 +19,7 @@ from pipeline.cause import lasting_words
 from pipeline.changes import FAILED
 from pipeline.disk import words_of
 from pipeline.errors import Unreachable
-from pipeline.events import Event, Noted, Remarked, StageEnded, State, Summary
+from pipeline.events import Event, Noted, Remarked, StageEnded, StageState, Summary
 from pipeline.executor import Executor, Lost
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import Journal, StageResult
@@ -61,7 +61,7 @@ class Run:
     tell: Callable[[Event], None]
     retries: int = RETRIES
     _done: dict[str, Done] = field(default_factory=dict)
-    _ended: dict[str, State] = field(default_factory=dict)
+    _ended: dict[str, StageState] = field(default_factory=dict)
     _running: dict[str, str] = field(default_factory=dict)
     _waiting: dict[str, None] = field(default_factory=dict)
     _causes: dict[str, str] = field(default_factory=dict)
@@ -92,7 +92,7 @@ class Run:
             if self._executor:
                 self._executor.close()
             self._stop_flag.unlink(missing_ok=True)
-        counts: Counter[State] = Counter(self._ended.values())
+        counts: Counter[StageState] = Counter(self._ended.values())
         summary = Summary(time.monotonic() - started, dict(counts), self._stopped_at is not None)
         self.tell(summary)
         return summary
@@ -295,7 +295,7 @@ class Run:
             self._causes[name] = self._lasting(name, cause)
             self._end(StageResult(name, "failed", key, {}, outcome.seconds, cause=cause), outcome.log)
         else:
-            state: State = "ran" if outcome.state == "ran" else "cached"
+            state: StageState = "ran" if outcome.state == "ran" else "cached"
             result = StageResult(name, state, key, outcome.outputs, outcome.seconds, outcome.private)
             self._finish(result, outcome.log)
             for remark in outcome.remarks:

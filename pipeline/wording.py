@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 
-from pipeline.events import Remarked, StageEnded, StageProgressed, State, Summary
+from pipeline.events import Remarked, StageEnded, StageProgressed, StageState, Summary
 
 RECENT = 60.0  # seconds over which a pace is measured
 
@@ -68,7 +68,7 @@ def summary_words(workflow: str, summary: Summary) -> str:
     >>> summary_words("hide", Summary(4.2, {"ran": 3, "cached": 11}))
     'hide: 3 ran, 11 cached in 4.2 s'
     """
-    states: tuple[State, ...] = ("ran", "cached", "failed", "skipped")
+    states: tuple[StageState, ...] = ("ran", "cached", "failed", "skipped")
     counted = [f"{summary.counts[state]} {state}" for state in states if summary.counts.get(state)]
     return f"{workflow}: {', '.join(counted) or 'nothing to do'} in {duration(summary.seconds)}"
 

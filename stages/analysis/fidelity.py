@@ -11,7 +11,6 @@ from torch import Tensor
 from stages.imaging.psnr import psnr
 from stages.imaging.ssim import ssim, ssim_map
 
-Picture = Float[Tensor, "H W 3"]
 Perceptual = Mapping[str, Callable[[Tensor, Tensor], float]]
 """LPIPS by quantity name, for the networks whose weights are at hand."""
 
@@ -19,14 +18,18 @@ COVERED = 0.5
 """A pixel counts as covered where the message fills at least half of it."""
 
 
-def picture_figures(picture: Picture, truth: Picture, perceptual: Perceptual) -> dict[str, float]:
+def picture_figures(
+    picture: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], perceptual: Perceptual
+) -> dict[str, float]:
     """PSNR, SSIM and LPIPS of a whole picture; it is clamped to [0, 1] first, as a viewer would."""
     picture = picture.clamp(0, 1)
     figures = {"psnr": psnr(picture, truth), "ssim": float(ssim(picture, truth))}
     return figures | {name: measure(picture, truth) for name, measure in perceptual.items()}
 
 
-def covered_figures(picture: Picture, truth: Picture, coverage: Float[Tensor, "H W"]) -> dict[str, float]:
+def covered_figures(
+    picture: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], coverage: Float[Tensor, "H W"]
+) -> dict[str, float]:
     """PSNR and SSIM over the covered pixels, and the PSNR there of the best picture of one colour: the floor.
 
     All are NaN where the message covers nothing, the floor also where what it shows is of one colour.
@@ -45,7 +48,7 @@ def _mean_over(values: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"]) -> flo
     return float(values[mask].mean())
 
 
-def one_colour_psnr(truth: Picture, mask: Bool[Tensor, "H W"] | None = None) -> float:
+def one_colour_psnr(truth: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None = None) -> float:
     """PSNR of the best picture of one colour, over the pixels of the mask: what shows nothing is no better.
 
     NaN where the truth itself is of one colour there, as a view is in which nothing of a message is seen: its floor

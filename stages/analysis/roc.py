@@ -24,7 +24,7 @@ CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
-class Scores:
+class DetectorScores:
     """What a detector says of one scene's views, in their order along the rig; NaN where it says nothing.
 
     `positives` are those that it should find. `paired`: both classes are seen from the same cameras, in the same order,
@@ -67,7 +67,7 @@ class Area:
 UNKNOWN = Area(math.nan, math.nan, math.nan)
 
 
-def roc_curve(scenes: Sequence[Scores]) -> tuple[tuple[float, float], ...]:
+def roc_curve(scenes: Sequence[DetectorScores]) -> tuple[tuple[float, float], ...]:
     """(false positive rate, true positive rate) for every threshold, descending: from (0, 0) to (1, 1).
 
     Scenes without usable scores are left out; without any the curve is empty.
@@ -84,7 +84,7 @@ def roc_curve(scenes: Sequence[Scores]) -> tuple[tuple[float, float], ...]:
     return ((0.0, 0.0), *((float(false), float(true)) for false, true in points))
 
 
-def bootstrap_area(scores: Sequence[Scores], seed: int, repeats: int = 1000) -> Area:
+def bootstrap_area(scores: Sequence[DetectorScores], seed: int, repeats: int = 1000) -> Area:
     """The mean of the scenes' areas, of a scene with several detectors their mean, with its 95 % interval.
 
     Scenes are drawn anew with replacement, of each one of its detectors, and then runs of views. With one scene the
@@ -102,8 +102,8 @@ def bootstrap_area(scores: Sequence[Scores], seed: int, repeats: int = 1000) -> 
     return Area(float(value), float(low), float(high))
 
 
-def _by_scene(scores: Sequence[Scores]) -> list[list[Scores]]:
-    found: dict[str | int, list[Scores]] = {}
+def _by_scene(scores: Sequence[DetectorScores]) -> list[list[DetectorScores]]:
+    found: dict[str | int, list[DetectorScores]] = {}
     for number, each in enumerate(scores):
         found.setdefault(each.scene or number, []).append(each)
     return [*found.values()]
@@ -116,28 +116,28 @@ class Counts(NamedTuple):
     negatives: Int[np.ndarray, "R Q"]
 
 
-def _classes(scene: Scores) -> tuple[Float64[np.ndarray, " P"], Float64[np.ndarray, " Q"]]:
+def _classes(scene: DetectorScores) -> tuple[Float64[np.ndarray, " P"], Float64[np.ndarray, " Q"]]:
     return scene.positives, scene.negatives
 
 
-def _both(scene: Scores) -> Float64[np.ndarray, " K"]:
+def _both(scene: DetectorScores) -> Float64[np.ndarray, " K"]:
     values = np.concatenate(_classes(scene))
     return values[~np.isnan(values)]
 
 
-def _steps(scene: Scores) -> Float64[np.ndarray, "K 2"]:
+def _steps(scene: DetectorScores) -> Float64[np.ndarray, "K 2"]:
     """How much each view adds to both rates, in the order of `_both`."""
     positives, negatives = (int((~np.isnan(values)).sum()) for values in _classes(scene))
     return np.array([(0, 1 / positives)] * positives + [(1 / negatives, 0)] * negatives)
 
 
-def _area(scores: Scores) -> float:
+def _area(scores: DetectorScores) -> float:
     """Of one scene as it is."""
     [value] = _areas(scores, Counts(*(np.ones((1, len(values)), int) for values in _classes(scores))))
     return float(value)
 
 
-def _areas(scores: Scores, drawn: Counts) -> Float64[np.ndarray, " R"]:
+def _areas(scores: DetectorScores, drawn: Counts) -> Float64[np.ndarray, " R"]:
     """For each repeat: how often a positive is above a negative, ties counting half (Mann and Whitney)."""
     of_positives = drawn.positives * ~np.isnan(scores.positives)
     of_negatives = drawn.negatives * ~np.isnan(scores.negatives)
@@ -147,7 +147,7 @@ def _areas(scores: Scores, drawn: Counts) -> Float64[np.ndarray, " R"]:
         return np.asarray(((of_positives @ above) * of_negatives).sum(axis=1) / pairs)
 
 
-def _mean_areas(scores: Sequence[Scores], counts: Sequence[Counts]) -> Float64[np.ndarray, " R"]:
+def _mean_areas(scores: Sequence[DetectorScores], counts: Sequence[Counts]) -> Float64[np.ndarray, " R"]:
     """For each repeat: the mean of the areas of what was drawn, of what was drawn twice twice."""
     areas = np.stack([_areas(each, drawn) for each, drawn in zip(scores, counts, strict=True)])
     times = np.stack(
@@ -158,7 +158,7 @@ def _mean_areas(scores: Sequence[Scores], counts: Sequence[Counts]) -> Float64[n
         return np.asarray((np.nan_to_num(areas) * times).sum(axis=0) / times.sum(axis=0))
 
 
-def _drawn(scenes: Sequence[Sequence[Scores]], generator: np.random.Generator, repeats: int) -> list[Counts]:
+def _drawn(scenes: Sequence[Sequence[DetectorScores]], generator: np.random.Generator, repeats: int) -> list[Counts]:
     """As many scenes as there are, with replacement, of each one detector, and the views anew: in the scenes' order."""
     counts = [
         [Counts(*(np.zeros((repeats, len(each)), int) for each in _classes(one))) for one in own] for own in scenes

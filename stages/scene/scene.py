@@ -40,7 +40,7 @@ class Scene:
         return [index[name] for name in names]
 
 
-def held_out_names(names: Sequence[str]) -> tuple[str, ...]:
+def held_out_by_number(names: Sequence[str]) -> tuple[str, ...]:
     """The test views among registered `names`: sorted, every 8th, the first included."""
     return tuple(sorted(names)[::TEST_VIEW_EVERY])
 

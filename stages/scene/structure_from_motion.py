@@ -29,7 +29,7 @@ from stages.scene.reconstruction_job import (
     read_reconstruction,
     working_name,
 )
-from stages.scene.scene import Scene, held_out_names
+from stages.scene.scene import Scene, held_out_by_number
 from stages.scene.undistortion import training_size, undistort
 
 PROCESS = "stages.scene.reconstruction_process"
@@ -261,4 +261,4 @@ def scene_of(
     cameras = Cameras(
         names, result.world_to_camera, np.tile(result.intrinsics, (len(names), 1, 1)), job.width, job.height
     )
-    return Scene(cameras, undistorted, result.points, result.point_colors, held_out_names(names))
+    return Scene(cameras, undistorted, result.points, result.point_colors, held_out_by_number(names))

@@ -15,12 +15,12 @@ STRIP = 32
 """Rows of a page worked on together, so that their numbers stay in a core's own cache."""
 
 Field = Float32[np.ndarray, "size size"]
-Picture = Float32[np.ndarray, "size size 3"]
+Page = Float32[np.ndarray, "size size 3"]
 
 
-def noise(size: int, period: int, rng: np.random.Generator, period_across: int | None = None) -> Field:
+def noise(size: int, period: int, generator: np.random.Generator, period_across: int | None = None) -> Field:
     """Value noise: random values on a lattice of `period` rows (and `period_across` columns), smoothly joined."""
-    lattice = rng.random((period, period_across or period), dtype=np.float32)
+    lattice = generator.random((period, period_across or period), dtype=np.float32)
     return _stretch(np.ascontiguousarray(_stretch(lattice.T, size).T), size)
 
 
@@ -35,7 +35,7 @@ def _stretch(lattice: np.ndarray, size: int) -> np.ndarray:
     return lattice[row % period] + rise[row % period] * weight
 
 
-def fractal(size: int, period: int, rng: np.random.Generator, octaves: int = 6, gain: float = 0.6) -> Field:
+def fractal(size: int, period: int, generator: np.random.Generator, octaves: int = 6, gain: float = 0.6) -> Field:
     """Octaves of value noise from `period` up, each twice as fine and `gain` times as strong, spread over [0, 1]."""
     total = np.zeros((size, size), np.float32)
     strength = 1.0
@@ -43,7 +43,7 @@ def fractal(size: int, period: int, rng: np.random.Generator, octaves: int = 6, 
         frequency = period << octave
         if frequency > size // 2:
             break
-        total += np.float32(strength) * noise(size, frequency, rng)
+        total += np.float32(strength) * noise(size, frequency, generator)
         strength *= gain
     return spread(total)
 
@@ -68,13 +68,13 @@ class Cells:
     inset: Field
     count: int
 
-    def tone(self, rng: np.random.Generator) -> Field:
+    def tone(self, generator: np.random.Generator) -> Field:
         """One random value a cell."""
-        return rng.random(self.count, dtype=np.float32)[self.index]
+        return generator.random(self.count, dtype=np.float32)[self.index]
 
-    def color(self, palette: np.ndarray, rng: np.random.Generator) -> Picture:
+    def color(self, palette: np.ndarray, generator: np.random.Generator) -> Page:
         """One colour of the palette [K, 3] a cell."""
-        return palette[rng.integers(len(palette), size=self.count)][self.index].astype(np.float32)
+        return palette[generator.integers(len(palette), size=self.count)][self.index].astype(np.float32)
 
     def body(self, joint: float, edge: float) -> Field:
         """1 inside the cells, 0 in the joints of half width `joint`, with an edge of width `edge`, in pages."""
@@ -82,21 +82,21 @@ class Cells:
 
 
 def courses(
-    size: int, rows: int, columns: int, rng: np.random.Generator, variation: float = 0.2, heights: float = 0.0
+    size: int, rows: int, columns: int, generator: np.random.Generator, variation: float = 0.2, heights: float = 0.0
 ) -> Cells:
     """Rows of cells whose upright joints are shifted from row to row: bricks, planks, tiles, books.
 
     `variation` and `heights`, in [0, 1), say how unequal the widths in a row and the heights of the rows are.
     """
     place = (np.arange(size, dtype=np.float32) + np.float32(0.5)) / size
-    row_edges = (np.arange(rows + 1) + np.r_[0, heights * (rng.random(rows - 1) - 0.5), 0]) / rows
+    row_edges = (np.arange(rows + 1) + np.r_[0, heights * (generator.random(rows - 1) - 0.5), 0]) / rows
     row = np.searchsorted(row_edges, place, side="right") - 1
     upright = np.minimum(place - row_edges[row], row_edges[row + 1] - place).astype(np.float32)
     index = np.empty((rows, size), np.int64)
     level = np.empty((rows, size), np.float32)
     for number in range(rows):
-        shift = (number % 2) / 2 + variation * (rng.random() - 0.5)
-        edges = np.sort((np.arange(columns) + shift + variation * (rng.random(columns) - 0.5)) / columns % 1)
+        shift = (number % 2) / 2 + variation * (generator.random() - 0.5)
+        edges = np.sort((np.arange(columns) + shift + variation * (generator.random(columns) - 0.5)) / columns % 1)
         edges = np.r_[edges[-1] - 1, edges, edges[0] + 1]
         column = np.searchsorted(edges, place, side="right") - 1
         level[number] = np.minimum(place - edges[column], edges[column + 1] - place)
@@ -104,9 +104,11 @@ def courses(
     return Cells(index[row], np.minimum(level[row], upright[:, None]), rows * columns)
 
 
-def stones(size: int, count: int, rng: np.random.Generator, regularity: float = 0.0) -> Cells:
+def stones(size: int, count: int, generator: np.random.Generator, regularity: float = 0.0) -> Cells:
     """Voronoi cells about one jittered seed in each square of a `count` x `count` grid: cobbles, leaves, cracks."""
-    jitter = rng.random((count, count, 2), dtype=np.float32) * np.float32(1 - regularity) + np.float32(regularity / 2)
+    jitter = generator.random((count, count, 2), dtype=np.float32) * np.float32(1 - regularity) + np.float32(
+        regularity / 2
+    )
     place = (np.arange(size, dtype=np.float32) + np.float32(0.5)) * np.float32(count / size)
     square = place.astype(np.int64)
     index = np.empty((size, size), np.int64)
@@ -139,29 +141,29 @@ def _nearest_seeds(
     return index, np.sqrt(second) - np.sqrt(first)
 
 
-def marks(size: int, lines: int, rng: np.random.Generator, fill: float = 0.75) -> Field:
+def marks(size: int, lines: int, generator: np.random.Generator, fill: float = 0.75) -> Field:
     """Lines of random glyphs, like writing seen from afar: 1 where there is ink."""
     rows, columns = 8, 6
     across = lines * 2
-    glyphs = (rng.random((lines, across, rows - 2, columns - 2)) < 0.5).astype(np.float32)
+    glyphs = (generator.random((lines, across, rows - 2, columns - 2)) < 0.5).astype(np.float32)
     strokes = np.zeros((lines, across, rows, columns), np.float32)
     strokes[:, :, 1:-1, 1:-1] = glyphs
-    strokes *= (rng.random((lines, across, 1, 1)) < fill).astype(np.float32)
+    strokes *= (generator.random((lines, across, 1, 1)) < fill).astype(np.float32)
     page = strokes.transpose(0, 2, 1, 3).reshape(lines * rows, across * columns)
     row = np.arange(size) * page.shape[0] // size
     column = np.arange(size) * page.shape[1] // size
     return page[row[:, None], column[None, :]]
 
 
-def warp(picture: np.ndarray, amount: float, period: int, rng: np.random.Generator) -> np.ndarray:
+def warp(picture: np.ndarray, amount: float, period: int, generator: np.random.Generator) -> np.ndarray:
     """Push the texels of a page about by up to `amount` pages, as smooth noise says."""
     size = picture.shape[0]
     place = np.arange(size)
-    shift = [((fractal(size, period, rng, 3) - 0.5) * (amount * size)).astype(np.int64) for _ in range(2)]
+    shift = [((fractal(size, period, generator, 3) - 0.5) * (amount * size)).astype(np.int64) for _ in range(2)]
     return picture[(place[:, None] + shift[0]) % size, (place[None, :] + shift[1]) % size]
 
 
-def soften(picture: Picture, block: int, strength: float) -> Picture:
+def soften(picture: Page, block: int, strength: float) -> Page:
     """Keep only `strength` of the contrast that is finer than `block` texels, a divisor of the page's size."""
     size = picture.shape[0]
     coarse = picture.reshape(size // block, block, size // block, block, 3).mean(axis=(1, 3))
@@ -180,13 +182,13 @@ def relief(height: np.ndarray, strength: float) -> np.ndarray:
     return np.clip(1 + np.float32(strength) * slope, 0.4, 1.6)
 
 
-def mix(start: np.ndarray, stop: np.ndarray, weight: np.ndarray) -> Picture:
+def mix(start: np.ndarray, stop: np.ndarray, weight: np.ndarray) -> Page:
     """From colour or picture `start` to `stop`, by a field of weights."""
     part = weight[..., None]
     return (start * (1 - part) + stop * part).astype(np.float32)
 
 
-def shade(picture: np.ndarray, factor: np.ndarray) -> Picture:
+def shade(picture: np.ndarray, factor: np.ndarray) -> Page:
     """Darken or brighten a picture by a field of factors."""
     return np.clip(picture * factor[..., None], 0, 1).astype(np.float32)
 

@@ -34,7 +34,7 @@ class Studio:
         width: int,
         height: int,
         samples: int,
-        random: np.random.Generator,
+        generator: np.random.Generator,
     ) -> UInt8[np.ndarray, "height width 3"]:
         """One picture, sRGB, the mean of `samples` rays a pixel, one in each of a square number of strata."""
         strata = round(samples**0.5)
@@ -42,7 +42,7 @@ class Studio:
             raise ValueError(f"samples must be a square number: {samples}")
         picture = np.empty((height, width, 3), np.uint8)
         for rows, columns in _tiles(width, height, samples):
-            place = _sample_places(rows, columns, strata, random)
+            place = _sample_places(rows, columns, strata, generator)
             light = self._pixels(place, world_to_camera, intrinsics, samples)
             shape = (rows.stop - rows.start, columns.stop - columns.start, 3)
             picture[rows, columns] = _develop(light).T.reshape(shape)
@@ -113,10 +113,12 @@ def _tiles(width: int, height: int, samples: int) -> Iterator[tuple[slice, slice
             yield slice(top, min(top + side, height)), slice(left, min(left + side, width))
 
 
-def _sample_places(rows: slice, columns: slice, strata: int, random: np.random.Generator) -> Float32[np.ndarray, "2 n"]:
+def _sample_places(
+    rows: slice, columns: slice, strata: int, generator: np.random.Generator
+) -> Float32[np.ndarray, "2 n"]:
     """Where the samples of a tile's pixels lie, x and y in pixels: one at random in each stratum of each pixel."""
     shape = (rows.stop - rows.start, columns.stop - columns.start, strata, strata)
-    jitter = random.random((2, *shape), dtype=np.float32)
+    jitter = generator.random((2, *shape), dtype=np.float32)
     inner = np.arange(strata, dtype=np.float32)
     x = np.arange(columns.start, columns.stop, dtype=np.float32)[None, :, None, None]
     y = np.arange(rows.start, rows.stop, dtype=np.float32)[:, None, None, None]

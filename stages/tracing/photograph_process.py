@@ -60,8 +60,8 @@ def take(job: Job, folder: Path) -> None:
     studio = Studio(world, job.gloss)
     poses, intrinsics = orbit(job.views, job.width, job.height, job.seed)
     for view in job.chosen:
-        random = np.random.default_rng([job.seed, view])
-        picture = studio.photograph(poses[view], intrinsics[view], job.width, job.height, job.samples, random)
+        generator = np.random.default_rng([job.seed, view])
+        picture = studio.photograph(poses[view], intrinsics[view], job.width, job.height, job.samples, generator)
         np.save(_picture_file(folder, view), picture)
         say(view=view)
 

@@ -21,8 +21,8 @@ def orbit(
     Consecutive views are neighbours and the last is next to the first, so no view lies at an end of the walk. Steps,
     distance, aim and tilt vary a little, as a hand does.
     """
-    random = np.random.default_rng([seed, 41])
-    sway = random.uniform(-1, 1, (views, 6))
+    generator = np.random.default_rng([seed, 41])
+    sway = generator.uniform(-1, 1, (views, 6))
     azimuth = 2 * np.pi * (np.arange(views) + 0.15 * sway[:, 0]) / views
     elevation = np.radians(ELEVATION + ELEVATION_SWING * np.sin(3 * azimuth) + 0.6 * sway[:, 1])
     radius = RADIUS + 0.2 * np.sin(2 * azimuth + 1) + 0.04 * sway[:, 2]

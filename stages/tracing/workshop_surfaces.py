@@ -6,56 +6,56 @@ import numpy as np
 from jaxtyping import Int
 
 from stages.tracing import materials
-from stages.tracing.patterns import Picture, courses, fractal, marks, mix, palette, rgb, shade, step, stones, warp
+from stages.tracing.patterns import Page, courses, fractal, marks, mix, palette, rgb, shade, step, stones, warp
 from stages.tracing.world import PAGE_SIZE as SIZE
 
 RUST = rgb("8a5232")
 GOODS = palette("d2382c", "e8b622", "1f9ab0", "e7e3d6", "3f8a4c", "e0742a", "3a5aa8", "8d9aa2", "b84a78")
 
 
-def machine_paint(rng: np.random.Generator, color: np.ndarray) -> Picture:
+def machine_paint(generator: np.random.Generator, color: np.ndarray) -> Page:
     """Worn paint on plates of sheet metal with seams, a tone each, and stencilled words."""
-    plates = courses(SIZE, 5, 4, rng, variation=0.8, heights=0.6)
+    plates = courses(SIZE, 5, 4, generator, variation=0.8, heights=0.6)
     body = step(plates.inset, 0.002, 0.006)
-    paint = materials.painted_metal(rng, color, RUST, wear=0.35)
-    words = marks(SIZE, 22, rng) * step(plates.inset, 0.03, 0.032) * (plates.tone(rng) < 0.25)
+    paint = materials.painted_metal(generator, color, RUST, wear=0.35)
+    words = marks(SIZE, 22, generator) * step(plates.inset, 0.03, 0.032) * (plates.tone(generator) < 0.25)
     paint = mix(paint, rgb("f4f0e4") if color.mean() < 0.55 else rgb("22262a"), words * 0.8)
-    return shade(paint, (0.5 + 0.5 * body) * (0.8 + 0.3 * plates.tone(rng)))
+    return shade(paint, (0.5 + 0.5 * body) * (0.8 + 0.3 * plates.tone(generator)))
 
 
-def concrete(rng: np.random.Generator) -> Picture:
+def concrete(generator: np.random.Generator) -> Page:
     """A cast floor with hair cracks, oil, tyre dust and splashes of paint."""
-    slab = materials.mottled(rng, rgb("62686a"), rgb("a6aaa6"), 6, rough=0.9)
-    cracks = warp(stones(SIZE, 6, rng).inset, 0.05, 8, rng)
+    slab = materials.mottled(generator, rgb("62686a"), rgb("a6aaa6"), 6, rough=0.9)
+    cracks = warp(stones(SIZE, 6, generator).inset, 0.05, 8, generator)
     slab = shade(slab, 0.5 + 0.5 * step(cracks, 0.0004, 0.002))
-    oil = step(warp(fractal(SIZE, 6, rng, octaves=4), 0.06, 12, rng), 0.62, 0.74)
+    oil = step(warp(fractal(SIZE, 6, generator, octaves=4), 0.06, 12, generator), 0.62, 0.74)
     slab = mix(slab, slab * rgb("6c6052"), oil)
-    drops = stones(SIZE, 44, rng)
-    splash = step(warp(drops.inset, 0.01, 30, rng) * 44, 0.2, 0.28) * (drops.tone(rng) > 0.9)
-    slab = mix(slab, drops.color(GOODS, rng), splash * 0.75)
-    return shade(slab, 0.75 + 0.4 * fractal(SIZE, 3, rng, octaves=5))
+    drops = stones(SIZE, 44, generator)
+    splash = step(warp(drops.inset, 0.01, 30, generator) * 44, 0.2, 0.28) * (drops.tone(generator) > 0.9)
+    slab = mix(slab, drops.color(GOODS, generator), splash * 0.75)
+    return shade(slab, 0.75 + 0.4 * fractal(SIZE, 3, generator, octaves=5))
 
 
-def corrugated(rng: np.random.Generator, colors: np.ndarray, ribs: int) -> Picture:
+def corrugated(generator: np.random.Generator, colors: np.ndarray, ribs: int) -> Page:
     """Sheets of corrugated metal of several paints, screwed one over the other, with rust that ran down."""
-    sheets = courses(SIZE, 3, 6, rng, variation=0.9, heights=0.5)
-    metal = materials.painted_metal(rng, rgb("f0f0ee"), RUST, wear=0.6)
-    streaks = step(fractal(SIZE, 40, rng, octaves=3)[:1] * fractal(SIZE, 4, rng), 0.3, 0.65)
-    paint = mix(sheets.color(colors, rng) * metal, RUST * metal, streaks * 0.7)
-    words = marks(SIZE, 14, rng) * step(sheets.inset, 0.04, 0.042) * (sheets.tone(rng) < 0.2)
+    sheets = courses(SIZE, 3, 6, generator, variation=0.9, heights=0.5)
+    metal = materials.painted_metal(generator, rgb("f0f0ee"), RUST, wear=0.6)
+    streaks = step(fractal(SIZE, 40, generator, octaves=3)[:1] * fractal(SIZE, 4, generator), 0.3, 0.65)
+    paint = mix(sheets.color(colors, generator) * metal, RUST * metal, streaks * 0.7)
+    words = marks(SIZE, 14, generator) * step(sheets.inset, 0.04, 0.042) * (sheets.tone(generator) < 0.2)
     paint = mix(paint, rgb("2c3238"), words * 0.7)
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
     wave = 0.88 + 0.17 * np.cos(2 * np.pi * ribs * place)[None, :].astype(np.float32)
-    return shade(paint, wave * (0.5 + 0.5 * step(sheets.inset, 0.001, 0.005)) * (0.8 + 0.3 * sheets.tone(rng)))
+    return shade(paint, wave * (0.5 + 0.5 * step(sheets.inset, 0.001, 0.005)) * (0.8 + 0.3 * sheets.tone(generator)))
 
 
-def rubber(rng: np.random.Generator) -> Picture:
+def rubber(generator: np.random.Generator) -> Page:
     """Treads full of grey dust, with dried mud."""
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
     bend = np.abs(2 * (4 * place % 1) - 1)[:, None]
-    lugs = warp(step(np.sin(2 * np.pi * (8 * place[None, :] + 0.8 * bend)), -0.5, -0.1), 0.03, 8, rng)
-    rubber = mix(rgb("3a3b40"), rgb("7c7a7c"), step(fractal(SIZE, 8, rng, octaves=7, gain=0.7), 0.2, 0.8))
-    rubber = mix(rubber, rgb("9c8464"), step(fractal(SIZE, 6, rng, octaves=6), 0.55, 0.8))
+    lugs = warp(step(np.sin(2 * np.pi * (8 * place[None, :] + 0.8 * bend)), -0.5, -0.1), 0.03, 8, generator)
+    rubber = mix(rgb("3a3b40"), rgb("7c7a7c"), step(fractal(SIZE, 8, generator, octaves=7, gain=0.7), 0.2, 0.8))
+    rubber = mix(rubber, rgb("9c8464"), step(fractal(SIZE, 6, generator, octaves=6), 0.55, 0.8))
     return shade(rubber, (0.6 + 0.4 * lugs))
 
 
@@ -68,12 +68,12 @@ def _grid(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray, Int[np.ndarr
     return np.broadcast_to(x, (SIZE, SIZE)), np.broadcast_to(y[:, None], (SIZE, SIZE)), cell
 
 
-def pegboard(rng: np.random.Generator, rows: int, columns: int) -> Picture:
+def pegboard(generator: np.random.Generator, rows: int, columns: int) -> Page:
     """Hammers, spanners and files, no two alike, over a board full of holes."""
     x, y, cell = _grid(rows, columns)
 
     def pick() -> np.ndarray:
-        return rng.random(rows * columns, dtype=np.float32)[cell]
+        return generator.random(rows * columns, dtype=np.float32)[cell]
 
     x = x + (pick() - 0.5) * 0.4 * y + (pick() - 0.5) * 0.3
     length = 0.4 + 0.4 * pick()
@@ -84,22 +84,22 @@ def pegboard(rng: np.random.Generator, rows: int, columns: int) -> Picture:
     kind = pick()
     head = np.where(kind < 0.35, ring, np.where(kind < 0.8, bar, 0))
     hole_x, hole_y, _ = _grid(70, 70)
-    board = materials.mottled(rng, rgb("9fa89c"), rgb("dcdccc"), 8)
+    board = materials.mottled(generator, rgb("9fa89c"), rgb("dcdccc"), 8)
     board = shade(board, 0.4 + 0.6 * step(np.hypot(hole_x, hole_y), 0.25, 0.4))
     board = shade(board, 1 - 0.5 * np.roll(np.maximum(handle, head), (9, 7), axis=(0, 1)))
-    grain = 0.6 + 0.5 * fractal(SIZE, 24, rng, octaves=5, gain=0.75)
-    tools = mix(board, shade(GOODS[rng.integers(len(GOODS), size=rows * columns)][cell], grain), handle)
+    grain = 0.6 + 0.5 * fractal(SIZE, 24, generator, octaves=5, gain=0.75)
+    tools = mix(board, shade(GOODS[generator.integers(len(GOODS), size=rows * columns)][cell], grain), handle)
     return mix(tools, shade(np.broadcast_to(rgb("7c868e"), tools.shape), grain), head)
 
 
-def packed_goods(rng: np.random.Generator, rows: int, columns: int) -> Picture:
+def packed_goods(generator: np.random.Generator, rows: int, columns: int) -> Page:
     """Boxes and cans of many colours, with labels and dents, close together."""
-    packs = courses(SIZE, rows, columns, rng, variation=0.8, heights=0.3)
+    packs = courses(SIZE, rows, columns, generator, variation=0.8, heights=0.3)
     _, y, _ = _grid(rows, 1)
-    band = step(0.25 + 0.3 * packs.tone(rng) - np.abs(y - 0.4 * (packs.tone(rng) - 0.5)), 0, 0.03)
-    picture = mix(packs.color(GOODS, rng), packs.color(GOODS, rng), band)
-    words = marks(SIZE, 7 * rows, rng) * band * step(packs.inset, 0.008, 0.012)
-    picture = mix(picture, packs.color(palette("26282c", "26282c", "f4f0e6"), rng), words * 0.85)
-    dents = fractal(SIZE, 12, rng, octaves=7, gain=0.7)
+    band = step(0.25 + 0.3 * packs.tone(generator) - np.abs(y - 0.4 * (packs.tone(generator) - 0.5)), 0, 0.03)
+    picture = mix(packs.color(GOODS, generator), packs.color(GOODS, generator), band)
+    words = marks(SIZE, 7 * rows, generator) * band * step(packs.inset, 0.008, 0.012)
+    picture = mix(picture, packs.color(palette("26282c", "26282c", "f4f0e6"), generator), words * 0.85)
+    dents = fractal(SIZE, 12, generator, octaves=7, gain=0.7)
     edge = step(packs.inset, 0.001, 0.02)
-    return shade(picture, (0.45 + 0.5 * edge) * (0.75 + 0.3 * packs.tone(rng)) * (0.75 + 0.5 * dents))
+    return shade(picture, (0.45 + 0.5 * edge) * (0.75 + 0.3 * packs.tone(generator)) * (0.75 + 0.5 * dents))

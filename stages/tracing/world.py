@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from stages.tracing.patterns import Picture, soften
+from stages.tracing.patterns import Page, soften
 from stages.tracing.shapes import Box, Ellipsoid, Frame, Frustum, Shape
 
 PAGE_SIZE = 1024
@@ -79,7 +79,7 @@ class World:
     """A scene ready to be photographed. z is up; the floor is at 0; the cameras circle the z axis."""
 
     solids: tuple[Solid, ...]
-    pages: tuple[Picture, ...]
+    pages: tuple[Page, ...]
     suns: tuple[Sun, ...]
     lamps: tuple[Lamp, ...]
     sky: Sky
@@ -105,15 +105,15 @@ def along(direction: Vector) -> Float64[np.ndarray, "3 3"]:
 
 @dataclass
 class Builder:
-    """Collects pages, solids and lights. `random` decides everything that the scene leaves open."""
+    """Collects pages, solids and lights. `generator` decides everything that the scene leaves open."""
 
-    random: np.random.Generator
-    pages: list[Picture] = field(default_factory=list)
+    generator: np.random.Generator
+    pages: list[Page] = field(default_factory=list)
     solids: list[Solid] = field(default_factory=list)
     suns: list[Sun] = field(default_factory=list)
     lamps: list[Lamp] = field(default_factory=list)
 
-    def material(self, picture: Picture, extent: float, gloss: float = 0.0, glow: float = 0.0) -> Material:
+    def material(self, picture: Page, extent: float, gloss: float = 0.0, glow: float = 0.0) -> Material:
         """Add a page, and make a material of it."""
         block = 1 << round(np.log2(min(max(FINE / extent * len(picture), 1), len(picture) / 4)))
         self.pages.append(soften(picture, block, FINE_CONTRAST))
@@ -176,7 +176,7 @@ class Builder:
         patch: Vector | None,
         casts_shadow: bool,
     ) -> None:
-        start = self.random.random(2) if patch is None else patch
+        start = self.generator.random(2) if patch is None else patch
         frame = Frame(np.asarray(centre, np.float64), axes)
         red, green, blue = (float(part) for part in tint)
         place = (float(start[0]), float(start[1]))
@@ -192,7 +192,7 @@ class Builder:
 
     def tone(self, strength: float = 0.15) -> Float32[np.ndarray, " 3"]:
         """A random tint about white, so that no two things of one material look alike."""
-        return (1 + strength * (self.random.random(3, dtype=np.float32) * 2 - 1)) / (1 + strength)
+        return (1 + strength * (self.generator.random(3, dtype=np.float32) * 2 - 1)) / (1 + strength)
 
     def world(self, sky: Sky) -> World:
         return World(tuple(self.solids), tuple(self.pages), tuple(self.suns), tuple(self.lamps), sky)

@@ -104,10 +104,10 @@ def test_photos_of_different_cameras_do_not_share_a_lens(tmp_path: Path) -> None
 def test_photos_whose_poses_came_with_them_lie_as_their_pixels_are_stored(
     tmp_path: Path, orientation: int, background: str
 ) -> None:
-    rng, exif = np.random.default_rng(0), Image.Exif()
+    generator, exif = np.random.default_rng(0), Image.Exif()
     exif[0x0112] = orientation
     for name, channels in (("a.png", 3), ("b two.png", 4)):
-        stored = rng.integers(0, 256, (24, 32, channels), dtype=np.uint8)
+        stored = generator.integers(0, 256, (24, 32, channels), dtype=np.uint8)
         (tmp_path / "scan").mkdir(exist_ok=True)
         Image.fromarray(stored).save(tmp_path / "scan" / name, exif=exif)
     plain = {name: Image.open(tmp_path / "scan" / name) for name in ("a.png", "b two.png")}

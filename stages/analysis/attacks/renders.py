@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
-from stages.analysis.attacks.target import Picture, Target
+from stages.analysis.attacks.target import Target
 from stages.imaging.pictures import resize_picture, tensor_to_picture, through_jpeg
 
 QUALITIES = (95.0, 75.0, 50.0, 25.0, 10.0)
@@ -26,11 +28,11 @@ def resizing(target: Target, factor: float) -> Target:
     return replace(target, on_pictures=lambda picture: _through_smaller(picture, factor))
 
 
-def _through_smaller(picture: Picture, factor: float) -> Picture:
+def _through_smaller(picture: Float[Tensor, "H W 3"], factor: float) -> Float[Tensor, "H W 3"]:
     height, width = picture.shape[:2]
     smaller = resize_picture(tensor_to_picture(picture), max(1, round(width / factor)), max(1, round(height / factor)))
     return _to_tensor(resize_picture(smaller, width, height))
 
 
-def _to_tensor(picture: np.ndarray) -> Picture:
+def _to_tensor(picture: np.ndarray) -> Float[Tensor, "H W 3"]:
     return torch.from_numpy(np.ascontiguousarray(picture)).float() / 255

@@ -7,9 +7,11 @@ import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from stages.analysis.attacks.catalogue import ONE_COLOUR
-from stages.analysis.attacks.target import Picture, Target
+from stages.analysis.attacks.target import Target
 from stages.analysis.fidelity import Perceptual, covered_figures, one_colour_psnr, picture_figures, shows_something
 from stages.hiding.decoders import PRECISIONS, Decoder, decode
 from stages.hiding.method import Method, move_networks
@@ -77,11 +79,11 @@ class Scorer:
             found[name, ONE_COLOUR] = mean_of_known([one_colour_psnr(truth) for truth in truths])
         return found
 
-    def _truth(self, row: int) -> Picture:
+    def _truth(self, row: int) -> Float[Tensor, "H W 3"]:
         return picture_to_tensor(self.scene.pictures[row])
 
     @torch.no_grad()
-    def _pictures(self, attacked: Target, wanted: Collection[str]) -> Iterator[dict[str, Picture]]:
+    def _pictures(self, attacked: Target, wanted: Collection[str]) -> Iterator[dict[str, Float[Tensor, "H W 3"]]]:
         """Of each view. The cover by the attacker's networks, the messages by the owner's secret ones."""
         for name in PUBLIC_NETWORKS:
             if name in self.owner.networks:
@@ -101,7 +103,7 @@ class Scorer:
                     pictures |= zip(hidden, self._read_off(pictures[COVER]), strict=True)
             yield pictures
 
-    def _read_off(self, picture: Picture) -> Sequence[Picture]:
+    def _read_off(self, picture: Float[Tensor, "H W 3"]) -> Sequence[Float[Tensor, "H W 3"]]:
         """All messages as the secret decoder reads them in the cover's picture (3DGS+Decoder)."""
         decoder = self.owner.networks[SECRET_NETWORKS[0]]
         assert isinstance(decoder, Decoder)

@@ -21,8 +21,6 @@ STANDARD_COLOURS = ("sh_base", "sh_rest")
 SECRET_SHOWN_BY_RENDERS = "decoder"
 """The one method whose message decoder looks at the cover's picture itself."""
 
-Picture = Float[Tensor, "H W 3"]
-
 
 @dataclass(frozen=True)
 class Target:
@@ -35,7 +33,7 @@ class Target:
     gaussians: Gaussians
     method: Method
     motion: Similarity = field(default_factory=Similarity.identity)
-    on_pictures: Callable[[Picture], Picture] | None = None
+    on_pictures: Callable[[Float[Tensor, "H W 3"]], Float[Tensor, "H W 3"]] | None = None
 
     @property
     def has_features(self) -> bool:

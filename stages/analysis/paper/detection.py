@@ -14,7 +14,7 @@ from stages.analysis.paper.grid import Cell
 from stages.analysis.paper.measuring import Spread
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
-from stages.analysis.roc import Area, Scores, bootstrap_area
+from stages.analysis.roc import Area, DetectorScores, bootstrap_area
 
 UNNOTICED = 0.6
 """A detector whose area is larger is right about more than six of ten pairs, and is not called blind."""
@@ -41,7 +41,7 @@ CHANCE = Comparison("two that hide nothing, against each other", CLEAN_AGAIN, CL
 COMPARISONS = (AS_IN_THE_PAPER, RENDERING, HIDING, CHANCE)
 
 
-def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comparison) -> tuple[Scores, ...]:
+def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comparison) -> tuple[DetectorScores, ...]:
     """What one kind of detector says of both classes, for each experiment that has them; a capture is a scene.
 
     Rows of several trainings of one scene, told apart by their seed, are scores of their own.
@@ -56,7 +56,7 @@ def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comp
             )
             if len(positives) and len(negatives):
                 is_paired = comparison.paired and len(positives) == len(negatives)
-                found.append(Scores(positives, negatives, is_paired, experiment.capture))
+                found.append(DetectorScores(positives, negatives, is_paired, experiment.capture))
     return tuple(found)
 
 

@@ -18,7 +18,7 @@ from torch import Tensor
 from stages.analysis.secrecy.blind import principal_directions
 from stages.analysis.secrecy.conditions import ALL, CHANNEL, CHANNELS, COMPONENT, COMPONENTS, SHOWN
 from stages.analysis.secrecy.linear import multiple_correlations, neighbourhoods
-from stages.analysis.secrecy.measuring import edges, luminance, matched
+from stages.analysis.secrecy.measuring import edges, luma, matched
 from stages.analysis.secrecy.observing import Observed
 from stages.imaging.metric_table import mean_of_known
 
@@ -69,8 +69,8 @@ def _shown(feature_map: Float[Tensor, "H W M"]) -> range:
 def _of_single(
     line: str, channels: Sequence[Float[Tensor, "H W"]], views: Sequence[Observed], message: int
 ) -> list[Correlated]:
-    covers = [luminance(seen.cover) for seen in views]
-    truths = [luminance(seen.truths[message]) for seen in views]
+    covers = [luma(seen.cover) for seen in views]
+    truths = [luma(seen.truths[message]) for seen in views]
     outlines = [edges(channel) for channel in channels]
     with_cover = matched(channels, covers)
     with_message = matched(channels, truths)
@@ -87,11 +87,11 @@ def _of_single(
 def _of_several(
     line: str, maps: Sequence[Float[Tensor, "H W C"]], views: Sequence[Observed], message: int
 ) -> list[Correlated]:
-    truths = [luminance(seen.truths[message]) for seen in views]
+    truths = [luma(seen.truths[message]) for seen in views]
     found = []
     for view, (channels, seen) in enumerate(zip(maps, views, strict=True)):
         regressors = neighbourhoods(channels, 1)
-        with_cover, *values = multiple_correlations(regressors, torch.stack([luminance(seen.cover), *truths], dim=-1))
+        with_cover, *values = multiple_correlations(regressors, torch.stack([luma(seen.cover), *truths], dim=-1))
         own = values.pop(view)
         found.append(Correlated(line, view, message, with_cover, own, mean_of_known(values)))
     return found

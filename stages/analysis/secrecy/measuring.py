@@ -20,15 +20,15 @@ from stages.analysis.secrecy.observing import Observed
 from stages.imaging.metric_table import mean_of_known
 from stages.imaging.psnr import psnr
 
-LUMINANCE = (0.299, 0.587, 0.114)
+LUMA = (0.299, 0.587, 0.114)
 """Of sRGB values, as in JPEG."""
 
 Figures = dict[str, float]
 
 
-def luminance(picture: Float[Tensor, "H W 3"]) -> Float[Tensor, "H W"]:
+def luma(picture: Float[Tensor, "H W 3"]) -> Float[Tensor, "H W"]:
     """Grey values of a picture in [0, 1]."""
-    return picture @ torch.tensor(LUMINANCE, dtype=picture.dtype)
+    return picture @ torch.tensor(LUMA, dtype=picture.dtype)
 
 
 def edges(grey: Float[Tensor, "H W"]) -> Float[Tensor, "H W"]:
@@ -48,7 +48,7 @@ def picture_readings(
     - `correlation_others`: the mean of the same with the message of the other views, NaN where there is none.
     """
     for message in range(len(readings[0]) if readings else 0):
-        greys = torch.stack([luminance(seen.truths[message]) for seen in views], dim=-1)
+        greys = torch.stack([luma(seen.truths[message]) for seen in views], dim=-1)
         for view, seen in enumerate(views):
             picture, truth, coverage = readings[view][message].clamp(0, 1), seen.truths[message], seen.coverage[message]
             coloured = with_true_colours(picture, truth, coverage)

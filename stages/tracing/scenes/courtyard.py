@@ -13,25 +13,25 @@ WALL = 6.3
 
 def build(seed: int) -> World:
     """The courtyard; `seed` decides textures, tones and small displacements."""
-    rng = np.random.default_rng([seed, 1])
-    builder = Builder(rng)
-    stone = builder.material(materials.mottled(rng, rgb("8a7354"), rgb("e2cfa4"), 6), 2.2)
-    clay = builder.material(materials.mottled(rng, rgb("8e3f22"), rgb("d98a56"), 8), 1.5)
-    wood = builder.material(materials.planks(rng, palette("8a5a30", "a06c3c", "6d4526", "b48450"), 9, 2), 1.3)
-    blue_wood = builder.material(materials.planks(rng, palette("2f6f8c", "3f86a0", "275a78"), 10, 1), 1.4)
+    generator = np.random.default_rng([seed, 1])
+    builder = Builder(generator)
+    stone = builder.material(materials.mottled(generator, rgb("8a7354"), rgb("e2cfa4"), 6), 2.2)
+    clay = builder.material(materials.mottled(generator, rgb("8e3f22"), rgb("d98a56"), 8), 1.5)
+    wood = builder.material(materials.planks(generator, palette("8a5a30", "a06c3c", "6d4526", "b48450"), 9, 2), 1.3)
+    blue_wood = builder.material(materials.planks(generator, palette("2f6f8c", "3f86a0", "275a78"), 10, 1), 1.4)
     glaze = builder.material(
-        materials.mosaic(rng, palette("1d4e9e", "2f7fc4", "e0a526", "1b7f76", "c8502e"), rgb("f2ecdc"), 8),
+        materials.mosaic(generator, palette("1d4e9e", "2f7fc4", "e0a526", "1b7f76", "c8502e"), rgb("f2ecdc"), 8),
         1.9,
         gloss=0.5,
     )
-    water = builder.material(materials.mottled(rng, rgb("1c6f7c"), rgb("8fd6cf"), 12), 1.4, gloss=0.8)
-    green = builder.material(materials.leaves(rng, palette("2f6b28", "4a8c32", "7fb04a", "26532a")), 1.0)
+    water = builder.material(materials.mottled(generator, rgb("1c6f7c"), rgb("8fd6cf"), 12), 1.4, gloss=0.8)
+    green = builder.material(materials.leaves(generator, palette("2f6b28", "4a8c32", "7fb04a", "26532a")), 1.0)
     bloom = palette("e0457c", "f4a020", "f6e6f0", "c81e3c")
-    flowers = builder.material(materials.leaves(rng, palette("2f6b28", "4f8c38", "77a848"), 40, bloom), 1.0)
-    _surround(builder, rng, stone, blue_wood, flowers)
+    flowers = builder.material(materials.leaves(generator, palette("2f6b28", "4f8c38", "77a848"), 40, bloom), 1.0)
+    _surround(builder, generator, stone, blue_wood, flowers)
     _fountain(builder, stone, glaze, water)
     _columns(builder, stone, clay, green)
-    _stall(builder, rng, wood, clay, green)
+    _stall(builder, generator, wood, clay, green)
     _pots(builder, clay, green, flowers)
     _barrels_and_crates(builder, wood, stone)
     builder.sun((0.55, 0.35, 0.76), (1.25, 1.1, 0.85))
@@ -39,15 +39,17 @@ def build(seed: int) -> World:
 
 
 def _surround(
-    builder: Builder, rng: np.random.Generator, stone: Material, shutter: Material, flowers: Material
+    builder: Builder, generator: np.random.Generator, stone: Material, shutter: Material, flowers: Material
 ) -> None:
-    ground = materials.cobbles(rng, palette("9c8a70", "b8a584", "85705a", "a89a8c", "c4a67c"), rgb("4c4034"), 51)
+    ground = materials.cobbles(generator, palette("9c8a70", "b8a584", "85705a", "a89a8c", "c4a67c"), rgb("4c4034"), 51)
     paving = builder.material(ground, 9.0)
     brick_colors = palette("b4623c", "c87f50", "9c4c30", "d09a6a", "a85a44")
     # One page for all four walls, no part of it seen twice: structure from motion would take one wall for another.
-    brick = builder.material(materials.bricks(rng, brick_colors, rgb("cdbb98"), 108, 40), 13.2)
-    roof = builder.material(materials.bricks(rng, palette("c05a30", "a8452a", "d87c48"), rgb("4a2016"), 22, 22), 3.0)
-    sky = builder.material(materials.clouds(rng, rgb("3f7fd0"), rgb("b4d8f0"), rgb("ffffff")), 80.0, glow=1.0)
+    brick = builder.material(materials.bricks(generator, brick_colors, rgb("cdbb98"), 108, 40), 13.2)
+    roof = builder.material(
+        materials.bricks(generator, palette("c05a30", "a8452a", "d87c48"), rgb("4a2016"), 22, 22), 3.0
+    )
+    sky = builder.material(materials.clouds(generator, rgb("3f7fd0"), rgb("b4d8f0"), rgb("ffffff")), 80.0, glow=1.0)
     builder.ball((0, 0, 0), 14.0, sky, patch=(0.5, 0.5), casts_shadow=False)
     builder.box((0, 0, -0.5), (9, 9, 0.5), paving, casts_shadow=False)
     for side in range(4):
@@ -62,7 +64,7 @@ def _surround(
             middle + outward * 0.2 + up * (height + 0.25), (0.75, 6.6, 0.06), roof, axes=eave, casts_shadow=False
         )
         for number, offset in enumerate((-4.4, -2.2, 0.0, 2.2, 4.4)):
-            face = middle - outward * 0.27 + sideways * (offset + rng.uniform(-0.2, 0.2))
+            face = middle - outward * 0.27 + sideways * (offset + generator.uniform(-0.2, 0.2))
             if (number + side) % 3 == 0:
                 builder.box(face + up * 0.85, (0.1, 0.5, 0.85), stone, axes=axes)
                 builder.box(
@@ -75,7 +77,7 @@ def _surround(
             builder.box(face - outward * 0.15 + up * 0.95, (0.16, 0.45, 0.09), stone, axes=axes)
             for shift in (-0.25, 0.02, 0.27):
                 place = face - outward * 0.17 + sideways * shift + up * 1.08
-                builder.ball(place, rng.uniform(0.13, 0.2), flowers, tint=builder.tone())
+                builder.ball(place, generator.uniform(0.13, 0.2), flowers, tint=builder.tone())
     builder.rod((-7.6, -7.4, 0), (-7.6, -7.4, 4.6), 1.3, brick, casts_shadow=False)
     builder.rod((-7.6, -7.4, 4.6), (-7.6, -7.4, 6.2), 1.5, roof, end_radius=0.0, casts_shadow=False)
     builder.rod((7.8, -7.6, 0), (7.8, -7.6, 3.9), 1.0, stone, casts_shadow=False)
@@ -116,8 +118,8 @@ def _columns(builder: Builder, stone: Material, clay: Material, green: Material)
             builder.rod((x + 0.45, y + 0.5, 0.13), (x - 0.1, y + 0.95, 0.13), 0.13, stone)
 
 
-def _stall(builder: Builder, rng: np.random.Generator, wood: Material, clay: Material, green: Material) -> None:
-    awning = builder.material(materials.cloth(rng, palette("c8322c", "f2e8d4", "e8b838", "f2e8d4"), 12), 1.8)
+def _stall(builder: Builder, generator: np.random.Generator, wood: Material, clay: Material, green: Material) -> None:
+    awning = builder.material(materials.cloth(generator, palette("c8322c", "f2e8d4", "e8b838", "f2e8d4"), 12), 1.8)
     middle, turn = np.array([-1.75, 1.45, 0.0]), turned(yaw=140)
     forward, sideways, up = turn
     builder.box(middle + up * 0.34, (0.32, 0.75, 0.34), wood, axes=turn)
@@ -152,8 +154,8 @@ def _pots(builder: Builder, clay: Material, green: Material, flowers: Material) 
         builder.rod((x, y, size), (x, y, size * 1.25), 0.9 * size, clay, tint=tint)
         plant = flowers if number % 2 else green
         for _ in range(5):
-            shift = builder.random.uniform(-0.55, 0.55, 3) * size
-            reach = size * builder.random.uniform(0.5, 0.8)
+            shift = builder.generator.uniform(-0.55, 0.55, 3) * size
+            reach = size * builder.generator.uniform(0.5, 0.8)
             place = (x + shift[0], y + shift[1], size * 1.7 + shift[2])
             builder.ball(place, (reach, reach, 0.85 * reach), plant, tint=builder.tone())
 

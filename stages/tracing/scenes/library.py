@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.tracing import materials
-from stages.tracing.patterns import Picture, courses, fractal, marks, mix, palette, rgb, shade, step, stones, warp
+from stages.tracing.patterns import Page, courses, fractal, marks, mix, palette, rgb, shade, step, stones, warp
 from stages.tracing.world import PAGE_SIZE as SIZE
 from stages.tracing.world import Builder, Material, Sky, Vector, World, turned
 
@@ -38,8 +38,8 @@ class Stuff:
 
 def build(seed: int) -> World:
     """The library; `seed` decides textures, tones and small displacements."""
-    rng = np.random.default_rng([seed, 2])
-    builder = Builder(rng)
+    generator = np.random.default_rng([seed, 2])
+    builder = Builder(generator)
     spines = (
         palette("8c2a22", "a8443a", "5c1f1c", "c09048", "3c2418"),
         palette("2f5c3c", "4a7a44", "1f3f34", "b08c4c", "d0bc8c"),
@@ -47,19 +47,21 @@ def build(seed: int) -> World:
     )
     boards = palette("84502c", "6a3c20", "9a6236", "74462a")
     stuff = Stuff(
-        wood=builder.material(materials.planks(rng, boards, 11, 2), 1.2, gloss=0.25),
-        leather=builder.material(_leather(rng), 0.9, gloss=0.15),
-        paper=builder.material(materials.writing(rng, rgb("f0e2bc"), rgb("2c2018"), 56), 1.1),
-        brass=builder.material(materials.mottled(rng, rgb("8a5c1c"), rgb("f0c860"), 12), 0.8, gloss=0.7),
-        marble=builder.material(materials.mottled(rng, rgb("9c8c74"), rgb("ece0c8"), 7), 1.1, gloss=0.2),
-        glass=builder.material(_stained_glass(rng), 1.5, gloss=0.4, glow=0.6),
-        map=builder.material(_chart(rng), 1.3, gloss=0.3),
-        cases=tuple(builder.material(materials.shelves(rng, colors, rgb("7a4826"), 15, 85), 6.75) for colors in spines),
-        low_cases=builder.material(materials.shelves(rng, spines[2], rgb("7a4826")), 1.86),
+        wood=builder.material(materials.planks(generator, boards, 11, 2), 1.2, gloss=0.25),
+        leather=builder.material(_leather(generator), 0.9, gloss=0.15),
+        paper=builder.material(materials.writing(generator, rgb("f0e2bc"), rgb("2c2018"), 56), 1.1),
+        brass=builder.material(materials.mottled(generator, rgb("8a5c1c"), rgb("f0c860"), 12), 0.8, gloss=0.7),
+        marble=builder.material(materials.mottled(generator, rgb("9c8c74"), rgb("ece0c8"), 7), 1.1, gloss=0.2),
+        glass=builder.material(_stained_glass(generator), 1.5, gloss=0.4, glow=0.6),
+        map=builder.material(_chart(generator), 1.3, gloss=0.3),
+        cases=tuple(
+            builder.material(materials.shelves(generator, colors, rgb("7a4826"), 15, 85), 6.75) for colors in spines
+        ),
+        low_cases=builder.material(materials.shelves(generator, spines[2], rgb("7a4826")), 1.86),
     )
-    _room(builder, rng, stuff)
-    _walls(builder, rng, stuff)
-    _table(builder, rng, stuff)
+    _room(builder, generator, stuff)
+    _walls(builder, generator, stuff)
+    _table(builder, generator, stuff)
     _chandelier(builder, stuff)
     _furniture(builder, stuff)
     _corners(builder, stuff)
@@ -67,72 +69,80 @@ def build(seed: int) -> World:
     return builder.world(Sky(above=(0.44, 0.42, 0.38), below=(0.23, 0.19, 0.14)))
 
 
-def _leather(rng: np.random.Generator) -> Picture:
+def _leather(generator: np.random.Generator) -> Page:
     """Pale worn leather, to be tinted, with gilt letters and scrolls."""
-    hide = materials.mottled(rng, rgb("8c8074"), rgb("f4ece0"), 10, rough=0.8)
-    hide = shade(hide, 0.7 + 0.3 * step(stones(SIZE, 60, rng).inset * 60, 0.0, 0.12))
-    panels = courses(SIZE, 9, 7, rng, variation=0.5, heights=0.4)
-    gilt = marks(SIZE, 44, rng) * step(panels.inset, 0.016, 0.018) * (panels.tone(rng) < 0.4)
+    hide = materials.mottled(generator, rgb("8c8074"), rgb("f4ece0"), 10, rough=0.8)
+    hide = shade(hide, 0.7 + 0.3 * step(stones(SIZE, 60, generator).inset * 60, 0.0, 0.12))
+    panels = courses(SIZE, 9, 7, generator, variation=0.5, heights=0.4)
+    gilt = marks(SIZE, 44, generator) * step(panels.inset, 0.016, 0.018) * (panels.tone(generator) < 0.4)
     return mix(hide, rgb("fff0a8"), gilt * 0.8)
 
 
-def _stained_glass(rng: np.random.Generator) -> Picture:
+def _stained_glass(generator: np.random.Generator) -> Page:
     """Pieces of coloured glass of two sizes between leads."""
     colors = palette("c83028", "e8b040", "3c8c4c", "e8d8a0", "a84a20", "2f6c8c", "d8902c")
-    large, small = stones(SIZE, 9, rng), stones(SIZE, 26, rng)
-    picture = mix(large.color(colors, rng), small.color(colors, rng), (large.tone(rng) < 0.6).astype(np.float32) * 0.8)
-    picture = shade(picture, (0.6 + 0.4 * small.tone(rng)) * (0.7 + 0.4 * fractal(SIZE, 20, rng, octaves=5)))
+    large, small = stones(SIZE, 9, generator), stones(SIZE, 26, generator)
+    picture = mix(
+        large.color(colors, generator),
+        small.color(colors, generator),
+        (large.tone(generator) < 0.6).astype(np.float32) * 0.8,
+    )
+    picture = shade(
+        picture, (0.6 + 0.4 * small.tone(generator)) * (0.7 + 0.4 * fractal(SIZE, 20, generator, octaves=5))
+    )
     return mix(rgb("241c14"), picture, step(large.inset, 0.002, 0.004) * step(small.inset, 0.001, 0.002))
 
 
-def _chart(rng: np.random.Generator) -> Picture:
+def _chart(generator: np.random.Generator) -> Page:
     """Seas, lands of many colours and names: the skin of a globe."""
-    height = fractal(SIZE, 4, rng, octaves=8, gain=0.6)
-    realms = stones(SIZE, 16, rng).color(palette("c8a050", "b06c38", "8c9c4c", "d8c080", "a84a38"), rng)
-    sea = shade(np.broadcast_to(rgb("3c7c78"), (SIZE, SIZE, 3)), 0.7 + 0.5 * fractal(SIZE, 16, rng, octaves=5))
-    land = shade(warp(realms, 0.05, 8, rng), 0.65 + 0.6 * fractal(SIZE, 32, rng, octaves=4, gain=0.8))
+    height = fractal(SIZE, 4, generator, octaves=8, gain=0.6)
+    realms = stones(SIZE, 16, generator).color(palette("c8a050", "b06c38", "8c9c4c", "d8c080", "a84a38"), generator)
+    sea = shade(np.broadcast_to(rgb("3c7c78"), (SIZE, SIZE, 3)), 0.7 + 0.5 * fractal(SIZE, 16, generator, octaves=5))
+    land = shade(warp(realms, 0.05, 8, generator), 0.65 + 0.6 * fractal(SIZE, 32, generator, octaves=4, gain=0.8))
     picture = mix(mix(sea, rgb("f0dca0"), step(height, 0.46, 0.5)), land, step(height, 0.5, 0.51))
-    return mix(picture, rgb("2c1c10"), marks(SIZE, 64, rng, fill=0.3) * 0.7)
+    return mix(picture, rgb("2c1c10"), marks(SIZE, 64, generator, fill=0.3) * 0.7)
 
 
-def _carpet(rng: np.random.Generator) -> Picture:
+def _carpet(generator: np.random.Generator) -> Page:
     """A knotted carpet: a field of rosettes inside four borders, and a medallion in its middle."""
     colors = palette("c89040", "7c1c20", "dcc898", "2c4a44", "a02c28", "a85028", "6c1420")
     borders = ((0.3, "24443a", 34), (0.35, "b8863c", 60), (0.375, "6c1820", 26), (0.45, "203048", 50))
     place = np.abs((np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE - np.float32(0.5))
     edge = np.maximum(place[:, None] * 1.3, place[None, :])
-    picture = materials.mosaic(rng, colors, rgb("8c1c20"), 27)
+    picture = materials.mosaic(generator, colors, rgb("8c1c20"), 27)
     for reach, ground, count in borders:
-        picture = mix(picture, materials.mosaic(rng, colors, rgb(ground), count), step(edge, reach, reach + 0.002))
+        picture = mix(
+            picture, materials.mosaic(generator, colors, rgb(ground), count), step(edge, reach, reach + 0.002)
+        )
     medallion = step(0.17 - np.hypot(place[:, None], place[None, :] * 0.8), 0.0, 0.004)
-    picture = mix(picture, materials.mosaic(rng, colors, rgb("24443a"), 42), medallion)
-    return shade(warp(picture, 0.006, 24, rng), 0.7 + 0.4 * fractal(SIZE, 90, rng, octaves=3, gain=0.9))
+    picture = mix(picture, materials.mosaic(generator, colors, rgb("24443a"), 42), medallion)
+    return shade(warp(picture, 0.006, 24, generator), 0.7 + 0.4 * fractal(SIZE, 90, generator, octaves=3, gain=0.9))
 
 
-def _room(builder: Builder, rng: np.random.Generator, stuff: Stuff) -> None:
+def _room(builder: Builder, generator: np.random.Generator, stuff: Stuff) -> None:
     boards = palette("a8703c", "8c5a30", "b88048", "74482a", "9c6436")
-    floor = builder.material(materials.planks(rng, boards, 26, 5), 5.6, gloss=0.3)
+    floor = builder.material(materials.planks(generator, boards, 26, 5), 5.6, gloss=0.3)
     builder.box((0, 0, -0.5), (9, 9, 0.5), floor, axes=turned(yaw=24), casts_shadow=False)
     extent = 6.4
-    carpet = builder.material(_carpet(rng), extent)
+    carpet = builder.material(_carpet(generator), extent)
     middle = (0.5 - 3 * 0.731 / extent, 0.5)
     builder.box((0, 0, 0.01), (2.9, 2.2, 0.015), carpet, axes=turned(yaw=12), patch=middle, casts_shadow=False)
-    coffers = materials.bricks(rng, palette("6c4426", "84582e", "5c3a22", "3c5440"), rgb("2c1a10"), 9, 9)
+    coffers = materials.bricks(generator, palette("6c4426", "84582e", "5c3a22", "3c5440"), rgb("2c1a10"), 9, 9)
     ceiling = builder.material(coffers, 5.0)
     builder.box((0, 0, CEILING + 0.5), (9, 9, 0.5), ceiling, casts_shadow=False)
     for x in (-4.2, -1.4, 1.4, 4.2):
         builder.box((x, 0, CEILING - 0.1), (0.13, 6.5, 0.13), stuff.wood, tint=builder.tone(0.2), casts_shadow=False)
 
 
-def _walls(builder: Builder, rng: np.random.Generator, stuff: Stuff) -> None:
+def _walls(builder: Builder, generator: np.random.Generator, stuff: Stuff) -> None:
     green = palette("4c7850", "8a9c54", "c8a850", "2f5840")
-    tapestry = builder.material(materials.leaves(rng, green, 30, palette("b83a2c", "e0b850")), 3.0)
-    oils = materials.leaves(rng, palette("a8322a", "2f6b48", "c8963c", "33507e", "d8c490"), 24)
-    painting = builder.material(warp(oils, 0.08, 6, rng), 2.0, gloss=0.2)
+    tapestry = builder.material(materials.leaves(generator, green, 30, palette("b83a2c", "e0b850")), 3.0)
+    oils = materials.leaves(generator, palette("a8322a", "2f6b48", "c8963c", "33507e", "d8c490"), 24)
+    painting = builder.material(warp(oils, 0.08, 6, generator), 2.0, gloss=0.2)
     windows = {(0, 1), (1, 3), (2, 2), (3, 0), (3, 3)}
     # Each bookcase shows another sixth of a page: structure from motion would take equal ones for each other.
     parts = [(case, column / 3, row * 7 / 15) for case in stuff.cases for column in range(3) for row in range(2)]
-    order = iter(rng.permutation(len(parts)))
+    order = iter(generator.permutation(len(parts)))
     for side in range(4):
         axes = turned(yaw=90 * side)
         outward, sideways, up = axes
@@ -151,7 +161,7 @@ def _walls(builder: Builder, rng: np.random.Generator, stuff: Stuff) -> None:
             builder.box(middle + up * 1.6, half, case, axes=axes, patch=patch, tint=tint, casts_shadow=False)
             if number % 2:
                 continue
-            face, width = middle + outward * 0.3 + up * 3.95, rng.uniform(0.4, 0.7)
+            face, width = middle + outward * 0.3 + up * 3.95, generator.uniform(0.4, 0.7)
             builder.box(face, (0.06, width, 0.42), stuff.brass, axes=axes, casts_shadow=False)
             tint = builder.tone(0.3)
             builder.box(face, (0.08, width - 0.08, 0.34), painting, axes=axes, tint=tint, casts_shadow=False)
@@ -171,9 +181,9 @@ def _stack(builder: Builder, stuff: Stuff, place: Vector, count: int, size: floa
     """Closed books on one another: the covers of each, and the pages that show on three sides."""
     centre = np.asarray(place, np.float64)
     for _ in range(count):
-        axes = turned(yaw=builder.random.uniform(0, 360))
-        width, thick = size * builder.random.uniform(0.75, 1.1), builder.random.uniform(0.022, 0.042)
-        tint = COVERS[builder.random.integers(len(COVERS))] * builder.tone(0.2) * 1.25
+        axes = turned(yaw=builder.generator.uniform(0, 360))
+        width, thick = size * builder.generator.uniform(0.75, 1.1), builder.generator.uniform(0.022, 0.042)
+        tint = COVERS[builder.generator.integers(len(COVERS))] * builder.tone(0.2) * 1.25
         centre = centre + axes[2] * thick
         builder.box(centre, (0.75 * width, width, thick), stuff.leather, axes=axes, bevel=0.008, tint=tint)
         sheets = (0.75 * width, width + 0.004, 0.68 * thick)
@@ -182,7 +192,7 @@ def _stack(builder: Builder, stuff: Stuff, place: Vector, count: int, size: floa
 
 
 def _open_book(builder: Builder, stuff: Stuff, place: Vector, yaw: float, size: float = 0.2, slope: float = 0) -> None:
-    axes, tint = turned(yaw, slope), COVERS[builder.random.integers(len(COVERS))]
+    axes, tint = turned(yaw, slope), COVERS[builder.generator.integers(len(COVERS))]
     builder.box(place, (size * 0.78, size * 1.06, 0.012), stuff.leather, axes=axes, tint=tint)
     for side in (-1, 1):
         centre = np.asarray(place) + axes[1] * side * size * 0.5 + axes[2] * 0.03
@@ -235,10 +245,10 @@ def _cat(builder: Builder, stuff: Stuff, place: Vector, yaw: float) -> None:
     builder.rod(foot - ahead * 0.1 + up * 0.03, foot - ahead * 0.2 + aside * 0.12 + up * 0.03, 0.025, stuff.brass)
 
 
-def _table(builder: Builder, rng: np.random.Generator, stuff: Stuff) -> None:
+def _table(builder: Builder, generator: np.random.Generator, stuff: Stuff) -> None:
     axes = turned(yaw=12)
     ahead, _, up = axes
-    baize = builder.material(materials.cloth(rng, palette("2f6a44", "3c7a4c", "285c3c", "8a2a28"), 9), 1.6)
+    baize = builder.material(materials.cloth(generator, palette("2f6a44", "3c7a4c", "285c3c", "8a2a28"), 9), 1.6)
     builder.box(up * (TABLE_TOP - 0.04), (1.15, 0.72, 0.04), stuff.wood, axes=axes, bevel=0.02)
     builder.box(up * TABLE_TOP, (0.98, 0.56, 0.008), baize, axes=axes)
     builder.box(up * 0.2, (0.85, 0.06, 0.05), stuff.wood, axes=axes)
@@ -259,7 +269,7 @@ def _table(builder: Builder, rng: np.random.Generator, stuff: Stuff) -> None:
 
 def _chair(builder: Builder, stuff: Stuff, angle: float, distance: float, cushion: Vector) -> None:
     """A chair that faces the middle of the room."""
-    axes = turned(yaw=angle + builder.random.uniform(-12, 12))
+    axes = turned(yaw=angle + builder.generator.uniform(-12, 12))
     back, aside, up = axes
     middle = turned(yaw=angle)[0] * distance
     builder.box(middle + up * 0.43, (0.2, 0.2, 0.04), stuff.leather, axes=axes, bevel=0.02, tint=cushion)

@@ -33,21 +33,25 @@ class Paints:
 
 def build(seed: int) -> World:
     """The workshop; `seed` decides textures, tones and what stands on the shelves."""
-    rng = np.random.default_rng([seed, 4])
-    builder = Builder(rng)
+    generator = np.random.default_rng([seed, 4])
+    builder = Builder(generator)
     paints = Paints(
-        red=builder.material(machine_paint(rng, rgb("cc3428")), 1.5, gloss=0.25),
-        yellow=builder.material(machine_paint(rng, rgb("edb91e")), 1.4, gloss=0.2),
-        cyan=builder.material(machine_paint(rng, rgb("22a3b8")), 1.5, gloss=0.25),
-        grey=builder.material(machine_paint(rng, rgb("a4abae")), 1.3, gloss=0.15),
-        steel=builder.material(materials.mottled(rng, rgb("6c747a"), rgb("bcc4c8"), 28, rough=0.9), 0.8, gloss=0.25),
-        rubber=builder.material(rubber(rng), 0.9),
-        wood=builder.material(materials.planks(rng, palette("a88a60", "c2a878", "8c7450"), 8, 2), 1.0),
-        label=builder.material(packed_goods(rng, 4, 7), 1.3, gloss=0.15),
-        globe=builder.material(materials.mottled(rng, rgb("e0c48c"), rgb("fff4d8"), 10), 0.7, gloss=0.4, glow=0.75),
+        red=builder.material(machine_paint(generator, rgb("cc3428")), 1.5, gloss=0.25),
+        yellow=builder.material(machine_paint(generator, rgb("edb91e")), 1.4, gloss=0.2),
+        cyan=builder.material(machine_paint(generator, rgb("22a3b8")), 1.5, gloss=0.25),
+        grey=builder.material(machine_paint(generator, rgb("a4abae")), 1.3, gloss=0.15),
+        steel=builder.material(
+            materials.mottled(generator, rgb("6c747a"), rgb("bcc4c8"), 28, rough=0.9), 0.8, gloss=0.25
+        ),
+        rubber=builder.material(rubber(generator), 0.9),
+        wood=builder.material(materials.planks(generator, palette("a88a60", "c2a878", "8c7450"), 8, 2), 1.0),
+        label=builder.material(packed_goods(generator, 4, 7), 1.3, gloss=0.15),
+        globe=builder.material(
+            materials.mottled(generator, rgb("e0c48c"), rgb("fff4d8"), 10), 0.7, gloss=0.4, glow=0.75
+        ),
     )
-    _room(builder, rng, paints)
-    _walls(builder, rng, paints)
+    _room(builder, generator, paints)
+    _walls(builder, generator, paints)
     _tractor(Group.on_floor(builder, 0.05, 0.0, 25), paints)
     _bench(Group.on_floor(builder, -1.4, 1.15, 140), paints)
     _motor(Group.on_floor(builder, 1.05, -1.5, -50), paints)
@@ -62,10 +66,10 @@ def build(seed: int) -> World:
     return builder.world(Sky(above=(0.27, 0.33, 0.4), below=(0.11, 0.11, 0.115)))
 
 
-def _room(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
-    floor = builder.material(concrete(rng), 5.3)
-    roof = builder.material(corrugated(rng, palette("6c7276", "80878a", "5e666c"), 22), 3.0)
-    pane = builder.material(materials.mottled(rng, rgb("8cc4e0"), rgb("f0fafc"), 6), 2.0, glow=1.0)
+def _room(builder: Builder, generator: np.random.Generator, paints: Paints) -> None:
+    floor = builder.material(concrete(generator), 5.3)
+    roof = builder.material(corrugated(generator, palette("6c7276", "80878a", "5e666c"), 22), 3.0)
+    pane = builder.material(materials.mottled(generator, rgb("8cc4e0"), rgb("f0fafc"), 6), 2.0, glow=1.0)
     builder.box((0, 0, -0.5), (9, 9, 0.5), floor, casts_shadow=False)
     builder.box((0, 0, CEILING + 0.2), (8, 8, 0.2), roof, casts_shadow=False)
     for x, y in ((-3.4, 0.0), (0.0, 0.6), (3.4, -0.4)):
@@ -84,21 +88,21 @@ def _room(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
         builder.box((x, y, 0.0), (half_x, half_y, 0.004), material, casts_shadow=False)
 
 
-def _walls(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
+def _walls(builder: Builder, generator: np.random.Generator, paints: Paints) -> None:
     upper = (
-        builder.material(corrugated(rng, palette("b4bcc0", "9aa6ac", "c8ccc8", "84a8b0"), 46), 6.6),
-        builder.material(corrugated(rng, palette("5fa4b0", "7fb4bc", "a8b8bc", "4c8c9c"), 44), 6.6),
+        builder.material(corrugated(generator, palette("b4bcc0", "9aa6ac", "c8ccc8", "84a8b0"), 46), 6.6),
+        builder.material(corrugated(generator, palette("5fa4b0", "7fb4bc", "a8b8bc", "4c8c9c"), 44), 6.6),
     )
     # No two racks and no two boards show the same part of a page: structure from motion would take one for another.
-    pegboards = tuple(builder.material(pegboard(rng, 6, columns), 3.9) for columns in (13, 12))
+    pegboards = tuple(builder.material(pegboard(generator, 6, columns), 3.9) for columns in (13, 12))
     papers = (
-        builder.material(materials.writing(rng, rgb("efe8d4"), rgb("2a2c34"), 40), 1.6),
-        builder.material(materials.writing(rng, rgb("2a66ac"), rgb("eef4fa"), 32), 1.7),
-        builder.material(materials.writing(rng, rgb("e8c84c"), rgb("8c1c1c"), 24), 1.5),
+        builder.material(materials.writing(generator, rgb("efe8d4"), rgb("2a2c34"), 40), 1.6),
+        builder.material(materials.writing(generator, rgb("2a66ac"), rgb("eef4fa"), 32), 1.7),
+        builder.material(materials.writing(generator, rgb("e8c84c"), rgb("8c1c1c"), 24), 1.5),
     )
-    sky = materials.clouds(rng, rgb("6ca4d0"), rgb("c4dce8"), rgb("f4f8fa"))
+    sky = materials.clouds(generator, rgb("6ca4d0"), rgb("c4dce8"), rgb("f4f8fa"))
     pane = builder.material(sky, 2.4, gloss=0.4, glow=0.8)
-    goods = tuple(builder.material(packed_goods(rng, 12, 26), 4.8) for _ in range(2))
+    goods = tuple(builder.material(packed_goods(generator, 12, 26), 4.8) for _ in range(2))
     racks = boards = 0
     for side in range(4):
         axes = turned(yaw=90 * side)
@@ -120,26 +124,26 @@ def _walls(builder: Builder, rng: np.random.Generator, paints: Paints) -> None:
                 boards += 1
                 wall.box((0, offset, 2.22), (0.08, 1.0, 0.05), paints.wood)
             for _ in range(2):
-                place = (-0.03, offset + rng.uniform(-0.3, 0.3) + 1.05, rng.uniform(0.85, 2.5))
-                size = (0.02, rng.uniform(0.16, 0.26), rng.uniform(0.2, 0.32))
-                wall.box(place, size, papers[int(rng.integers(3))], (0, 0, rng.uniform(-8, 8)))
+                place = (-0.03, offset + generator.uniform(-0.3, 0.3) + 1.05, generator.uniform(0.85, 2.5))
+                size = (0.02, generator.uniform(0.16, 0.26), generator.uniform(0.2, 0.32))
+                wall.box(place, size, papers[int(generator.integers(3))], (0, 0, generator.uniform(-8, 8)))
         pipe = (paints.red, paints.yellow, paints.cyan, paints.steel)[side]
         wall.rod((-0.1, -6.2, 2.85), (-0.1, 6.2, 2.85), 0.07, pipe)
 
 
 def _rack(wall: Group, offset: float, goods: Material, patch: Vector, paints: Paints) -> None:
     """A rack of shelves against the wall, full behind, with cans and boxes in front."""
-    random = wall.builder.random
+    generator = wall.builder.generator
     wall.box((-0.1, offset, 1.0), (0.12, 0.8, 1.0), goods, patch=patch)
     for height in (0.12, 0.75, 1.4, 2.02):
         wall.box((-0.3, offset, height), (0.3, 0.85, 0.025), paints.steel)
     for height in (0.775, 1.425):
         for shift in (-0.4, 0.3):
-            size = random.uniform(0.12, 0.2)
-            place = (-0.4, offset + shift + random.uniform(-0.08, 0.08), height + size)
-            material = (paints.label, paints.red, paints.cyan, paints.yellow, paints.wood)[int(random.integers(5))]
-            if random.random() < 0.5:
-                wall.box(place, (0.14, 0.8 * size, size), material, (random.uniform(-12, 12), 0, 0))
+            size = generator.uniform(0.12, 0.2)
+            place = (-0.4, offset + shift + generator.uniform(-0.08, 0.08), height + size)
+            material = (paints.label, paints.red, paints.cyan, paints.yellow, paints.wood)[int(generator.integers(5))]
+            if generator.random() < 0.5:
+                wall.box(place, (0.14, 0.8 * size, size), material, (generator.uniform(-12, 12), 0, 0))
             else:
                 top = (place[0], place[1], height + 1.8 * size)
                 wall.rod((place[0], place[1], height), top, 0.75 * size, material)

@@ -12,16 +12,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stages.analysis.roc import Area, Scores, bootstrap_area, roc_curve
+from stages.analysis.roc import Area, DetectorScores, bootstrap_area, roc_curve
 
 VALUES = st.lists(st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0, math.nan]), min_size=1, max_size=8)
 
 
-def scores(positives: list[float], negatives: list[float], paired: bool = False) -> Scores:
-    return Scores(np.array(positives), np.array(negatives), paired)
+def scores(positives: list[float], negatives: list[float], paired: bool = False) -> DetectorScores:
+    return DetectorScores(np.array(positives), np.array(negatives), paired)
 
 
-def counted(scene: Scores) -> float:
+def counted(scene: DetectorScores) -> float:
     """Every pair of views, one by one."""
     pairs = [
         (p > q) + 0.5 * (p == q)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stages.scene.capture import Capture
-from stages.scene.scene import held_out_names
+from stages.scene.scene import held_out_by_number
 from stages.scene.structure_from_motion import starting_lens
 
 
@@ -18,5 +18,5 @@ def test_a_focal_length_is_that_of_the_size_at_which_photos_are_matched() -> Non
 
 def test_every_eighth_view_is_held_out_from_the_first_on() -> None:
     names = [f"{number:02}" for number in range(17)]
-    assert held_out_names(names[::-1]) == ("00", "08", "16")
-    assert held_out_names(names[:8]) == ("00",)
+    assert held_out_by_number(names[::-1]) == ("00", "08", "16")
+    assert held_out_by_number(names[:8]) == ("00",)

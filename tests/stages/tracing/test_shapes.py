@@ -38,10 +38,10 @@ def coordinates(array: np.ndarray) -> Coordinates:
 
 def rays_at(shape: Shape, count: int = 400) -> tuple[np.ndarray, np.ndarray]:
     """Rays [3, N] from all sides, most of them towards the shape."""
-    random = np.random.default_rng(7)
-    origin = random.normal(size=(3, count))
+    generator = np.random.default_rng(7)
+    origin = generator.normal(size=(3, count))
     origin *= 3 / np.linalg.norm(origin, axis=0)
-    direction = random.uniform(-0.7, 0.7, (3, count)) - origin
+    direction = generator.uniform(-0.7, 0.7, (3, count)) - origin
     return origin, direction / np.linalg.norm(direction, axis=0)
 
 
@@ -99,8 +99,8 @@ def test_a_bevel_turns_the_normal_only_near_edges() -> None:
 
 
 def test_a_surface_unrolls_without_stretching() -> None:
-    random = np.random.default_rng(3)
-    angle, height = random.uniform(-3, 3, 50), random.uniform(-0.6, 0.6, 50)
+    generator = np.random.default_rng(3)
+    angle, height = generator.uniform(-3, 3, 50), generator.uniform(-0.6, 0.6, 50)
     ring = np.stack([0.5 * np.cos(angle), 0.5 * np.sin(angle), height])
     _, u, v = SHAPES["cylinder"].surface(coordinates(ring))
     assert np.allclose(u, 0.5 * angle, atol=1e-5)

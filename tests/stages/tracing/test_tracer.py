@@ -14,17 +14,17 @@ from tests.stages.tracing.worlds import builder, plain
 def clutter() -> tuple[Solid, ...]:
     """Sixty solids of all kinds in a room."""
     build = builder()
-    stuff, random = plain(build), np.random.default_rng(11)
+    stuff, generator = plain(build), np.random.default_rng(11)
     build.box((0, 0, 1.5), (5, 5, 2.5), stuff)
     for number in range(60):
-        place = random.uniform(-2.5, 2.5, 3)
-        half = random.uniform(0.02, 0.5, 3)
+        place = generator.uniform(-2.5, 2.5, 3)
+        half = generator.uniform(0.02, 0.5, 3)
         if number % 3 == 0:
-            build.box(place, half, stuff, axes=turned(*random.uniform(0, 360, 3)))
+            build.box(place, half, stuff, axes=turned(*generator.uniform(0, 360, 3)))
         elif number % 3 == 1:
-            build.ball(place, half, stuff, axes=turned(*random.uniform(0, 360, 3)))
+            build.ball(place, half, stuff, axes=turned(*generator.uniform(0, 360, 3)))
         else:
-            build.rod(place, place + random.normal(size=3), half[0], stuff, end_radius=half[1])
+            build.rod(place, place + generator.normal(size=3), half[0], stuff, end_radius=half[1])
     return tuple(build.solids)
 
 
@@ -41,15 +41,15 @@ def every_solid_on_every_ray(
 
 
 def rays(kind: str, count: int = 1500) -> tuple[Coordinates, Coordinates]:
-    random = np.random.default_rng(5)
-    direction = random.normal(size=(3, count))
+    generator = np.random.default_rng(5)
+    direction = generator.normal(size=(3, count))
     if kind == "a narrow view":
         direction = np.array([[-1.0], [0.1], [-0.1]]) + 0.3 * direction.clip(-1, 1)
     direction /= np.linalg.norm(direction, axis=0)
     origin = (
         np.array([[3.5], [0.0], [1.0]])
         if kind == "a narrow view"
-        else random.uniform(-3, 3, (3, count)) * [[1], [1], [0.3]]
+        else generator.uniform(-3, 3, (3, count)) * [[1], [1], [0.3]]
     )
     x, y, z = origin.astype(np.float32)
     a, b, c = direction.astype(np.float32)
@@ -85,13 +85,13 @@ def test_a_world_without_solids_is_empty() -> None:
 
 
 def test_bundles_hold_all_their_rays() -> None:
-    random = np.random.default_rng(2)
-    origin = random.normal(scale=0.2, size=(3, 5, 64)).astype(np.float32)
-    axes = random.normal(size=(3, 5, 1))
-    direction = (random.normal(scale=0.2, size=(3, 5, 64)) + axes / np.linalg.norm(axes, axis=0)).astype(np.float32)
+    generator = np.random.default_rng(2)
+    origin = generator.normal(scale=0.2, size=(3, 5, 64)).astype(np.float32)
+    axes = generator.normal(size=(3, 5, 1))
+    direction = (generator.normal(scale=0.2, size=(3, 5, 64)) + axes / np.linalg.norm(axes, axis=0)).astype(np.float32)
     direction /= np.linalg.norm(direction, axis=0)
     bundles = Bundles.around(origin, direction)
-    places = (origin + random.uniform(0, 4, (1, 5, 64)).astype(np.float32) * direction).reshape(3, -1).T
+    places = (origin + generator.uniform(0, 4, (1, 5, 64)).astype(np.float32) * direction).reshape(3, -1).T
     reached = bundles.reach(places.astype(np.float64), np.full(len(places), 1e-4))
     own = np.repeat(np.arange(5), 64)
     assert reached[own, np.arange(len(places))].all()
