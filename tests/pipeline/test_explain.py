@@ -18,6 +18,7 @@ from pipeline.graph import Node, Source
 from pipeline.history import History, StageResult
 from pipeline.keys import key_of, key_parts
 from pipeline.plan import Known, make_plan
+from tests.pipeline.collecting import collected
 from tests.pipeline.helpers import Workspace
 from tests.pipeline.test_runner import CHAIN
 
@@ -132,6 +133,14 @@ def test_what_a_cached_result_was_made_of(workspace: Workspace) -> None:
     made = as_json(told)["made"]
     assert isinstance(made, dict)
     assert made["run"] == f"chain/{journal.stem}"
+
+
+def test_the_run_that_made_a_cached_result_is_told_after_a_gc(workspace: Workspace) -> None:
+    """Which keeps more journals than those of the runs whose results it keeps."""
+    made = workspace.write(CHAIN).run("factor=2").project.store.history.journals("chain")[0].stem
+    workspace.run("factor=3")
+    collected(workspace, keep_last=1)
+    assert explained(workspace, "base", "factor=3").run == f"chain/{made}"
 
 
 def test_which_files_of_a_folder(workspace: Workspace, tmp_path: Path) -> None:

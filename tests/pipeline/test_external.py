@@ -41,6 +41,20 @@ def test_a_link_to_a_folder_elsewhere_is_followed(tmp_path: Path) -> None:
     assert list(contents_of(tmp_path / "photos").files) == ["images/a.png"]
 
 
+@pytest.mark.parametrize("is_folder", [False, True])
+def test_the_same_bytes_of_another_name_are_another_digest(tmp_path: Path, is_folder: bool) -> None:
+    """Poses are given for names of photos; where these lie does not matter."""
+    digests = []
+    for folder, name in (("here", "a.png"), ("there", "a.png"), ("there", "b.png")):
+        file = tmp_path / folder / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_bytes(b"a")
+        digests.append(contents_of(file.parent if is_folder else file).digest)
+        file.unlink()
+    here, there, renamed = digests
+    assert here == there != renamed
+
+
 def test_a_pipe_or_a_device_is_refused_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to("pipe")

@@ -5,13 +5,17 @@ from __future__ import annotations
 import gc
 import os
 import shutil
+import stat
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from pipeline import garbage
 from pipeline.errors import UserError
 from pipeline.garbage import Rules, collect
-from pipeline.pins import Pin
+from pipeline.pins import Pin, Pins
 from tests.pipeline.collecting import assert_sound, collected, is_cached, store_of
 from tests.pipeline.helpers import Workspace
 from tests.pipeline.test_runner import CHAIN
@@ -166,6 +170,16 @@ def test_a_pin_survives_a_power_cut(chain: Workspace, monkeypatch: pytest.Monkey
     assert order.index(str(folder / "paper.json")) < order.index(str(folder))
 
 
+def test_nobody_else_can_read_a_pin(tmp_path: Path) -> None:
+    """Nor one that lies in a folder opened by hand: names of stages may tell of a message."""
+    folder, before = tmp_path / "pins", os.umask(0)
+    try:
+        Pins(folder).add("paper", Pin("chain", "now", {}))
+    finally:
+        os.umask(before)
+    assert [stat.S_IMODE(path.stat().st_mode) for path in (folder, folder / "paper.json")] == [0o700, 0o600]
+
+
 def test_pins_keep_results_until_they_are_removed(chain: Workspace) -> None:
     pinned = chain.run("factor=2")
     store = store_of(chain)
@@ -219,6 +233,18 @@ def test_young_results_stay_on_request(chain: Workspace) -> None:
     assert is_cached(chain, "factor=2")
     collected(chain, keep_last=1)
     assert not is_cached(chain, "factor=2")
+
+
+@pytest.mark.parametrize(("hours", "stays"), [(47, True), (49, False)])
+def test_what_is_young_is_told_in_days(
+    chain: Workspace, monkeypatch: pytest.MonkeyPatch, hours: int, stays: bool
+) -> None:
+    chain.run("factor=2")
+    chain.run("factor=3")
+    later = time.time() + hours * 3600
+    monkeypatch.setattr(garbage, "time", SimpleNamespace(time=lambda: later))
+    collected(chain, keep_last=1, younger_than=2.0)
+    assert is_cached(chain, "factor=2") == stays
 
 
 def test_a_forgotten_workflow_goes_with_its_logs(chain: Workspace) -> None:

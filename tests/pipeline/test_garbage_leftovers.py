@@ -39,6 +39,18 @@ def test_checkpoints_that_may_be_worth_something_stay(chain: Workspace) -> None:
     assert len([remark for remark in collection.remarks if "checkpoint" in remark]) == 2
 
 
+def test_checkpoints_of_unfinished_work_stay_for_two_weeks(chain: Workspace) -> None:
+    """As the help of `gc` says: whoever comes back from a holiday goes on."""
+    store = store_of(chain)
+    for name, days in (("a", 13), ("b", 15)):
+        folder, then = store.folder("scratch", name * 64), time.time() - days * 86400
+        (folder / "checkpoint").write_text("half")
+        for path in (folder / "checkpoint", folder):
+            os.utime(path, (then, then))
+    assert "checkpoint aaaaaaaa: of unfinished work 13 days ago; 1 days more" in collected(chain).remarks
+    assert [path.name for path in (store.root / "scratch").iterdir()] == ["a" * 64]
+
+
 def test_a_checkpoint_of_a_run_that_no_longer_counts_goes_when_it_is_old(chain: Workspace) -> None:
     store = store_of(chain)
     journal = store.history.begin("chain", whole=True)

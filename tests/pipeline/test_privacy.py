@@ -48,6 +48,16 @@ def test_a_closed_folder_anywhere_above_is_enough(open_folder: Path) -> None:
     assert why_public(closed / "open") is not None
 
 
+def test_a_closed_folder_of_another_user_is_no_private_place(
+    open_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed = open_folder / "closed"
+    closed.mkdir(mode=0o700)
+    another = closed.stat().st_uid + 1
+    monkeypatch.setattr(os, "geteuid", lambda: another)
+    assert why_public(closed / "new") == f"others can enter {closed}"
+
+
 def test_a_git_work_tree_is_public_however_closed(open_folder: Path) -> None:
     tree = open_folder / "tree"
     (tree / ".git").mkdir(parents=True)

@@ -144,6 +144,13 @@ def test_what_measures_time_runs_alone(workspace: Workspace) -> None:
     assert [group for group in executor.groups if "b" in group] == [{"b"}]
 
 
+def test_nothing_is_started_beside_what_measures_time(workspace: Workspace) -> None:
+    workspace.write("stages:\n  a: {uses: measure}\n  b: {uses: numbers}\n")
+    executor = Watched()
+    assert set(workspace.run(executor=executor).states.values()) == {"ran"}
+    assert executor.groups == [{"a"}, {"b"}]
+
+
 def test_privacy_spreads(workspace: Workspace) -> None:
     """From the stage that says so to all that comes from it, but not through what is declared public."""
     workspace.write("""
