@@ -42,7 +42,7 @@ def test_a_link_to_a_folder_elsewhere_is_followed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("is_folder", [False, True])
-def test_the_same_bytes_of_another_name_are_another_digest(tmp_path: Path, is_folder: bool) -> None:
+def test_the_same_bytes_of_another_name_have_another_digest(tmp_path: Path, is_folder: bool) -> None:
     """Poses are given for names of photos; where these lie does not matter."""
     digests = []
     for folder, name in (("here", "a.png"), ("there", "a.png"), ("there", "b.png")):

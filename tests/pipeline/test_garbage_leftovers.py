@@ -154,9 +154,8 @@ def test_names_of_files_go_with_what_was_made_from_them(workspace: Workspace) ->
 def test_what_can_be_computed_again_goes_when_it_is_of_no_use(workspace: Workspace) -> None:
     """When it was last of use tells the later one of two times: not every disk notes when a file is read."""
     store = store_of(workspace)
-    now = time.time()
-    long_ago = now - (CACHE_DAYS + 1) * 86400
-    kinds, times = {"declarations", "external", "sources"}, {"used": (now, long_ago), "new": (long_ago, now)}
+    lately, long_ago = (time.time() - days * 86400 for days in (CACHE_DAYS - 1, CACHE_DAYS + 1))
+    kinds, times = {"declarations", "external", "sources"}, {"used": (lately, long_ago), "new": (long_ago, lately)}
     for kind in kinds:
         for name, read_and_written in {**times, "old": (long_ago, long_ago)}.items():
             file = store.folder("cache", kind) / f"{name}.json"

@@ -44,6 +44,20 @@ def test_a_divergence_grows_with_what_differs() -> None:
     assert divergence(np.zeros(5), np.zeros(7)) == 0
 
 
+def test_one_value_in_a_thousand_that_strays_hides_nothing() -> None:
+    own, other = np.linspace(0, 1, 1000), np.linspace(0.2, 1.2, 1000)
+    strayed = np.append(own[1:], 1e6)
+    assert divergence(strayed, other) == pytest.approx(divergence(own, other), abs=0.01)
+
+
+def test_three_values_in_a_thousand_are_told_apart() -> None:
+    """These are more than the first and the last bin take; of them, the divergence is the share of what differs."""
+    alike = np.linspace(0, 1, 997)
+    own, other = (np.append(alike, [value] * 3) for value in (2, 3))
+    assert divergence(own, other) == pytest.approx(0.003)
+    assert divergence(-own, -other) == pytest.approx(0.003)
+
+
 def container(seed: int, scale: float = 1.0, extra: bool = False) -> dict[str, np.ndarray]:
     generator = np.random.default_rng(seed)
     features = generator.normal(0, 1, (3000, 4)) * [4, 1, 2, scale]

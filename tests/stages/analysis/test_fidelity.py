@@ -21,6 +21,26 @@ def test_only_covered_pixels_count() -> None:
     assert figures["coverage"] == pytest.approx(0.5)
 
 
+def test_similarity_is_that_of_covered_pixels() -> None:
+    """What is wrong lies farther off than the window about them reaches."""
+    truth = torch.rand(20, 20, 3, generator=torch.Generator().manual_seed(0))
+    picture, coverage = truth.clone(), torch.zeros(20, 20)
+    picture[:, 10:] = 0
+    coverage[:, :5] = 1
+    assert covered_figures(picture, truth, coverage)["ssim_covered"] == pytest.approx(1)
+
+
+def test_a_pixel_is_covered_where_the_message_fills_at_least_half_of_it() -> None:
+    truth = torch.rand(20, 20, 3, generator=torch.Generator().manual_seed(0))
+    coverage = torch.full((20, 20), 0.49)
+    coverage[:, :10] = 0.5
+    right_on_the_left, right_on_the_right = truth.clone(), truth.clone()
+    right_on_the_left[:, 10:] = 0
+    right_on_the_right[:, :10] = 0
+    assert covered_figures(right_on_the_left, truth, coverage)["psnr_covered"] == math.inf
+    assert covered_figures(right_on_the_right, truth, coverage)["psnr_covered"] < 20
+
+
 def test_the_constant_is_the_best_of_all() -> None:
     truth = torch.rand(8, 8, 3, generator=torch.Generator().manual_seed(0))
     everywhere = torch.ones(8, 8)
@@ -48,6 +68,11 @@ def test_what_shows_one_colour_has_no_floor(pixels: int) -> None:
     assert math.isfinite(figures["psnr_covered"])
 
 
-def test_pictures_are_clamped_before_they_are_measured() -> None:
-    truth = torch.ones(16, 16, 3)
-    assert picture_figures(truth * 1.7, truth, {})["psnr"] == math.inf
+@pytest.mark.parametrize(("shown", "rendered"), [(0.0, -0.7), (1.0, 1.7)])
+def test_pictures_are_clamped_before_they_are_measured(shown: float, rendered: float) -> None:
+    truth = torch.full((16, 16, 3), shown)
+    picture = torch.full_like(truth, rendered)
+    farthest = {"farthest": lambda one, other: float((one - other).abs().max())}
+    assert picture_figures(picture, truth, farthest) == {"psnr": math.inf, "ssim": pytest.approx(1), "farthest": 0}
+    covered = covered_figures(picture, truth, torch.ones(16, 16))
+    assert (covered["psnr_covered"], covered["ssim_covered"]) == (math.inf, pytest.approx(1))

@@ -23,6 +23,14 @@ def test_a_message_that_shines_through_is_seen() -> None:
     assert max(others) < 0.2
 
 
+def test_a_message_that_shines_through_in_negative_is_seen_as_well() -> None:
+    residuals, messages = pictures(1), pictures(0)
+    shown = [0.02 * residual - 0.1 * message for residual, message in zip(residuals, messages, strict=True)]
+    own, others = residual_correlations(shown, messages)
+    assert min(own) > 0.9
+    assert others == pytest.approx(residual_correlations([-residual for residual in shown], messages)[1])
+
+
 def test_independent_residuals_correlate_no_more_with_their_own() -> None:
     own, others = residual_correlations(pictures(2, 40), pictures(3, 40))
     assert np.mean(own) == pytest.approx(np.mean(others), abs=0.02)

@@ -65,6 +65,19 @@ def test_smooth_content_is_no_hint() -> None:
     assert detector_scores(detector, views_of(values + np.uint8(40))) == pytest.approx(expected, rel=1e-5)
 
 
+def test_all_edges_are_alike_from_three_grey_levels_on() -> None:
+    """Of what is larger nothing is to be learnt; what is smaller tells how much was hidden."""
+    torch.manual_seed(0)
+    detector = ResidualDetector()
+
+    def score(slope: int) -> float:
+        ramp = np.broadcast_to(slope * np.arange(48, dtype=np.uint8)[:, None], (1, 40, 48, 3))
+        return detector_scores(detector, views_of(ramp))[0]
+
+    assert score(5) == score(4) == score(3)
+    assert score(2) != pytest.approx(score(3), rel=1e-3)
+
+
 def test_the_seed_decides_and_the_global_generators_do_not() -> None:
     views = views_of(scene(3))
     torch.manual_seed(1)
@@ -90,3 +103,12 @@ def test_hidden_and_clean_are_seen_at_the_same_places() -> None:
         hidden, clean = _places((views, views), 16, generator)
         assert hidden.shape == (3, 16, 16)
         assert torch.equal(hidden, clean)
+
+
+def test_places_are_turned_over_in_every_way() -> None:
+    views = views_of(scene(0)[:1])
+    ways = [(), (1,), (2,), (1, 2)]
+    generator = np.random.default_rng(0)
+    whole = views.tensor(0)
+    places = [_places((views, views), 64, generator)[0] for _ in range(40)]
+    assert {way for way in ways for place in places if torch.equal(place, whole.flip(way))} == {*ways}

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import binom
 
 from stages.analysis.roc import Area, DetectorScores, bootstrap_area, roc_curve
 
@@ -86,6 +87,13 @@ def test_intervals_cover_the_truth() -> None:
         covered += area.low <= 0.760 <= area.high
         assert area.low <= area.value <= area.high
     assert covered >= 52
+
+
+def test_an_interval_leaves_out_one_in_forty_at_either_end() -> None:
+    """Of sixteen scenes a detector is right in half: of as many drawn, those that it is right in are binomial."""
+    scenes = [scores([1.0], [0.0])] * 8 + [scores([0.0], [1.0])] * 8
+    area = bootstrap_area(scenes, seed=0, repeats=10_000)
+    assert (area.low, area.high) == pytest.approx(tuple(binom.ppf([1 / 40, 39 / 40], 16, 0.5) / 16))
 
 
 def test_neighbours_that_look_alike_widen_the_interval() -> None:

@@ -161,6 +161,19 @@ def test_a_fragment_among_foreign_gaussians_is_known_but_not_for_certain() -> No
     assert left.is_certain
 
 
+@pytest.mark.parametrize(("share", "is_certain"), [(0.23, False), (0.27, True)])
+@pytest.mark.parametrize("expected", [Similarity.identity(), motion(6)])
+def test_it_takes_a_quarter_among_foreign_gaussians_to_be_certain(
+    expected: Similarity, share: float, is_certain: bool
+) -> None:
+    """A thief would have to leave out three quarters of what he stole."""
+    published = scene(0)
+    found = flooded(pruned(published, 1 - share), 9)
+    registration = check(register(moved(found, expected), published, 0), expected)
+    assert registration.found_again == pytest.approx(share, abs=0.01)
+    assert registration.is_certain == is_certain
+
+
 def test_many_foreign_gaussians_do_not_lie_where_published_ones_do_by_chance() -> None:
     """However many there are: of a thousand times as many, one or the other lies nearly everywhere."""
     published = scene(0, 100)

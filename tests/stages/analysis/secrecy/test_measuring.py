@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,6 +31,25 @@ def test_a_negative_is_recognised_and_has_no_decibels() -> None:
     assert negative["psnr_coloured"] > 60
     assert negative["correlation"] == pytest.approx(1, abs=1e-4)
     assert negative["correlation_others"] < 0.6
+
+
+def test_true_colours_are_those_of_the_covered_pixels() -> None:
+    """What a reading shows where there is no message is neither fitted nor measured."""
+    [seen] = views(OPENLY, 1)
+    coverage, negative = seen.coverage.clone(), 1 - seen.truths
+    coverage[:, :, 10:] = 0.49
+    coverage[:, :, :10] = 0.5
+    negative[:, :, 10:] = 0.3
+    [(_, _, found)] = picture_readings([negative], [replace(seen, coverage=coverage)])
+    assert found["psnr_coloured"] > 60
+    assert found["psnr"] < 20
+
+
+def test_a_reading_is_measured_as_it_can_be_seen() -> None:
+    """What is brighter than white is white."""
+    observed = views(OPENLY, 2)
+    readings = [20 * seen.truths - 9 for seen in observed]
+    assert figures(readings, observed) == figures([reading.clamp(0, 1) for reading in readings], observed)
 
 
 def test_another_picture_is_recognised_no_more_than_others() -> None:
