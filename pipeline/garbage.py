@@ -43,13 +43,13 @@ DAY = 86400.0  # seconds
 
 @dataclass(frozen=True)
 class Rules:
-    """What is to be kept: the last runs of each workflow, at least one, and results younger than so many days.
+    """What is to be kept: the last runs of each workflow, at least one, and what is not `older_than` so many days.
 
     `forgotten` are workflows whose runs do not count any more, and of whose files nothing is to be remembered.
     """
 
     keep_last: int = 3
-    younger_than: float = 0.0
+    older_than: float = 0.0
     forgotten: frozenset[str] = frozenset()
 
 
@@ -138,7 +138,7 @@ class _Collector:
             pin = self.store.pins.read(name)
             self.remarks.append(f"pin {name}: {len(pin.keys)} results of {pin.workflow}")
             wanted |= set(pin.keys.values())
-        wanted |= {key for key, record in self.records.items() if self.age(record) < self.rules.younger_than * DAY}
+        wanted |= {key for key, record in self.records.items() if self.age(record) < self.rules.older_than * DAY}
         wanted |= self.young.actions
         self.wanted = frozenset(wanted)
         if self.young.actions or self.young.objects:

@@ -229,7 +229,7 @@ def test_a_record_that_cannot_be_read_stops_everything(chain: Workspace) -> None
 def test_young_results_stay_on_request(chain: Workspace) -> None:
     chain.run("factor=2")
     chain.run("factor=3")
-    collected(chain, keep_last=1, younger_than=1.0)
+    collected(chain, keep_last=1, older_than=1.0)
     assert is_cached(chain, "factor=2")
     collected(chain, keep_last=1)
     assert not is_cached(chain, "factor=2")
@@ -243,7 +243,7 @@ def test_what_is_young_is_told_in_days(
     chain.run("factor=3")
     later = time.time() + hours * 3600
     monkeypatch.setattr(garbage, "time", SimpleNamespace(time=lambda: later))
-    collected(chain, keep_last=1, younger_than=2.0)
+    collected(chain, keep_last=1, older_than=2.0)
     assert is_cached(chain, "factor=2") == stays
 
 
