@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -14,7 +14,7 @@ from stages.imaging.backgrounds import over_background
 from stages.imaging.orientation import UPRIGHT, as_stored
 from stages.imaging.pictures import encode_png, read_picture
 from stages.scene.camera_checks import refuse_far_poses
-from stages.scene.capture import Capture, numbered, write_capture
+from stages.scene.capture import Capture, KnownPoses, numbered, write_capture
 from stages.scene.colmap import models_beside, photos_in_model
 from stages.scene.given_poses import find_poses, known_poses, photo_finder, poses_at, read_poses
 from stages.scene.named_frames import find_posed_photos
@@ -75,25 +75,9 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     """Read every photo once, so that damage shows here, and keep them as they came."""
     found, place, splits = _found(parameters)
     facts = facts_of(context, found, posed=place is not None or bool(splits))
-    poses, names = None, tuple(found.photos)
-    if place is not None or splits:
-        sizes = {name: one.size for name, one in facts.items()}
-        resized = parameters.images is not None
-        read = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
-        poses, names = known_poses(*read), tuple(photo.name for photo in read[1])
-        refuse_far_poses(poses.world_to_camera, place or parameters.folder)
-        came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))
-        context.log(f"poses of {len(names)} photos from {came}; {len(facts) - len(names)} photos have none, left out")
-        for other in [] if place is None else models_beside(place):
-            context.log(f"model {other.name} beside it poses {photos_in_model(other)} photos, and was left out")
-    if found.left_out:
-        context.log(f"{len(found.left_out)} photos lie elsewhere and were left out, the first is {found.left_out[0]}")
-    if found.ignored:
-        context.log(f"{found.ignored} files beside the photos are no photos and were ignored")
+    poses, names = _poses(context, parameters, place, splits, facts)
     unseen = files_not_among({*found.photos.values()}, parameters.folder) if parameters.any_pictures else []
-    if unseen:
-        listed = ", ".join(file.relative_to(parameters.folder).as_posix() for file in unseen[:MOST_NAMED])
-        context.log(f"{len(unseen)} files of the folder and of those below it were not looked at, such as {listed}")
+    _say_what_was_left_out(context, found, unseen, parameters.folder)
     capture = Capture(
         names=names,
         sizes=tuple(facts[name].size for name in names),
@@ -142,6 +126,38 @@ def _found(parameters: PhotosParameters) -> tuple[PhotoFolder, Path | None, Mapp
     if place == folder / FILE and parameters.images is None:
         return find_posed_photos(folder, place, suffixes), place, splits
     return find_photos(folder, parameters.images, suffixes), place, splits
+
+
+def _poses(
+    context: Context,
+    parameters: PhotosParameters,
+    place: Path | None,
+    splits: Mapping[str, Path],
+    facts: Mapping[str, PhotoFacts],
+) -> tuple[KnownPoses | None, tuple[str, ...]]:
+    """The poses that came with the photos, and which have one; all, in order, where none came."""
+    if place is None and not splits:
+        return None, tuple(facts)
+    sizes = {name: one.size for name, one in facts.items()}
+    resized = parameters.images is not None
+    read = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
+    poses, names = known_poses(*read), tuple(photo.name for photo in read[1])
+    refuse_far_poses(poses.world_to_camera, place or parameters.folder)
+    came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))
+    context.log(f"poses of {len(names)} photos from {came}; {len(facts) - len(names)} photos have none, left out")
+    for other in [] if place is None else models_beside(place):
+        context.log(f"model {other.name} beside it poses {photos_in_model(other)} photos, and was left out")
+    return poses, names
+
+
+def _say_what_was_left_out(context: Context, found: PhotoFolder, unseen: Sequence[Path], folder: Path) -> None:
+    if found.left_out:
+        context.log(f"{len(found.left_out)} photos lie elsewhere and were left out, the first is {found.left_out[0]}")
+    if found.ignored:
+        context.log(f"{found.ignored} files beside the photos are no photos and were ignored")
+    if unseen:
+        listed = ", ".join(file.relative_to(folder).as_posix() for file in unseen[:MOST_NAMED])
+        context.log(f"{len(unseen)} files of the folder and of those below it were not looked at, such as {listed}")
 
 
 def _refuse_images(parameters: PhotosParameters, splits: Mapping[str, Path]) -> None:
