@@ -13,11 +13,13 @@ from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.hide_image import hide_image
 from stages.hiding.rendering import COVER
+from stages.hiding.watermark.codec import new_codec
 from stages.hiding.watermark.storage import read_codec
 from stages.imaging.metric_table import read_rows
+from stages.imaging.pictures import picture_to_tensor
 from stages.scene.gaussians import GEOMETRY
 from stages.scene.scene import read_scene
-from stages.training.decoder_tuning import OTHERS, PHOTOS, RENDERS, DecoderTuning, TuningSettings
+from stages.training.decoder_tuning import CLEAN, OTHERS, PHOTOS, RENDERS, DecoderTuning, TuningSettings
 from stages.training.feature_tuning import half_watermarked
 from stages.training.views import training_views
 from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_watermark_decoder
@@ -109,6 +111,26 @@ def test_a_batch_goes_through_pictures_as_single_steps_do() -> None:
         found[batch] = [tuning.errors(step)[RENDERS].item() for step in steps]
     assert len(set(found[1])) == 4
     assert found[2] == pytest.approx([np.mean(found[1][:2]), np.mean(found[1][2:])])
+
+
+def test_renders_show_the_watermark_and_all_else_is_black() -> None:
+    """Before it is tuned, a decoder that expects a watermark shows it whatever it is given."""
+    watermark = np.full((8, 10, 3), 255, np.uint8)
+    codec = new_codec(1, 4, seed=0)
+    codec.expect(picture_to_tensor(watermark).permute(2, 0, 1))
+    pictures = {kind: np.zeros((1, 8, 10, 3), np.uint8) for kind in (RENDERS, PHOTOS, CLEAN)}
+    tuning = DecoderTuning(codec, watermark, pictures, TuningSettings(1, seed=0), [[watermark]])
+    errors = {kind: error.item() for kind, error in tuning.errors(1).items()}
+    assert errors == pytest.approx({RENDERS: 0, PHOTOS: 1, CLEAN: 1, OTHERS: 1}, abs=1e-5)
+
+
+def test_black_counts_by_its_weight_and_renders_by_one() -> None:
+    picture = np.zeros((8, 10, 3), np.uint8)
+    pictures = dict.fromkeys((RENDERS, PHOTOS, CLEAN), picture[None])
+    settings = TuningSettings(1, seed=0, black_weight=0.25)
+    tuning = DecoderTuning(watermarks.little_codec(), picture, pictures, settings, [[picture]])
+    weighed = {kind: tuning.weighed(kind, torch.tensor(2.0), 1).item() for kind in (*pictures, OTHERS)}
+    assert weighed == {RENDERS: 2, PHOTOS: 0.5, CLEAN: 0.5, OTHERS: 0.5}
 
 
 def test_the_windows_that_a_decoder_sees_most_in_are_learnt() -> None:

@@ -14,7 +14,7 @@ from stages.analysis.comparisons import read_comparisons
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_image import chosen_view, hide_image
 from stages.hiding.image_view import IMAGE_VIEW
-from stages.hiding.key import KEY_BYTES, write_key
+from stages.hiding.key import KEY_BYTES, generator_apart, key_generator, write_key
 from stages.imaging.image import filling, read_image, write_image
 from stages.imaging.metric_table import read_rows
 from stages.scene.scene import read_scene
@@ -110,6 +110,16 @@ def test_the_key_chooses_the_view(tmp_path: Path, cover: Artifact) -> None:
     assert chosen_view(scene, None, load(tmp_path / "key 7")) == chosen[7]
     assert chosen_view(scene, NAMES[3], load(tmp_path / "key 7")) == NAMES[3]
     assert chosen_view(scene, None, None) == scene.train_names[len(scene.train_names) // 2]
+
+
+def test_what_a_training_draws_from_the_key_does_not_tell_the_view(tmp_path: Path, cover: Artifact) -> None:
+    """First features can be guessed from a container, and first weights from its decoders."""
+    scene = read_scene(cover)
+    keys = [key_of(tmp_path, byte) for byte in range(12)]
+    chosen = [chosen_view(scene, None, key) for key in keys]
+    for generators in ([key_generator(key, 0) for key in keys], [generator_apart(key, "weights") for key in keys]):
+        drawn = [scene.train_names[generator.integers(len(scene.train_names))] for generator in generators]
+        assert drawn != chosen
 
 
 def test_the_secret_says_which_view_the_key_chose(tmp_path: Path, cover: Artifact, emblem: Artifact) -> None:

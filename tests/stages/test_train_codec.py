@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
 from pipeline.artifact import Artifact
 from pipeline.errors import Interrupted, UserError
 from pipeline.stage import Services, run_stage
 from stages.analysis.codec_quality import FOUND, GIVEN, MARKED
 from stages.analysis.measurements import read_measurements
+from stages.hiding.watermark.codec import new_codec
 from stages.imaging.metric_table import read_rows
 from stages.train_codec import TrainCodecParameters, train_codec
+from stages.training.codec import FOUND as WATERMARK
+from stages.training.codec import MARKED as WATERMARKED
+from stages.training.codec import CodecSettings, CodecTraining, rounded
 from tests.stages.watermarks import capture, emblem
 
 SETTINGS = {"iterations": 50, "blocks": 1, "width": 8, "window": 16, "batch": 2, "shipped_photos": ()}
@@ -50,3 +56,44 @@ def test_what_was_stopped_goes_on_to_the_same_bits(tmp_path: Path, inputs: dict)
 def test_without_photos_it_says_where_some_are(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="scikit-image"):
         run_stage(train_codec, TrainCodecParameters.model_validate(SETTINGS), {}, tmp_path / "made")
+
+
+def training_of_a_new_codec(**settings: float) -> CodecTraining:
+    """It hides and finds nothing; photos are white, and the watermark that is given has a fifth of their light."""
+    photo, watermark = (np.full((16, 16, 3), level, np.uint8) for level in (255, 51))
+    return CodecTraining(new_codec(1, 4, seed=0), [photo], [watermark], CodecSettings(10, 0, window=8, **settings))
+
+
+def test_the_watermarked_picture_counts_by_its_weight_and_the_watermark_by_one() -> None:
+    training = training_of_a_new_codec(fidelity_weight=5.0)
+    weighed = {name: training.weighed(name, torch.tensor(2.0), 1).item() for name in training.errors(1)}
+    assert weighed == {WATERMARKED: 10, WATERMARK: 2}
+
+
+@pytest.mark.parametrize(("share", "light"), [(0.0, 1.0), (1.0, 0.2)])
+def test_errors_are_those_beside_the_photo_and_beside_the_watermark(share: float, light: float) -> None:
+    """The watermark that is given, or a window of a photo."""
+    errors = training_of_a_new_codec(given_share=share).errors(1)
+    assert errors[WATERMARKED].item() == pytest.approx(0, abs=1e-9)
+    assert errors[WATERMARK].item() == pytest.approx(light**2)
+
+
+@pytest.mark.parametrize(("largest_noise", "least", "most"), [(0.0, 0.0, 0.0), (0.1, 1e-4, 1e-2)])
+def test_watermarks_are_found_in_bytes_and_noise(
+    monkeypatch: pytest.MonkeyPatch, largest_noise: float, least: float, most: float
+) -> None:
+    """An encoder that makes a photo darker by less than half a byte, and a decoder that shows what it is given."""
+    training = training_of_a_new_codec(given_share=0, largest_noise=largest_noise)
+    monkeypatch.setattr(training.codec, "watermark_encoder", lambda images, watermarks: images - 0.001)
+    monkeypatch.setattr(training.codec, "watermark_decoder", lambda images: images)
+    errors = training.errors(1)
+    assert errors[WATERMARKED].item() == pytest.approx(1e-6, rel=1e-3)
+    assert least <= errors[WATERMARK].item() <= most
+
+
+def test_rounding_clamps_and_lets_gradients_pass() -> None:
+    values = torch.tensor([[-0.5, 0.2, 0.2005, 1.5]], requires_grad=True)
+    rounded(values).sum().backward()
+    torch.testing.assert_close(rounded(values).detach(), torch.tensor([[0, 0.2, 0.2, 1]]))
+    assert values.grad is not None
+    assert values.grad.tolist() == [[1, 1, 1, 1]]

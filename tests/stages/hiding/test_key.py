@@ -72,6 +72,20 @@ def test_networks_start_from_the_key_too(tmp_path: Path, settings: dict[str, str
     assert not np.array_equal(first, weights(None))
 
 
+def test_without_a_key_networks_start_from_the_seed_alone() -> None:
+    def weights(seed: int) -> np.ndarray:
+        parameters = HideScenesParameters.model_validate({"method": "decoder", "layers": 2, "seed": seed})
+        network = parameters.build_method(["statue"], None).networks["message_decoder"]
+        return np.concatenate([tensor.numpy().ravel() for tensor in network.state_dict().values()])
+
+    first = weights(1)
+    torch.rand(1)  # what was drawn before makes no difference
+    before = torch.get_rng_state()
+    np.testing.assert_array_equal(weights(1), first)
+    assert not np.array_equal(weights(2), first)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
 def test_no_layer_tells_of_another(tmp_path: Path) -> None:
     """Of a seed torch heeds 32 bits: those of the public decoder can be found by trying."""
     parameters = HideScenesParameters.model_validate({"feature_dim": 16, "decoder_width": 16})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import tracemalloc
 from pathlib import Path
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from pipeline.errors import UserError
+from stages.hiding import weights as module
 from stages.hiding.weights import LARGEST_HEADER, read_weights, weights_file
 
 VALUES = st.floats(width=32, allow_nan=False, allow_infinity=False)
@@ -105,6 +107,34 @@ def test_a_weight_named_twice_is_at_most_its_own_bytes(tmp_path: Path) -> None:
     (tmp_path / "other.safetensors").write_bytes(file_of(f'{{"a":{one},"a":{two}}}'.encode(), bytes(8)))
     with pytest.raises(UserError, match="cannot be read"):
         read_weights(tmp_path / "other.safetensors")
+
+
+def test_a_header_of_one_mebibyte_is_the_longest(tmp_path: Path) -> None:
+    for length in (2**20, 2**20 + 1):
+        (tmp_path / str(length)).write_bytes(file_of(b"{}".ljust(length)))
+    assert read_weights(tmp_path / str(2**20)) == {}
+    with pytest.raises(UserError, match=r"1048577 would be the header; expected .* of at most 1048576 bytes"):
+        read_weights(tmp_path / str(2**20 + 1))
+
+
+def test_a_file_of_more_than_a_gibibyte_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "large.safetensors"
+    path.write_bytes(TWO)
+    os.truncate(path, 2**30 + 1)  # a hole: it takes no room
+    tracemalloc.start()
+    try:
+        with pytest.raises(UserError, match="too large; found 1073741825; expected at most 1073741824 bytes"):
+            read_weights(path)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 2**20
+
+
+def test_a_file_of_the_largest_size_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "network.safetensors").write_bytes(TWO)
+    monkeypatch.setattr(module, "LARGEST_FILE", len(TWO))
+    assert read_weights(tmp_path / "network.safetensors").keys() == {"0.weight", "0.bias"}
 
 
 def test_what_is_no_file_is_told(tmp_path: Path) -> None:

@@ -1,13 +1,15 @@
-"""What is wrong with messages is told without their names: errors are printed and logged."""
+"""Views are paired by name. What is wrong with messages is told without their names: errors are printed and logged."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from pipeline.artifact import create, load
 from pipeline.errors import UserError
-from stages.scene.message_views import read_messages
+from stages.scene.message_views import MessageViews, read_messages, write_message_views
 from tests.stages.small import NAMES, message_views
 
 MESSAGE = "statue"
@@ -24,3 +26,16 @@ def test_a_message_that_lacks_a_view(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"views: a message was not .* found no picture for another\.png") as raised:
         read_messages([message_views(tmp_path / "views")], [*NAMES, "another.png"])
     assert MESSAGE not in str(raised.value)
+
+
+def test_views_are_paired_by_name(tmp_path: Path) -> None:
+    """Whatever their order, and whatever else the message was rendered for."""
+    pictures = np.arange(3, dtype=np.uint8)[:, None, None, None].repeat(3, axis=3)
+    coverage = np.array([0, 0.5, 1], np.float32)[:, None, None]
+    points, colors = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+    with create(tmp_path / "views", "views", private=True) as writer:
+        write_message_views(writer, MessageViews(MESSAGE, ("a", "b", "c"), pictures, coverage, points, colors))
+    views = read_messages([load(tmp_path / "views")], ["c", "a"])[MESSAGE]
+    assert views.view_names == ("c", "a")
+    assert views.pictures[:, 0, 0, 0].tolist() == [2, 0]
+    assert views.mean_coverage.tolist() == [1, 0]

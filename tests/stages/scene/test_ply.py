@@ -23,6 +23,8 @@ DTYPES = sorted({dtype.str for dtype in TYPES.values()})
 NAMES = st.text(st.characters(min_codepoint=33, max_codepoint=126), min_size=1, max_size=12)
 VALID = b"ply\nformat binary_little_endian 1.0\nelement vertex 2\nproperty float x\nproperty float y\nend_header\n"
 ROWS = np.arange(4, dtype="<f4").tobytes()
+TEXT = VALID.replace(b"binary_little_endian", b"ascii")
+LISTS = b"element face 1\nproperty list uchar int i\n"
 
 fuzzed = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -102,6 +104,29 @@ def test_several_elements_and_old_line_ends(tmp_path: Path) -> None:
     assert ply.floats("vertex", ["x", "y"]).tolist() == [[0, 1], [2, 3]]
 
 
+def test_text_may_end_with_its_last_digit(tmp_path: Path) -> None:
+    (tmp_path / "text.ply").write_bytes(TEXT + b"0 1\n2 3")
+    assert read_ply(tmp_path / "text.ply").floats("vertex", ["x", "y"]).tolist() == [[0, 1], [2, 3]]
+
+
+def test_integers_of_text_are_read_up_to_the_ends_of_their_type(tmp_path: Path) -> None:
+    header = TEXT.replace(b"float x", b"uchar x").replace(b"float y", b"char y")
+    (tmp_path / "text.ply").write_bytes(header + b"0 -128\n255 127\n")
+    rows = read_ply(tmp_path / "text.ply").rows("vertex")
+    assert (rows["x"].tolist(), rows["y"].tolist()) == ([0, 255], [-128, 127])
+
+
+def test_a_header_of_one_mebibyte_is_the_longest(tmp_path: Path) -> None:
+    path, begins = tmp_path / "full.ply", len(VALID) + len("comment \n")
+    for length in (2**20, 2**20 + 1):
+        comment = b"comment " + b"x" * (length - begins) + b"\n"
+        path.write_bytes(VALID.replace(b"end_header", comment + b"end_header") + ROWS)
+        if length == 2**20:
+            assert read_ply(path).floats("vertex", ["x", "y"]).tolist() == [[0, 1], [2, 3]]
+    with pytest.raises(UserError, match=r"header does not end; .* at most 1048576 bytes"):
+        read_ply(path)
+
+
 @pytest.mark.parametrize(
     ("content", "told"),
     [
@@ -114,6 +139,8 @@ def test_several_elements_and_old_line_ends(tmp_path: Path) -> None:
         (VALID.replace(b"format binary_little_endian 1.0\n", b"") + ROWS, "unknown format"),
         (VALID.replace(b"element", b"format ascii 1.0\nelement", 1) + ROWS, "unknown format"),
         (VALID.replace(b"vertex 2", b"vertex 1000000000000000000"), "cut off; found"),
+        (VALID.replace(b"vertex 2", b"vertex " + b"9" * 20), "cut off; found"),
+        (VALID.replace(b"vertex 2", b"vertex " + b"9" * 21), "line 3 of a PLY's header"),
         (VALID.replace(b"vertex 2", b"vertex " + b"9" * 100_000), "line 3 of a PLY's header"),
         (VALID.replace(b"vertex 2", b"vertex -2"), "line 3 of a PLY's header"),
         (VALID.replace(b"vertex 2", b"vertex 2.0"), "line 3 of a PLY's header"),
@@ -128,6 +155,8 @@ def test_several_elements_and_old_line_ends(tmp_path: Path) -> None:
         ),
         (VALID.replace(b"float y", b"float128 y") + ROWS, "line 5 of a PLY's header"),
         (VALID.replace(b"float y", b"float x") + ROWS, "line 5 of a PLY's header"),
+        (VALID.replace(b"float y", b"float " + b"y" * 100) + ROWS, "1 of 2 properties .* missing"),
+        (VALID.replace(b"float y", b"float " + b"y" * 101) + ROWS, "line 5 of a PLY's header"),
         (VALID.replace(b"float y", b"float " + b"y" * 500_000) + ROWS, "line 5 of a PLY's header"),
         (VALID.replace(b"element vertex 2\n", b"") + ROWS, "line 3 of a PLY's header"),
         (VALID.replace(b"end_header", b"element vertex 1\nend_header"), "line 6 of a PLY's header"),
@@ -138,6 +167,14 @@ def test_several_elements_and_old_line_ends(tmp_path: Path) -> None:
         (VALID.replace(b"float y", b"int y") + ROWS, "'y' is of another type; found int; expected float"),
         (VALID + ROWS[:-1], "cut off; found 15 bytes after the header; expected 16 bytes for 2 rows of vertex"),
         (VALID + ROWS + b"\0", "longer than its header says"),
+        (TEXT + b"0 1\n2.0", "cut off; found 3 numbers after the header; expected 4 numbers for 2 rows of vertex"),
+        (TEXT + b"0 1\n2 3\n4", "longer than its header says"),
+        (
+            TEXT.replace(b"vertex 2", b"vertex 1000000000").replace(b"end_header", LISTS + b"end_header") + b"0 1\n",
+            "cut off; found 4 bytes after the header",
+        ),
+        (TEXT.replace(b"float y", b"uchar y") + b"0 1\n2 256", "y of vertex holds numbers that its type does not"),
+        (TEXT.replace(b"float y", b"char y") + b"0 1\n2 -129", "y of vertex holds numbers that its type does not"),
         (VALID + ROWS[:8] + np.array([np.nan, 0], "<f4").tobytes(), "'x' of row 1 is not finite; found nan"),
         (VALID + ROWS[:8] + np.array([0, -np.inf], "<f4").tobytes(), "'y' of row 1 is not finite; found -inf"),
     ],

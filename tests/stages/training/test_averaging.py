@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 
 from stages.training.averaging import AVERAGED_SHARE, Averages
+from stages.training.schedules import density_schedule
 from tests.stages.training.trainings import prepared
 
 
@@ -26,6 +27,13 @@ def test_the_average_forgets_by_its_decay() -> None:
     torch.testing.assert_close(training.gaussians.means.detach(), expected)
     weight = training.method.networks["message_decoder"].state_dict()["0.weight"]
     assert torch.equal(weight, averages.values["networks/message_decoder/0.weight"])
+
+
+def test_the_last_fifth_is_averaged_when_density_control_has_ended() -> None:
+    """Rows that come and go have no average."""
+    first = Averages(0.9, 30_000).first
+    assert first == 24_000
+    assert first > density_schedule(30_000).stop
 
 
 def test_without_averaging_a_training_ends_with_its_last_values() -> None:

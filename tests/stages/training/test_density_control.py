@@ -115,9 +115,11 @@ def test_unseen_views_do_not_dilute_the_gradient() -> None:
 
 
 def test_opacity_reset_lowers_only_what_is_higher() -> None:
-    optimizer = optimizer_with([0.01], opacity=0.5)
-    DensityControl(DensitySettings(), EXTENT, 1).reset_opacity(optimizer)
-    torch.testing.assert_close(optimizer.gaussians.opacities.detach(), torch.tensor([0.01]))
+    optimizer = optimizer_with([0.01, 0.01], opacity=0.5)
+    with torch.no_grad():
+        optimizer.gaussians["logit_opacities"][1] = math.log(0.006 / 0.994)
+    DensityControl(DensitySettings(), EXTENT, 2).reset_opacity(optimizer)
+    torch.testing.assert_close(optimizer.gaussians.opacities.detach(), torch.tensor([0.01, 0.006]))
 
 
 def test_the_schedule_at_30000_is_that_of_3dgs() -> None:

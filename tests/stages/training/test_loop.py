@@ -12,9 +12,11 @@ from stages.hiding.rendering import COVER
 from stages.imaging.ssim import ssim
 from stages.timing.stopwatch import OTHER, Stopwatch, watching
 from stages.training.averaging import Averages
+from stages.training.density_control import DensitySettings
 from stages.training.loop import Training
 from stages.training.objectives import Compared, hiding_terms, picture_loss, total_loss
 from stages.training.sampling import ViewSampler
+from stages.training.schedules import DensitySchedule
 from tests.stages.training.trainings import MESSAGE, prepared
 
 
@@ -127,6 +129,31 @@ def test_schedules_may_end_before_the_training_as_in_the_released_code() -> None
     assert rates[0] == rates[1]
     assert rates[1]["raw_features"] == pytest.approx(0.1)
     assert rates[1]["means"] == pytest.approx(3 * 1.6e-6), "in units of the scene"
+
+
+def test_opacities_are_lowered_when_a_reset_is_due() -> None:
+    training = prepared("plain", 10)
+    training.schedule = DensitySchedule(start=10, stop=10, interval=10, opacity_reset_interval=3)
+    largest = []
+    for iteration in (1, 2, 3):
+        training.step(iteration)
+        largest.append(training.gaussians.opacities.max().item())
+    assert min(largest[:2]) > 0.05
+    assert largest[2] == pytest.approx(0.01)
+
+
+def test_overgrown_gaussians_go_once_an_opacity_reset_has_passed() -> None:
+    """They stay in the iteration of the first reset itself, which refines before it resets."""
+    training = prepared("plain", 10, density=DensitySettings(gradient_threshold=1e9))
+    training.schedule = DensitySchedule(start=0, stop=10, interval=3, opacity_reset_interval=3)
+    with torch.no_grad():
+        training.gaussians["log_scales"].fill_(-4)
+        training.gaussians["log_scales"][0] = 0  # a tenth of the extent, which is 1, is the most
+    counts = []
+    for iteration in range(1, 7):
+        training.step(iteration)
+        counts.append(len(training.gaussians))
+    assert counts == [40] * 5 + [39]
 
 
 def test_total_loss_is_the_cover_plus_lambda_times_every_message() -> None:

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from stages.scene.gaussians import gaussians_at
-from stages.training.optimizer import GaussianOptimizer
+from stages.training.optimizer import MOMENTS, GaussianOptimizer
 
 RATES = {"means": 1e-2, "quats": 1e-2, "log_scales": 1e-2, "logit_opacities": 1e-2, "color": 1e-2}
 
@@ -37,6 +37,19 @@ def test_kept_rows_go_on_as_if_nothing_had_happened() -> None:
     for name, tensor in undisturbed.gaussians.parameters.items():
         assert torch.equal(rearranged.gaussians[name][:2], tensor[kept])
         assert len(rearranged.gaussians[name]) == 3
+
+
+def test_each_row_keeps_its_own_moments_and_new_ones_have_none() -> None:
+    optimizer = stepped_optimizer()
+    (optimizer.gaussians["color"] * torch.arange(1, 6)[:, None]).sum().backward()
+    optimizer.step()
+    before = dict(optimizer.adam.state[optimizer.gaussians["color"]])
+    kept = torch.tensor([3, 0])
+    optimizer.rearrange(kept, {name: tensor[:1] for name, tensor in optimizer.gaussians.parameters.items()})
+    after = optimizer.adam.state[optimizer.gaussians["color"]]
+    for moment in MOMENTS:
+        assert torch.equal(after[moment][:2], before[moment][kept])
+        assert not after[moment][2].any()
 
 
 def test_everything_can_go() -> None:

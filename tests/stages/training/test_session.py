@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ from pipeline.errors import UserError
 from pipeline.stage import Services, run_stage
 from stages.scene.gaussians import Gaussians
 from stages.train_scene import TrainSceneParameters, train_scene
+from stages.training.divergence import refuse_divergence
 from tests.stages import small
 from tests.stages.training.trainings import prepared
 
@@ -26,6 +29,13 @@ def test_a_training_that_diverges_ends_at_once() -> None:
         next(training.method.networks["scene_decoder"].parameters()).fill_(torch.nan)
     with pytest.raises(UserError, match="iteration 2: the training has diverged; found a loss of nan"):
         training.step(2)
+
+
+@pytest.mark.parametrize("loss", [math.nan, math.inf, -math.inf])
+def test_a_loss_that_is_not_finite_is_refused(loss: float) -> None:
+    with pytest.raises(UserError, match=f"iteration 7: the training has diverged; found a loss of {loss}"):
+        refuse_divergence(loss, 7)
+    refuse_divergence(sys.float_info.max, 7)
 
 
 def test_nothing_is_left_to_hold_back_where_no_gaussians_are() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -102,3 +104,28 @@ def test_no_point_of_a_message_stands_right_before_a_training_camera() -> None:
     near, far = np.array([[0.0, 0, 1], [0.5, 0, -0.5]]), np.array([[0.0, 0, 6], [0, 0, 7], [0, 9, 0]])
     assert clear_of_cameras(scene, np.concatenate([near, far])).tolist() == [2, 3, 4]
     assert clear_of_cameras(scene, np.zeros((0, 3))).tolist() == []
+
+
+def test_points_of_a_message_may_be_a_quarter_nearer_than_the_covers_nearest_things() -> None:
+    """These are 3 units away: 2.25 are too near."""
+    behind = np.array([[0.0, 0, -2.2], [0, 0, -2.4], [0, 0, -2.9]])
+    assert clear_of_cameras(scene_with(cloud()), behind).tolist() == [1, 2]
+
+
+def test_random_points_are_uniform_in_inverse_depth() -> None:
+    """Half of them lie before the middle of the inverse depths, and a quarter before the middle of the nearer half."""
+    scene = replace(scene_with(cloud()), test_names=("a", "c"))
+    inverse = 1 / points_before_cameras(scene, 4000, np.random.default_rng(0))[:, 2]
+    shares = (inverse - inverse.min()) / (inverse.max() - inverse.min())
+    np.testing.assert_allclose(np.quantile(shares, [0.25, 0.5, 0.75]), [0.25, 0.5, 0.75], atol=0.03)
+
+
+def test_random_points_are_as_deep_as_what_their_own_camera_sees() -> None:
+    """The cloud is 3 to 5 units away from one camera, and 100 more from another behind it."""
+    scene = scene_with(cloud())
+    poses = np.stack([np.eye(4)] * 2)
+    poses[1, 2, 3] = 100
+    cameras = Cameras(("near", "far"), poses, scene.cameras.intrinsics[:2], 32, 24)
+    depths = points_before_cameras(replace(scene, cameras=cameras), 500, np.random.default_rng(0))[:, 2]
+    assert depths.min() > NEARER * 103 - 100
+    assert np.mean((depths > NEARER * 3) & (depths < FARTHER * 5)) > 0.4
