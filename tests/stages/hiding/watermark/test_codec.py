@@ -61,6 +61,14 @@ def test_a_new_codec_hides_and_finds_nothing() -> None:
     torch.testing.assert_close(codec.watermark_decoder(images), torch.zeros_like(images))
 
 
+def test_pictures_with_different_watermarks_differ() -> None:
+    codec = shaken(new_codec(1, 4, seed=0))
+    assert isinstance(codec, WatermarkCodec)
+    images = torch.rand(2, 3, 8, 10, generator=torch.Generator().manual_seed(0))
+    one, other = (codec.watermark_encoder(images, watermarks) for watermarks in (images, images.flip(0)))
+    assert not torch.allclose(one, other, atol=1e-3)
+
+
 def test_the_seed_decides_and_nothing_else_is_drawn() -> None:
     state = torch.random.get_rng_state()
     one, same, other = (new_codec(1, 4, seed).state_dict()["network.blocks.0.added.first.weight"] for seed in (0, 0, 1))
@@ -114,6 +122,12 @@ def test_a_decoder_goes_on_from_what_it_learnt_of_a_watermark_of_this_size() -> 
     assert torch.equal(codec.lost, learnt)
     codec.expect(watermark[..., :-2])
     assert codec.lost.shape == (1, 12, 4, 4)
+
+
+def test_all_of_a_stored_codec_learns_once_it_expects_a_watermark(tmp_path: Path) -> None:
+    codec = read_codec(stored(tmp_path / "codec", new_codec(1, 4, seed=0)))
+    codec.expect(torch.zeros(3, 8, 10))
+    assert all(weight.requires_grad for weight in codec.parameters())
 
 
 @pytest.mark.parametrize("settings", [{"blocks": 3}, {"sees_whole_pictures": True}, {"width": 5}, {"blocks": "many"}])
