@@ -20,7 +20,7 @@ FILLS: Mapping[Tone, tuple[str, str]] = {
     "private": ("#f6ecf7", "#9a4fa3"),
     "failed": ("#fdecea", "#c0392b"),
 }
-LETTER = 8.0  # width of a letter of the name, pixels
+LETTER, SMALL_LETTER = 9.4, 7.0  # width of a letter of the name, and of the lines under it, in the widest usual font
 LINE = 15.0  # height of a line of text
 PADDING = 10.0
 GAP_ACROSS = 56.0  # between layers
@@ -82,7 +82,7 @@ def _lay_out(boxes: Sequence[Box]) -> tuple[dict[str, _Place], list[list[str]]]:
     arrows: list[list[str]] = []
     for box in boxes:
         layer = max((places[name].layer + 1 for name in box.inputs), default=0)
-        widest = max(len(box.name) * LETTER, *(len(line) * LETTER * 0.85 for line in box.lines), 40.0)
+        widest = max(len(box.name) * LETTER, *(len(line) * SMALL_LETTER for line in box.lines), 40.0)
         places[box.name] = _Place(layer, box, widest + 2 * PADDING, LINE * (1 + len(box.lines)) + PADDING)
     for box in boxes:
         for name in dict.fromkeys(box.inputs):
