@@ -252,8 +252,8 @@ class _Collector:
             if not done and folder.name in self.begun:
                 self.remarks.append(f"checkpoint {folder.name[:8]}: a kept run began it and may go on from it")
             elif not done and days < CHECKPOINT_DAYS:
-                left = f"{CHECKPOINT_DAYS - days:.0f} days more"
-                self.remarks.append(f"checkpoint {folder.name[:8]}: of unfinished work {days:.0f} days ago; {left}")
+                goes = f"it goes when that is {CHECKPOINT_DAYS:.0f} days ago"
+                self.remarks.append(f"checkpoint {folder.name[:8]}: of unfinished work {days:.0f} days ago; {goes}")
             else:
                 dropped[f"scratch/{folder.name}"] = size_of(folder)
         self.drop("checkpoints that nothing goes on from", dropped)
