@@ -28,7 +28,8 @@ class Job:
 
     `lenses` are starting points, or known where `poses` (world to camera) are given; photos with equal lenses share
     one camera where `taken_by` is equal, too. `pairs` are the photos to compare, `pairs_in_need` those to compare as
-    well where the first place too few. `width` and `height` are the training size.
+    well where the first place too few. `width` and `height` are the training size; `photo_size` is the photos' where
+    all have one that is not to be shrunk.
     """
 
     folder: Path
@@ -43,6 +44,7 @@ class Job:
     height: int
     seed: int
     threads: int
+    photo_size: tuple[int, int] | None = None
 
     def write(self) -> Path:
         """Write it beside the pictures; returns the file."""
@@ -65,6 +67,7 @@ def read_job(path: Path) -> Job:
             "focal_known": tuple(content["focal_known"]),
             "taken_by": tuple(content["taken_by"]),
             "poses": None if poses is None else tuple(tuple(tuple(row) for row in pose) for pose in poses),
+            "photo_size": None if content["photo_size"] is None else tuple(content["photo_size"]),
             "pairs": tuple((first, second) for first, second in content["pairs"]),
             "pairs_in_need": tuple((first, second) for first, second in content["pairs_in_need"]),
         }

@@ -23,7 +23,14 @@ from stages.scene.feature_database import DATABASE, UNFINISHED
 from stages.scene.lens import Lens
 from stages.scene.pairing import Pair, in_batches
 from stages.scene.reconstruction_job import PHASES, Job, Reconstruction, read_job, working_name, write_corners
-from stages.scene.undistortion import LensView, corner_positions, folded_lenses, shared_pinhole, shares_shown
+from stages.scene.undistortion import (
+    LensView,
+    corner_positions,
+    folded_lenses,
+    own_pinhole,
+    shared_pinhole,
+    shares_shown,
+)
 
 SMALLEST_MODEL = 3  # photos
 SHORTEST_TRACK = 3  # photos that must see a point that is kept
@@ -214,7 +221,8 @@ def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str,
     numbers = sorted({image.camera_id for image in images})
     cameras = [model.cameras[number] for number in numbers]
     lenses = [view_of(camera) for camera in cameras]
-    pinhole = shared_pinhole(lenses, job.width, job.height)
+    own = own_pinhole(lenses, job.photo_size) if job.photo_size is not None else None
+    pinhole = own or shared_pinhole(lenses, job.width, job.height)
     shape = (len(lenses), job.height + 1, job.width + 1, 2)
     write_corners(job.folder, shape, (corner_positions(lens, pinhole) for lens in lenses))
     poses = np.tile(np.eye(4), (len(images), 1, 1))

@@ -30,7 +30,7 @@ from stages.scene.reconstruction_job import (
     working_name,
 )
 from stages.scene.scene import Scene, held_out_by_number
-from stages.scene.undistortion import training_size, undistort
+from stages.scene.undistortion import even_sides, training_size, undistort
 
 PROCESS = "stages.scene.reconstruction_process"
 """The module that runs as a process of its own; it is not imported here, for the reasons that it gives."""
@@ -144,7 +144,9 @@ def job_of(
         lenses = [starting_lens(capture, row, size, settings.camera_model) for row, size in enumerate(sizes)]
     known_poses = None if poses is None else poses.world_to_camera
     pairs, in_need = choose_pairs(settings.matching, in_order_of_numbers(capture.names), capture.ordered, known_poses)
-    width, height = training_size(Counter(capture.sizes).most_common(1)[0][0], settings.width)
+    size, count = Counter(capture.sizes).most_common(1)[0]
+    width, height = training_size(size, settings.width)
+    is_kept = count == len(capture.sizes) and (width, height) == even_sides(size)
     return Job(
         folder=folder,
         lenses=tuple(lenses),
@@ -158,6 +160,7 @@ def job_of(
         height=height,
         seed=settings.seed,
         threads=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        photo_size=size if is_kept else None,
     )
 
 

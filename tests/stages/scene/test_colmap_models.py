@@ -122,6 +122,17 @@ def test_points_of_mip_nerf_360_are_triangulated_and_its_poses_kept(mip_nerf_360
     assert len(scene.read("points")) > 50
 
 
+def test_photos_of_mip_nerf_360_are_trained_on_as_they_are(mip_nerf_360: Path, tmp_path: Path) -> None:
+    """But for an odd last row: what renders are compared with is not resampled, and each axis has a focal length."""
+    made = run_stage(photos, PhotosParameters(folder=mip_nerf_360, images="images"), {}, tmp_path)["capture"]
+    scene = run_stage(sfm, SfmParameters(width=1600, matching_size=400), {"capture": made}, tmp_path)["scene"]
+    photo = read_picture(picture_path(made, "DSC8003.JPG"))
+    picture = scene.read("pictures")[scene.attributes["names"].index("DSC8003.JPG")]
+    np.testing.assert_array_equal(picture, photo[:598])
+    expected = [[960, 0, 400], [0, 960 * 599 / 600, 599 / 2], [0, 0, 1]]
+    np.testing.assert_allclose(scene.read("intrinsics")[0], expected, rtol=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not (DATA / "kitchen").is_dir(), reason="the capture kitchen is not at hand")
 @pytest.mark.parametrize(("form", "images"), [("text", "images"), ("binary", "images_2")])

@@ -11,6 +11,7 @@ from stages.scene.undistortion import (
     Pinhole,
     corner_positions,
     folded_lenses,
+    own_pinhole,
     refined,
     sees_whole_pinhole,
     shared_pinhole,
@@ -61,6 +62,40 @@ def test_no_pixel_lies_outside_the_photo_and_none_is_given_away(k: float) -> Non
 def test_without_distortion_the_pinhole_is_the_photos_own() -> None:
     pinhole = shared_pinhole([radial(0.0)], 64, 48)
     np.testing.assert_allclose(pinhole.intrinsics, [[48, 0, 32], [0, 48, 24], [0, 0, 1]], atol=1e-9)
+
+
+def plain(focal: tuple[float, float], middle: tuple[float, float], size: tuple[int, int], scale: float) -> LensView:
+    """A lens without distortion of photos of this size, which were resized."""
+    factor = np.round(np.array(size) * scale) / size
+    center, focals = np.array(middle) * factor, np.array(focal) * factor
+    width, height = (int(side) for side in np.round(np.array(size) * scale))
+    return LensView(
+        lambda points: points[:, :2] / points[:, 2:] * focals + center,
+        lambda pixels: (pixels - center) / focals,
+        width,
+        height,
+    )
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.77, 0.1])
+def test_photos_of_one_camera_without_distortion_keep_their_pixels(scale: float) -> None:
+    """Whatever its focal lengths and its middle, and in whatever size it was found: but for an odd last row."""
+    photo = np.random.default_rng(0).integers(0, 256, (83, 125, 3), dtype=np.uint8)
+    lens = plain((110.0, 113.0), (61.3, 43.2), (125, 83), scale)
+    pinhole = own_pinhole([lens, lens], (125, 83))
+    assert pinhole is not None
+    np.testing.assert_allclose(pinhole.intrinsics, [[110, 0, 61.3], [0, 113, 43.2], [0, 0, 1]])
+    corners = corner_positions(lens, pinhole) * np.array([125 / lens.width, 83 / lens.height], np.float32)
+    np.testing.assert_array_equal(undistort(photo, corners), photo[:82, :124])
+
+
+def test_lenses_that_differ_or_distort_have_no_pixels_in_common() -> None:
+    lens, other = radial(0.0), radial(0.0, focal=301.0)
+    assert own_pinhole([lens], (400, 300)) is not None
+    for lenses in ([lens, other], [radial(1e-4)], [lens, radial(-1e-4)], []):
+        assert own_pinhole(lenses, (400, 300)) is None
+    unseen = LensView(radial(0).project, lambda pixels: np.full((len(pixels), 2), np.nan), 400, 300)
+    assert own_pinhole([unseen], (400, 300)) is None
 
 
 def test_several_lenses_share_what_all_of_them_see() -> None:
