@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32, Shaped
 
 from stages.imaging.metric_table import mean_of_known
 
@@ -21,17 +21,28 @@ def correlation(first: Float[np.ndarray, ...], second: Float[np.ndarray, ...]) -
 
 
 def residual_correlations(
-    residuals: Sequence[Float[np.ndarray, "H W 3"]], messages: Sequence[Float[np.ndarray, "H W 3"]]
+    residuals: Sequence[Shaped[np.ndarray, "H W 3"]], messages: Sequence[Shaped[np.ndarray, "H W 3"]]
 ) -> tuple[list[float], list[float]]:
     """For each view, |correlation| of the cover's residual with the message of that view, and with the other views'.
 
     The second is the matched control: a residual that knows nothing of its own view's message correlates with it no
     more than with the others. It is the mean over all other views that show something of the message, NaN where there
-    is none.
+    is none. Values may be in any unit, bytes too.
     """
     own, others = [], []
+    shown = np.array([_standardised(message) for message in messages])
     for view, residual in enumerate(residuals):
-        values = [abs(correlation(residual, message)) for message in messages]
+        values = np.abs(shown @ _standardised(residual)).tolist()
         own.append(values.pop(view))
         others.append(mean_of_known(values))
     return own, others
+
+
+def _standardised(picture: Shaped[np.ndarray, "H W 3"]) -> Float32[np.ndarray, " K"]:
+    """Its values, all of them of mean 0 and together of length 1: two such have their correlation as product.
+
+    NaN where they are all one value. Done once for each picture: of T views there are T² pairs.
+    """
+    values = picture.ravel() - picture.mean(dtype=np.float64)
+    length = math.sqrt(float(values @ values))
+    return (values / length if length > 0 else np.full_like(values, math.nan)).astype(np.float32)

@@ -180,7 +180,7 @@ def leakage_rows(scores: Scores, messages: Mapping[str, MessageViews]) -> list[M
     for message in messages.values():
         index = {view: row for row, view in enumerate(message.view_names)}
         views = list(scores.residuals)
-        pictures = [message.pictures[index[view]] / 255.0 for view in views]
+        pictures = [message.pictures[index[view]] for view in views]
         own, others = residual_correlations([scores.residuals[view] for view in views], pictures)
         for view, its_own, with_others in zip(views, own, others, strict=True):
             rows += [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float32, UInt8
@@ -31,11 +32,11 @@ class MessageViews:
     points: Float32[np.ndarray, "P 3"]
     point_colors: UInt8[np.ndarray, "P 3"]
 
-    @property
+    @cached_property
     def mean_coverage(self) -> Float32[np.ndarray, " V"]:
         return self.coverage.mean(axis=(1, 2))
 
-    @property
+    @cached_property
     def legal(self) -> Bool[np.ndarray, " V"]:
         return self.mean_coverage >= LEGAL_COVERAGE
 

@@ -36,6 +36,16 @@ def test_independent_residuals_correlate_no_more_with_their_own() -> None:
     assert np.mean(own) == pytest.approx(np.mean(others), abs=0.02)
 
 
+def test_correlations_are_those_of_every_pair_by_itself() -> None:
+    """Of bytes as of other values."""
+    residuals = pictures(4)
+    messages = [np.round(255 * picture).astype(np.uint8) for picture in pictures(5)]
+    own, others = residual_correlations(residuals, messages)
+    pairs = np.abs([[correlation(residual, message / 255) for message in messages] for residual in residuals])
+    assert own == pytest.approx(np.diag(pairs), abs=1e-6)
+    assert others == pytest.approx((pairs.sum(axis=1) - np.diag(pairs)) / 5, abs=1e-6)
+
+
 def test_a_constant_picture_has_no_correlation() -> None:
     assert math.isnan(correlation(np.ones((4, 4, 3)), np.arange(48.0).reshape(4, 4, 3)))
 
