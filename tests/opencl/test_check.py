@@ -6,9 +6,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 from opencl import check
 from opencl.device import DEVICE_VARIABLE, Device, choose_device
+from opencl.nvidia import MISSING_ICD
 
 ROOT = Path(__file__).parents[2]
 
@@ -40,6 +42,42 @@ def test_no_driver(monkeypatch, capsys):
     assert capsys.readouterr().err == (
         "no OpenCL device found: install one, for a CPU with: pip install 'pyopencl[pocl]'\n"
     )
+
+
+@pytest.fixture
+def nvidia_without_opencl(monkeypatch):
+    """NVIDIA's driver starts and torch is built for it, but OpenCL sees none of its GPUs."""
+    monkeypatch.delenv(DEVICE_VARIABLE, raising=False)
+    monkeypatch.setattr(check, "load_driver", lambda: "a driver")
+    monkeypatch.setattr(torch.version, "cuda", "13.0")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+
+
+def test_a_gpu_that_opencl_does_not_see(nvidia_without_opencl, capsys):
+    """A run would copy every tensor to a CPU and be drawn there, for days."""
+    device = choose_device("")
+    assert check.main() == 2
+    assert capsys.readouterr().err == (
+        f"{MISSING_ICD}\nOr have {device.name} do all the work: {DEVICE_VARIABLE}={device.index}\n"
+    )
+
+
+def test_who_asks_for_the_cpu_gets_it(nvidia_without_opencl, monkeypatch):
+    monkeypatch.setenv(DEVICE_VARIABLE, choose_device("").index)
+    assert check.main() == 0
+
+
+@pytest.mark.parametrize("lacks", ["driver", "a driver that starts", "torch for it", "gpu"])
+def test_a_cpu_draws_where_torch_works_on_it(nvidia_without_opencl, monkeypatch, lacks):
+    def start():
+        if lacks == "a driver that starts":
+            raise RuntimeError("cuInit: CUDA_ERROR_NO_DEVICE")
+        return None if lacks == "driver" else "a driver"
+
+    monkeypatch.setattr(check, "load_driver", start)
+    monkeypatch.setattr(torch.version, "cuda", None if lacks == "torch for it" else "13.0")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: lacks != "gpu")
+    assert check.main() == 0
 
 
 def test_it_does_not_load_torch():
