@@ -49,12 +49,17 @@ class Device:
     def describe(self) -> str:
         """One line for a log or a provenance record, the same whenever it is asked for.
 
-        Memory is a GPU's own; of a CPU, PoCL tells what is free at the moment.
+        Memory is a GPU's own; of a CPU, PoCL tells what is free at the moment. A GPU's driver assembles the kernels:
+        another version may make other bits.
         """
         kind = "CPU" if self.is_cpu else "GPU" if self.handle.type & pyopencl.device_type.GPU else "accelerator"
         units = self.handle.max_compute_units
-        memory = "" if self.is_cpu else f", {self.handle.global_mem_size / 2**30:.1f} GiB"
-        return f"{self.name} [{kind}, {units} compute units{memory}]"
+        own = (
+            ""
+            if self.is_cpu
+            else f", {self.handle.global_mem_size / 2**30:.1f} GiB, driver {self.handle.driver_version}"
+        )
+        return f"{self.name} [{kind}, {units} compute units{own}]"
 
     def prepare(self) -> None:
         """Make sure that kernels can be built; `ValueError` with a way out where they cannot."""

@@ -12,6 +12,8 @@ from torch import Tensor
 
 from opencl.pool import empty
 
+WAY_OUT = "Draw fewer Gaussians, fewer features or a smaller picture."
+
 
 @contextmanager
 def room_on(context: pyopencl.Context, size: int) -> Iterator[None]:
@@ -22,7 +24,7 @@ def room_on(context: pyopencl.Context, size: int) -> Iterator[None]:
         (device,), gib = context.devices, 2**30
         raise RuntimeError(
             f"device {device.name.strip()}: no room for {size / gib:.2f} GiB in one piece ({error}), it takes at most "
-            f"{device.max_mem_alloc_size / gib:.2f}: draw fewer Gaussians, fewer features or a smaller picture"
+            f"{device.max_mem_alloc_size / gib:.2f}. {WAY_OUT}"
         ) from error
 
 
@@ -85,10 +87,13 @@ class TorchMemory:
         return self._tensor_device
 
     def empty(self, *size: int, dtype: torch.dtype) -> Tensor:
-        return torch.empty(size, dtype=dtype, device=self._tensor_device)
+        try:
+            return torch.empty(size, dtype=dtype, device=self._tensor_device)
+        except torch.OutOfMemoryError as error:
+            raise RuntimeError(f"{self._tensor_device}: {error} {WAY_OUT}") from error
 
     def zeros(self, *size: int, dtype: torch.dtype) -> Tensor:
-        return torch.zeros(size, dtype=dtype, device=self._tensor_device)
+        return self.empty(*size, dtype=dtype).zero_()
 
     def receive(self, tensor: Tensor) -> Tensor:
         return moved(tensor, self._tensor_device).contiguous().resolve_neg()  # torch may negate lazily
@@ -103,9 +108,6 @@ class SharedMemory(TorchMemory):
 
     def empty(self, *size: int, dtype: torch.dtype) -> Tensor:
         return empty(*size, dtype=dtype)
-
-    def zeros(self, *size: int, dtype: torch.dtype) -> Tensor:
-        return empty(*size, dtype=dtype).zero_()
 
     def resident(self, tensor: Tensor) -> pyopencl.Buffer | None:
         return None

@@ -38,12 +38,19 @@ def _backend_for(setting: str, tensor_device: torch.device) -> Backend:
     driver = cuda_driver() if tensor_device.type == "cuda" else None
     own = _own_device(tensor_device, driver)
     if own is None or not own.answers_to(setting):
-        if driver is not None and not setting:
-            warnings.warn(f"{tensor_device}: drawn elsewhere, with copies. {MISSING_ICD}", stacklevel=2)
+        if not setting:
+            lacking = " ".join(missing_pieces(list_devices()))
+            warnings.warn(f"{tensor_device}: drawn elsewhere, with copies. {lacking}".strip(), stacklevel=2)
         return default_backend()
     if driver is not None and torch_device_of(own, driver) == tensor_device:
         torch.cuda.init()
         return CudaBackend(own, driver, tensor_device)
+    if driver is not None:
+        warnings.warn(
+            f"{tensor_device}: drawn on {own.name} ({own.index}), with copies: OpenCL names no device at its place on "
+            "the PCI bus",
+            stacklevel=2,
+        )
     return Backend(own)
 
 

@@ -45,6 +45,7 @@ class StagedMemory:
         self._pinned = _PinnedCopies(context, queue)
         self._context, self._queue = context, queue
         self._pool = pyopencl.tools.MemoryPool(pyopencl.tools.ImmediateAllocator(queue, pyopencl.mem_flags.READ_WRITE))
+        self._most_in_use = 0
         self._residents: dict[int, _Resident] = {}
         self._lock = threading.RLock()
 
@@ -116,7 +117,15 @@ class StagedMemory:
         return buffer
 
     def _allocate(self, size: int) -> pyopencl.Buffer:
-        with room_on(self._context, size):
+        """A buffer, maybe one that was in use before.
+
+        The pool keeps each for requests of about its size, and sizes of a training grow: it is emptied where it holds
+        as much again as was ever in use at once, or it would fill the device.
+        """
+        with room_on(self._context, size), self._lock:
+            self._most_in_use = max(self._most_in_use, self._pool.active_bytes + size)
+            if self._pool.managed_bytes + size > 2 * self._most_in_use:
+                self._pool.free_held()
             return self._pool.allocate(size)
 
     def fetch(self, tensor: Tensor, buffer: pyopencl.Buffer) -> None:

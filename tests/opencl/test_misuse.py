@@ -8,6 +8,7 @@ import pyopencl
 import pytest
 import torch
 
+from opencl.memory import TorchMemory
 from opencl.rasterizer import rasterize
 from tests.opencl.scenes import gradients, make_scene
 
@@ -187,10 +188,21 @@ def test_inference_mode_draws_the_same():
         assert torch.equal(rasterize(**arguments()).features, expected)
 
 
+@pytest.mark.parametrize("make", ["empty", "zeros"])
+def test_no_room_in_torch_s_memory_is_named(monkeypatch, make):
+    def full(*_, **__):
+        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 12.00 GiB.")
+
+    monkeypatch.setattr(torch, "empty", full)
+    memory = TorchMemory(torch.device("cuda", 1))
+    with pytest.raises(RuntimeError, match=r"cuda:1: CUDA out of memory.* 12\.00 GiB\. Draw fewer Gaussians"):
+        getattr(memory, make)(3, dtype=torch.float32)
+
+
 def test_no_room_on_the_device_is_named(monkeypatch):
     def full(*_, **__):
         raise pyopencl.MemoryError("clCreateBuffer", -4, "MEM_OBJECT_ALLOCATION_FAILURE")
 
     monkeypatch.setattr(pyopencl, "Buffer", full)
-    with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*draw fewer Gaussians"):
+    with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*Draw fewer Gaussians"):
         rasterize(**arguments())

@@ -110,7 +110,8 @@ def test_another_device_is_used_where_it_is_asked_for(machine):
 def test_cuda_tensors_with_another_nvidia_gpu_are_copied(machine):
     other = gpu(location=(0, 66, 0))
     machine(other)
-    assert routes.backend_for(CUDA) == ("copies", other)
+    with pytest.warns(UserWarning, match=r"cuda:0: drawn on .*GPU of NVIDIA Corporation \(1:0\), with copies"):
+        assert routes.backend_for(CUDA) == ("copies", other)
 
 
 def test_a_missing_icd_file_is_explained(machine):
@@ -129,7 +130,14 @@ def test_intel_s_tensors(machine):
     intel = gpu("Intel(R) Corporation", "Intel(R) OpenCL Graphics")
     machine(gpu(), intel, torch_of="xpu")
     assert routes.backend_for(torch.device("xpu", 0)) == ("copies", intel)
-    assert routes.backend_for(torch.device("mps", 0)) == "default"
+    with pytest.warns(UserWarning, match="mps:0: drawn elsewhere, with copies"):
+        assert routes.backend_for(torch.device("mps", 0)) == "default"
+
+
+def test_a_missing_driver_of_amd_s_is_explained(machine):
+    machine(torch_of="hip")
+    with pytest.warns(UserWarning, match=r"cuda:0: drawn elsewhere, with copies\. .*rocm-opencl-runtime"):
+        assert routes.backend_for(CUDA) == "default"
 
 
 def test_stages_work_on_the_cpu_where_torch_has_no_cuda(machine):

@@ -198,9 +198,30 @@ def test_no_room_on_the_device_is_named(staged, make, monkeypatch):
         raise pyopencl.MemoryError("memory_pool::allocate", -4, "failed to free memory for allocation")
 
     memory = staged.memory
-    monkeypatch.setattr(memory, "_pool", SimpleNamespace(allocate=full))
-    with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*draw fewer Gaussians"):
+    monkeypatch.setattr(memory, "_pool", SimpleNamespace(allocate=full, active_bytes=0, managed_bytes=0))
+    with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*Draw fewer Gaussians"):
         make(memory)
+
+
+def test_buffers_of_what_grows_are_given_back(staged):
+    """Gradient rows have another size in each iteration: the pool would keep every size until the device is full."""
+    memory = StagedMemory(staged.context, staged.queue)
+    size = 2**16
+    while size < 2**22:
+        tensor = memory.empty(size, dtype=torch.uint8)
+        del tensor
+        memory.empty(1, dtype=torch.uint8)  # sees that the one before is gone
+        size = size * 103 // 100
+    assert memory._pool.managed_bytes <= 2 * 2**22
+
+
+def test_buffers_of_one_size_are_used_again(staged):
+    memory = StagedMemory(staged.context, staged.queue)
+    for _ in range(5):
+        tensors = [memory.empty(2**16, dtype=torch.uint8) for _ in range(3)]
+        held = memory._pool.managed_bytes
+        del tensors
+    assert held == memory._pool.managed_bytes <= 5 * 2**16
 
 
 def test_zeros_are_zeros(staged):
