@@ -16,6 +16,7 @@ from typing import Any
 
 from distributed import LocalCluster, WorkerPlugin, get_worker
 
+from pipeline.cuda_process import cuda_is_broken, return_cuda_memory
 from pipeline.engine_code import check_engine, engine_digest
 from pipeline.events import Event, Noted, StageProgressed, StageStarted
 from pipeline.executor import Work
@@ -117,12 +118,18 @@ class PrepareWorker(WorkerPlugin):
 
 
 def work_at_worker(work: Work, subject: object, topic: str, engine: str) -> Any:
-    """What a worker does: the work, telling events over dask's own channel. Raises UserError if its engine differs."""
+    """What a worker does: the work, telling events over dask's own channel. Raises UserError if its engine differs.
+
+    A process in which CUDA no longer works ends instead: what it was given is then given to the one in its place.
+    """
     check_engine(engine)
+    if cuda_is_broken():
+        os._exit(1)
     try:
         return work(subject, _teller(topic))
     finally:
         return_freed_memory()
+        return_cuda_memory()
 
 
 def _teller(topic: str) -> Callable[[Event], None]:

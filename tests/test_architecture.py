@@ -15,7 +15,8 @@ ROOT = Path(__file__).parents[1]
 
 ENGINE = [
     "plain_text declared_parameters bash_words",
-    "errors interruption canonical cause collection completion data_folder disk freed_memory hidden look orphans",
+    "errors interruption canonical cause collection completion cuda_process data_folder disk freed_memory hidden look "
+    "orphans",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
     "engine_code sealed temporary in_use",
     "arrays substitution outside_paths table record",

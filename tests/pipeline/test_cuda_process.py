@@ -1,0 +1,91 @@
+"""What a stage leaves behind on a GPU, of which there is none here: torch is told what CUDA would do."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+
+import pytest
+import torch
+
+from pipeline.cluster import DaskExecutor
+from pipeline.cuda_process import cuda_is_broken, return_cuda_memory
+from pipeline.executor import Lost, Tell
+
+
+def fail() -> None:
+    raise RuntimeError("CUDA error: an illegal memory access was encountered")
+
+
+@pytest.fixture
+def returned(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """How often memory was given back, of a CUDA that works."""
+    times: list[str] = []
+    monkeypatch.setattr(torch.cuda, "is_initialized", lambda: True)
+    monkeypatch.setattr(torch.cuda, "synchronize", lambda: None)
+    monkeypatch.setattr(torch.cuda, "empty_cache", lambda: times.append("returned"))
+    return times
+
+
+def test_what_is_free_is_given_back(returned: list[str]) -> None:
+    return_cuda_memory()
+    assert returned == ["returned"]
+    assert not cuda_is_broken()
+
+
+def test_nothing_is_asked_of_a_cuda_that_is_broken(returned: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would only fail again, and hide what the stage said."""
+    monkeypatch.setattr(torch.cuda, "synchronize", fail)
+    assert cuda_is_broken()
+    return_cuda_memory()
+    assert returned == []
+
+
+@pytest.mark.parametrize("lacks", ["torch", "cuda"])
+def test_nothing_is_started_for_it(returned: list[str], monkeypatch: pytest.MonkeyPatch, lacks: str) -> None:
+    if lacks == "torch":
+        monkeypatch.delitem(sys.modules, "torch")
+    monkeypatch.setattr(torch.cuda, "is_initialized", lambda: False)
+    return_cuda_memory()
+    assert not cuda_is_broken()
+    assert returned == []
+
+
+def break_cuda(subject: object, tell: Tell) -> int:
+    """Work whose kernel reads where it must not."""
+    import torch as started
+
+    started.cuda.is_initialized = lambda: True
+    started.cuda.synchronize = fail
+    return os.getpid()
+
+
+def process(subject: object, tell: Tell) -> int:
+    return os.getpid()
+
+
+@pytest.fixture
+def executor() -> Iterator[DaskExecutor]:
+    executor = DaskExecutor(1)
+    yield executor
+    executor.close()
+
+
+def done(executor: DaskExecutor, work: object) -> int | Lost:
+    executor.start("work", work, None, 0, {})
+    while (ended := executor.wait(lambda event: None, 1.0)) is None:
+        pass
+    return ended[1]
+
+
+def test_a_process_in_which_cuda_is_broken_does_no_more_work(executor: DaskExecutor) -> None:
+    """What comes next is lost without having begun, which the engine tries again, and works in another process."""
+    broken = done(executor, break_cuda)
+    lost = done(executor, process)
+    assert isinstance(lost, Lost)
+    assert lost.transient
+    while isinstance(other := done(executor, process), Lost):
+        time.sleep(0.5)  # until there is another process
+    assert other != broken
