@@ -48,6 +48,7 @@ WHERE = "where SFM is the stage's name in the workflow, such as cover_scene"
 """What stands for it in a remedy: a stage does not know what a workflow calls it."""
 FEWEST_PHOTOS, FEWEST_POINTS = 3, 10
 MOST_NAMED = 5
+MOST_THREADS = 16  # each extracts features of a photo of its own: of 1.6 megapixels half a gibibyte, by estimate
 """Photos that an error names."""
 GUESSED_FOCAL_LENGTH = 1.2  # of the longer side, COLMAP's own guess where EXIF says nothing
 
@@ -144,6 +145,7 @@ def job_of(
         lenses = [starting_lens(capture, row, size, settings.camera_model) for row, size in enumerate(sizes)]
     known_poses = None if poses is None else poses.world_to_camera
     pairs, in_need = choose_pairs(settings.matching, in_order_of_numbers(capture.names), capture.ordered, known_poses)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     size, count = Counter(capture.sizes).most_common(1)[0]
     width, height = training_size(size, settings.width)
     is_kept = count == len(capture.sizes) and (width, height) == even_sides(size)
@@ -159,7 +161,7 @@ def job_of(
         width=width,
         height=height,
         seed=settings.seed,
-        threads=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        threads=min(MOST_THREADS, cores),
         photo_size=size if is_kept else None,
     )
 

@@ -19,6 +19,8 @@ from stages.analysis.comparisons import Comparison, write_comparisons
 from stages.analysis.page import gallery
 from stages.analysis.videos import Video, write_videos
 from stages.imaging.metric_table import MetricRow, write_rows
+from stages.imaging.pictures import picture_to_tensor
+from stages.imaging.psnr import psnr
 from stages.report import ReportParameters, report
 
 PLANTED = "Zebraquartz"
@@ -317,6 +319,20 @@ def test_many_pictures_become_jpeg(inputs: dict, tmp_path: Path, monkeypatch: py
     text = text_of(pages(inputs, tmp_path / "many")["owner"])
     assert "data:image/jpeg" in text
     assert "data:image/png" not in text
+
+
+def test_large_pictures_are_shrunk_for_the_page_and_measured_whole(inputs: dict, tmp_path: Path) -> None:
+    """As they are, those of full-size photos would make a page of tens of megabytes."""
+    truth = pictures(7, 1000, 1600)[:1]
+    rendered = truth.copy()
+    rendered[:, ::2] = 0  # shrunk, the pictures are nearer to each other
+    large = replace(COVER, names=VIEWS[:1], splits=SPLITS[:1], truth=truth, rendered=rendered)
+    given = {"pictures": (comparisons(tmp_path / "large", [large], True),)}
+    text = text_of(pages(given, tmp_path / "made", 1)["owner"])
+    assert {picture.shape for picture in embedded_pictures(text)} == {(500, 800, 3)}
+    assert "Shown at most 800 pixels long" in text
+    assert f"{psnr(picture_to_tensor(rendered[0]), picture_to_tensor(truth[0])):.2f} dB" in text
+    assert "Shown at most" not in text_of(pages(inputs, tmp_path / "small", 1)["owner"])
 
 
 def test_the_same_inputs_give_the_same_bytes(inputs: dict, tmp_path: Path) -> None:

@@ -11,12 +11,13 @@ from jaxtyping import UInt8
 
 from stages.analysis.comparisons import Comparison
 from stages.analysis.page.figures import write_figure
-from stages.imaging.pictures import Picture, encode_jpeg, encode_png, picture_to_tensor
+from stages.imaging.pictures import Picture, encode_jpeg, encode_png, picture_to_tensor, resize_picture
 from stages.imaging.psnr import psnr
 
 RESIDUAL_GAIN = 8
 LOSSLESS_PIXELS = 2_500_000  # about 6 MB as PNG inside the page; JPEG beyond
 JPEG_QUALITY = 92
+LONGEST_SIDE = 800  # pixels; forty pictures of 1,600 would make a page of 60 MB
 WIDEST_COMPARISON = 5
 THUMBNAILS = 6
 
@@ -29,11 +30,16 @@ class Shown:
     picture: Picture
     note: str = ""
 
+    @property
+    def shrunk(self) -> Picture:
+        """The picture as the page has it, at most `LONGEST_SIDE` long."""
+        height, width = self.picture.shape[:2]
+        factor = min(1.0, LONGEST_SIDE / max(height, width))
+        return resize_picture(self.picture, max(1, round(width * factor)), max(1, round(height * factor)))
+
     def data_uri(self, lossless: bool) -> str:
         """The picture as a PNG or a JPEG inside a URI."""
-        kind, data = (
-            ("png", encode_png(self.picture)) if lossless else ("jpeg", encode_jpeg(self.picture, JPEG_QUALITY))
-        )
+        kind, data = ("png", encode_png(self.shrunk)) if lossless else ("jpeg", encode_jpeg(self.shrunk, JPEG_QUALITY))
         return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 
@@ -71,8 +77,18 @@ class Gallery:
 
 def is_lossless(galleries: Sequence[Gallery]) -> bool:
     """Whether all pictures together are few enough for PNG."""
-    pictures = [shown.picture for gallery in galleries for view in gallery.views for shown in view.pictures]
+    pictures = [shown.shrunk for shown in all_shown(galleries)]
     return sum(picture.shape[0] * picture.shape[1] for picture in pictures) <= LOSSLESS_PIXELS
+
+
+def are_shrunk(galleries: Sequence[Gallery]) -> bool:
+    """Whether some picture is larger than the page has it."""
+    return any(max(shown.picture.shape) > LONGEST_SIDE for shown in all_shown(galleries))
+
+
+def all_shown(galleries: Sequence[Gallery]) -> list[Shown]:
+    """Every picture, in order."""
+    return [shown for gallery in galleries for view in gallery.views for shown in view.pictures]
 
 
 def cover_gallery(covers: Sequence[Comparison], count: int, title: str, residual: bool) -> Gallery | None:

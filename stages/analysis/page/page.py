@@ -11,7 +11,15 @@ from stages.analysis.comparisons import Comparison, Role
 from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.page.figures import write_seconds
 from stages.analysis.page.films import Film, owner_films, public_films
-from stages.analysis.page.gallery import Gallery, cover_gallery, is_lossless, message_gallery, picture_gallery
+from stages.analysis.page.gallery import (
+    LONGEST_SIDE,
+    Gallery,
+    are_shrunk,
+    cover_gallery,
+    is_lossless,
+    message_gallery,
+    picture_gallery,
+)
 from stages.analysis.page.graph import Graph, draw_graph
 from stages.analysis.page.html import fill
 from stages.analysis.page.material import Material
@@ -74,6 +82,14 @@ class Page:
     def lossless(self) -> bool:
         """Whether pictures are embedded as PNG."""
         return is_lossless(self.galleries)
+
+    @property
+    def about_pictures(self) -> str:
+        """What is to be said of them: nothing, unless they are not shown whole."""
+        shrunk = (
+            f"Shown at most {LONGEST_SIDE} pixels long. Figures are of whole pictures, which `show --pictures` writes."
+        )
+        return shrunk if are_shrunk(self.galleries) else ""
 
 
 def owner_page(material: Material, workflow: str, command: str, views: int) -> Page:
