@@ -107,6 +107,8 @@ class ProgramKey:
         lines = [f"#define {name} ((REAL){float(value)!r})" for name, value in reals.items()]
         lines += [f"#define {name} {value}" for name, value in integers.items()]
         lines += [f"#define {option}" for option in self.options]
+        if self.needs_exact_rounding and self.schedule == "gpu":  # some drivers heed it outside of functions alone
+            lines.append("#pragma OPENCL FP_CONTRACT OFF")
         if self.settings.antialiased:
             lines.append("#define ANTIALIASED")
         if self.dtype == torch.float64:
