@@ -105,9 +105,11 @@ BOXES = (
     Box("training-features", 15_000, 192, 144),
     Box("training-colours", 15_000, 192, 144, 3),
     Box("large", 2_000_000, 1216, 800),
+    Box("paper", 1_000_000, 1600, 1060),
+    Box("paper-32", 1_000_000, 1600, 1060, 32),
 )
 DEFAULT_WORKLOADS = ("A", "B", "training-features", "training-colours")
-"""Those that take a second or two; `large` is there for its memory."""
+"""Those that take a second or two; `large` is there for its memory, `paper` for GPUs: the paper's size indoors."""
 
 
 def box_named(name: str) -> Box:

@@ -42,6 +42,9 @@ RASTERIZER_NEEDS = {"pyopencl": "'pyopencl[pocl]'", "jaxtyping": "jaxtyping", "f
 """How to ask pip for what is imported."""
 TRAINING_NEEDS = {"scipy": "scipy", "pydantic": "pydantic"}
 
+LARGE = ("paper", "paper-32")
+"""Workloads of the paper's size, beside the smaller one that the CPU can be compared with."""
+
 Check = Callable[[], bool | None]
 """Whether it holds; what only measures says nothing."""
 
@@ -126,6 +129,7 @@ def gpu_backend() -> CudaBackend | None:
 def checks(backend: CudaBackend, inputs: Callable[[], Inputs]) -> Iterator[tuple[str, Check]]:
     """What is held of the GPU, and then measured on `inputs`, by name."""
     from opencl.backend import Backend
+    from opencl.bench.workloads import box_named
     from opencl.program import ProgramKey
     from tests.benchmarks import nvidia_checks, nvidia_timing
 
@@ -151,6 +155,11 @@ def checks(backend: CudaBackend, inputs: Callable[[], Inputs]) -> Iterator[tuple
     yield "times by copies", lambda: nvidia_timing.time_copies(backend.device, inputs())
     yield "kernels", lambda: nvidia_timing.print_kernels(backend, inputs())
     yield "kernels, all of them rounded as written", kernels_rounded_as_written
+    for name in LARGE:
+        large = box_named(name)
+        yield f"times, {name}", lambda large=large: nvidia_timing.time_workload(device, large.inputs())
+        yield f"kernels, {name}", lambda large=large: nvidia_timing.print_kernels(backend, large.inputs())
+        yield f"decoders and similarities, {name}", lambda large=large: nvidia_timing.time_decoding(device, large)
 
 
 def comparisons(where: str, backend: Backend, draw: Draw) -> Iterator[tuple[str, Check]]:

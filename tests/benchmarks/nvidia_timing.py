@@ -11,7 +11,7 @@ from torch import Tensor
 
 from opencl.backend import Backend
 from opencl.bench.view import View
-from opencl.bench.workloads import Inputs
+from opencl.bench.workloads import Box, Inputs
 from opencl.cuda import CudaBackend
 from opencl.device import Device
 from opencl.rasterizer import RasterSettings, _rasterize_on, rasterize
@@ -67,6 +67,31 @@ def time_workload(device: torch.device, inputs: Inputs) -> None:
         with torch.no_grad():
             one, other = (draw() for draw in drawers.values())
         print(f"  pictures: {float((one - other).abs().mean()):.1e} apart on average")
+
+
+def time_decoding(device: torch.device, box: Box) -> None:
+    """What an iteration at this size does beside drawing: both decoders, and the similarity of both pictures."""
+    from stages.hiding.decoders import PRECISIONS, Decoder, decode
+    from stages.imaging.ssim import ssim
+
+    decoders = [Decoder(box.feature_dim, 3).to(device) for _ in range(2)]
+    feature_map = torch.rand(box.height, box.width, box.feature_dim, device=device, requires_grad=True)
+    truth = torch.rand(box.height, box.width, 3, device=device)
+
+    def decoded(precision: torch.dtype) -> None:
+        sum(decode(decoder, feature_map, precision).sum() for decoder in decoders).backward()
+
+    def compared() -> None:
+        picture = truth.flip(0).requires_grad_()
+        (ssim(picture, truth) + ssim(picture, truth)).backward()
+
+    print(f"{box.width} x {box.height}, M={box.feature_dim}, forward + backward of two, ms, medians")
+    for name, precision in PRECISIONS.items():
+        print(f"  decoders, {name:12} {median_milliseconds(lambda precision=precision: decoded(precision)):8.3f}")
+    # torch's own default, which trainings do not take
+    with torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True, allow_tf32=True):
+        print(f"  decoders, TF32         {median_milliseconds(lambda: decoded(torch.float32)):8.3f}")
+    print(f"  similarities           {median_milliseconds(compared):8.3f}", flush=True)
 
 
 def gsplat_drawer(leaves: list[Tensor], view: View, near: float) -> Callable[[], Tensor]:

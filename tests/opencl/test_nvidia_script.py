@@ -16,7 +16,7 @@ import opencl.backend
 import opencl.routes
 from opencl.backend import Backend
 from opencl.bench.view import View
-from opencl.bench.workloads import Inputs, box_named
+from opencl.bench.workloads import Box, Inputs, box_named
 from opencl.device import choose_device
 from opencl.program import ProgramKey
 from tests.benchmarks import nvidia, nvidia_checks, nvidia_timing, nvidia_training
@@ -121,13 +121,17 @@ def test_all_checks_hold_where_the_cpu_stands_in_for_the_gpu(backend, monkeypatc
     monkeypatch.setattr(nvidia, "gpu_backend", lambda: backend)
     monkeypatch.setattr(nvidia, "provide_icd", lambda: None)
     monkeypatch.setattr(type(box_named("B")), "inputs", lambda box: few_inputs())
+    monkeypatch.setattr("opencl.bench.workloads.BOXES", (box_named("B"), Box("paper", 60, 40, 30)))
+    monkeypatch.setattr(nvidia, "LARGE", ("paper",))
     assert nvidia.main(["--ptx", str(tmp_path / "ptx")]) == 0
     printed = capsys.readouterr().out
     assert "all checks hold" in printed
     assert printed.count("holds: torch.float32, lists") == 2
     for line in ("holds: bfloat16, a training that goes on", "gsplat 1.0", "pictures:", "CPU tensors, copied"):
         assert line in printed
-    assert printed.count("\n  blend_backward ") == 2
+    assert printed.count("\n  blend_backward ") == 3
+    for line in ("decoders, float32", "decoders, bfloat16", "decoders, TF32", "similarities  "):
+        assert f"\n  {line}" in printed
     written = sorted(path.name for path in (tmp_path / "ptx").iterdir())
     for beginning in ("blending-float32-M3-", "geometry-float64-", "harmonics-float32-", "ssim-float64-"):
         assert any(name.startswith(beginning) and name.endswith(".ptx") for name in written), written
@@ -173,8 +177,9 @@ def test_all_programs_can_be_rounded_as_written(backend, monkeypatch):
             ProgramKey("blending", "gpu", torch.float32, nvidia_timing.RasterSettings()).needs_exact_rounding
         ),
     )
-    for _, check in list(nvidia.checks(backend, few_inputs))[-2:]:
-        check()
+    checks = dict(nvidia.checks(backend, few_inputs))
+    for name in ("kernels", "kernels, all of them rounded as written"):
+        checks[name]()
     assert seen == [False, True]
 
 
