@@ -19,7 +19,15 @@ from stages.scene.colmap import models_beside, photos_in_model
 from stages.scene.given_poses import find_poses, known_poses, photo_finder, poses_at, read_poses
 from stages.scene.named_frames import find_posed_photos
 from stages.scene.photo_facts import PhotoFacts, read_facts, taken_by
-from stages.scene.photo_folder import ANIMATIONS, SUFFIXES, PhotoFolder, files_not_among, find_photos, find_pictures
+from stages.scene.photo_folder import (
+    ANIMATIONS,
+    SUFFIXES,
+    PhotoFolder,
+    files_not_among,
+    find_photos,
+    find_pictures,
+    refuse_unread,
+)
 from stages.scene.splits import TEST, find_split_photos, find_splits, read_split_poses
 from stages.scene.transforms import FILE, held_out_files, masked_frames
 
@@ -125,7 +133,10 @@ def _found(parameters: PhotosParameters) -> tuple[PhotoFolder, Path | None, Mapp
         return find_split_photos(folder, splits), place, splits
     if place == folder / FILE and parameters.images is None:
         return find_posed_photos(folder, place, suffixes), place, splits
-    return find_photos(folder, parameters.images, suffixes), place, splits
+    found = find_photos(folder, parameters.images, suffixes)
+    if place is None and not parameters.any_pictures:
+        refuse_unread(folder, found)
+    return found, place, splits
 
 
 def _poses(
@@ -172,13 +183,31 @@ def _refuse_images(parameters: PhotosParameters, splits: Mapping[str, Path]) -> 
 
 
 def facts_of(context: Context, found: PhotoFolder, posed: bool) -> dict[str, PhotoFacts]:
-    """What is known of every photo, by name."""
-    facts = {}
+    """What is known of every photo, by name. Raises `UserError` that names those which cannot be read."""
+    facts, broken = {}, []
     for count, (name, path) in enumerate(found.photos.items(), start=1):
-        facts[name] = read_facts(path, posed)
+        try:
+            facts[name] = read_facts(path, posed)
+        except UserError as error:
+            broken.append(error)
         context.progress(count, len(found.photos))
         context.stop_if_requested()
+    _refuse_broken(broken)
     return facts
+
+
+def _refuse_broken(broken: Sequence[UserError]) -> None:
+    if len(broken) > 1:
+        named = ", ".join(Path(str(error.where)).name for error in broken[:MOST_NAMED])
+        raise UserError(
+            f"{len(broken)} pictures cannot be read",
+            where=Path(str(broken[0].where)).parent,
+            found=f"{named}{', …' if len(broken) > MOST_NAMED else ''}; of the first: {broken[0].found}",
+            expected=broken[0].expected,
+            remedy="Replace these files, or take them out of the folder.",
+        )
+    if broken:
+        raise broken[0]
 
 
 def picture_of(path: Path, background: str, turned: int) -> Path | bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,8 @@ PoseSource = Literal["colmap", "transforms", "synthetic"]
 """Where poses come from: a COLMAP model, a transforms.json, or the world that the pictures were traced from."""
 
 PICTURES = "pictures"
+MOST_OF_A_SEQUENCE = 0.9
+"""At least this share of the names is alike where photos were taken in the order of their numbers."""
 
 
 @dataclass(frozen=True)
@@ -124,10 +127,14 @@ def _natural_key(name: str) -> tuple[list[tuple[int, str]], str]:
 
 
 def numbered(names: tuple[str, ...]) -> bool:
-    """Whether the names are one word and a running number, as cameras and video tools write them.
+    """Whether most names are one word and a running number, as cameras and video tools write them; the word may hold a
+    day. A tenth may differ: phones call a photo of a burst, or one that was edited, otherwise.
 
     >>> numbered(("DSC_0001.JPG", "DSC_0002.JPG")), numbered(("left.png", "right.png")), numbered(())
     (True, False, False)
+    >>> numbered(("20260101_120000.jpg", "20260102_090000.jpg")), numbered(("left1.jpg", "right1.jpg"))
+    (True, False)
     """
-    matches = [re.fullmatch(r"(.*?)\d+", Path(name).stem) for name in names]
-    return bool(matches) and all(matches) and len({match[1] for match in matches if match}) == 1
+    words = [match[1] for name in names if (match := re.fullmatch(r"(.*?)\d+", Path(name).stem))]
+    counts = Counter(re.sub(r"(?<!\d)\d{8}(?!\d)", "day", word) for word in words)
+    return bool(counts) and counts.most_common(1)[0][1] >= MOST_OF_A_SEQUENCE * len(names)

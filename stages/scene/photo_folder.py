@@ -116,6 +116,19 @@ def _unread(files: Iterable[Path], photos: Iterable[Path]) -> dict[str, int]:
     return dict(sorted(Counter(file.suffix.lower() for file in unread if file.with_suffix("") not in read).items()))
 
 
+def refuse_unread(folder: Path, found: PhotoFolder) -> None:
+    """Raise `UserError` where a phone wrote most of its pictures as HEIC: the few others are no capture."""
+    if sum(found.unread.values()) > len(found.photos):
+        unread = ", ".join(f"{count} {suffix}" for suffix, count in found.unread.items())
+        raise UserError(
+            "most pictures of the folder cannot be read",
+            where=folder,
+            found=f"{unread}, beside {len(found.photos)} that can",
+            expected=f"photos ({', '.join(SUFFIXES)})",
+            remedy="Convert those pictures to JPEG, or take them out of the folder.",
+        )
+
+
 def files_not_among(photos: Collection[Path], folder: Path) -> list[Path]:
     """Files of the folder and of those below it that are none of the photos, sorted; of hidden ones none."""
     return [file for file in _files_below(folder) if file not in photos and not file.name.startswith(".")]

@@ -21,7 +21,10 @@ CHOOSE_ANOTHER = "Choose one that was photographed from all the sides from which
 WORTH_A_WORD = 0.8
 """Where the pictures show at least this share of most photos, nothing is said of the rest."""
 UNSURE_SHARE = 0.2
-OVERLAP = "More overlap between photos, or a larger matching_size, places more."
+OVERLAP = (
+    "More overlap between photos places more, or a larger matching_size, or matching: exhaustive where they were not "
+    "taken on one way."
+)
 
 
 def photos_left_out(finished: Finished) -> tuple[Remark, ...]:

@@ -48,7 +48,7 @@ WHERE = "where SFM is the stage's name in the workflow, such as cover_scene"
 """What stands for it in a remedy: a stage does not know what a workflow calls it."""
 FEWEST_PHOTOS, FEWEST_POINTS = 3, 10
 MOST_NAMED = 5
-MOST_THREADS = 16  # each extracts features of a photo of its own: of 1.6 megapixels half a gibibyte, by estimate
+MOST_THREADS = 8  # each extracts features of a photo of its own: of 1.6 megapixels half a gibibyte, by estimate
 """Photos that an error names."""
 GUESSED_FOCAL_LENGTH = 1.2  # of the longer side, COLMAP's own guess where EXIF says nothing
 

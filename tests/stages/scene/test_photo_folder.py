@@ -62,17 +62,17 @@ def test_a_preview_beside_the_photos_is_not_the_capture(
 
 def test_of_any_pictures_it_is_said_how_many_files_were_not_looked_at(tmp_path: Path) -> None:
     """Of a capture's folder GIFs are no photos, and what lies below it is as it should be."""
-    for path in ("a.png", "d.gif", "g.jfif", "site/b.png", "site/deep/c.png", ".hidden/h.png"):
+    for path in ("a.png", "d.gif", "g.jfif", "h.png", "site/b.png", "site/deep/c.png", ".hidden/h.png"):
         take(tmp_path / "found" / path)
     for name in ("e.avif", "f.heic", ".DS_Store"):
         (tmp_path / "found" / name).write_bytes(b"nothing that is read")
     log: list[str] = []
     looked_at = capture(tmp_path / "found", tmp_path / "out", log, any_pictures=True)
-    assert read_capture(looked_at).names == ("a.png", "d.gif", "g.jfif")
+    assert read_capture(looked_at).names == ("a.png", "d.gif", "g.jfif", "h.png")
     assert "4 files of the folder and of those below it were not looked at, such as " + ", ".join(
         ("e.avif", "f.heic", "site/b.png", "site/deep/c.png")
     ) in "".join(log)
-    assert read_capture(capture(tmp_path / "found", tmp_path / "photos", log)).names == ("a.png", "g.jfif")
+    assert read_capture(capture(tmp_path / "found", tmp_path / "photos", log)).names == ("a.png", "g.jfif", "h.png")
     assert sum("not looked at" in line for line in log) == 1
 
 
