@@ -50,6 +50,8 @@ environment: $(INSTALLED)
 $(INSTALLED): pyproject.toml constraints.txt Makefile
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "Python 3.11 or newer is needed; found $$($(PYTHON) --version). Try: make PYTHON=python3.11"; exit 1; }
+	@test "$$(uname -sm)" = "Linux x86_64" || echo "Made and tried on Linux with x86-64, on Windows inside WSL 2;" \
+		"elsewhere OpenCL for the CPU comes as no package: install one that python -m opencl devices lists"
 	@echo "Making the virtual environment $(VENV): torch, OpenCL on the CPU, SfM (a few minutes the first time)"
 	@$(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e ".[dev,peers]"
