@@ -108,5 +108,6 @@ def _measured_views(scene: Scene, most: int) -> list[str]:
 def _perceptual(context: Context, wanted: bool, scene: Scene) -> Perceptual:
     cameras = scene.cameras
     wanted = wanted and bool(networks_for(["vgg"], cameras.width, cameras.height, context.log))
-    metric = load_lpips("vgg") if wanted else None
-    return {} if metric is None else {"lpips_vgg": metric}
+    device = working_device()
+    metric = load_lpips("vgg", device) if wanted else None
+    return {} if metric is None else {"lpips_vgg": lambda picture, truth: metric(picture.to(device), truth.to(device))}

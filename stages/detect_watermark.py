@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
 from itertools import chain
@@ -32,7 +33,7 @@ from stages.analysis.watermark_trials import (
     trial_rows,
 )
 from stages.analysis.watermarked_containers import attacked_containers
-from stages.hiding.method import module_of
+from stages.hiding.method import module_of, move_networks
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.watermark.reading import FOUND_SHARE, owners_reader
 from stages.hiding.watermark.rendering import each_render, renders
@@ -196,9 +197,11 @@ def _positives(context: Context, parameters: DetectWatermarkParameters, scene: S
 def _attacked(
     container: Artifact, seed: int, cameras: Cameras, after_each: Callable[[], None]
 ) -> Iterator[tuple[str, float, list[Picture]]]:
-    target = Target(read_gaussians(container), read_method(container))
+    target, device = Target(read_gaussians(container), read_method(container)), working_device()
     for name, severity, changed in attacked_containers(target, seed):
-        yield name, severity, [*renders(changed.gaussians, changed.method, cameras, after_each)]
+        method = copy.deepcopy(changed.method)
+        move_networks(method, device)
+        yield name, severity, [*renders(changed.gaussians.to(device), method, cameras, after_each)]
 
 
 def _fidelity(context: Context, scene: Scene, positives: Positives) -> Iterator[Measurement]:

@@ -34,13 +34,21 @@ def covered_figures(
 
     All are NaN where the message covers nothing, the floor also where what it shows is of one colour.
     """
-    mask = coverage >= COVERED
-    picture = picture.clamp(0, 1)
     return {
-        "psnr_covered": psnr(picture, truth, mask),
-        "ssim_covered": _mean_over(ssim_map(picture, truth), mask),
-        "psnr_constant": one_colour_psnr(truth, mask),
+        **covered_psnrs(picture, truth, coverage),
+        "ssim_covered": _mean_over(ssim_map(picture.clamp(0, 1), truth), coverage >= COVERED),
         "coverage": float(coverage.mean()),
+    }
+
+
+def covered_psnrs(
+    picture: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], coverage: Float[Tensor, "H W"]
+) -> dict[str, float]:
+    """Those of `covered_figures` alone: a map of similarities takes as long as a picture's rendering."""
+    mask = coverage >= COVERED
+    return {
+        "psnr_covered": psnr(picture.clamp(0, 1), truth, mask),
+        "psnr_constant": one_colour_psnr(truth, mask),
     }
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import torch
 
-from stages.analysis.fidelity import covered_figures
+from stages.analysis.fidelity import covered_psnrs
 from stages.analysis.probes import RawFeatures, run_name
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import Method
@@ -42,8 +42,7 @@ def probe_rows(
             pictures = method.render(probed, camera, wanted=tuple(messages)).pictures
             for title, message in messages.items():
                 coverage = torch.from_numpy(message.coverage[row])
-                figures = covered_figures(pictures[title], picture_to_tensor(message.pictures[row]), coverage)
-                for quantity in ("psnr_covered", "psnr_constant"):
-                    unit = QUANTITIES[quantity].unit
-                    yield MetricRow(quantity, figures[quantity], unit, view, "test", title, method=run)
+                figures = covered_psnrs(pictures[title], picture_to_tensor(message.pictures[row]), coverage)
+                for quantity, value in figures.items():
+                    yield MetricRow(quantity, value, QUANTITIES[quantity].unit, view, "test", title, method=run)
             after_each()

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from stages.analysis.attacks.catalogue import ONE_COLOUR
 from stages.analysis.attacks.target import Target
-from stages.analysis.fidelity import Perceptual, covered_figures, one_colour_psnr, picture_figures, shows_something
+from stages.analysis.fidelity import Perceptual, covered_psnrs, one_colour_psnr, picture_figures, shows_something
 from stages.hiding.decoders import PRECISIONS, Decoder, decode
 from stages.hiding.method import Method, move_networks
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
@@ -64,7 +64,7 @@ class Scorer:
                 found.setdefault((None, quantity), []).append(value)
             for name, message in self.messages.items():
                 truth = picture_to_tensor(message.pictures[row])
-                covered = covered_figures(shown[name], truth, torch.from_numpy(message.coverage[row]))
+                covered = covered_psnrs(shown[name], truth, torch.from_numpy(message.coverage[row]))
                 figures = picture_figures(shown[name], truth, {}) | {"psnr_covered": covered["psnr_covered"]}
                 seen = shows_something(truth)
                 for quantity, value in figures.items():

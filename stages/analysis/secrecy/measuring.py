@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.analysis.fidelity import COVERED, covered_figures
+from stages.analysis.fidelity import COVERED, covered_psnrs
 from stages.analysis.leakage import correlation
 from stages.analysis.secrecy.linear import least_squares, multiple_correlations, neighbourhoods
 from stages.analysis.secrecy.observing import Observed
@@ -42,7 +42,7 @@ def picture_readings(
 ) -> Iterator[tuple[int, int, Figures]]:
     """View, message and figures of readings in three channels:
 
-    - `psnr`, `psnr_covered` and, of the best picture of one colour, `psnr_constant`, as in `covered_figures`;
+    - `psnr`, `psnr_covered` and, of the best picture of one colour, `psnr_constant`, as in `covered_psnrs`;
     - `psnr_coloured`, over covered pixels, of the reading `with_true_colours`;
     - `correlation`: the multiple correlation of the message's luminance with the channels, whatever their colours;
     - `correlation_others`: the mean of the same with the message of the other views, NaN where there is none.
@@ -52,7 +52,6 @@ def picture_readings(
         for view, seen in enumerate(views):
             picture, truth, coverage = readings[view][message].clamp(0, 1), seen.truths[message], seen.coverage[message]
             coloured = with_true_colours(picture, truth, coverage)
-            covered = covered_figures(picture, truth, coverage)
             values = multiple_correlations(neighbourhoods(picture, 1), greys)
             own = values.pop(view)
             yield (
@@ -60,8 +59,7 @@ def picture_readings(
                 message,
                 {
                     "psnr": psnr(picture, truth),
-                    "psnr_covered": covered["psnr_covered"],
-                    "psnr_constant": covered["psnr_constant"],
+                    **covered_psnrs(picture, truth, coverage),
                     "psnr_coloured": psnr(coloured, truth, coverage >= COVERED),
                     "correlation": own,
                     "correlation_others": mean_of_known(values),
