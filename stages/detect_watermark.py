@@ -43,8 +43,8 @@ from stages.imaging.image import filling, read_image
 from stages.imaging.photo_digests import HELD_OUT
 from stages.imaging.pictures import Picture, picture_to_tensor
 from stages.imaging.psnr import psnr
-from stages.imaging.shipped_photos import ShippedPhotos, read_photo
-from stages.imaging.windows import random_window
+from stages.imaging.shipped_photos import ShippedPhotos, longest_for, read_photo
+from stages.imaging.windows import windows_of_all
 from stages.scene.camera_path import camera_path
 from stages.scene.cameras import Cameras
 from stages.scene.scene import Scene, read_scene
@@ -143,7 +143,7 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
         if stops or checkpoints.due():
             checkpoints.save(State({SEEN: np.array([astuple(shown) for shown in detector.seen])}, {}))
         if stops:
-            raise Interrupted(f"stopped before picture {done} of {total}")
+            raise Interrupted(f"stopped before picture {done} of at most {total}")
 
     rows = chain(
         _fidelity(context, scene, positives),
@@ -216,7 +216,7 @@ def _fidelity(context: Context, scene: Scene, positives: Positives) -> Iterator[
 
 @dataclass(frozen=True)
 class Amounts:
-    """How many negatives: of the cover, `own` photos and as many renders; of other scenes, `each` of every source."""
+    """How many negatives at most: of the cover `own` photos and as many renders, of others `each` of every source."""
 
     own: int
     each: int
@@ -247,12 +247,10 @@ def _amounts(context: Context, parameters: DetectWatermarkParameters) -> Amounts
 def _negatives(
     context: Context, parameters: DetectWatermarkParameters, scene: Scene, amounts: Amounts
 ) -> Iterator[tuple[Negative, Picture]]:
-    generator = np.random.default_rng(parameters.seed)
+    generator, size = np.random.default_rng(parameters.seed), (scene.cameras.width, scene.cameras.height)
 
     def windows(photos: Sequence[tuple[str, Picture]], count: int) -> Iterator[tuple[str, Picture]]:
-        for row in range(count):
-            name, photo = photos[row % len(photos)]
-            yield name, random_window(photo, scene.cameras.width, scene.cameras.height, generator)
+        return windows_of_all(photos, count, *size, generator)
 
     def seen(model: Artifact, of: Scene, count: int) -> Iterator[Picture]:
         path = camera_path(of.cameras, of.points, count)
@@ -265,10 +263,10 @@ def _negatives(
     for picture in seen(context.input("before"), scene, amounts.own):
         yield Negative(OWN_RENDERS, COVER_SCENE, OWN_SCENE), picture
     for number, capture in enumerate(context.input_many("other_photos"), start=1):
-        photos = [(f"capture {number}", photo) for photo in read_photos(capture)]
+        photos = [(f"capture {number}", photo) for photo in read_photos(capture, longest=longest_for(*size))]
         for name, window in windows(photos, amounts.each):
             yield Negative(OTHER_PHOTOS, name, OTHER_SCENES), window
-    shipped = [(name, read_photo(name)) for name in parameters.shipped_photos]
+    shipped = [(name, read_photo(name, longest_for(*size))) for name in parameters.shipped_photos]
     for name, window in windows(shipped, amounts.each if shipped else 0):
         yield Negative(OTHER_PHOTOS, name, OTHER_SCENES), window
     for name, window in windows(shipped, amounts.each if shipped else 0):
@@ -281,7 +279,8 @@ def _negatives(
 
 def _test_photos(capture: Artifact, scene: Scene) -> list[Picture]:
     """The photos of the scene's test views, at full size; where none has such a name, the test views as they are."""
-    return read_photos(capture, scene.test_names) or [*scene.pictures[scene.rows(scene.test_names)]]
+    longest = longest_for(scene.cameras.width, scene.cameras.height)
+    return read_photos(capture, scene.test_names, longest) or [*scene.pictures[scene.rows(scene.test_names)]]
 
 
 def _renders(container: Artifact, cameras: Cameras, after_each: Callable[[], None]) -> Pictures:

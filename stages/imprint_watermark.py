@@ -28,7 +28,7 @@ from stages.hiding.what_is_hidden import view_of_an_image
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import Picture, picture_to_tensor, tensor_to_picture
-from stages.imaging.shipped_photos import SAMPLES_LEARNT_FROM, ShippedPhotos
+from stages.imaging.shipped_photos import SAMPLES_LEARNT_FROM, ShippedPhotos, longest_for
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import Scene, read_scene
@@ -111,6 +111,7 @@ def _pictures(
     context: Context, parameters: ImprintWatermarkParameters, scene: Scene, gaussians: Gaussians, method: Method
 ) -> ImprintPictures:
     cameras = scene.cameras
+    longest = longest_for(cameras.width, cameras.height)
     before = _views(gaussians, method, cameras.select(scene.train_names), context.stop_if_requested)
     view = view_of_an_image(context.input_optional("secret"), scene, "imprint_watermark")
     image = None
@@ -122,7 +123,7 @@ def _pictures(
         before,
         [*scene.pictures[scene.rows(scene.train_names)]],
         filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height),
-        [*chain(*learnt_photos(context.input_many("photos"), parameters.shipped_photos))],
+        [*chain(*learnt_photos(context.input_many("photos"), parameters.shipped_photos, longest))],
         image,
     )
 

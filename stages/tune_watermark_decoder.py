@@ -21,7 +21,7 @@ from stages.hiding.watermark.storage import read_codec, write_codec
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import picture_to_tensor
-from stages.imaging.shipped_photos import ShippedPhotos
+from stages.imaging.shipped_photos import ShippedPhotos, longest_for
 from stages.scene.between import cameras_between
 from stages.scene.cameras import Cameras
 from stages.scene.scene import read_scene
@@ -118,7 +118,8 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     codec.expect(picture_to_tensor(watermark, device).permute(2, 0, 1))
     if parameters.whole_pictures:
         codec.see_whole_pictures()
-    scenes = learnt_photos(context.input_many("photos"), parameters.shipped_photos)
+    longest = longest_for(scene.cameras.width, scene.cameras.height)
+    scenes = learnt_photos(context.input_many("photos"), parameters.shipped_photos, longest)
     others = scenes if parameters.evenly else [[photo] for photo in chain(*scenes)]
     curves = train_network(context, DecoderTuning(codec, watermark, pictures, _settings(parameters), others))
     write_codec(context.output("codec"), codec)

@@ -32,7 +32,7 @@ HOW_TO_INSTALL = (
 )
 
 LONGEST_SIDE = 800
-"""Pixels; larger photos are reduced to it, so that hundreds fit into memory."""
+"""Pixels; larger photos are reduced to it, so that hundreds fit into memory, unless windows are to be larger."""
 
 SAMPLES_LEARNT_FROM = tuple(name for name in SAMPLES if name not in HELD_OUT)
 
@@ -74,8 +74,8 @@ ShippedPhotos = Annotated[tuple[str, ...], BeforeValidator(_named), AfterValidat
 none of a shipped photo is an error, or a misspelt one would be left out unseen."""
 
 
-def read_photo(name: str) -> Picture:
-    """The photo of this name, reduced to `LONGEST_SIDE` where it is larger.
+def read_photo(name: str, longest: int = LONGEST_SIDE) -> Picture:
+    """The photo of this name, reduced to a side of `longest` where it is larger.
 
     Raises `UserError` where it is not installed, or is another picture.
     """
@@ -86,12 +86,17 @@ def read_photo(name: str) -> Picture:
         raise UserError("a shipped photo cannot be read", where=path, found=error, remedy=HOW_TO_INSTALL) from error
     if found != DIGESTS[name]:
         raise UserError("not the photo of this name", where=path, expected=DIGESTS[name], remedy=HOW_TO_INSTALL)
-    return no_larger(read_picture(path))
+    return no_larger(read_picture(path), longest)
 
 
-def no_larger(photo: Picture) -> Picture:
-    """The photo, reduced to `LONGEST_SIDE` where it is larger."""
-    scale = LONGEST_SIDE / max(photo.shape[:2])
+def longest_for(width: int, height: int) -> int:
+    """How large photos are read of which windows of this size are cut: twice as large, that there is a choice."""
+    return max(LONGEST_SIDE, 2 * max(width, height))
+
+
+def no_larger(photo: Picture, longest: int = LONGEST_SIDE) -> Picture:
+    """The photo, reduced to a side of `longest` where it is larger."""
+    scale = longest / max(photo.shape[:2])
     return photo if scale >= 1 else resize_picture(photo, round(photo.shape[1] * scale), round(photo.shape[0] * scale))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from stages.imaging.pictures import Picture, resize_picture
@@ -19,3 +21,27 @@ def random_window(picture: Picture, width: int, height: int, generator: np.rando
     left = int(generator.integers(picture.shape[1] - across + 1))
     top = int(generator.integers(picture.shape[0] - down + 1))
     return resize_picture(picture[top : top + down, left : left + across], width, height)
+
+
+def windows_of_all(
+    photos: Sequence[tuple[str, Picture]], count: int, width: int, height: int, generator: np.random.Generator
+) -> Iterator[tuple[str, Picture]]:
+    """`count` windows with their photos' names, of one photo after the other, as trials of what sees a watermark.
+
+    None is enlarged, for that has no fine grain, nor can one photo be tried for ever: a photo that is smaller gives
+    none, and one of the very size as many as there are places in it. So there may be fewer, or none at all.
+    """
+    left = [_most_windows(photo, width, height) for _, photo in photos]
+    while count > 0 and any(left):
+        for row, (name, photo) in enumerate(photos):
+            if count > 0 and left[row] > 0:
+                yield name, random_window(photo, width, height, generator)
+                count, left[row] = count - 1, left[row] - 1
+
+
+def _most_windows(photo: Picture, width: int, height: int) -> float:
+    """How many windows differ; without end where their size may, too."""
+    across, down = photo.shape[1] - width, photo.shape[0] - height
+    if min(across, down) < 0:
+        return 0
+    return float("inf") if min(across, down) > 0 else across + down + 1

@@ -6,23 +6,26 @@ from collections.abc import Collection, Sequence
 
 from pipeline.artifact import Artifact
 from stages.imaging.pictures import Picture, read_picture
-from stages.imaging.shipped_photos import no_larger, read_photo
+from stages.imaging.shipped_photos import LONGEST_SIDE, no_larger, read_photo
 from stages.scene.capture import picture_path, read_capture
 from stages.scene.scene import TEST_VIEW_EVERY
 
 
-def read_photos(capture: Artifact, among: Collection[str] | None = None) -> list[Picture]:
-    """The photos of a capture, in their order: all, or those of these names."""
+def read_photos(capture: Artifact, among: Collection[str] | None = None, longest: int = LONGEST_SIDE) -> list[Picture]:
+    """The photos of a capture, in their order: all, or those of these names; reduced to a side of `longest`."""
     names = [name for name in read_capture(capture).names if among is None or name in among]
-    return [no_larger(read_picture(picture_path(capture, name))) for name in names]
+    return [no_larger(read_picture(picture_path(capture, name)), longest) for name in names]
 
 
-def learnt_photos(captures: Sequence[Artifact], shipped: Sequence[str]) -> list[list[Picture]]:
+def learnt_photos(
+    captures: Sequence[Artifact], shipped: Sequence[str], longest: int = LONGEST_SIDE
+) -> list[list[Picture]]:
     """The captures' photos but every eighth, which is held out, and those that packages ship, by their names.
 
     A list for each scene: a capture is one, and so is a shipped photo.
     """
     of_captures = [
-        [photo for row, photo in enumerate(read_photos(capture)) if row % TEST_VIEW_EVERY] for capture in captures
+        [photo for row, photo in enumerate(read_photos(capture, longest=longest)) if row % TEST_VIEW_EVERY]
+        for capture in captures
     ]
-    return of_captures + [[read_photo(name)] for name in shipped]
+    return of_captures + [[read_photo(name, longest)] for name in shipped]

@@ -1,0 +1,32 @@
+"""Windows out of photos: trials that are pictures of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.imaging.pictures import Picture
+from stages.imaging.windows import windows_of_all
+
+WIDTH, HEIGHT = 12, 8
+
+
+def photo(width: int, height: int) -> Picture:
+    return np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def test_photos_take_turns_and_the_same_window_is_no_second_trial() -> None:
+    """Of the very size there is one, of one row more there are two; what is smaller would be enlarged."""
+    sizes = {"same": (12, 8), "small": (11, 40), "row": (12, 9), "large": (24, 16)}
+    photos = [(name, photo(*size)) for name, size in sizes.items()]
+    windows = list(windows_of_all(photos, 7, WIDTH, HEIGHT, np.random.default_rng(0)))
+    assert [name for name, _ in windows] == ["same", "row", "large", "row", "large", "large", "large"]
+    assert {window.shape for _, window in windows} == {(HEIGHT, WIDTH, 3)}
+    large = [window.tobytes() for name, window in windows if name == "large"]
+    assert len(set(large)) == len(large)
+
+
+def test_there_may_be_fewer_or_none() -> None:
+    generator = np.random.default_rng(0)
+    assert len(list(windows_of_all([("same", photo(12, 8))], 5, WIDTH, HEIGHT, generator))) == 1
+    assert list(windows_of_all([("small", photo(6, 4))], 5, WIDTH, HEIGHT, generator)) == []
+    assert list(windows_of_all([], 5, WIDTH, HEIGHT, generator)) == []
