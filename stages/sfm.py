@@ -89,6 +89,8 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
         context.record(unsure_poses=[*photos_without_points(scene, result)])
     if result.folded:
         context.record(folded=[capture.names[row] for row in result.folded])
+    if result.cropping:
+        context.record(cropping=[capture.names[row] for row in result.cropping])
 
 
 def photos_without_points(scene: Scene, result: Reconstruction) -> tuple[str, ...]:

@@ -82,7 +82,8 @@ class Reconstruction:
     shows of the picture that this lens alone would give (see `shares_shown`). `points_seen`: how many of the points
     each registered photo sees. The reprojection error is in working pixels. Where too few photos registered there may
     be no points, no lens and no pinhole: there are no corners then.
-    `folded` are rows that were left out because their lens folds over (see `folded_lenses`).
+    `folded` are rows that were left out because their lens folds over (see `folded_lenses`), `cropping` those for which
+    all others would have been cropped (see `cropping_lenses`).
     """
 
     rows: tuple[int, ...]
@@ -96,6 +97,7 @@ class Reconstruction:
     mean_reprojection_error: float
     lens_parameters: tuple[str, ...]
     folded: tuple[int, ...]
+    cropping: tuple[int, ...]
     seconds: dict[str, float]
     version: str
 
@@ -108,6 +110,7 @@ class Reconstruction:
             "mean_reprojection_error": self.mean_reprojection_error,
             "lens_parameters": self.lens_parameters,
             "folded": self.folded,
+            "cropping": self.cropping,
             "seconds": self.seconds,
             "version": self.version,
         }
@@ -124,7 +127,7 @@ class Reconstruction:
 def read_reconstruction(folder: Path) -> Reconstruction:
     """Read what `Reconstruction.write` wrote."""
     facts = json.loads((folder / FACTS).read_text())
-    for name in ("rows", "lens_of", "lens_shares", "points_seen", "lens_parameters", "folded"):
+    for name in ("rows", "lens_of", "lens_shares", "points_seen", "lens_parameters", "folded", "cropping"):
         facts[name] = tuple(facts[name])
     with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
         return Reconstruction(**facts, **{name: arrays[name] for name in arrays.files})

@@ -26,6 +26,7 @@ from stages.scene.reconstruction_job import PHASES, Job, Reconstruction, read_jo
 from stages.scene.undistortion import (
     LensView,
     corner_positions,
+    cropping_lenses,
     folded_lenses,
     own_pinhole,
     shared_pinhole,
@@ -206,17 +207,35 @@ def leave_out_folded(job: Job, model: pycolmap.Reconstruction) -> tuple[int, ...
     images = [model.images[key] for key in model.reg_image_ids()]
     numbers = sorted({image.camera_id for image in images})
     folded = folded_lenses([view_of(model.cameras[number]) for number in numbers], job.width, job.height)
-    left_out = [image for image in images if image.camera_id in {numbers[place] for place in folded}]
-    for image in left_out:
+    return leave_out(model, [numbers[place] for place in folded])
+
+
+def leave_out_cropping(job: Job, model: pycolmap.Reconstruction) -> tuple[int, ...]:
+    """Take the few photos for which all others would be cropped out of the model, and return their rows.
+
+    Of a phone that looks down at things some photos are upright among wide ones; they would take a half of all others.
+    """
+    photos = Counter(model.images[key].camera_id for key in model.reg_image_ids())
+    numbers = sorted(photos)
+    lenses = [view_of(model.cameras[number]) for number in numbers]
+    cropping = cropping_lenses(lenses, [photos[number] for number in numbers], job.width, job.height)
+    return leave_out(model, [numbers[place] for place in cropping])
+
+
+def leave_out(model: pycolmap.Reconstruction, cameras: Sequence[int]) -> tuple[int, ...]:
+    """Take the photos of these cameras out of the model, and return their rows."""
+    images = [image for key in model.reg_image_ids() if (image := model.images[key]).camera_id in cameras]
+    for image in images:
         model.deregister_frame(image.frame_id)
-    return tuple(sorted(row_of(image.name) for image in left_out))
+    return tuple(sorted(row_of(image.name) for image in images))
 
 
 def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str, float]) -> Reconstruction:
     """The model in the job's terms, with the pinhole that undistortion needs; writes the lenses' corners."""
     folded = () if model is None else leave_out_folded(job, model)
+    cropping = leave_out_cropping(job, model) if model is not None and job.poses is None else ()
     if model is None or model.num_reg_images() < SMALLEST_MODEL:
-        return nothing(seconds, folded)
+        return nothing(seconds, folded, cropping)
     images = sorted((model.images[key] for key in model.reg_image_ids()), key=lambda image: image.name)
     numbers = sorted({image.camera_id for image in images})
     cameras = [model.cameras[number] for number in numbers]
@@ -241,12 +260,13 @@ def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str,
         mean_reprojection_error=model.compute_mean_reprojection_error() if kept else 0.0,
         lens_parameters=tuple(f"{camera.model_name} {camera.params_to_string()}" for camera in cameras),
         folded=folded,
+        cropping=cropping,
         seconds=seconds,
         version=pycolmap.__version__,
     )
 
 
-def nothing(seconds: dict[str, float], folded: tuple[int, ...]) -> Reconstruction:
+def nothing(seconds: dict[str, float], folded: tuple[int, ...], cropping: tuple[int, ...] = ()) -> Reconstruction:
     """No photo was placed."""
     return Reconstruction(
         rows=(),
@@ -260,6 +280,7 @@ def nothing(seconds: dict[str, float], folded: tuple[int, ...]) -> Reconstructio
         mean_reprojection_error=0.0,
         lens_parameters=(),
         folded=folded,
+        cropping=cropping,
         seconds=seconds,
         version=pycolmap.__version__,
     )

@@ -102,25 +102,38 @@ def photos_not_placed(finished: Finished) -> tuple[Remark, ...]:
     missing = sorted(set(names) - set(placed))
     if not missing:
         return ()
-    folded = _folded(finished.facts)
+    folded, cropping = (_recorded(finished.facts, why) for why in ("folded", "cropping"))
+    details = [
+        f"Not placed: {', '.join(missing)}",
+        *([f"for their lenses: {', '.join(folded)}"] if folded else []),
+        *([f"held the other way or zoomed: {', '.join(cropping)}"] if cropping else []),
+    ]
     return (
         Remark(
             f"{len(placed)} of {len(names)} photos placed; the log names the others. {why_not_placed(finished.facts)}",
-            f"Not placed: {', '.join(missing)}" + (f"; for their lenses: {', '.join(folded)}" if folded else ""),
+            "; ".join(details),
         ),
     )
 
 
 def why_not_placed(facts: Mapping[str, object]) -> str:
     """What to do about photos that `sfm` did not place, by what it recorded."""
-    folded = len(_folded(facts))
-    if not folded:
-        return OVERLAP
-    return f"{folded} of them fit no real lens, and were left out: panoramas and crops do not belong in such a folder."
+    folded, cropping = (len(_recorded(facts, why)) for why in ("folded", "cropping"))
+    said = []
+    if folded:
+        said.append(
+            f"{folded} of them fit no real lens, and were left out: panoramas and crops do not belong in such a folder."
+        )
+    if cropping:
+        said.append(
+            f"{cropping} of them were held the other way (upright or wide) or zoomed, and were left out: all others "
+            "would have been cropped to what they show."
+        )
+    return " ".join(said) or OVERLAP
 
 
-def _folded(facts: Mapping[str, object]) -> list[str]:
-    recorded = facts.get("folded", [])
+def _recorded(facts: Mapping[str, object], why: str) -> list[str]:
+    recorded = facts.get(why, [])
     return [str(name) for name in recorded] if isinstance(recorded, list) else []
 
 

@@ -22,6 +22,8 @@ Unproject = Callable[[Float64[np.ndarray, "N 2"]], Float64[np.ndarray, "N 2"]]
 BORDER_SAMPLES = 101
 WIDEST_TANGENT = 1.75  # a pinhole of more than 120 degrees would spend its pixels on the corners
 SHRINKING, SHRINKINGS = 1.01, 100
+WIDE_ENOUGH = 0.8  # of most photos the pictures show at least this share, by area, or some photos are left out
+FEW = 0.1  # share of the photos, at most
 FINEST_SAMPLING = 8  # samples a training pixel and axis; larger photos are averaged down to that first
 
 
@@ -140,6 +142,27 @@ def shares_shown(lenses: Sequence[LensView], width: int, height: int) -> tuple[f
     """
     shared = focal_within(common_rectangle(lenses), width, height)
     return tuple((focal_within(common_rectangle([lens]), width, height) / shared) ** 2 for lens in lenses)
+
+
+def cropping_lenses(lenses: Sequence[LensView], photos: Sequence[int], width: int, height: int) -> list[int]:
+    """Which lenses crop the pictures of all others, by their numbers, where few photos have them: of photos that were
+    held the other way, or zoomed. `photos`: how many each lens has.
+
+    None where the shared pinhole shows enough of most photos, or where more than a `FEW` would have to go for that.
+    """
+    left, chosen, allowed = list(range(len(lenses))), list[int](), FEW * sum(photos)
+    while left:
+        shares = shares_shown([lenses[number] for number in left], width, height)
+        every = sorted(np.repeat(shares, [photos[number] for number in left]))
+        if every[(len(every) - 1) // 2] >= WIDE_ENOUGH:
+            return sorted(chosen)
+        narrowest = max(zip(shares, left, strict=True), key=lambda one: (one[0], -photos[one[1]]))[1]
+        allowed -= photos[narrowest]
+        if allowed < 0:
+            return []
+        left.remove(narrowest)
+        chosen.append(narrowest)
+    return []
 
 
 def common_rectangle(lenses: Sequence[LensView]) -> tuple[float, float, float, float]:

@@ -1,4 +1,4 @@
-"""A photo that no lens took, such as a phone's panorama, is left out, and harms no other."""
+"""Photos that no lens took, such as a phone's panorama, and few that would crop all others are left out."""
 
 from __future__ import annotations
 
@@ -25,18 +25,21 @@ options = pycolmap.SyntheticDatasetOptions(num_rigs=len(job.lenses), num_frames_
 model = pycolmap.synthesize_dataset(options)
 for row, key in enumerate(sorted(model.reg_image_ids())):
     model.images[key].name = working_name(row)
-    if row < panoramas:  # 110 degrees across, as COLMAP places it: its lens cannot be inverted on the left and right
+    if row < panoramas and sys.argv[3] == "upright":
+        camera = model.cameras[model.images[key].camera_id]
+        camera.width, camera.height, camera.params = 768, 1024, [1280, 384, 512, 0]
+    elif row < panoramas:  # 110 degrees across, as COLMAP places it: its lens cannot be inverted on the left and right
         camera = model.cameras[model.images[key].camera_id]
         camera.width, camera.height, camera.params = 960, 280, [500, 480, 140, -0.257]
 describe(job, model, {}).write(job.folder)
 """
 
 
-def described(folder: Path, panoramas: int) -> Reconstruction:
-    """What the process makes of a model of `VIEWS` photos, each with a lens of its own, the first ones panoramas."""
+def described(folder: Path, others: int, kind: str = "panoramas") -> Reconstruction:
+    """What the process makes of a model of `VIEWS` photos, each with its own lens, the first ones of another kind."""
     guesses = (Lens("SIMPLE_PINHOLE", (1200.0, 512.0, 384.0), 1024, 768),) * VIEWS
     job = Job(folder, guesses, (False,) * VIEWS, (0,) * VIEWS, None, (), (), 100, *SIZE, seed=0, threads=1)
-    command = [sys.executable, "-c", DESCRIBE, str(job.write()), str(panoramas)]
+    command = [sys.executable, "-c", DESCRIBE, str(job.write()), str(others), kind]
     subprocess.run(command, check=True, cwd=Path(__file__).parents[3])
     return read_reconstruction(folder)
 
@@ -54,3 +57,14 @@ def test_photos_of_estimated_lenses_that_fold_over_are_left_out(tmp_path: Path, 
 def test_where_hardly_any_lens_is_one_nothing_was_placed(tmp_path: Path) -> None:
     found = described(tmp_path, VIEWS - 2)
     assert (found.rows, found.folded) == ((), tuple(range(VIEWS - 2)))
+
+
+@pytest.mark.parametrize(("upright", "left_out"), [(0, 0), (1, 1), (2, 0)])
+def test_one_upright_photo_among_wide_ones_is_left_out_and_two_of_twelve_are_not(
+    tmp_path: Path, upright: int, left_out: int
+) -> None:
+    """With it all pictures would show half of what they could; two are more than a tenth, and crop."""
+    found = described(tmp_path, upright, "upright")
+    assert (found.cropping, found.folded) == (tuple(range(left_out)), ())
+    assert found.rows == tuple(range(left_out, VIEWS))
+    assert (min(found.lens_shares) < 0.7) == (upright > left_out)

@@ -43,6 +43,16 @@ def test_photos_that_no_lens_took(tmp_path: Path) -> None:
     assert remark.details == "Not placed: a.jpg, c.jpg; for their lenses: c.jpg"
 
 
+def test_photos_that_would_have_cropped_all_others_are_told(tmp_path: Path) -> None:
+    capture = artifact(tmp_path / "capture", "capture", names=["a.jpg", "b.jpg", "c.jpg"])
+    scene = artifact(tmp_path / "scene", "scene", names=["a.jpg"])
+    facts = {"folded": ["b.jpg"], "cropping": ["c.jpg"]}
+    (remark,) = photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene}, **facts))
+    assert "1 of them fit no real lens" in remark.text
+    assert "1 of them were held the other way (upright or wide) or zoomed, and were left out" in remark.text
+    assert remark.details == ("Not placed: b.jpg, c.jpg; for their lenses: b.jpg; held the other way or zoomed: c.jpg")
+
+
 def test_nothing_is_said_where_all_are_placed(tmp_path: Path) -> None:
     capture, scene = (artifact(tmp_path / kind, kind, names=["a.jpg"]) for kind in ("capture", "scene"))
     assert photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene})) == ()

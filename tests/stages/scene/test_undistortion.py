@@ -10,6 +10,7 @@ from stages.scene.undistortion import (
     LensView,
     Pinhole,
     corner_positions,
+    cropping_lenses,
     folded_lenses,
     own_pinhole,
     refined,
@@ -114,6 +115,17 @@ def test_one_photo_upright_or_zoomed_crops_all_others() -> None:
     assert shares_shown([barrel, barrel], 64, 48) == (1, 1)
     fields = [64 * 48 / shared_pinhole(lenses, 64, 48).intrinsics[0, 0] ** 2 for lenses in ([wide, upright], [wide])]
     assert shares_shown([wide, upright], 64, 48)[0] == pytest.approx(fields[0] / fields[1])
+
+
+def test_few_photos_that_crop_all_others_are_told() -> None:
+    """Held the other way, or zoomed; many are no mistake, and what crops little may stay."""
+    wide, upright, zoomed = radial(0.0), radial(0.0, width=300, height=400), radial(0.0, focal=900.0)
+    lenses = [wide, upright, zoomed]
+    assert cropping_lenses(lenses, [18, 1, 1], 64, 48) == [1, 2]
+    assert cropping_lenses(lenses[:2], [9, 1], 64, 48) == [1]
+    assert cropping_lenses(lenses[:2], [8, 2], 64, 48) == []
+    assert cropping_lenses([wide, radial(0.0, focal=310.0)], [9, 1], 64, 48) == []
+    assert cropping_lenses([], [], 64, 48) == []
 
 
 def test_lenses_that_fold_over_are_refused() -> None:
