@@ -231,7 +231,7 @@ def test_given_lenses_that_fold_over_are_told_with_their_photos_before_any_work(
 def test_photos_left_out_for_their_lenses_are_told_where_too_few_are_left(synthetic: Artifact) -> None:
     settings = Settings(100, 960, "auto", 8192, "SIMPLE_RADIAL", minimum_registered=0.5, seed=0)
     none = np.empty((0, 3))
-    result = Reconstruction((), np.empty((0, 4, 4)), np.eye(3), (), (), (), none, none, 0.0, (), (2, 3), {}, "")
+    result = Reconstruction((), np.empty((0, 4, 4)), np.eye(3), (), (), (), none, none, 0.0, (), (2, 3), (), {}, "")
     with pytest.raises(
         UserError, match=r"placed 0 of 8 photos; found besides, 2 photos \(02\.png, 03\.png\).*panoramas"
     ):
