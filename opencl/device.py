@@ -54,12 +54,10 @@ class Device:
         """
         kind = "CPU" if self.is_cpu else "GPU" if self.handle.type & pyopencl.device_type.GPU else "accelerator"
         units = self.handle.max_compute_units
-        own = (
-            ""
-            if self.is_cpu
-            else f", {self.handle.global_mem_size / 2**30:.1f} GiB, driver {self.handle.driver_version}"
-        )
-        return f"{self.name} [{kind}, {units} compute units{own}]"
+        facts = [kind, f"{units} compute units"]
+        if not self.is_cpu:
+            facts += [f"{self.handle.global_mem_size / 2**30:.1f} GiB", f"driver {self.handle.driver_version}"]
+        return f"{self.name} [{', '.join(facts)}]"
 
     def prepare(self) -> None:
         """Make sure that kernels can be built; `ValueError` with a way out where they cannot."""

@@ -122,6 +122,29 @@ def test_pictures_that_are_not_read_are_counted_apart(tmp_path: Path, place: str
     assert found.unread == {".dng": 1, ".heic": 2}
 
 
+def test_a_folder_of_which_most_pictures_are_not_read_is_refused(tmp_path: Path) -> None:
+    """A phone writes HEIC, and now and then a JPEG: these few are not the capture."""
+    folder = tmp_path / "photos"
+    for name in ("1.jpg", "2.jpg"):
+        take(folder / name)
+    for name in ("3.HEIC", "4.heic"):
+        (folder / name).write_bytes(b"not read")
+    assert len(capture(folder, tmp_path / "half").files) > 0
+    (folder / "5.dng").write_bytes(b"not read")
+    with pytest.raises(UserError, match=r"cannot be read; found 1 \.dng, 2 \.heic, beside 2 that can.*Convert"):
+        capture(folder, tmp_path / "most")
+
+
+def test_photos_that_cannot_be_read_are_named_together(tmp_path: Path) -> None:
+    """Messengers send dozens of HEIC files under the names of JPEG: one after the other would take dozens of runs."""
+    folder = tmp_path / "photos"
+    take(folder / "1.jpg")
+    for number in range(2, 15):
+        (folder / f"{number}.jpg").write_bytes(b"not a JPEG")
+    with pytest.raises(UserError, match=r"photos: 13 pictures cannot be read; found 10\.jpg, 11\.jpg, .*, …; of the"):
+        capture(folder, tmp_path / "out")
+
+
 def test_a_folder_of_pictures_that_are_not_read_is_refused_with_what_to_do(tmp_path: Path) -> None:
     folder = tmp_path / "photos"
     folder.mkdir()
