@@ -31,15 +31,16 @@ class Shown:
     note: str = ""
 
     @property
-    def shrunk(self) -> Picture:
-        """The picture as the page has it, at most `LONGEST_SIDE` long."""
+    def size(self) -> tuple[int, int]:
+        """Width and height of the picture as the page has it, at most `LONGEST_SIDE` long."""
         height, width = self.picture.shape[:2]
         factor = min(1.0, LONGEST_SIDE / max(height, width))
-        return resize_picture(self.picture, max(1, round(width * factor)), max(1, round(height * factor)))
+        return max(1, round(width * factor)), max(1, round(height * factor))
 
     def data_uri(self, lossless: bool) -> str:
         """The picture as a PNG or a JPEG inside a URI."""
-        kind, data = ("png", encode_png(self.shrunk)) if lossless else ("jpeg", encode_jpeg(self.shrunk, JPEG_QUALITY))
+        shrunk = resize_picture(self.picture, *self.size)
+        kind, data = ("png", encode_png(shrunk)) if lossless else ("jpeg", encode_jpeg(shrunk, JPEG_QUALITY))
         return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 
@@ -77,8 +78,7 @@ class Gallery:
 
 def is_lossless(galleries: Sequence[Gallery]) -> bool:
     """Whether all pictures together are few enough for PNG."""
-    pictures = [shown.shrunk for shown in all_shown(galleries)]
-    return sum(picture.shape[0] * picture.shape[1] for picture in pictures) <= LOSSLESS_PIXELS
+    return sum(width * height for width, height in (shown.size for shown in all_shown(galleries))) <= LOSSLESS_PIXELS
 
 
 def are_shrunk(galleries: Sequence[Gallery]) -> bool:
