@@ -2,7 +2,7 @@
 # make test   lint, types and all tests but the slow ones
 # make tables PHOTOS=FOLDER   the paper's tables of quality by the CPU profile, each ending in a page; those of attacks,
 #                             detectors and RTWS, which take longer: TABLES="robustness security rtws"; other values:
-#                             SETTINGS="--set precision=float32"
+#                             SETTINGS="--set width=400"
 # Each makes the virtual environment that it needs.
 
 PYTHON ?= python3

@@ -40,7 +40,9 @@ STAGE_FACING = {
     for name in ("stage", "artifact", "errors", "plain_text", "drawing", "companion", "checkpoint", "data_folder")
 }
 LIBRARY_FLOORS = ["timing", "imaging", "scene", "tracing", "hiding", "training", "analysis"]
-RASTERIZER_FACING = {"opencl.rasterizer", "opencl.device", "opencl.harmonics", "opencl.routes", "opencl.ssim"}
+RASTERIZER_FACING = {
+    f"opencl.{name}" for name in ("rasterizer", "device", "harmonics", "routes", "ssim", "convolution")
+}
 
 
 def sources(package: str) -> Iterator[tuple[str, Path]]:

@@ -36,6 +36,11 @@ class Decoder(torch.nn.Sequential):
             modules += [Convolution(inputs, outputs, kernel_size), torch.nn.ReLU()]
         super().__init__(*modules[:-1])
 
+    @property
+    def convolutions(self) -> list[Convolution]:
+        """Of all layers; a ReLU follows on each but the last."""
+        return [module for module in self if isinstance(module, Convolution)]
+
     def pass_through(self, rows: Float[Tensor, "C M"], neutral: float = 0.5) -> None:
         """Start as a linear map: output channel k is rows[k]·(f - neutral) + 0.5, and training goes on from there.
 
@@ -43,8 +48,8 @@ class Decoder(torch.nn.Sequential):
         this start they carry one at once, and what other channels add to it begins at zero. Raises `ValueError` where
         the decoder is narrower than its output.
         """
-        convolutions = [module for module in self if isinstance(module, torch.nn.Conv2d)]
-        channels, centre = len(rows), convolutions[0].kernel_size[0] // 2
+        convolutions, channels = self.convolutions, len(rows)
+        centre = convolutions[0].kernel_size[0] // 2
         narrowest = min(convolution.out_channels for convolution in convolutions)
         if narrowest < channels:
             raise ValueError(f"a decoder {narrowest} channels wide cannot pass {channels} channels through")
@@ -63,23 +68,25 @@ def decode(
     """D(F_coup) of Eq. 5, unclamped float32, channels last.
 
     `precision` bfloat16 runs the convolutions between the first and the last in it, forward and backward, with float32
-    sums and weights that learn in float32: 0.6 of the time on AMD's CPUs that have the instructions (Zen 4 and 5), 1.4
-    times on Intel's without AMX (Emerald Rapids), 1.1 times on others (`_through_rounded`). The last stays in float32,
-    since pictures rounded to eight bits are wrong about the sign of small residuals: on a trained container that put a
-    bias of up to 30 % on gradients of the weights. So does the first, which would read rounded features; it costs no
-    time. What is left: fox hiding kitchen, 600 iterations, shows the message 0.15 (homogeneous) and 0.08 dB (gs_hider)
-    worse on training views.
+    sums and weights that learn in float32. It is for GPUs; CPUs, for which float32 has convolutions of its own, take
+    longer by it (an iteration on Emerald Rapids 2.3 times as long; Zen 4 and 5 have faster instructions for it, and
+    were not measured since) and those without the instructions round in float32 (`_through_rounded`). The last stays in
+    float32, since pictures rounded to eight bits are wrong about the sign of small residuals: on a trained container
+    that put a bias of up to 30 % on gradients of the weights. So does the first, which would read rounded features; it
+    costs no time. What is left: fox hiding kitchen, 600 iterations, shows the message 0.15 (homogeneous) and 0.08 dB
+    (gs_hider) worse on training views.
     Both precisions give the same bits every time on one machine with one number of threads. Pictures do not depend on
-    that number, but gradients of the weights do: they are sums over pixels, of which every thread adds its share first.
+    that number, but gradients of the weights do: they are sums over pixels, of which every thread of torch's adds its
+    share first.
     """
-    first, *between, last = decoder
-    values = first(feature_map.permute(2, 0, 1).unsqueeze(0))
+    first, *between, last = decoder.convolutions
+    values = first(feature_map.permute(2, 0, 1).unsqueeze(0), rectified=True)
     if precision == torch.bfloat16 and values.device.type == "cpu" and not has_bfloat16_convolutions():
         values = _through_rounded(between, values)
     else:
         with torch.autocast(values.device.type, dtype=torch.bfloat16, enabled=precision == torch.bfloat16):
-            for module in between:
-                values = module(values)
+            for convolution in between:
+                values = convolution(values, rectified=True)
     decoded: Tensor = last(values.float())
     return decoded.squeeze(0).permute(1, 2, 0)
 
@@ -89,16 +96,16 @@ def has_bfloat16_convolutions() -> bool:
     return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
 
 
-def _through_rounded(modules: Sequence[torch.nn.Module], values: Tensor) -> Tensor:
-    """What bfloat16 modules give, by float32 convolutions of values and weights that are rounded to bfloat16.
+def _through_rounded(convolutions: Sequence[Convolution], values: Tensor) -> Tensor:
+    """What bfloat16 convolutions and their ReLU give, by float32 ones of values and weights rounded to bfloat16.
 
     Products of bfloat16 are exact in float32, so that both ways differ by the order of sums alone, forward and
     backward. Without AVX-512 torch's own way takes many times as long as float32, this one 1.1 (Zen 3, 64 channels).
     """
     values = _rounded(values)
-    for module in modules:
-        weights = {name: _rounded(weight) for name, weight in module.named_parameters()}
-        values = _rounded(torch.func.functional_call(module, weights, (values,)))
+    for convolution in convolutions:
+        weights = {name: _rounded(weight) for name, weight in convolution.named_parameters()}
+        values = _rounded(torch.func.functional_call(convolution, weights, (values,), {"rectified": True}))
     return values
 
 

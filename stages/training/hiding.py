@@ -79,9 +79,8 @@ class HidingParameters(TrainingParameters):
     )
     precision: Literal["float32", "bfloat16"] = Field(
         "float32",
-        description="Of the convolutions between a decoder's first and last. On Zen 4 and 5 bfloat16 takes 0.7 of an "
-        "iteration's time, on Intel's AVX-512 without AMX 1.2, elsewhere 1.1, and costs the message 0.1 to 0.2 dB. "
-        "Either gives the same bits every time for one number of threads.",
+        description="Of the convolutions between a decoder's first and last. bfloat16 is for GPUs: CPUs take longer by "
+        "it, and messages lose 0.1 to 0.2 dB. Either gives the same bits every time for one number of threads.",
     )
 
     @model_validator(mode="before")

@@ -49,6 +49,11 @@ from stages.training.objectives import hiding_terms
 from stages.training.state import state_of
 from stages.training.views import training_views
 
+DECODERS: dict[str, dict[str, object]] = {
+    "homogeneous": {"decoder_width": 32, "kernel_size": 1},
+    "gs_hider": {"decoder_width": 64, "kernel_size": 3},
+}
+"""As the stages that hide have them unless told otherwise."""
 WARM_UP = 5
 WHOLE = 2_000
 """Iterations of the training whose middle is measured."""
@@ -73,7 +78,7 @@ def prepared(arguments: argparse.Namespace, device: torch.device) -> Training:
     stored = read_gaussians(load(arguments.splats))
     settings: dict[str, object] = {"sh_degree": 3}
     if arguments.method != "plain":
-        settings = {"feature_dim": 16, "layers": 5, "decoder_width": arguments.decoder_width}
+        settings = {"feature_dim": 16, "layers": 5, **DECODERS[arguments.method]}
         settings |= {"precision": arguments.precision, "messages": list(messages)}
     torch.manual_seed(0)
     method = build_method(arguments.method, settings)
@@ -133,8 +138,7 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("views", type=Path, nargs="*")
     parser.add_argument("--iterations", type=int, default=100)
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--precision", default="bfloat16")
-    parser.add_argument("--decoder-width", type=int, default=32)
+    parser.add_argument("--precision", default="float32")
     parser.add_argument("--give-memory-back", action="store_true")
     parser.add_argument("--folder", type=Path, help="Where checkpoints are written; a temporary folder by default.")
     return parser

@@ -1,5 +1,5 @@
-"""What runs under Oclgrind: `python -m tests.opencl.oclgrind_job draw SCHEDULE FEATURE_DIM DTYPE`, `crowd SCHEDULE`
-or `broken`.
+"""What runs under Oclgrind: `python -m tests.opencl.oclgrind_job draw SCHEDULE FEATURE_DIM DTYPE`, `crowd SCHEDULE`,
+`convolve` or `broken`.
 
 Oclgrind interprets kernels, so the picture is small. The broken kernels prove that its reports reach the test.
 """
@@ -11,10 +11,13 @@ import sys
 import numpy as np
 import pyopencl
 
+from opencl import convolution
 from opencl.device import choose_device
 from opencl.program import Schedule
 from tests.opencl.runtimes import backend_of, draw_with_gradients, dtype_of
 from tests.opencl.scenes import Scene, gradients, make_scene
+from tests.opencl.test_convolution import expected, with_gradients
+from tests.opencl.test_convolution import inputs as convolution_inputs
 
 BROKEN = {
     "write_out_of_bounds": "values[get_global_id(0) + 1] = 1;",
@@ -52,6 +55,19 @@ def print_error(schedule: Schedule, scene: Scene, **wishes: bool) -> None:
     print(max(errors))
 
 
+def convolve() -> None:
+    """Forward and backward of two small pictures whose last tiles stick out; prints how far they are from torch's."""
+    leaves = convolution_inputs(2, 16, 32, 5, 11)
+    backend = backend_of("cpu")
+    convolution.backend_for = lambda _: backend
+    convolution.can_convolve = lambda *_: True
+    found = with_gradients(convolution.convolve(*leaves, True), *leaves)
+    errors = []
+    for one, other in zip(found, with_gradients(expected(*leaves, True), *leaves), strict=True):
+        errors.append(((one - other).norm() / other.norm()).item())
+    print(max(errors))
+
+
 def run_broken() -> None:
     """Two groups of four work-items of each kernel over eight integers; prints the names."""
     context = pyopencl.Context([choose_device().handle])
@@ -71,5 +87,7 @@ if __name__ == "__main__":
         draw(chosen, int(sys.argv[3]), sys.argv[4])
     elif sys.argv[1] == "crowd":
         crowd(chosen)
+    elif sys.argv[1] == "convolve":
+        convolve()
     else:
         run_broken()

@@ -65,6 +65,12 @@ def test_batches_that_follow_each_other(oclgrind, schedule):
     assert float(printed) < 1e-4
 
 
+def test_convolutions(oclgrind):
+    printed, reports = oclgrind("convolve")
+    assert reports == []
+    assert float(printed) < 1e-10
+
+
 @pytest.mark.parametrize("schedule", SCHEDULES)
 @pytest.mark.parametrize("feature_dim", [3, 17])
 def test_no_uninitialised_value(oclgrind, schedule, feature_dim):

@@ -37,6 +37,7 @@ def other_pocl(tmp_path):
     [
         "test_rasterizer",
         "test_gradients",
+        "test_convolution",
         pytest.param("test_determinism", marks=pytest.mark.slow),
         pytest.param("test_shapes", marks=pytest.mark.slow),
     ],

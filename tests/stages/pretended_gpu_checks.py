@@ -195,8 +195,8 @@ FILES: dict[str, Callable[[Path], Artifact]] = {
 
 @pytest.fixture(autouse=True)
 def little_work_and_the_same_kernels(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """On some processors the CPU's own tensors are convolved another way, which is none of the matter here."""
-    monkeypatch.setattr(convolution, "converts_for_weights", lambda: False)
+    """The CPU's own tensors are convolved another way, which is none of the matter here."""
+    monkeypatch.setattr(convolution, "can_convolve", lambda *_: False)
     monkeypatch.setattr(placing_alone, "TURNS", 1)
     torch.set_num_threads(1)
     yield

@@ -1,0 +1,168 @@
+"""Convolutions by Winograd's filtering against torch's own, and their gradients against autograd's."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+from torch.nn.functional import conv2d
+
+from opencl import convolution
+from opencl.convolution import can_convolve, convolve
+from opencl.program import ProgramKey
+
+SHAPES = [
+    (1, 16, 16, 1, 1),
+    (1, 16, 32, 4, 4),
+    (1, 32, 16, 5, 7),
+    (2, 16, 48, 3, 10),
+    (3, 48, 16, 9, 4),
+    (1, 64, 64, 33, 40),
+]
+"""Pictures, channels in and out, height and width: less than a tile, tiles that stick out, and several chunks."""
+
+
+def inputs(pictures: int, channels: int, outputs: int, height: int, width: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Values, weight and bias, in float64 and with gradients."""
+    generator = torch.Generator().manual_seed(channels + outputs + height + width)
+    shapes = [(pictures, channels, height, width), (outputs, channels, 3, 3), (outputs,)]
+    values, weight, bias = (torch.randn(*shape, dtype=torch.float64, generator=generator) for shape in shapes)
+    return values.requires_grad_(), weight.requires_grad_(), bias.requires_grad_()
+
+
+def expected(values: Tensor, weight: Tensor, bias: Tensor, rectified: bool) -> Tensor:
+    convolved = conv2d(values, weight, bias, padding=1)
+    return convolved.relu() if rectified else convolved
+
+
+def with_gradients(convolved: Tensor, *leaves: Tensor) -> list[Tensor]:
+    """The pictures, and the gradients of a sum that weighs each of their values differently."""
+    weights = torch.linspace(-1, 2, convolved.numel(), dtype=convolved.dtype).view(convolved.shape)
+    return [convolved.detach(), *torch.autograd.grad((weights * convolved).sum(), leaves)]
+
+
+@pytest.mark.parametrize("rectified", [False, True])
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_it_is_torchs_convolution(shape: tuple[int, int, int, int, int], rectified: bool) -> None:
+    leaves = inputs(*shape)
+    found = with_gradients(convolve(*leaves, rectified), *leaves)
+    for one, other in zip(found, with_gradients(expected(*leaves, rectified), *leaves), strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-10, atol=1e-11)
+
+
+@given(
+    pictures=st.integers(1, 3),
+    channels=st.sampled_from([16, 32]),
+    outputs=st.sampled_from([16, 32]),
+    height=st.integers(1, 21),
+    width=st.integers(1, 21),
+)
+def test_of_any_size(pictures: int, channels: int, outputs: int, height: int, width: int) -> None:
+    leaves = inputs(pictures, channels, outputs, height, width)
+    found = with_gradients(convolve(*leaves, True), *leaves)
+    for one, other in zip(found, with_gradients(expected(*leaves, True), *leaves), strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-10)
+
+
+def test_gradients_against_finite_differences() -> None:
+    values, weight, bias = inputs(1, 16, 16, 3, 2)
+    assert torch.autograd.gradcheck(convolve, (values, weight, bias + 0.5, True), fast_mode=True)
+
+
+@pytest.mark.parametrize("rectified", [False, True])
+def test_float32_rounds_little(rectified: bool) -> None:
+    """By a few times what torch's own convolution does."""
+    leaves = inputs(1, 64, 64, 50, 28)
+    single = [tensor.detach().float().requires_grad_() for tensor in leaves]
+    found = with_gradients(convolve(*single, rectified), *single)
+    for one, other in zip(found, with_gradients(expected(*leaves, rectified), *leaves), strict=True):
+        assert one.dtype == torch.float32
+        assert float((one - other).norm() / other.norm()) < 1e-5
+
+
+def test_a_processor_with_narrow_registers_computes_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    leaves = inputs(2, 32, 48, 11, 14)
+    usual = with_gradients(convolve(*leaves), *leaves)
+    narrow = ProgramKey("convolution", "cpu", torch.float64, convolution.RasterSettings())
+    monkeypatch.setattr(convolution, "_program", lambda *_: narrow)
+    for one, other in zip(with_gradients(convolve(*leaves), *leaves), usual, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-13, atol=1e-13)
+
+
+def test_values_that_are_not_channels_last() -> None:
+    values, weight, bias = inputs(2, 16, 32, 6, 9)
+    last = values.detach().to(memory_format=torch.channels_last)
+    crossed = values.detach().transpose(2, 3).contiguous().transpose(2, 3)
+    assert torch.equal(convolve(last, weight, bias), convolve(values.detach(), weight, bias))
+    assert torch.equal(convolve(crossed, weight, bias), convolve(values.detach(), weight, bias))
+    assert convolve(last, weight, bias).is_contiguous(memory_format=torch.channels_last)
+
+
+def test_only_what_is_asked_for_has_a_gradient() -> None:
+    values, weight, bias = inputs(1, 16, 16, 5, 6)
+    convolve(values, weight.detach(), bias.detach()).sum().backward()
+    assert (values.grad is None, weight.grad is None, bias.grad is None) == (False, True, True)
+    convolve(values.detach(), weight, bias).sum().backward()
+    assert weight.grad is not None
+    assert bias.grad is not None
+    assert not convolve(values.detach(), weight.detach(), bias.detach()).requires_grad
+
+
+def test_what_is_not_a_number_stays_one() -> None:
+    values, weight, bias = (tensor.detach() for tensor in inputs(1, 16, 16, 8, 8))
+    values[0, 3, 5, 5] = torch.nan
+    assert convolve(values, weight, bias, True).isnan().any()
+
+
+BITS = """
+import torch
+from tests.opencl.test_convolution import inputs, with_gradients
+from opencl.convolution import convolve
+leaves = [tensor.detach().float().requires_grad_() for tensor in inputs(1, 32, 32, 70, 45)]
+print([tensor.contiguous().numpy().tobytes().__hash__() for tensor in with_gradients(convolve(*leaves, True), *leaves)])
+"""
+
+
+def test_the_same_bits_with_any_number_of_threads() -> None:
+    found = set()
+    for threads in ("1", "2"):
+        environment = os.environ | {"POCL_MAX_PTHREAD_COUNT": threads, "PYTHONHASHSEED": "0"}
+        environment.pop("POCL_CACHE_DIR", None)  # of this process alone
+        command = [sys.executable, "-c", f"import torch\ntorch.set_num_threads({threads})\n{BITS}"]
+        found.add(subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout)
+    assert len(found) == 1
+
+
+@pytest.mark.parametrize(
+    ("values", "weight", "takes"),
+    [
+        (torch.zeros(1, 16, 4, 4), torch.zeros(32, 16, 3, 3), True),
+        (torch.zeros(1, 16, 4, 4).double(), torch.zeros(32, 16, 3, 3).double(), True),
+        (torch.zeros(1, 16, 4, 4).double(), torch.zeros(32, 16, 3, 3), False),
+        (torch.zeros(1, 16, 4, 4).bfloat16(), torch.zeros(32, 16, 3, 3).bfloat16(), False),
+        (torch.zeros(1, 16, 4, 4), torch.zeros(3, 16, 3, 3), False),
+        (torch.zeros(1, 5, 4, 4), torch.zeros(16, 5, 3, 3), False),
+        (torch.zeros(1, 16, 4, 4), torch.zeros(32, 16, 1, 1), False),
+        (torch.zeros(0, 16, 4, 4), torch.zeros(32, 16, 3, 3), False),
+        (torch.zeros(1, 16, 4, 4, device="meta"), torch.zeros(32, 16, 3, 3, device="meta"), False),
+    ],
+)
+def test_what_it_takes(values: Tensor, weight: Tensor, takes: bool) -> None:
+    assert can_convolve(values, weight) is takes
+    if not takes:
+        with pytest.raises(ValueError, match=r"expected values \(B, C, H, W\)"):
+            convolve(values, weight, weight.new_zeros(len(weight)))
+
+
+def test_channels_and_a_bias_that_do_not_fit_are_refused() -> None:
+    values, weight, bias = inputs(1, 16, 32, 4, 4)
+    with pytest.raises(ValueError, match=r"found \['\(1, 16, 4, 4\)"):
+        convolve(values, torch.cat([weight, weight], dim=1), bias)
+    with pytest.raises(ValueError, match="a bias"):
+        convolve(values, weight, bias[:16])
