@@ -25,7 +25,7 @@ from torch.autograd.function import once_differentiable
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
 from opencl.program import ProgramKey
-from opencl.routes import backend_for
+from opencl.routes import backend_for, works_in_place
 
 LANES = 16
 """Channels that the kernels take at a time."""
@@ -58,12 +58,8 @@ def can_convolve(values: Float[Tensor, "B C H W"], weight: Float[Tensor, "D C he
         and values.numel() > 0
         and values.dtype == weight.dtype in (torch.float32, torch.float64)
         and values.device.type == weight.device.type == "cpu"
-        and _works_in_place(backend_for(values.device))
+        and works_in_place(values.device)
     )
-
-
-def _works_in_place(backend: Backend) -> bool:
-    return backend.schedule == "cpu" and backend.shares_memory
 
 
 def convolve(

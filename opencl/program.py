@@ -19,10 +19,10 @@ TILE = 16
 Schedule = Literal["cpu", "gpu"]
 """How work is cut: a tile for each work-item, or a tile for each work-group and a pixel for each of its work-items."""
 
-Part = Literal["geometry", "blending", "harmonics", "ssim", "convolution"]
+Part = Literal["geometry", "blending", "harmonics", "ssim", "convolution", "pixel_decoder"]
 """Two programs draw a picture: what happens to Gaussians does not depend on how many features they have. The others do
 what else a training step would spend its time on: colours of spherical harmonics, structural similarity, and, on the
-CPU, the decoders' convolutions."""
+CPU, decoders and their convolutions."""
 
 _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
     ("cpu", "geometry"): ("real.cl", "projection.cl", "footprint.cl", "cpu/lanes.cl", "cpu/tiling.cl"),
@@ -41,7 +41,11 @@ _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
     ("cpu", "harmonics"): ("real.cl", "harmonics.cl"),
     ("gpu", "harmonics"): ("real.cl", "harmonics.cl"),
     ("cpu", "ssim"): ("real.cl", "cpu/lanes.cl", "ssim.cl"),
-    ("cpu", "convolution"): ("real.cl", "cpu/lanes.cl", "cpu/winograd.cl", "cpu/convolution.cl"),
+    ("cpu", "convolution"): (
+        *("real.cl", "cpu/lanes.cl", "cpu/products.cl"),
+        *("cpu/winograd.cl", "cpu/convolution.cl"),
+    ),
+    ("cpu", "pixel_decoder"): ("real.cl", "cpu/lanes.cl", "cpu/products.cl", "cpu/pixel_decoder.cl"),
     ("gpu", "ssim"): ("real.cl", "cpu/lanes.cl", "ssim.cl"),
 }
 _KERNELS = Path(__file__).parent / "kernels"

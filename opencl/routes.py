@@ -32,6 +32,14 @@ def backend_for(tensor_device: torch.device) -> Backend:
     return _backend_for(os.environ.get(DEVICE_VARIABLE, ""), tensor_device)
 
 
+def works_in_place(tensor_device: torch.device) -> bool:
+    """Whether tensors of this device are the CPU's, and a CPU draws them in their own memory."""
+    if tensor_device.type != "cpu":
+        return False
+    backend = default_backend()
+    return backend.schedule == "cpu" and backend.shares_memory
+
+
 @functools.cache
 def _backend_for(setting: str, tensor_device: torch.device) -> Backend:
     """The backend while GS_HIDER_DEVICE is `setting`."""

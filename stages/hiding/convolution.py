@@ -13,13 +13,14 @@ class Convolution(torch.nn.Conv2d):
     """`Conv2d` of stride 1 that keeps the picture's size, for an odd `kernel_size`; the same weights, and the same
     pictures and gradients up to rounding. Fastest with channels last, as the rasterizer leaves feature maps."""
 
+    bias: Tensor  # these all have one
+
     def __init__(self, inputs: int, outputs: int, kernel_size: int):
         super().__init__(inputs, outputs, kernel_size, padding=kernel_size // 2)
 
     def forward(self, values: Float[Tensor, "B C H W"], rectified: bool = False) -> Float[Tensor, "B D H W"]:
         """With zeros beyond the edges; followed by ReLU where `rectified`."""
         if not torch.is_autocast_enabled(values.device.type) and can_convolve(values, self.weight):
-            assert self.bias is not None
             return convolve(values, self.weight, self.bias, rectified)
         convolved = super().forward(values)  # what autocast rounds it has to see itself
         return torch.relu(convolved) if rectified else convolved

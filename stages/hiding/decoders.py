@@ -9,6 +9,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from opencl.pixel_decoder import decode_pixels
+from opencl.routes import works_in_place
 from stages.hiding.convolution import Convolution
 
 PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
@@ -41,6 +43,11 @@ class Decoder(torch.nn.Sequential):
         """Of all layers; a ReLU follows on each but the last."""
         return [module for module in self if isinstance(module, Convolution)]
 
+    @property
+    def is_of_single_pixels(self) -> bool:
+        """Whether every pixel is decoded by itself."""
+        return all(convolution.kernel_size == (1, 1) for convolution in self.convolutions)
+
     def pass_through(self, rows: Float[Tensor, "C M"], neutral: float = 0.5) -> None:
         """Start as a linear map: output channel k is rows[k]·(f - neutral) + 0.5, and training goes on from there.
 
@@ -56,10 +63,10 @@ class Decoder(torch.nn.Sequential):
         with torch.no_grad():
             for position, convolution in enumerate(convolutions):
                 convolution.weight[:channels] = 0
-                convolution.bias[:channels] = 0  # type: ignore[index]  # these convolutions all have a bias
+                convolution.bias[:channels] = 0
                 taps = rows if position == 0 else torch.eye(channels, convolution.in_channels)
                 convolution.weight[:channels, :, centre, centre] = taps
-            convolutions[0].bias[:channels] = 0.5 - neutral * rows.sum(dim=1)  # type: ignore[index]  # likewise
+            convolutions[0].bias[:channels] = 0.5 - neutral * rows.sum(dim=1)
 
 
 def decode(
@@ -79,6 +86,9 @@ def decode(
     that number, but gradients of the weights do: they are sums over pixels, of which every thread of torch's adds its
     share first.
     """
+    if precision == torch.float32 and decoder.is_of_single_pixels and works_in_place(feature_map.device):
+        weights = [convolution.weight.flatten(1) for convolution in decoder.convolutions]
+        return decode_pixels(feature_map, weights, [convolution.bias for convolution in decoder.convolutions])
     first, *between, last = decoder.convolutions
     values = first(feature_map.permute(2, 0, 1).unsqueeze(0), rectified=True)
     if precision == torch.bfloat16 and values.device.type == "cpu" and not has_bfloat16_convolutions():

@@ -1,5 +1,5 @@
 """What runs under Oclgrind: `python -m tests.opencl.oclgrind_job draw SCHEDULE FEATURE_DIM DTYPE`, `crowd SCHEDULE`,
-`convolve` or `broken`.
+`convolve`, `decode_pixels` or `broken`.
 
 Oclgrind interprets kernels, so the picture is small. The broken kernels prove that its reports reach the test.
 """
@@ -10,14 +10,14 @@ import sys
 
 import numpy as np
 import pyopencl
+from torch import Tensor
 
-from opencl import convolution
+from opencl import convolution, pixel_decoder
 from opencl.device import choose_device
 from opencl.program import Schedule
+from tests.opencl import test_convolution, test_pixel_decoder
 from tests.opencl.runtimes import backend_of, draw_with_gradients, dtype_of
 from tests.opencl.scenes import Scene, gradients, make_scene
-from tests.opencl.test_convolution import expected, with_gradients
-from tests.opencl.test_convolution import inputs as convolution_inputs
 
 BROKEN = {
     "write_out_of_bounds": "values[get_global_id(0) + 1] = 1;",
@@ -57,15 +57,28 @@ def print_error(schedule: Schedule, scene: Scene, **wishes: bool) -> None:
 
 def convolve() -> None:
     """Forward and backward of two small pictures whose last tiles stick out; prints how far they are from torch's."""
-    leaves = convolution_inputs(2, 16, 32, 5, 11)
+    leaves = test_convolution.inputs(2, 16, 32, 5, 11)
     backend = backend_of("cpu")
     convolution.backend_for = lambda _: backend
     convolution.can_convolve = lambda *_: True
-    found = with_gradients(convolution.convolve(*leaves, True), *leaves)
-    errors = []
-    for one, other in zip(found, with_gradients(expected(*leaves, True), *leaves), strict=True):
-        errors.append(((one - other).norm() / other.norm()).item())
-    print(max(errors))
+    found = test_convolution.with_gradients(convolution.convolve(*leaves, True), *leaves)
+    expected = test_convolution.expected(*leaves, True)
+    print(largest_error(found, test_convolution.with_gradients(expected, *leaves)))
+
+
+def decode_pixels() -> None:
+    """The same of a decoder of single pixels, of which the last chunk has one."""
+    leaves = test_pixel_decoder.decoder(33, 5, 32, 3)
+    backend = backend_of("cpu")
+    pixel_decoder.backend_for = lambda _: backend
+    pixel_decoder.works_in_place = lambda _: True
+    found = test_pixel_decoder.with_gradients(pixel_decoder.decode_pixels(*leaves), *leaves)
+    expected = test_pixel_decoder.expected(*leaves)
+    print(largest_error(found, test_pixel_decoder.with_gradients(expected, *leaves)))
+
+
+def largest_error(found: list[Tensor], expected: list[Tensor]) -> float:
+    return max(((one - other).norm() / other.norm()).item() for one, other in zip(found, expected, strict=True))
 
 
 def run_broken() -> None:
@@ -89,5 +102,7 @@ if __name__ == "__main__":
         crowd(chosen)
     elif sys.argv[1] == "convolve":
         convolve()
+    elif sys.argv[1] == "decode_pixels":
+        decode_pixels()
     else:
         run_broken()

@@ -65,8 +65,9 @@ def test_batches_that_follow_each_other(oclgrind, schedule):
     assert float(printed) < 1e-4
 
 
-def test_convolutions(oclgrind):
-    printed, reports = oclgrind("convolve")
+@pytest.mark.parametrize("job", ["convolve", "decode_pixels"])
+def test_decoders(oclgrind, job):
+    printed, reports = oclgrind(job)
     assert reports == []
     assert float(printed) < 1e-10
 

@@ -38,6 +38,7 @@ def other_pocl(tmp_path):
         "test_rasterizer",
         "test_gradients",
         "test_convolution",
+        "test_pixel_decoder",
         pytest.param("test_determinism", marks=pytest.mark.slow),
         pytest.param("test_shapes", marks=pytest.mark.slow),
     ],

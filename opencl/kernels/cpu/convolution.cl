@@ -1,4 +1,4 @@
-// Convolutions 3 x 3 and the gradient of their weights, by winograd.cl.
+// Convolutions 3 x 3 and the gradient of their weights, by winograd.cl and products.cl.
 //
 // A work-item takes CHUNK tiles at a time, every so many chunks, so that what it holds of them in its part of `scratch`,
 // a matrix of CHUNK rows for each point, stays in the cache. All numbers of channels are multiples of 16.
@@ -8,45 +8,6 @@
 // Values from one matrix to the next: a line of the cache more than it has, as otherwise those that a tile has at all
 // points would fall into the same few places of the cache.
 #define STEP(channels) (CHUNK * (channels) + 16)
-
-// Rows of a product that are summed at a time, in registers: 16 of LANES, or 4 where registers are half as wide and half
-// as many.
-#ifdef WIDE_REGISTERS
-#define ROWS 16
-#define EACH_ROW EACH_16
-#else
-#define ROWS 4
-#define EACH_ROW EACH_4
-#endif
-
-// ROWS rows of 16 values of a product: result[r] = sum over k of one[r][k] * other[k], added to what is there where
-// `adds`. All k are `blocks` times `count`; those of a block lie `step` values apart in `one`, its rows `row`.
-WHOLE_REGISTERS static inline void multiply(
-    int blocks,
-    int count,
-    __global const REAL *one,
-    int block_step,
-    int step,
-    int row,
-    __global const REAL *other,
-    int other_step,
-    __global REAL *result,
-    int result_row,
-    int adds
-) {
-    LANES sums[ROWS];
-#define START(r) sums[r] = adds ? *(LANES_IN)(result + (r) * result_row) : (LANES)(0);
-    EACH_ROW(START, 0)
-    for (int block = 0; block < blocks; block++)
-        for (int k = 0; k < count; k++) {
-            __global const REAL *factors = one + block * block_step + k * step;
-            const LANES values = *(LANES_IN)(other + (block * count + k) * other_step);
-#define ADD(r) sums[r] += factors[(r) * row] * values;
-            EACH_ROW(ADD, 0)
-        }
-#define KEEP(r) *(LANES_OUT)(result + (r) * result_row) = sums[r];
-    EACH_ROW(KEEP, 0)
-}
 
 // All tiles convolved with `weights` at the points, [36][inputs][outputs]. Where `shown` is given, `pictures` are the
 // gradient of what it was rectified from.

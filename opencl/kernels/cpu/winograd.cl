@@ -9,9 +9,6 @@
 #define POINTS 36
 #define EACH_6(step, k) EACH_4(step, k) EACH_2(step, (k) + 4)
 
-typedef __global const UNALIGNED_LANES *LANES_IN;
-typedef __global UNALIGNED_LANES *LANES_OUT;
-
 // B^T along one direction: what six values are at the points 0, 1, -1, 2, -2 and infinity.
 WHOLE_REGISTERS static inline void at_points(LANES *v) {
     const LANES far = v[4] - 4 * v[2], far_odd = v[3] - 4 * v[1], near = v[4] - v[2], near_odd = 2 * (v[3] - v[1]);

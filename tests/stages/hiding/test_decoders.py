@@ -45,3 +45,20 @@ def test_a_decoder_has_five_convolutions_of_which_the_last_is_linear() -> None:
     decoder = Decoder(16, 3)
     assert [type(module) is Convolution for module in decoder] == [True, False] * 4 + [True]
     assert float(decode(decoder, torch.randn(12, 10, 16)).detach().min()) < 0
+
+
+@pytest.mark.parametrize("channels", [16, 24])
+def test_of_single_pixels_they_are_the_same_convolutions(monkeypatch: pytest.MonkeyPatch, channels: int) -> None:
+    torch.manual_seed(0)
+    decoder = Decoder(channels, 6, width=32, kernel_size=1)
+    features = torch.rand(18, 22, channels, requires_grad=True)
+
+    def found() -> list[Tensor]:
+        picture = decode(decoder, features)
+        weights = torch.linspace(-1, 2, picture.numel()).view(picture.shape)
+        return [picture.detach(), *torch.autograd.grad((weights * picture).sum(), [features, *decoder.parameters()])]
+
+    by_pixels = found()
+    monkeypatch.setattr(decoders, "works_in_place", lambda _: False)
+    for one, other in zip(by_pixels, found(), strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-4)
