@@ -9,7 +9,7 @@ channels at 112 x 200 pixels, on one core of Emerald Rapids, milliseconds beside
     gradient of the input          5.1      10.0                      20.1
     gradients of the weights       5.1      12.1                      36.7
 
-An iteration of GS-Hider, of which most are these, takes 0.6 of the time (two trainings side by side, 181 ms for 304).
+An iteration of GS-Hider, of which most are these, takes 0.6 of the time (two trainings side by side, 178 ms for 304).
 Rounding errors are four to seven times those of torch's: 1e-6 to 4e-6 of a result's root mean square in float32.
 """
 

@@ -2,7 +2,8 @@
 
 Convolutions of one pixel are small products of matrices, and torch spends most of its time on carrying what each layer
 shows to the memory and back. Two decoders of 16, 32, 32, 32, 32 and 3 channels, forward and backward, take 16 ms for 25
-at 112 x 200 pixels, and 231 for 602 at 448 x 800 (one core of Emerald Rapids).
+at 112 x 200 pixels, and 231 for 602 at 448 x 800 (one core of Emerald Rapids). An iteration of our method, at the
+smaller size, takes 74 ms for 89 (two trainings side by side).
 """
 
 from __future__ import annotations
