@@ -173,6 +173,7 @@ def test_the_public_page_shows_the_scene(inputs: dict, tmp_path: Path) -> None:
     text = text_of(pages(inputs, tmp_path / "made")["public"])
     for expected in (
         "31.25",
+        "pictures of 16 x 12 pixels",
         "32.50",
         "0.912",
         "4.56",
@@ -206,7 +207,18 @@ def test_the_owner_sees_everything(inputs: dict, tmp_path: Path) -> None:
     owner = pages(inputs, tmp_path / "made")["owner"]
     text = text_of(owner)
     for expected in (
-        *(PLANTED, "One message is hidden", "17.84", "18.77", "11.22", "1 of 2", "0.088", "31.25", "41.7"),
+        *(
+            PLANTED,
+            "One message is hidden",
+            "17.84",
+            "18.77",
+            "11.22",
+            "1 of 2",
+            "0.088",
+            "31.25",
+            "41.7",
+            "pictures of 16 x 12 pixels",
+        ),
         *("GS-Hider", "3DGS", f"views[{PLANTED}]", "hiding", "lambda_message", "0.654", "12.5 s", "PoCL on a test"),
         *("54,321", "machine-of-ours", COMMAND, "LPIPS was not measured"),
     ):

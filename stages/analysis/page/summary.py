@@ -88,10 +88,16 @@ def scene_tiles(material: Material, name: str) -> tuple[Tile, ...]:
     count = "" if math.isnan(gaussians) else f"{write_figure('gaussians', gaussians)} Gaussians"
     return (
         *_tile(f"{name}, test views", "psnr", mean_of(rows, Column("psnr", "test")), " dB", others),
-        *_tile("SSIM, test views", "ssim", mean_of(rows, Column("ssim", "test"))),
+        *_tile("SSIM, test views", "ssim", mean_of(rows, Column("ssim", "test")), note=_size(material)),
         *_tile("Published size", "container_bytes", mean_of(rows, Column("container_bytes")), " MB", count),
         *_tile("Time a frame", "seconds_per_frame", mean_of(rows, Column("seconds_per_frame")), " ms"),
     )
+
+
+def _size(material: Material) -> str:
+    """Of the cover's pictures; nothing without any."""
+    covers = [each.rendered.shape for each in material.pictures if each.role == "cover"]
+    return f"pictures of {covers[0][2]} x {covers[0][1]} pixels" if covers else ""
 
 
 def message_tiles(material: Material) -> tuple[Tile, ...]:
