@@ -23,16 +23,11 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
-from opencl.contract import RasterSettings
-from opencl.program import ProgramKey
+from opencl.products import GROUPS, LANES, product_program
 from opencl.routes import backend_for, works_in_place
 
-LANES = 16
-"""Channels that the kernels take at a time."""
 _SIDE, _POINTS, _CHUNK = 4, 36, 16
 """As in winograd.cl and convolution.cl: pixels of a tile's side, its points, and tiles that are taken at a time."""
-_GROUPS = 8
-"""Work-items at most, each with a part of the weights' gradient: as many on any processor, for the same bits."""
 
 _FILTER_AT_POINTS = torch.tensor(
     [
@@ -165,14 +160,9 @@ def _launch(
     scratch = backend.memory.empty(groups, _POINTS, values_at_point, dtype=pictures.dtype)
     sizes = (_tiles(pictures), height, width, *channels)
     with backend.session() as session:
-        program = _program(backend, pictures.dtype)
+        program = product_program(backend, "convolution", pictures.dtype)
         session.launch(program, kernel, groups, *sizes, scratch, pictures, *arguments, result)
         session.finish(result)
-
-
-def _program(backend: Backend, dtype: torch.dtype) -> ProgramKey:
-    is_wide = backend.device.handle.native_vector_width_float >= LANES
-    return ProgramKey("convolution", "cpu", dtype, RasterSettings(), options=("WIDE_REGISTERS",) if is_wide else ())
 
 
 def _tiles(pictures: Float[Tensor, "B H W C"]) -> int:
@@ -181,4 +171,4 @@ def _tiles(pictures: Float[Tensor, "B H W C"]) -> int:
 
 
 def _groups(pictures: Float[Tensor, "B H W C"]) -> int:
-    return min(_GROUPS, -(-_tiles(pictures) // _CHUNK))
+    return min(GROUPS, -(-_tiles(pictures) // _CHUNK))

@@ -18,16 +18,11 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
-from opencl.contract import RasterSettings
-from opencl.program import ProgramKey
+from opencl.products import GROUPS, filled, product_program
 from opencl.routes import backend_for, works_in_place
 
-LANES = 16
-"""Channels that the kernels take at a time."""
 _CHUNK = 32
 """As in pixel_decoder.cl: pixels that are taken at a time."""
-_GROUPS = 8
-"""Work-items at most, each with a part of the weights' gradients: as many on any processor, for the same bits."""
 
 
 def decode_pixels(
@@ -92,8 +87,8 @@ class _Work:
         self.memory = self.backend.memory
         self.pixels, self.channels = picture.shape
         self.outputs, self.dtype = len(weights[-1]), picture.dtype
-        self.widths = [_filled(self.channels), *(_filled(len(weight)) for weight in weights)]
-        self.groups = min(_GROUPS, -(-self.pixels // _CHUNK))
+        self.widths = [filled(self.channels), *(filled(len(weight)) for weight in weights)]
+        self.groups = min(GROUPS, -(-self.pixels // _CHUNK))
         self.weight_count = sum((inputs + 1) * outputs for inputs, outputs in self._layers())
 
     def _layers(self) -> Iterator[tuple[int, int]]:
@@ -126,15 +121,6 @@ class _Work:
         sizes = (self.pixels, self.channels, self.outputs, len(self.widths) - 1, scratch_size)
         widths = torch.tensor(self.widths, dtype=torch.int32)
         with self.backend.session() as session:
-            program = _program(self.backend, self.dtype)
+            program = product_program(self.backend, "pixel_decoder", self.dtype)
             session.launch(program, kernel, self.groups, *sizes, scratch, widths, *inputs, *results)
             session.finish(*results)
-
-
-def _program(backend: Backend, dtype: torch.dtype) -> ProgramKey:
-    is_wide = backend.device.handle.native_vector_width_float >= LANES
-    return ProgramKey("pixel_decoder", "cpu", dtype, RasterSettings(), options=("WIDE_REGISTERS",) if is_wide else ())
-
-
-def _filled(channels: int) -> int:
-    return -(-channels // LANES) * LANES

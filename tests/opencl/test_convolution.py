@@ -14,6 +14,7 @@ from torch import Tensor
 from torch.nn.functional import conv2d
 
 from opencl import convolution
+from opencl.contract import RasterSettings
 from opencl.convolution import can_convolve, convolve
 from opencl.program import ProgramKey
 
@@ -89,8 +90,8 @@ def test_float32_rounds_little(rectified: bool) -> None:
 def test_a_processor_with_narrow_registers_computes_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     leaves = inputs(2, 32, 48, 11, 14)
     usual = with_gradients(convolve(*leaves), *leaves)
-    narrow = ProgramKey("convolution", "cpu", torch.float64, convolution.RasterSettings())
-    monkeypatch.setattr(convolution, "_program", lambda *_: narrow)
+    narrow = ProgramKey("convolution", "cpu", torch.float64, RasterSettings())
+    monkeypatch.setattr(convolution, "product_program", lambda *_: narrow)
     for one, other in zip(with_gradients(convolve(*leaves), *leaves), usual, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-13, atol=1e-13)
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from opencl import pixel_decoder
+from opencl.contract import RasterSettings
 from opencl.pixel_decoder import decode_pixels
 from opencl.program import ProgramKey
 
@@ -91,8 +92,8 @@ def test_float32_rounds_little() -> None:
 def test_a_processor_with_narrow_registers_computes_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     leaves = decoder(70, 20, 32, 6)
     usual = with_gradients(decode_pixels(*leaves), *leaves)
-    narrow = ProgramKey("pixel_decoder", "cpu", torch.float64, pixel_decoder.RasterSettings())
-    monkeypatch.setattr(pixel_decoder, "_program", lambda *_: narrow)
+    narrow = ProgramKey("pixel_decoder", "cpu", torch.float64, RasterSettings())
+    monkeypatch.setattr(pixel_decoder, "product_program", lambda *_: narrow)
     for one, other in zip(with_gradients(decode_pixels(*leaves), *leaves), usual, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-12, atol=1e-12)
 
