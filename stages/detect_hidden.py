@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import torch
 from pydantic import Field
@@ -50,8 +50,8 @@ def detect_hidden(context: Context, parameters: DetectHiddenParameters) -> None:
         context.stop_if_requested()
 
     measured = detection_rows(
-        [_read(each) for each in tested],
-        [_read(each) for each in others],
+        [_read(each, tuple(each)) for each in tested],
+        [_read(each, (HIDDEN, CLEAN)) for each in others],  # all of it is held at once: gigabytes of large pictures
         parameters.method,
         parameters.seed,
         parameters.iterations,
@@ -74,5 +74,5 @@ def _rows_of(context: Context, parameters: DetectHiddenParameters) -> list[tuple
     return [(captures[label], each) for label, each in found.items() if HIDDEN in each and CLEAN in each]
 
 
-def _read(artifacts: Mapping[str, Artifact]) -> Classes:
-    return {condition: read_renders(artifact) for condition, artifact in artifacts.items()}
+def _read(artifacts: Mapping[str, Artifact], conditions: Sequence[str]) -> Classes:
+    return {condition: read_renders(artifacts[condition]) for condition in conditions}
