@@ -2,12 +2,13 @@
 
 Winograd's minimal filtering F(4 x 4, 3 x 3) (Lavin and Gray 2016): a tile of 4 x 4 pixels and what surrounds it become
 its values at 36 points, for each of which the convolution is one product of matrices over the channels. With 64
-channels at 112 x 200 pixels, on one core of Emerald Rapids, milliseconds beside oneDNN's (torch's):
+channels, on one core of Emerald Rapids, milliseconds here / by torch (oneDNN) / by torch without AVX-512
+(`tests/benchmarks/decoder_kernels.py`):
 
-                                  here    oneDNN    oneDNN without AVX-512
-    forward                        5.0       9.9                      19.9
-    gradient of the input          5.1      10.0                      20.1
-    gradients of the weights       5.1      12.1                      36.7
+                                 112 x 200 pixels     448 x 800
+    forward                    5.3 / 10.1 / 19.9       76 / 160
+    gradient of the input      5.6 / 10.2 / 20.2       75 / 160
+    gradient of the weights    6.3 / 12.2 / 40.7       79 / 239
 
 An iteration of GS-Hider, of which most are these, takes 0.6 of the time (two trainings side by side, 178 ms for 304).
 Rounding errors are four to seven times those of torch's: 1e-6 to 4e-6 of a result's root mean square in float32.

@@ -1,9 +1,9 @@
 """Decoders of single pixels on the CPU: all their layers while a few pixels are in the cache, and the gradients.
 
 Convolutions of one pixel are small products of matrices, and torch spends most of its time on carrying what each layer
-shows to the memory and back. Two decoders of 16, 32, 32, 32, 32 and 3 channels, forward and backward, take 16 ms for 25
-at 112 x 200 pixels, and 231 for 602 at 448 x 800 (one core of Emerald Rapids). An iteration of our method, at the
-smaller size, takes 74 ms for 89 (two trainings side by side).
+shows to the memory and back. A decoder of 16, 32, 32, 32, 32 and 3 channels, forward and backward, takes 8 ms for 12 at
+112 x 200 pixels, and 117 for 327 at 448 x 800 (one core of Emerald Rapids, `tests/benchmarks/decoder_kernels.py`). An
+iteration of our method, at the smaller size, takes 74 ms for 89 (two trainings side by side).
 """
 
 from __future__ import annotations
