@@ -77,11 +77,11 @@ def decode(
     `precision` bfloat16 runs the convolutions between the first and the last in it, forward and backward, with float32
     sums and weights that learn in float32. It is for GPUs; CPUs, for which float32 has convolutions of its own, take
     longer by it (an iteration on Emerald Rapids more than twice as long; Zen 4 and 5 have faster instructions for it,
-    and were not measured since) and those without the instructions round in float32 (`_through_rounded`). The last stays in
-    float32, since pictures rounded to eight bits are wrong about the sign of small residuals: on a trained container
-    that put a bias of up to 30 % on gradients of the weights. So does the first, which would read rounded features; it
-    costs no time. What is left: fox hiding kitchen, 600 iterations, shows the message 0.15 (homogeneous) and 0.08 dB
-    (gs_hider) worse on training views.
+    and were not measured since) and those without the instructions round in float32 (`_through_rounded`). The last
+    stays in float32, since pictures rounded to eight bits are wrong about the sign of small residuals: on a trained
+    container that put a bias of up to 30 % on gradients of the weights. So does the first, which would read rounded
+    features; it costs no time. What is left: fox hiding kitchen, 600 iterations, shows the message 0.15 (homogeneous)
+    and 0.08 dB (gs_hider) worse on training views.
     Both precisions give the same bits every time on one machine with one number of threads. Pictures do not depend on
     that number, but gradients of the weights do: they are sums over pixels, of which every thread of torch's adds its
     share first.
