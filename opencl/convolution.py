@@ -157,7 +157,7 @@ def _launch(
 ) -> None:
     """Run a kernel on pictures, with what else it reads and what it writes."""
     height, width = pictures.shape[1:3]
-    groups, values_at_point = _groups(pictures), sum(_CHUNK * each + LANES for each in channels)
+    groups, values_at_point = _groups(pictures), sum(_CHUNK * each + LANES for each in channels)  # STEP of both
     scratch = backend.memory.empty(groups, _POINTS, values_at_point, dtype=pictures.dtype)
     sizes = (_tiles(pictures), height, width, *channels)
     with backend.session() as session:

@@ -96,13 +96,13 @@ class _Work:
 
     def packed(self, weights: Sequence[Tensor], biases: Sequence[Tensor], turned: bool) -> Float[Tensor, " weights"]:
         """Of each layer [inputs][outputs], or `turned` [outputs][inputs], and the bias."""
-        filled = []
+        parts = []
         for weight, bias, (inputs, outputs) in zip(weights, biases, self._layers(), strict=True):
             whole = weight.new_zeros(outputs, inputs)
             whole[: weight.shape[0], : weight.shape[1]] = weight.detach()
-            filled += [(whole if turned else whole.T).flatten(), bias.new_zeros(outputs)]
-            filled[-1][: len(bias)] = bias.detach()
-        return torch.cat(filled)
+            parts += [(whole if turned else whole.T).flatten(), bias.new_zeros(outputs)]
+            parts[-1][: len(bias)] = bias.detach()
+        return torch.cat(parts)
 
     def unpacked(self, sums: Float[Tensor, " weights"], weights: Sequence[Tensor]) -> list[Tensor]:
         """The gradients of all weights, then of all biases."""

@@ -93,6 +93,14 @@ def run_module(environment: dict[str, str], *arguments: str, timeout: float = 36
     return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=timeout)
 
 
+def printed_with_threads(script: str, threads: int) -> str:
+    """What a script prints in a process whose OpenCL and torch have so many threads; `hash` is the same in each."""
+    environment = os.environ | {"POCL_MAX_PTHREAD_COUNT": str(threads), "PYTHONHASHSEED": "0"}
+    environment.pop("POCL_CACHE_DIR", None)  # of this process alone
+    command = [sys.executable, "-c", f"import torch\ntorch.set_num_threads({threads})\n{script}"]
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True).stdout
+
+
 def dtype_of(name: str) -> torch.dtype:
     """`float32` or `float64` by name, as command lines carry it."""
     return {"float32": torch.float32, "float64": torch.float64}[name]

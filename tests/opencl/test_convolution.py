@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
 import pytest
 import torch
 from hypothesis import given
@@ -17,6 +13,7 @@ from opencl import convolution
 from opencl.contract import RasterSettings
 from opencl.convolution import can_convolve, convolve
 from opencl.program import ProgramKey
+from tests.opencl.runtimes import printed_with_threads
 
 SHAPES = [
     (1, 16, 16, 1, 1),
@@ -131,13 +128,7 @@ print([tensor.contiguous().numpy().tobytes().__hash__() for tensor in with_gradi
 
 
 def test_the_same_bits_with_any_number_of_threads() -> None:
-    found = set()
-    for threads in ("1", "2"):
-        environment = os.environ | {"POCL_MAX_PTHREAD_COUNT": threads, "PYTHONHASHSEED": "0"}
-        environment.pop("POCL_CACHE_DIR", None)  # of this process alone
-        command = [sys.executable, "-c", f"import torch\ntorch.set_num_threads({threads})\n{BITS}"]
-        found.add(subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout)
-    assert len(found) == 1
+    assert printed_with_threads(BITS, 1) == printed_with_threads(BITS, 2)
 
 
 @pytest.mark.parametrize(

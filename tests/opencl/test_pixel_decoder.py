@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -18,6 +15,7 @@ from opencl import pixel_decoder
 from opencl.contract import RasterSettings
 from opencl.pixel_decoder import decode_pixels
 from opencl.program import ProgramKey
+from tests.opencl.runtimes import printed_with_threads
 
 WIDTHS = [(3, 5), (16, 32, 3), (24, 32, 32, 6), (1, 17, 48, 16, 2)]
 """Channels of the input and of each layer: less than sixteen, just as many, and more."""
@@ -137,13 +135,7 @@ print([hash(tensor.contiguous().numpy().tobytes()) for tensor in found])
 
 
 def test_the_same_bits_with_any_number_of_threads() -> None:
-    found = set()
-    for threads in ("1", "2"):
-        environment = os.environ | {"POCL_MAX_PTHREAD_COUNT": threads, "PYTHONHASHSEED": "0"}
-        environment.pop("POCL_CACHE_DIR", None)  # of this process alone
-        command = [sys.executable, "-c", f"import torch\ntorch.set_num_threads({threads})\n{BITS}"]
-        found.add(subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout)
-    assert len(found) == 1
+    assert printed_with_threads(BITS, 1) == printed_with_threads(BITS, 2)
 
 
 def test_what_does_not_fit_is_refused() -> None:

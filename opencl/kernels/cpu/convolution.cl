@@ -37,6 +37,7 @@ __kernel void convolve(
                 tile_at_points(pictures + place, mask, tile, points + channel * CHUNK + row * 16, STEP(inputs));
             }
         }
+        // Rows beyond `count` hold what was there before, and so do the products that come of them: nobody reads these.
         for (int point = 0; point < POINTS; point++)
             for (int channel = 0; channel < outputs; channel += 16)
                 for (int row = 0; row < CHUNK; row += ROWS)

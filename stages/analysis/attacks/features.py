@@ -110,23 +110,16 @@ def _reading(method: Method, back: Float64[Tensor, "M M"]) -> Method:
         for name in ("directions", "readings"):
             weights[name].copy_(_along(weights[name], back))
         return changed
-    first = _first(decoder)
+    first = decoder.convolutions[0]
     before = first.weight.double().sum(dim=(2, 3))
     first.weight.copy_(_along(first.weight.permute(0, 2, 3, 1), back).permute(0, 3, 1, 2))
     after = first.weight.double().sum(dim=(2, 3))
-    bias: Float[Tensor, " O"] = first.bias  # type: ignore[assignment]  # these convolutions all have a bias
-    bias.add_((0.5 * (before - after).sum(dim=1)).float())
+    first.bias.add_((0.5 * (before - after).sum(dim=1)).float())
     return changed
 
 
 def _along(rows: Float[Tensor, "... M"], back: Float64[Tensor, "M M"]) -> Float[Tensor, "... M"]:
     return (rows.double() @ back).float()
-
-
-def _first(decoder: Decoder) -> torch.nn.Conv2d:
-    first = decoder[0]
-    assert isinstance(first, torch.nn.Conv2d)
-    return first
 
 
 def _turn(channels: int, degrees: float, generator: torch.Generator) -> Float64[Tensor, "M M"]:
