@@ -12,7 +12,7 @@ import importlib
 import json
 import re
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -30,7 +30,7 @@ from pipeline.source_cache import SourceCache
 from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
 from pipeline.store import Store
 
-FORMAT = 6
+FORMAT = 7
 DECLARATION = "declaration"
 LITERAL = re.compile("'([^']*)'")
 TEXT_WANTED = ("string_type", "path_type")  # pydantic's words
@@ -138,15 +138,23 @@ class Catalogue:
         if (uses, question) in self._completed:
             return self._completed[uses, question]
         cached = self._cached(uses, question)
-        if cached is None:
+        if cached is None or cached["code"] != self._digest(uses, cached["modules"]):
             completed = _complete(self.stage(uses), arguments)
             if isinstance(completed, list):
                 return completed
-            cached = self._keep(uses, question, asdict(completed))
+            code = self._digest(uses, completed.modules)
+            cached = self._keep(uses, question, {**asdict(completed), "code": code})
         external = {name: tuple(paths) for name, paths in cached["external"].items()}
         answer = Completed(cached["parameters"], external, tuple(cached["modules"]), cached["unrepeatable"])
         self._completed[uses, question] = answer
         return answer
+
+    def _digest(self, uses: str, modules: Sequence[str]) -> str | None:
+        """Of a stage's code with the modules that its parameters select, which may say how these are completed."""
+        try:
+            return self.code(uses, tuple(modules)).digest
+        except UserError:
+            return None
 
     def remember(self) -> None:
         """Writes what was learnt of stages into the store's cache, for the next time."""

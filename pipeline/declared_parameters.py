@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.module_names import modules_in
+
 
 @dataclass(frozen=True)
 class Declared:
@@ -49,6 +51,13 @@ def _choices(annotation: ast.expr, module: str) -> Iterator[str]:
         case ast.Subscript(value=ast.Name(id="Literal"), slice=values):
             for value in values.elts if isinstance(values, ast.Tuple) else [values]:
                 yield str(ast.literal_eval(value))
+        case ast.Subscript(
+            value=ast.Name(id="Annotated"),
+            slice=ast.Tuple(
+                elts=[_, ast.Call(func=ast.Name(id="ModuleIn"), args=[ast.Constant(value=str() as package)])]
+            ),
+        ):
+            yield from modules_in(_folder(*package.split(".")))
         case ast.BinOp(left=left, right=right):
             yield from [*_choices(left, module), *_choices(right, module)]
         case ast.Name(id="bool"):
@@ -80,8 +89,11 @@ def _parsed(module: str) -> ast.Module:
 
 def _path(module: str) -> Path | None:
     """The source file of a first-party module; None for any other."""
-    paths = [
-        folder.joinpath(*module.split(".")).with_suffix(".py")
-        for folder in (Path.cwd(), Path(__file__).resolve().parents[1])
-    ]
-    return next((path for path in paths if path.is_file()), None)
+    path = _folder(*module.split(".")).with_suffix(".py")
+    return path if path.is_file() else None
+
+
+def _folder(*parts: str) -> Path:
+    """Of a first-party package, or where its module is but for the suffix: beside the workflow, or else here."""
+    places = [root.joinpath(*parts) for root in (Path.cwd(), Path(__file__).resolve().parents[1])]
+    return next((place for place in places if place.is_dir() or place.with_suffix(".py").is_file()), places[-1])

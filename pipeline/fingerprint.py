@@ -113,11 +113,6 @@ class SourceTree:
             self._modules[name] = self._read(name, path) if path else None
         return self._modules[name]
 
-    def modules_in(self, package: str) -> list[str]:
-        """Names of the modules directly in a first-party package, sorted; none where there is no such package."""
-        module = self.module(package)
-        return sorted(path.stem for path in module.path.parent.glob("[!_]*.py")) if module else []
-
     def _path(self, name: str) -> Path | None:
         package, *rest = name.split(".")
         for folder in self._folders.get(package, ()):

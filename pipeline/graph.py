@@ -18,7 +18,7 @@ from pipeline.outside_paths import absolute, as_typed, check_there
 from pipeline.resources import amount
 from pipeline.stage import Input
 from pipeline.workflow import Entry, Instance, Reference, Workflow
-from pipeline.wrong_values import WrongValue, misnamed_module, report, to_be_quoted
+from pipeline.wrong_values import WrongValue, report, to_be_quoted
 
 
 @dataclass(frozen=True)
@@ -342,12 +342,6 @@ class _Builder:
         return None
 
     def code(self, entry: Entry, instance: Instance, declaration: Declaration, completed: Completed) -> Code | None:
-        misnamed = misnamed_module(completed.modules, completed.parameters, self.catalogue.sources)
-        if misnamed:
-            name, message = misnamed
-            place = instance.parameters[name].place if name in instance.parameters else instance.uses.place
-            self.wrong.append(WrongValue(place, entry.name, name, message, selects=True))
-            return None
         try:
             code = self.catalogue.code(declaration.uses, completed.modules)
         except UserError as error:

@@ -8,7 +8,7 @@ from pydantic import Field
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import key_generator
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.coins import thrown
 from stages.hiding.watermark.grain import MEASURED_ON, grained
@@ -18,7 +18,7 @@ from stages.scene.scene import read_scene
 class AddGrainParameters(Parameters):
     """How strong the grain is, and whose."""
 
-    method: str = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
+    method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     level: float = Field(1.5, gt=0, description="Of the grain in renders: root mean square, in levels of 255.")
     seed: int = Field(
         0,

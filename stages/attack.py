@@ -20,7 +20,7 @@ from stages.analysis.attacks.target import Knowledge, Target
 from stages.analysis.fidelity import Perceptual
 from stages.analysis.measurements import KIND, write_measurements
 from stages.analysis.seeds import DistinctSeeds
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.what_is_hidden import at_least_one_hidden
 from stages.imaging.lpips import load_lpips, networks_for
@@ -34,7 +34,7 @@ from stages.training.views import training_views
 class AttackParameters(Parameters):
     """Which attacks, how strong, and how they are measured."""
 
-    method: str = Field("gs_hider", description="The container's method.")
+    method: MethodName = Field("gs_hider", description="The container's method.")
     attacks: tuple[AttackName, ...] = Field(tuple(ATTACKS), min_length=1, description="The attacks, in order.")
     cover_losses: tuple[Annotated[float, Field(gt=0)], ...] = Field(
         (0.25, 0.5, 1.0, 2.0, 4.0),

@@ -11,12 +11,13 @@ from stages.analysis.attribute_histograms import compare_attributes as compared
 from stages.analysis.attribute_histograms import histogram_rows
 from stages.analysis.measurements import write_measurements
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
+from stages.hiding.method import MethodName
 
 
 class CompareAttributesParameters(Parameters):
     """Under which name the rows appear."""
 
-    method: str = Field("gs_hider", description="The method that hides, whose rows these are.")
+    method: MethodName = Field("gs_hider", description="The method that hides, whose rows these are.")
 
 
 @stage(

@@ -14,6 +14,7 @@ from stages.analysis.learned_detection import Classes, detection_rows
 from stages.analysis.measurements import write_measurements
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
 from stages.analysis.renders import read_renders
+from stages.hiding.method import MethodName
 
 INPUTS = {"hidden": HIDDEN, "clean": CLEAN, "clean_again": CLEAN_AGAIN}
 
@@ -22,7 +23,9 @@ class DetectHiddenParameters(Parameters):
     """Which scene is tested, and how the detector learns."""
 
     capture: str = Field("", description="The cover's capture whose renders are tested; from the others' it learns.")
-    method: str = Field("gs_hider", description="The method that hides: the detector knows it, and its renders alone.")
+    method: MethodName = Field(
+        "gs_hider", description="The method that hides: the detector knows it, and its renders alone."
+    )
     capture_column: str = Field("cover", description="The column of the items that names the cover's capture.")
     method_column: str = Field("method", description="The column that names the method that hides.")
     iterations: int = Field(300, ge=1, description="Steps of the detector's training.")

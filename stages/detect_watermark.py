@@ -33,7 +33,7 @@ from stages.analysis.watermark_trials import (
     trial_rows,
 )
 from stages.analysis.watermarked_containers import attacked_containers
-from stages.hiding.method import module_of, move_networks
+from stages.hiding.method import MethodName, module_of, move_networks
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.watermark.reading import FOUND_SHARE, owners_reader
 from stages.hiding.watermark.rendering import each_render, renders
@@ -73,7 +73,7 @@ Pictures = UInt8[np.ndarray, "V H W 3"]
 class DetectWatermarkParameters(Parameters):
     """How many pictures of which kind."""
 
-    method: str = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
+    method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     reader: Literal["decoder", "grain"] = Field(
         "decoder",
         description="Who looks for it: the decoder of a codec, as in the paper; or the owner of a container with "

@@ -16,7 +16,7 @@ from stages.analysis.comparisons import Comparison, write_comparisons
 from stages.analysis.fidelity import Perceptual
 from stages.analysis.public_scores import comparisons_for_the_public, rows_for_the_public
 from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score, views_for_the_public
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.storage import bytes_of, check_method, read_gaussians, read_method
 from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
 from stages.imaging.image import filling, read_image
@@ -42,7 +42,7 @@ class EvaluateParameters(Parameters):
     Nor is it measured on pictures that its network has too many layers for.
     """
 
-    method: str = Field("gs_hider", description="The container's method.")
+    method: MethodName = Field("gs_hider", description="The container's method.")
     lpips: Networks = Field("vgg", description="LPIPS's network, used on test views.")
     shown_train_views: int = Field(2, ge=0, description="How many training views are kept as pictures.")
     threads: int = Field(2, ge=1, description="Threads of torch.")

@@ -8,7 +8,7 @@ from pydantic import Field
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import KIND, Measurement, write_measurements
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.storage import check_method
 from stages.hiding.watermark.reading import CERTAIN, is_colorless, owners_reader
 from stages.imaging.pictures import Picture, read_picture
@@ -21,7 +21,7 @@ SCORE, FOUND = "standard_score", "has_grain"
 class FindGrainParameters(Parameters):
     """Whose grain it is."""
 
-    method: str = Field("plain", description="The container's method; plain for splats of 3DGS.")
+    method: MethodName = Field("plain", description="The container's method; plain for splats of 3DGS.")
     grain_seed: int = Field(0, ge=0, description="That of add_grain, where there is no key.")
     threads: int = Field(1, ge=1, description="Threads of torch.")
 

@@ -10,7 +10,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.storage import read_codec
 from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
@@ -34,7 +34,7 @@ from stages.training.views import training_views
 class FinetuneRtwsParameters(Parameters):
     """The paper names neither iterations nor rates."""
 
-    method: str = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
+    method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     iterations: int = Field(300, ge=1, description="Optimisation steps, one view each.")
     feature_rate: float = Field(
         5e-3, gt=0, description="Learning rate of features, or of the constant harmonic: what a hiding ends with."

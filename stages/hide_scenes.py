@@ -17,7 +17,6 @@ from stages.scene.message_views import read_messages
 from stages.scene.scene import read_scene
 from stages.training.hiding import HidingParameters, hiding_training
 from stages.training.objectives import hiding_terms
-from stages.training.presets import HIDING, HIDING_SCENES, Presets
 from stages.training.session import train
 from stages.training.views import training_views
 
@@ -25,7 +24,7 @@ from stages.training.views import training_views
 class HideScenesParameters(HidingParameters):
     """What hiding scenes needs beside."""
 
-    presets: ClassVar[tuple[Presets, ...]] = (HIDING, HIDING_SCENES)
+    hides_scenes: ClassVar[bool] = True
 
     hidden: int | None = Field(
         None, ge=0, description="How many of the given messages are hidden, from the first on; null: all of them."

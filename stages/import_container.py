@@ -10,7 +10,7 @@ from stages.hiding.bundle import CAMERAS, IMAGE_CAMERA, SecretBundle
 from stages.hiding.bundle_files import read_container_bundle, read_secret_bundle
 from stages.hiding.camera_reading import read_cameras_file
 from stages.hiding.fitting import fitted_method
-from stages.hiding.method import module_of, refuse_another_method
+from stages.hiding.method import MethodName, module_of, refuse_another_method
 from stages.hiding.storage import write_container, write_secret
 from stages.scene.garbage import refuse_garbage
 from stages.scene.gaussians import Gaussians
@@ -29,7 +29,7 @@ class ImportContainerParameters(Parameters):
         description="Folder with secret.json, message_decoder.safetensors, and, of a picture, image_camera.json; "
         "without it, the cover alone.",
     )
-    method: str = Field("gs_hider", description="The container's method, as container.json names it.")
+    method: MethodName = Field("gs_hider", description="The container's method, as container.json names it.")
 
 
 @stage(

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from pipeline.stage import Context, ExternalPath, Input, Output, Parameters, stage
 from stages.hiding.found_files import read_found
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.scene.gaussians import Gaussians
 
@@ -18,7 +18,7 @@ class ImportFoundParameters(Parameters):
     place: ExternalPath = Field(
         description="The PLY that was found, or its folder; other files in that are not looked at."
     )
-    method: str = Field("gs_hider", description="The published container's method.")
+    method: MethodName = Field("gs_hider", description="The published container's method.")
 
 
 @stage(

@@ -17,7 +17,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import key_generator
-from stages.hiding.method import Method, module_of
+from stages.hiding.method import Method, MethodName, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
@@ -42,7 +42,7 @@ from stages.training.network import train_network
 class ImprintWatermarkParameters(Parameters):
     """How strong the mark is, and how long it is learnt. Levels are root mean squares in a picture, of 255."""
 
-    method: str = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
+    method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     level: float = Field(
         2.5, gt=0, description="How much the imprint may change any training view's render of the cover."
     )

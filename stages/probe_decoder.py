@@ -11,7 +11,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.probes import RawFeatures, probes
 from stages.analysis.probing import probe_rows
 from stages.hiding.coupled import FEATURES
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.what_is_hidden import at_least_one_hidden
 from stages.imaging.metric_table import write_rows
@@ -22,7 +22,7 @@ from stages.scene.scene import read_scene
 class ProbeDecoderParameters(Parameters):
     """Whose decoder, and which random choices."""
 
-    method: str = Field("gs_hider", description="The containers' method.")
+    method: MethodName = Field("gs_hider", description="The containers' method.")
     seed: int = Field(0, ge=0, description="Of the channels that are silenced, and of the foreign features' places.")
     threads: int = Field(1, ge=1, description="Threads of torch.")
 

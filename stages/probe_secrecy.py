@@ -15,7 +15,7 @@ from stages.analysis.measurements import write_measurements
 from stages.analysis.secrecy.probing import Probe, SecrecySettings
 from stages.analysis.secrecy.surrogate import SurrogateSettings
 from stages.analysis.seeds import DistinctSeeds
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.scene.attributes import strings
 from stages.scene.message_views import read_messages
@@ -25,7 +25,7 @@ from stages.scene.scene import read_scene
 class ProbeSecrecyParameters(Parameters):
     """How many decoders of whom, and how long they learn."""
 
-    method: str = Field("gs_hider", description="The container's method.")
+    method: MethodName = Field("gs_hider", description="The container's method.")
     wrong_decoders: int = Field(20, ge=1, description="Decoders with random weights, and as many with another key.")
     start_seed: int | None = Field(
         None, ge=0, description="The training's seed, where it had no key: its decoder's start is tried, too."

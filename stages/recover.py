@@ -10,7 +10,7 @@ from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import KIND, Measurement, write_measurements
 from stages.analysis.verdicts import IS_YOURS, MAY_BE_YOURS
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.recovery import Recovery, recovered, unlike
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.scene.gaussians import Gaussians
@@ -22,7 +22,7 @@ AS_FOUND = "as_found"
 class RecoverParameters(Parameters):
     """Whose container it is, and how a motion is looked for."""
 
-    method: str = Field("gs_hider", description="The method of both containers; plain for splats of 3DGS.")
+    method: MethodName = Field("gs_hider", description="The method of both containers; plain for splats of 3DGS.")
     seed: int = Field(0, ge=0, description="Of the Gaussians and motions that are tried where places tell nothing.")
     threads: int = Field(1, ge=1, description="Threads of torch: sums over Gaussians, and so the bits, depend on it.")
 

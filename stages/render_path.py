@@ -11,7 +11,7 @@ from stages.analysis.feature_map import feature_map_picture
 from stages.analysis.filming import encoded
 from stages.analysis.videos import write_videos
 from stages.hiding.message_names import FEATURE_MAP
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import Rendering
 from stages.hiding.storage import check_method, read_gaussians, read_method
@@ -26,7 +26,7 @@ from stages.scene.scene import Scene, read_scene
 class RenderPathParameters(Parameters):
     """How the camera flies."""
 
-    method: str = Field("gs_hider", description="The container's method.")
+    method: MethodName = Field("gs_hider", description="The container's method.")
     frames: int = Field(48, ge=2, le=5000, description="Pictures in each video. All are held in memory at once.")
     seconds: float = Field(4.0, gt=0, description="How long each video takes.")
     bends: int = Field(16, ge=3, description="How many bends the path has at most: with fewer it is smoother.")

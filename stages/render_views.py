@@ -10,7 +10,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.renders import collect_renders, write_renders
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import Rendering
 from stages.hiding.storage import check_method, read_gaussians, read_method
@@ -21,7 +21,7 @@ from stages.scene.scene import read_scene
 class RenderViewsParameters(Parameters):
     """How many, and where."""
 
-    method: str = Field("gs_hider", description="The container's method.")
+    method: MethodName = Field("gs_hider", description="The container's method.")
     views: int = Field(250, ge=1, le=5000, description="Pictures, evenly along a smooth path of the training cameras.")
     feature_maps: int = Field(64, ge=0, description="Of how many of them, evenly spread, the feature map is kept, too.")
     bends: int = Field(32, ge=3, description="How many bends the path has at most: with more it is nearer to the rig.")

@@ -14,7 +14,7 @@ from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
 from stages.analysis.scoring import HiddenImage, score
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.what_is_hidden import view_of_an_image
@@ -28,7 +28,7 @@ from stages.scene.scene import Scene, read_scene
 class RevealParameters(Parameters):
     """Whose container it is, and what is kept."""
 
-    method: str = Field("gs_hider", description="The method of both containers.")
+    method: MethodName = Field("gs_hider", description="The method of both containers.")
     shown_train_views: int = Field(2, ge=0, description="How many training views are kept as pictures.")
     threads: int = Field(2, ge=1, description="Threads of torch.")
 

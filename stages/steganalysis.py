@@ -8,13 +8,14 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import Measurement, write_measurements
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS, stegexpose_rows
 from stages.analysis.renders import read_renders
+from stages.hiding.method import MethodName
 from stages.scene.scene import read_scene
 
 
 class SteganalysisParameters(Parameters):
     """Under which name the rows appear."""
 
-    method: str = Field("gs_hider", description="The method that hides, whose rows these are.")
+    method: MethodName = Field("gs_hider", description="The method that hides, whose rows these are.")
 
 
 @stage(

@@ -16,7 +16,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.coupled import FEATURES
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.rendering import Rendering, splat
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.imaging.metric_table import MetricRow, write_rows
@@ -33,7 +33,7 @@ class TimeFramesParameters(Parameters):
     device: str = Field(
         "default", description="A name for the device: in a store that machines share, give each kind its own."
     )
-    method: str = Field("gs_hider", description="The container's method.")
+    method: MethodName = Field("gs_hider", description="The container's method.")
     frames: int = Field(30, ge=1, description="Pictures timed, one test view after the other.")
     warmup: int = Field(3, ge=0, description="Pictures rendered before, untimed.")
     threads: int = Field(2, ge=1, description="Threads of torch.")

@@ -14,7 +14,7 @@ from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.watermark.rendering import renders
 from stages.hiding.watermark.storage import read_codec, write_codec
@@ -33,7 +33,7 @@ from stages.training.network import train_network
 class TuneWatermarkDecoderParameters(Parameters):
     """The paper's loss, and what may be added to it."""
 
-    method: str = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
+    method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     negatives: Literal["photos", "photos_and_clean_renders"] = Field(
         "photos",
         description="What the decoder shows black for: the training views' photos, as in the paper; or renders of the "

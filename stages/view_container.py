@@ -19,7 +19,7 @@ from stages.analysis.videos import write_videos
 from stages.hiding.bundle import CAMERAS, IMAGE_CAMERA
 from stages.hiding.camera_files import MOST_CAMERAS
 from stages.hiding.image_view import IMAGE_VIEW
-from stages.hiding.method import module_of
+from stages.hiding.method import MethodName, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import check_method, read_gaussians, read_method
@@ -33,7 +33,7 @@ from stages.scene.stored_cameras import read_cameras
 class ViewContainerParameters(Parameters):
     """How much is shown."""
 
-    method: str = Field("gs_hider", description="The container's method.")
+    method: MethodName = Field("gs_hider", description="The container's method.")
     frames: int = Field(
         96,
         ge=2,

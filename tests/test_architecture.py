@@ -14,7 +14,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 ENGINE = [
-    "plain_text declared_parameters bash_words",
+    "plain_text module_names bash_words",
+    "declared_parameters",
     "errors interruption canonical cause collection completion cuda_process data_folder disk freed_memory hidden look "
     "orphans",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
@@ -37,7 +38,10 @@ ENGINE = [
 ]
 STAGE_FACING = {
     f"pipeline.{name}"
-    for name in ("stage", "artifact", "errors", "plain_text", "drawing", "companion", "checkpoint", "data_folder")
+    for name in (
+        *("stage", "artifact", "errors", "plain_text", "drawing", "companion", "checkpoint", "data_folder"),
+        "module_names",
+    )
 }
 LIBRARY_FLOORS = ["timing", "imaging", "scene", "tracing", "hiding", "training", "analysis"]
 RASTERIZER_FACING = {

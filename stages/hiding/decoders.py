@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 from opencl.pixel_decoder import decode_pixels
@@ -26,6 +26,9 @@ class Decoder(torch.nn.Sequential):
     since a ReLU there has no gradient wherever the picture starts out black. Weights come from torch's generator.
     Raises `ValueError` for fewer than two layers, and for a kernel without a middle: pictures would shrink.
     """
+
+    reads_centred = False
+    """It reads the blended features themselves, and not less half the blended opacity."""
 
     def __init__(self, feature_dim: int, channels: int, layers: int = 5, width: int = 64, kernel_size: int = 3):
         if layers < 2:
@@ -67,6 +70,23 @@ class Decoder(torch.nn.Sequential):
                 taps = rows if position == 0 else torch.eye(channels, convolution.in_channels)
                 convolution.weight[:channels, :, centre, centre] = taps
             convolutions[0].bias[:channels] = 0.5 - neutral * rows.sum(dim=1)
+
+    @torch.no_grad()
+    def read_along(self, back: Float64[Tensor, "M M"]) -> None:
+        """Read features, centred at 0.5, along r B where it read them along r: turned features look as before.
+
+        B is `back`. Exact where the opacity is 1, but beside the picture's border, with zeros beyond it.
+        """
+        first = self.convolutions[0]
+        before = first.weight.double().sum(dim=(2, 3))
+        first.weight.copy_(rows_along(first.weight.permute(0, 2, 3, 1), back).permute(0, 3, 1, 2))
+        after = first.weight.double().sum(dim=(2, 3))
+        first.bias.add_((0.5 * (before - after).sum(dim=1)).float())
+
+
+def rows_along(rows: Float[Tensor, "... M"], back: Float64[Tensor, "M M"]) -> Float[Tensor, "... M"]:
+    """r B of every row r, in float64."""
+    return (rows.double() @ back).float()
 
 
 def decode(

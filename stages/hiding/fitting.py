@@ -8,12 +8,11 @@ from collections.abc import Mapping, Sequence
 import torch
 
 from pipeline.errors import UserError
-from stages.hiding.method import LARGEST_SETTING, Method, build_method
+from stages.hiding.method import LARGEST_SETTING, LONGEST_WORD, Method, build_method, is_setting
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.weights import Weights
 from stages.scene.gaussians import GEOMETRY
 
-LONGEST_WORD = 100  # characters
 SHAPES: dict[str, tuple[int, ...]] = dict(zip(GEOMETRY, ((3,), (4,), (3,), ()), strict=True))
 Shape = tuple[int, ...]
 
@@ -58,8 +57,7 @@ def fitted_method(
 def check_settings(where: object, settings: Mapping[str, object]) -> None:
     """Raise `UserError` for what is no setting: other than short words and numbers that some method may have."""
     for name, value in settings.items():
-        number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_SETTING
-        if not (number or (isinstance(value, str) and value.isprintable() and len(value) <= LONGEST_WORD)):
+        if not is_setting(value):
             raise UserError(
                 f"the setting {name[:LONGEST_WORD]!r} is none",
                 where=where,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Annotated, Protocol, cast
 
 import numpy as np
 import torch
@@ -13,6 +13,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.errors import UserError
+from pipeline.module_names import ModuleIn
+from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.rendering import Rendering
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
@@ -21,24 +23,40 @@ PACKAGE = "stages.hiding.methods"
 LARGEST_SETTING = 1024
 """What a number among a method's settings is at most: beyond it no container is trained, and none imported."""
 
+LONGEST_WORD = 100
+"""Among a method's settings, in characters."""
+
+MethodName = Annotated[str, ModuleIn("stages.hiding.methods")]
+"""Of a module in `methods/`: one more file there is one more method."""
+
+Setting = int | float | str
+"""As JSON has it: it travels with the container."""
+
 
 class Method(Protocol):
     """How Gaussians become pictures: the attributes it adds to them, its networks, and its rendering.
 
     `name` is that of its module in `methods/`. `settings` are the JSON values from which `build` makes the same method
-    again; they travel with the container. `learning_rates` gives Adam's rate for every attribute. `networks` are
-    trained beside the Gaussians.
+    again; they travel with the container. `messages` are the names of those it shows: none where the secret is not at
+    hand. `learning_rates` gives Adam's rate for every attribute; of `coupled.FEATURES` it is the parameter
+    `feature_rate` while something is hidden. `networks` are trained beside the Gaussians: `scene_decoder`, which is
+    published, and `message_decoder`, which is not (`networks.py`), and no others.
     """
 
     name: str
-    settings: Mapping[str, int | float | str]
+    settings: Mapping[str, Setting]
+    messages: tuple[str, ...]
     learning_rates: Mapping[str, float]
     networks: Mapping[str, torch.nn.Module]
 
     def initial_attributes(
         self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
     ) -> dict[str, Float[Tensor, "N ..."]]:
-        """Attributes of N new Gaussians that look so in every picture, by its name: sRGB in [0, 1], 0.5 if unknown."""
+        """Attributes of N new Gaussians that look so in every picture, by its name: sRGB in [0, 1], 0.5 if unknown.
+
+        Decoders may be set so that they show these colours; what is random in it is drawn from `generator`, which
+        follows from the key where there is one.
+        """
 
     def attribute_shapes(self) -> dict[str, tuple[int, ...]]:
         """The shape of each attribute of one Gaussian, however it started: those of `learning_rates`."""
@@ -46,7 +64,7 @@ class Method(Protocol):
     def render(
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None
     ) -> Rendering:
-        """The pictures `wanted` of one camera, or all; `progress` in [0, 1] is the share of the training that is done.
+        """The pictures `wanted` of one camera, or all; `progress` in [0, 1] is the share of the schedules that is done.
 
         What is not wanted may be there all the same, where leaving it out would save nothing.
         """
@@ -78,14 +96,50 @@ def refuse_another_method(where: Path, found: str, declared: str) -> None:
         )
 
 
+def method_names() -> list[str]:
+    """Those of all methods, sorted."""
+    return ModuleIn(PACKAGE).names()
+
+
 def settings_of(name: str) -> tuple[str, ...]:
     """The settings from which method `name` is built, beside its messages."""
     return tuple(importlib.import_module(module_of(name)).SETTINGS)
 
 
+def is_setting(value: object) -> bool:
+    """Whether a method may have it among its settings: a number up to `LARGEST_SETTING`, or a short word."""
+    if isinstance(value, str):
+        return value.isprintable() and len(value) <= LONGEST_WORD
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_SETTING
+
+
+def presets_of(name: str, hides_scenes: bool) -> dict[str, float]:
+    """What trainings of method `name` take where nothing is stated: its `PRESETS`, and where scenes are hidden its
+    `SCENE_PRESETS` before them. A method that has none takes the parameters' defaults; so does one that is not there.
+    """
+    if name not in method_names():
+        return {}
+    module = importlib.import_module(module_of(name))
+    presets: dict[str, float] = dict(getattr(module, "PRESETS", {}))
+    return presets | (dict(getattr(module, "SCENE_PRESETS", {})) if hides_scenes else {})
+
+
 def build_method(name: str, settings: Mapping[str, object]) -> Method:
-    """The method `name`, made from its settings. Its networks' weights are drawn from torch's global generator."""
-    return cast(Method, importlib.import_module(module_of(name)).build(settings))
+    """The method `name`, made from its settings. Its networks' weights are drawn from torch's global generator.
+
+    Raises `UserError` for networks that no artifact would hold.
+    """
+    method = cast(Method, importlib.import_module(module_of(name)).build(settings))
+    kept = (*PUBLIC_NETWORKS, *SECRET_NETWORKS)
+    if lost := method.networks.keys() - {*kept}:
+        raise UserError(
+            "a method has networks that neither the container nor the secret holds",
+            where=module_of(name),
+            found=", ".join(sorted(lost)),
+            expected=" and ".join(kept),
+            remedy="Make what everybody may have a part of the scene decoder, and the rest one of the message decoder.",
+        )
+    return method
 
 
 def move_networks(method: Method, device: torch.device | str) -> None:

@@ -16,7 +16,17 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from stages.hiding.coupled import FEATURES
 from stages.hiding.key import generator_apart, key_generator
-from stages.hiding.method import LARGEST_SETTING, Method, build_method, move_networks, settings_of
+from stages.hiding.method import (
+    LARGEST_SETTING,
+    Method,
+    MethodName,
+    Setting,
+    build_method,
+    is_setting,
+    move_networks,
+    presets_of,
+    settings_of,
+)
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
@@ -25,24 +35,31 @@ from stages.scene.scene import Scene
 from stages.training.loop import Training, TrainingViews
 from stages.training.objectives import FixedView, PictureTerm
 from stages.training.parameters import TrainingParameters
-from stages.training.presets import HIDING, Presets, with_preset
 from stages.training.starting_points import GREY, Points, starting_points
+
+PLAIN = "plain"
 
 
 class HidingParameters(TrainingParameters):
     """The paper's symbols: M is `feature_dim`, λ `lambda_message`, γ and β the two SSIM weights.
 
-    What is null or left out is the method's own: of `presets`, and else the default. Defaults of λ, M, layers, γ and β
-    are the paper's; those of rates and of how features start are ours, and `workflows/profiles/released_code.yaml` has
-    the released code's.
+    What is null or left out is the method's own: of its `PRESETS`, and else the default. Defaults of λ, M, layers, γ
+    and β are the paper's; those of rates and of how features start are ours, and
+    `workflows/profiles/released_code.yaml` has the released code's.
     """
 
-    presets: ClassVar[tuple[Presets, ...]] = (HIDING,)
+    hides_scenes: ClassVar[bool] = False
 
-    method: Literal["gs_hider", "homogeneous", "sh", "decoder"] = Field(
+    method: MethodName = Field(
         "gs_hider",
-        description="How Gaussians become pictures: as in the paper, or with features divided by shares; or one of "
-        "the paper's baselines 3DGS+SH and 3DGS+Decoder.",
+        description="How Gaussians become pictures: as in the paper (gs_hider), or with features divided by shares "
+        "(homogeneous); or one of the paper's baselines 3DGS+SH (sh) and 3DGS+Decoder (decoder); or one of your own, "
+        "by the name of its file in stages/hiding/methods.",
+    )
+    own_settings: dict[str, Setting] = Field(
+        {},
+        description="Of a method of your own: the values of those of its SETTINGS that are no parameters here, such "
+        "as {hash_levels: 4}.",
     )
     feature_dim: int = Field(
         16, ge=1, le=LARGEST_SETTING, description="M: channels of the coupled feature of each Gaussian."
@@ -88,13 +105,26 @@ class HidingParameters(TrainingParameters):
     def _fill_in(cls, stated: Any) -> Any:
         if not isinstance(stated, dict):
             return stated  # for the validator to refuse
-        for presets in cls.presets:
-            stated = with_preset(stated, presets, stated.get("method"))
-        return stated
+        given = {name: value for name, value in stated.items() if value is not None}
+        method = given.get("method", cls.model_fields["method"].default)
+        return presets_of(str(method), cls.hides_scenes) | given
+
+    @model_validator(mode="after")
+    def _check_own_settings(self) -> HidingParameters:
+        if self.method == PLAIN:
+            raise ValueError(f"the method {PLAIN} is 3DGS itself, which hides nothing; the stage train_scene trains it")
+        wanted = {name for name in settings_of(self.method) if name not in type(self).model_fields}
+        if wanted != self.own_settings.keys():
+            listed = ", ".join(sorted(wanted)) or "none"
+            stated = ", ".join(sorted(self.own_settings)) or "none"
+            raise ValueError(f"own_settings of the method {self.method} are to be {listed}; found {stated}")
+        if refused := [name for name, value in self.own_settings.items() if not is_setting(value)]:
+            raise ValueError(f"own_settings are numbers to {LARGEST_SETTING} and short words; {refused[0]} is neither")
+        return self
 
     def build_method(self, messages: Sequence[str], key: Artifact | None) -> Method:
         """The method for these messages, its networks' first weights drawn from the key; without one from `seed`."""
-        settings = self.model_dump(include=set(settings_of(self.method)))
+        settings = self.model_dump(include=set(settings_of(self.method))) | self.own_settings
         with torch.random.fork_rng():
             torch.manual_seed(self.seed)
             method = build_method(self.method, settings | {"messages": list(messages)})
@@ -138,15 +168,17 @@ def hiding_training(
 
 
 def _draw_weights(method: Method, key: Artifact) -> None:
-    """The first weights of every convolution anew. Of a seed torch heeds 32 bits, which can be tried one by one on the
+    """The first weights of every layer anew. Of a seed torch heeds 32 bits, which can be tried one by one on the
     public scene decoder: each has one of its own, so that none tells of the message decoder's.
+
+    Weights of a module that cannot draw them anew are the method's `initial_attributes` to set.
     """
     generator = generator_apart(key, "weights")
     for network in method.networks.values():
         for layer in network.modules():
-            if isinstance(layer, torch.nn.Conv2d):
+            if callable(reset := getattr(layer, "reset_parameters", None)):
                 torch.manual_seed(int(generator.integers(2**32)))
-                layer.reset_parameters()
+                reset()
 
 
 def _check_width(parameters: HidingParameters, method: Method, messages: int) -> None:

@@ -22,7 +22,7 @@ from tests.pipeline.test_runner import CHAIN
 ROOT = Path(__file__).parents[2]
 PROGRAM = "import sys; sys.argv = ['gs-hider']; from pipeline.cli import main; main()"
 
-METHODS = ("gs_hider", "homogeneous", "sh", "decoder")
+METHODS = ("decoder", "gs_hider", "homogeneous", "plain", "sh")
 CHOICE = """
     vars: {count: 3, way: user, cover: null}
     stages:
@@ -94,7 +94,7 @@ def test_parameters_of_a_base_class_too(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.chdir(ROOT)
     found = offered("run workflows/hide_multi.yaml --set hide.")
     assert {"hide.lambda_message=", "hide.iterations=", "hide.threads="} <= set(found)
-    assert {"hide.model_config=", "hide.presets="}.isdisjoint(found)
+    assert {"hide.model_config=", "hide.hides_scenes="}.isdisjoint(found)
 
 
 @pytest.mark.parametrize(
@@ -104,6 +104,7 @@ def test_parameters_of_a_base_class_too(monkeypatch: pytest.MonkeyPatch) -> None
         ("Literal[1, 4] | None", ["1", "4"]),
         ("Depth", ["shallow", "deep"]),
         ("Depth | bool", ["shallow", "deep", "true", "false"]),
+        ('Annotated[str, ModuleIn("mine.layers")]', ["clay", "sand"]),
         ("float", []),
         ("dict[str, Literal['a', 'b']]", []),
         ("Nowhere", []),
@@ -113,7 +114,9 @@ def test_values_of_an_annotation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, annotation: str, choices: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/layers").mkdir(parents=True)
+    for name in ("sand", "clay", "__init__"):
+        (tmp_path / f"mine/layers/{name}.py").touch()
     (tmp_path / "mine/names.py").write_text("Depth = Literal['shallow', 'deep']\n")
     (tmp_path / "mine/dig.py").write_text(
         f"from mine.names import Depth\nclass P(Parameters):\n    depth: {annotation}\ndef dig(context, p: P): ...\n"

@@ -162,6 +162,35 @@ def test_only_the_selected_module_counts(package: Package, tmp_path: Path) -> No
     assert [run(package, tmp_path), run(package, tmp_path, "made.method=fancy")] == ["ran", "cached"]
 
 
+def test_what_a_selected_module_says_of_parameters_is_asked_anew(package: Package, tmp_path: Path) -> None:
+    """How parameters are completed is remembered, and may depend on the module that they select."""
+    package.write("methods/__init__.py", "")
+    package.write("methods/plain.py", "LAYERS = 1\n")
+    package.write_stage(imports="import importlib\nfrom pydantic import model_validator", modules=SELECT)
+    package.edit(
+        "make.py",
+        'description="Which method.")\n',
+        f'''description="Which method.")
+    layers: int = Field(0, description="Its own.")
+
+    @model_validator(mode="before")
+    @classmethod
+    def fill_in(cls, stated):
+        return {{"layers": importlib.import_module("{package.name}.methods." + "plain").LAYERS}} | stated
+''',
+    )
+
+    def planned() -> object:
+        forget(package)
+        workspace = Workspace(tmp_path, package.name).write("stages:\n  made: {uses: make}\n")
+        workspace.run()
+        return workspace.open().graph.nodes["made"].parameters["layers"]
+
+    assert (planned(), planned()) == (1, 1)
+    package.edit("methods/plain.py", "1", "2")
+    assert (planned(), planned()) == (2, 2)
+
+
 def test_hidden_imports_are_errors(package: Package, tmp_path: Path) -> None:
     package.write_stage(body=DYNAMIC)
     (problem,) = problems(package, tmp_path)

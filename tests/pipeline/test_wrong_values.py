@@ -11,14 +11,15 @@ from tests.pipeline.helpers import Workspace
 
 STAGE = '''
 """A stage."""
-from typing import Literal
+from typing import Annotated
 from pydantic import Field
+from pipeline.module_names import ModuleIn
 from pipeline.stage import Context, Output, Parameters, stage
 
 class GivenParameters(Parameters):
-    method: {kind} = Field("plain", description="Which method.")
+    method: Annotated[str, ModuleIn("of_methods.methods")] = Field("plain", description="Which method.")
 
-@stage(inputs={{}}, outputs={{"made": Output("text")}}, version=1{modules})
+@stage(inputs={{}}, outputs={{"made": Output("text")}}, version=1)
 def {name}(context: Context, parameters: GivenParameters) -> None:
     context.output("made").write_file("text", parameters.method)
 '''
@@ -29,19 +30,17 @@ HIDES = """
       scores: {uses: score, with: {method: "${way}"}}
       path:   {uses: score, foreach: {method: ["${way}", fancy]}, with: {method: "${item.method}"}}
     """
-SCORES = "\n".join(line for line in HIDES.splitlines() if "hide:" not in line)
 
 
 @pytest.fixture
 def methods(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> Iterator[Workspace]:
-    """Stages that take a method: one says which there are, one only which module a method is."""
+    """Stages that take a method, which is a file of its own."""
     package = workspace.folder / "of_methods"
     (package / "methods").mkdir(parents=True)
     for name in ("plain", "fancy", "sh", "__init__"):
         (package / "methods" / f"{name}.py").touch()
-    selecting = ", modules=lambda given: [f'of_methods.methods.{given.method}']"
-    for name, kind, modules in (("hide", "Literal['plain', 'fancy']", ""), ("score", "str", selecting)):
-        (package / f"{name}.py").write_text(STAGE.format(name=name, kind=kind, modules=modules))
+    for name in ("hide", "score"):
+        (package / f"{name}.py").write_text(STAGE.format(name=name))
     (package / "__init__.py").touch()
     monkeypatch.syspath_prepend(workspace.folder)
     workspace.package = package.name
@@ -52,16 +51,12 @@ def methods(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> Iterator[W
 
 def test_a_mistyped_method_is_one_message(methods: Workspace) -> None:
     assert methods.write(HIDES).problems("way=fency") == [
-        "--set way: parameter 'method' of hide, scores and path should be 'plain' or 'fancy'; found \"fency\"; "
-        "did you mean 'fancy'?"
-    ]
-    assert methods.write(SCORES).problems("way=fency") == [
-        "--set way: parameter 'method' of scores and path should be 'fancy', 'plain' or 'sh'; found \"fency\"; "
+        "--set way: parameter 'method' of hide, scores and path should be 'fancy', 'plain' or 'sh'; found \"fency\"; "
         "did you mean 'fancy'?"
     ]
     assert methods.problems("way=3") == [
-        "--set way: parameter 'method' of scores and path should be a valid string; found 3; a text that looks so is "
-        """to be quoted: '3' in a file, "'3'" after --set NAME="""
+        "--set way: parameter 'method' of hide, scores and path should be a valid string; found 3; a text that looks "
+        """so is to be quoted: '3' in a file, "'3'" after --set NAME="""
     ]
     assert methods.problems("way=sh") == []
 
@@ -70,7 +65,13 @@ def test_of_one_stage_it_needs_no_name(methods: Workspace) -> None:
     (problem,) = methods.write(HIDES).problems("way=fancy", "scores.method=x.y")
     assert problem == "--set scores.method: parameter 'method' should be 'fancy', 'plain' or 'sh'; found \"x.y\""
     (problem,) = methods.problems("way=fancy", "hide.method=plane")
-    assert problem.endswith("should be 'plain' or 'fancy'; found \"plane\"; did you mean 'plain'?")
+    assert problem.endswith("should be 'fancy', 'plain' or 'sh'; found \"plane\"; did you mean 'plain'?")
+
+
+def test_one_more_file_is_one_more_choice(methods: Workspace) -> None:
+    assert methods.write(HIDES).problems("way=mine") != []
+    (methods.folder / "of_methods/methods/mine.py").touch()
+    assert methods.problems("way=mine") == []
 
 
 def test_each_place_is_told_that_is_to_be_mended(methods: Workspace) -> None:

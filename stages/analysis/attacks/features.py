@@ -5,14 +5,14 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import cast
 
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float64
 from torch import Tensor
 
-from stages.analysis.attacks.target import Target
+from stages.analysis.attacks.target import FollowsFeatures, Target
 from stages.hiding.coupled import FEATURES
-from stages.hiding.decoders import Decoder
 from stages.hiding.method import Method
 from stages.hiding.stored_features import FARTHEST, stored
 
@@ -51,7 +51,7 @@ def channel_permutation(target: Target, channels: float, generator: torch.Genera
     """Let so many channels, drawn at random, change places in a ring, and the scene decoder read them where they are.
 
     The attacker knows the container, its scene decoder included. A turn of features that every scene decoder forgives
-    to the last bit but those of rounding, whatever the opacity of a pixel. Not for containers without features.
+    to the last bit but those of rounding, whatever the opacity of a pixel. Only for decoders that follow features.
     """
     raw = target.gaussians[FEATURES]
     chosen = torch.randperm(raw.shape[1], generator=generator)[: int(channels)]
@@ -77,7 +77,8 @@ def compensated_rotation(target: Target, degrees: float, generator: torch.Genera
     The attacker knows the container, its scene decoder included. Features are drawn towards 0.5 where they would leave
     (0, 1), and the decoder reads them by as much longer rows. For `homogeneous` nothing of the cover changes, which is
     read from features less half the blended opacity. GS-Hider's decoder reads the blended features themselves: what is
-    exact where the opacity is 1 is not where it is less, nor beside the picture's border, with zeros beyond it.
+    exact where the opacity is 1 is not where it is less, nor beside the picture's border, with zeros beyond it. Only
+    for decoders that follow features.
     """
     centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
     turn = _turn(centred.shape[1], degrees, generator)
@@ -86,7 +87,7 @@ def compensated_rotation(target: Target, degrees: float, generator: torch.Genera
 
 def reads_centred(method: Method) -> bool:
     """Whether the scene decoder reads features less half the opacity, so that a common factor can be made good."""
-    return not isinstance(method.networks["scene_decoder"], Decoder)
+    return cast(FollowsFeatures, method.networks["scene_decoder"]).reads_centred
 
 
 def shrunk(target: Target, centred: Float64[Tensor, "N M"], back: Float64[Tensor, "M M"]) -> Target:
@@ -100,26 +101,11 @@ def shrunk(target: Target, centred: Float64[Tensor, "N M"], back: Float64[Tensor
     return replace(changed, method=_reading(target.method, back / shrink))
 
 
-@torch.no_grad()
 def _reading(method: Method, back: Float64[Tensor, "M M"]) -> Method:
     """The method with a scene decoder that reads features, centred at 0.5, along r B where it read them along r."""
     changed = copy.deepcopy(method)
-    decoder = changed.networks["scene_decoder"]
-    if not isinstance(decoder, Decoder):
-        weights = dict(decoder.named_parameters())
-        for name in ("directions", "readings"):
-            weights[name].copy_(_along(weights[name], back))
-        return changed
-    first = decoder.convolutions[0]
-    before = first.weight.double().sum(dim=(2, 3))
-    first.weight.copy_(_along(first.weight.permute(0, 2, 3, 1), back).permute(0, 3, 1, 2))
-    after = first.weight.double().sum(dim=(2, 3))
-    first.bias.add_((0.5 * (before - after).sum(dim=1)).float())
+    cast(FollowsFeatures, changed.networks["scene_decoder"]).read_along(back)
     return changed
-
-
-def _along(rows: Float[Tensor, "... M"], back: Float64[Tensor, "M M"]) -> Float[Tensor, "... M"]:
-    return (rows.double() @ back).float()
 
 
 def _turn(channels: int, degrees: float, generator: torch.Generator) -> Float64[Tensor, "M M"]:

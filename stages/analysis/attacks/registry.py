@@ -47,13 +47,13 @@ def attacks(reoptimised: Sequence[int]) -> Mapping[AttackName, Attack]:
         "cropping": Attack(seeded(cropping), strongest=MOST_PRUNED),
         "rigid_motion": Attack(seeded(rigid_motion.rigid_motion), lambda target: rigid_motion.SEVERITIES),
         "channel_dropping": Attack(seeded(features.channel_dropping), features.channel_counts, applies=_has_features),
-        "unread_directions": Attack(unread_directions, features.channel_counts, applies=_has_features),
+        "unread_directions": Attack(unread_directions, features.channel_counts, applies=_decoder_follows),
         "channel_permutation": Attack(
-            seeded(features.channel_permutation), features.permuted_counts, applies=_has_features
+            seeded(features.channel_permutation), features.permuted_counts, applies=_decoder_follows
         ),
         "feature_rotation": Attack(seeded(features.feature_rotation), strongest=90.0, applies=_has_features),
         "compensated_rotation": Attack(
-            seeded(features.compensated_rotation), lambda target: features.ANGLES, applies=_has_features
+            seeded(features.compensated_rotation), lambda target: features.ANGLES, applies=_decoder_follows
         ),
         "reoptimisation": Attack(reoptimisation(longest, frozen=False), lambda target: steps),
         "reoptimisation_frozen": Attack(
@@ -70,6 +70,10 @@ def attacks(reoptimised: Sequence[int]) -> Mapping[AttackName, Attack]:
 
 def _has_features(target: Target) -> bool:
     return target.has_features
+
+
+def _decoder_follows(target: Target) -> bool:
+    return target.decoder_follows_features
 
 
 def _in_renders(target: Target) -> bool:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from stages.analysis.attacks.target import Target
+from stages.analysis.attacks.target import Target, ToldDirections
 from stages.hiding.method import Method
-from stages.scene.moved_splats import moved, turned_harmonics
+from stages.scene.moved_splats import moved
 from stages.scene.similarity import Similarity
 
 SEVERITIES = (5.0, 15.0, 45.0, 90.0, 180.0)
-VIEW_CHANNELS = 8
-"""Harmonics of the direction of view that decoders of `homogeneous` are told, last among their channels."""
 
 
 def rigid_motion(target: Target, degrees: float, generator: torch.Generator) -> Target:
@@ -44,13 +43,8 @@ def _moved(target: Target, motion: Similarity) -> Target:
 
 def _turned_method(method: Method, motion: Similarity) -> Method:
     """The method with a scene decoder that is told of turned directions what it was told of the old ones."""
-    if "directions" not in dict(method.networks["scene_decoder"].named_parameters() if method.networks else {}):
+    if not isinstance(method.networks.get("scene_decoder"), ToldDirections):
         return method
     turned = copy.deepcopy(method)
-    first = next(m for m in turned.networks["scene_decoder"].modules() if isinstance(m, torch.nn.Conv2d))
-    told = first.weight.detach()[:, -VIEW_CHANNELS:]
-    with torch.no_grad():
-        rest = told.flatten(2).permute(2, 0, 1).reshape(-1, VIEW_CHANNELS, 1)
-        back = turned_harmonics(rest, motion.rotation).reshape(-1, len(told), VIEW_CHANNELS).permute(1, 2, 0)
-        first.weight[:, -VIEW_CHANNELS:] = back.reshape(told.shape)
+    cast(ToldDirections, turned.networks["scene_decoder"]).turn_view(motion.rotation)
     return turned

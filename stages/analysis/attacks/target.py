@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol, runtime_checkable
 
+import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float64, Int
 from torch import Tensor
 
 from stages.hiding.coupled import FEATURES
@@ -20,6 +22,24 @@ STANDARD_COLOURS = ("sh_base", "sh_rest")
 
 SECRET_SHOWN_BY_RENDERS = "decoder"
 """The one method whose message decoder looks at the cover's picture itself."""
+
+
+@runtime_checkable
+class FollowsFeatures(Protocol):
+    """A scene decoder that can be made to forgive a linear change of the features; see `hiding.decoders.Decoder`."""
+
+    reads_centred: bool
+
+    def read_along(self, back: Float64[Tensor, "M M"]) -> None:
+        """Read centred features along r B where it read them along r."""
+
+
+@runtime_checkable
+class ToldDirections(Protocol):
+    """A scene decoder that is told from where a pixel is looked at; see `hiding.methods.homogeneous`."""
+
+    def turn_view(self, rotation: Float64[np.ndarray, "3 3"]) -> None:
+        """Read of directions in a world that turned what it read of the old ones."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +59,11 @@ class Target:
     def has_features(self) -> bool:
         """Whether the method is one with coupled features."""
         return FEATURES in self.gaussians.parameters
+
+    @property
+    def decoder_follows_features(self) -> bool:
+        """Whether the scene decoder can be made to forgive what is done to the features."""
+        return self.has_features and isinstance(self.method.networks.get("scene_decoder"), FollowsFeatures)
 
     @property
     def shows_message_in_renders(self) -> bool:

@@ -29,7 +29,7 @@ def unread_directions(target: Target, seed: int, knowledge: Knowledge) -> Attack
     JᵀJ, in ascending order: leaving them at their mean changes the cover least, to first order and in the squares'
     mean. (By the decoder's first layer alone, to bring GS-Hider's message to 17.5 dB costs its cover 3.1 dB instead of
     1.3: fox.) The scene decoder of `homogeneous` reads 8 of its 16 directions, so that the other 8 go without a
-    trace. Not for containers without features.
+    trace. Only for decoders that follow features.
     """
     centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
     mean = centred.mean(dim=0)

@@ -11,8 +11,8 @@ from pipeline.errors import UserError
 from pipeline.stage import Item
 from stages.analysis.measurements import Measurement, read_measurements
 from stages.analysis.page.material import METHOD_TITLES, PLAIN
+from stages.hiding.method import presets_of
 from stages.imaging.metric_table import MetricRow, read_rows
-from stages.training.presets import HIDING, HIDING_SCENES
 
 SETTINGS = {
     "lambda_message": "λ = {}",
@@ -264,7 +264,7 @@ def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) ->
 
 def usual_settings(method: str, setup: Mapping[str, float]) -> Mapping[str, float]:
     """A method's usual settings: those of the paper, and what our own takes by itself."""
-    own = {**HIDING.get(method, {}), **HIDING_SCENES.get(method, {})}
+    own = presets_of(method, hides_scenes=True)
     return {**setup, "decoder_width": DECODER_WIDTH, **{name: own[name] for name in SETTINGS if name in own}}
 
 

@@ -97,7 +97,7 @@ class Probe:
         views = self._observed(opened or self.public, self.scene.test_names)
         self._add_pictures(OWNER, self._rendered(self.owner, tuple(self.messages)), views)
         if opened is not None:
-            self._add_pictures(OPEN, self._rendered(opened, opened.messages), views)  # type: ignore[attr-defined]  # open_reader gave it some
+            self._add_pictures(OPEN, self._rendered(opened, opened.messages), views)
         # What the scene decoder shows, too, where it is taken for the message decoder.
         self._add_pictures(COVER_ITSELF, self._of_each_message([seen.cover for seen in views]), views)
         self._feature_maps(views)

@@ -16,18 +16,30 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 from stages.hiding.coupled import COUPLED_SETTINGS, FEATURE_RANGE, FEATURES, CoupledFeatures
-from stages.hiding.decoders import Decoder, decode
+from stages.hiding.decoders import Decoder, decode, rows_along
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER, Rendering
 from stages.scene.cameras import Camera, pixel_directions
 from stages.scene.gaussians import Gaussians
+from stages.scene.moved_splats import turned_harmonics
 from stages.scene.spherical_harmonics import harmonics, harmonics_count
 
 SETTINGS = COUPLED_SETTINGS
+
+PRESETS = {
+    "decoder_width": 32,
+    "kernel_size": 1,
+    "averaging": 0.995,
+    "opacity_weight": 2.0,
+    "scale_weight": 2.0,
+}
+"""How they were found: workflows/figures/tried.md."""
+
+SCENE_PRESETS = {"lambda_message": 0.1, "message_points": 4000}
 
 BELONGING = 0.48
 """A Gaussian starts with a share of 0.5 + this in its own picture, and 0.5 - this in the others."""
@@ -53,6 +65,9 @@ hiding bonsai, with 21 photos, the cover gains 1.6 dB on test views, and 0.6 or 
 VIEW_DEGREE = 2
 """Of the spherical harmonics by which the decoders are told a pixel's direction of view."""
 
+VIEW_CHANNELS = harmonics_count(VIEW_DEGREE) - 1
+"""The harmonics but the constant one, last among the channels that the convolutions see."""
+
 
 class HomogeneousDecoder(torch.nn.Module):
     """Features read along a few directions, divided by the share of the picture they belong to, then convolutions.
@@ -62,11 +77,13 @@ class HomogeneousDecoder(torch.nn.Module):
     black from grey, and 8 harmonics of the direction of view.
     """
 
+    reads_centred = True
+
     def __init__(self, feature_dim: int, pictures: int, layers: int, width: int, kernel_size: int = 3):
         super().__init__()
         self.directions = torch.nn.Parameter(torch.zeros(pictures, feature_dim))
         self.readings = torch.nn.Parameter(torch.zeros(pictures, READINGS, feature_dim))
-        self.channels = pictures * (READINGS + 1) + harmonics_count(VIEW_DEGREE) - 1
+        self.channels = pictures * (READINGS + 1) + VIEW_CHANNELS
         self.convolutions = Decoder(self.channels, 3 * pictures, layers, width, kernel_size)
 
     def start(self, directions: Float[Tensor, "P M"], readings: Float[Tensor, "P R M"]) -> None:
@@ -80,6 +97,21 @@ class HomogeneousDecoder(torch.nn.Module):
         with torch.no_grad():
             self.directions.copy_(directions)
             self.readings.copy_(readings)
+
+    @torch.no_grad()
+    def read_along(self, back: Float64[Tensor, "M M"]) -> None:
+        """Read features, centred at 0.5, along r B where it read them along r; B is `back`."""
+        self.directions.copy_(rows_along(self.directions, back))
+        self.readings.copy_(rows_along(self.readings, back))
+
+    @torch.no_grad()
+    def turn_view(self, rotation: Float64[np.ndarray, "3 3"]) -> None:
+        """Read of directions of view in a world that turned by `rotation` what it read of the old ones."""
+        first = self.convolutions.convolutions[0]
+        told = first.weight[:, -VIEW_CHANNELS:]
+        rest = told.flatten(2).permute(2, 0, 1).reshape(-1, VIEW_CHANNELS, 1)
+        turned = turned_harmonics(rest, rotation).reshape(-1, len(told), VIEW_CHANNELS).permute(1, 2, 0)
+        first.weight[:, -VIEW_CHANNELS:] = turned.reshape(told.shape)
 
     def divided(
         self, centred: Float[Tensor, "H W M"], half_alphas: Float[Tensor, "H W 1"]

@@ -24,6 +24,7 @@ class Plain:
 
     def __init__(self, sh_degree: int):
         self.sh_degree = sh_degree
+        self.messages: tuple[str, ...] = ()
         self.settings: Mapping[str, int | float | str] = {"sh_degree": sh_degree}
         self.learning_rates: Mapping[str, float] = {"sh_base": RATES[0], "sh_rest": RATES[1]}
         self.networks: Mapping[str, torch.nn.Module] = {}

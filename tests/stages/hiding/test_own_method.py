@@ -1,0 +1,141 @@
+"""A method of one's own is one file: it trains, is scored and attacked, and says of itself what the paper's do."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+import stages.hiding.methods
+from pipeline.artifact import create, load
+from pipeline.errors import UserError
+from pipeline.stage import run_stage
+from stages.analysis.measurements import read_measurements
+from stages.attack import AttackParameters, attack
+from stages.evaluate import EvaluateParameters, evaluate
+from stages.hide_image import HideImageParameters
+from stages.hide_scenes import HideScenesParameters, hide_scenes
+from stages.hiding.key import KEY_BYTES, write_key
+from stages.hiding.method import build_method, method_names
+from stages.imaging.metric_table import read_rows
+from tests.stages.small import message_views, scene
+
+SOURCE = '''
+"""Feature maps read by linear layers, of which `levels` are hidden ones."""
+
+import torch
+
+from stages.hiding.coupled import COUPLED_SETTINGS, FEATURES, CoupledFeatures
+
+SETTINGS = (*COUPLED_SETTINGS, "levels")
+PRESETS = {"decoder_width": 12, "averaging": 0.5}
+SCENE_PRESETS = {"lambda_message": 0.25}
+
+
+class Own(CoupledFeatures):
+    name = "own"
+
+    def __init__(self, levels, **settings):
+        self.levels = levels
+        super().__init__(**settings)
+        self.settings = {**self.settings, "levels": levels}
+
+    def make_decoder(self, pictures, layers, width, kernel_size):
+        hidden = [module for _ in range(self.levels) for module in (torch.nn.Linear(width, width), torch.nn.ReLU())]
+        return torch.nn.Sequential(
+            torch.nn.Linear(self.feature_dim, width), *hidden, torch.nn.Linear(width, 3 * pictures)
+        )
+
+    def initial_attributes(self, colors, generator):
+        count = len(next(iter(colors.values())))
+        return {FEATURES: torch.from_numpy(generator.normal(size=(count, self.feature_dim))).float()}
+
+    def decoded(self, decoders, rendering, camera):
+        return [decoder(rendering.feature_map) for decoder in decoders]
+
+
+def build(settings):
+    return Own(**settings)
+'''
+WITH_TABLE = """
+
+def with_table(method):
+    method.networks["table"] = torch.nn.Linear(1, 1)
+    return method
+"""
+SMALL = {"method": "own", "own_settings": {"levels": 1}, "iterations": 4, "feature_dim": 8}
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Iterator[Path]:
+    """The file of a method beside the others."""
+    folder = tmp_path / "methods"
+    folder.mkdir()
+    (folder / "own.py").write_text(SOURCE)
+    stages.hiding.methods.__path__.append(str(folder))
+    yield folder / "own.py"
+    stages.hiding.methods.__path__.remove(str(folder))
+    sys.modules.pop("stages.hiding.methods.own", None)
+
+
+def test_it_is_trained_scored_and_attacked(tmp_path: Path, own: Path) -> None:
+    cover, views = scene(tmp_path / "cover"), message_views(tmp_path / "views")
+    parameters = HideScenesParameters.model_validate(SMALL)
+    made = run_stage(hide_scenes, parameters, {"cover": cover, "messages": (views,)}, tmp_path / "made")
+    inputs = {"container": made["container"], "secret": made["secret"], "cover": cover, "messages": (views,)}
+    scores = run_stage(evaluate, EvaluateParameters(method="own", lpips="none"), inputs, tmp_path / "scores")["scores"]
+    assert {row.method for row in read_rows(scores)} == {"own"}
+    features = ("channel_dropping", "unread_directions", "channel_permutation", "compensated_rotation", "rigid_motion")
+    quick = {"method": "own", "attacks": features, "cover_losses": (0.5,), "seeds": (0,), "lpips": False}
+    attacked = run_stage(attack, AttackParameters.model_validate(quick), inputs, tmp_path / "attacked")["measurements"]
+    conditions = {row.condition.partition(",")[0] for row in read_measurements(attacked)}
+    assert {"channel_dropping", "rigid_motion"} <= conditions
+    assert not {"unread_directions", "channel_permutation", "compensated_rotation"} & conditions, "it cannot be turned"
+
+
+def test_it_says_what_it_takes(own: Path) -> None:
+    parameters = HideScenesParameters.model_validate(SMALL)
+    assert (parameters.decoder_width, parameters.averaging, parameters.lambda_message) == (12, 0.5, 0.25)
+    assert HideScenesParameters.model_validate({**SMALL, "decoder_width": 20}).decoder_width == 20
+    assert HideImageParameters.model_validate(SMALL).lambda_message == 0.1, "those of scenes are not an image's"
+    assert "own" in method_names()
+
+
+def test_every_layer_starts_from_the_key(tmp_path: Path, own: Path) -> None:
+    parameters = HideScenesParameters.model_validate(SMALL)
+
+    def weights(byte: int) -> np.ndarray:
+        with create(tmp_path / str(byte), "key", private=True) as writer:
+            write_key(writer, bytes([byte]) * KEY_BYTES)
+        key = load(tmp_path / str(byte))
+        network = parameters.build_method(["statue"], key).networks["message_decoder"]
+        return np.concatenate([tensor.numpy().ravel() for tensor in network.state_dict().values()])
+
+    assert not np.array_equal(weights(1), weights(2))
+
+
+@pytest.mark.parametrize(
+    ("changed", "complaint"),
+    [
+        ({"own_settings": {}}, "own_settings of the method own are to be levels; found none"),
+        ({"own_settings": {"levels": 1, "depth": 2}}, "are to be levels; found depth, levels"),
+        ({"own_settings": {"levels": 100_000}}, "numbers to 1024"),
+        ({"method": "gs_hider"}, "own_settings of the method gs_hider are to be none; found levels"),
+        ({"method": "plain", "own_settings": {}}, "hides nothing"),
+        ({"method": "owned"}, "'gs_hider', 'homogeneous', 'own', 'plain' or 'sh'"),
+    ],
+)
+def test_what_it_does_not_take_is_refused(own: Path, changed: dict[str, object], complaint: str) -> None:
+    with pytest.raises(ValidationError, match=complaint):
+        HideScenesParameters.model_validate({**SMALL, **changed})
+
+
+def test_networks_that_nobody_would_keep_are_refused(own: Path) -> None:
+    own.write_text(SOURCE.replace("return Own(**settings)", "return with_table(Own(**settings))") + WITH_TABLE)
+    settings = {"feature_dim": 8, "layers": 2, "decoder_width": 12, "kernel_size": 3, "precision": "float32"}
+    with pytest.raises(UserError, match="found table; expected scene_decoder and message_decoder"):
+        build_method("own", {**settings, "levels": 1})
