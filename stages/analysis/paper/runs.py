@@ -11,7 +11,7 @@ from pipeline.errors import UserError
 from pipeline.stage import Item
 from stages.analysis.measurements import Measurement, read_measurements
 from stages.analysis.page.material import METHOD_TITLES, PLAIN
-from stages.hiding.method import presets_of
+from stages.hiding.method import method_names, presets_of, settings_of
 from stages.imaging.metric_table import MetricRow, read_rows
 
 SETTINGS = {
@@ -22,7 +22,9 @@ SETTINGS = {
     "iterations": "{} iterations",
     "gaussians": "at most {} Gaussians",
 }
-"""Columns of items that tell runs of one method apart, and how a line of a table is called after them."""
+"""Columns of items that tell runs of one method apart, and how a line of a table is called after them. So do those that
+are called as a setting of the method is, by their names.
+"""
 
 SETTINGS_OF_PLAIN = ("iterations", "gaussians")
 """Plain 3DGS has no setting of hiding."""
@@ -200,7 +202,11 @@ def method_title(run: Run) -> str:
 def settings_title(method: str, settings: Settings) -> str:
     """The method's title, with settings."""
     title = METHOD_TITLES.get(method, method)
-    return ", ".join([title, *(SETTINGS[name].format(_written(value)) for name, value in settings)])
+    return ", ".join([title, *(_title_of_setting(name).format(_written(value)) for name, value in settings)])
+
+
+def _title_of_setting(name: str) -> str:
+    return SETTINGS.get(name, f"{name.replace('_', ' ')} {{}}")
 
 
 def capture_title(capture: str) -> str:
@@ -224,7 +230,7 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
         if method != PLAIN or row.message is None:  # of plain 3DGS, messages are only a control
             by_method.setdefault(method, []).append(row)
     capture, seed = (item.values.get(column) for column in (columns.capture, columns.seed))
-    known = {columns.capture, columns.method, columns.seed, *SETTINGS}
+    known = {columns.capture, columns.method, columns.seed, *SETTINGS, *_own_settings(first)}
     other = tuple(f"{name}={value}" for name, value in sorted(item.values.items()) if name not in known)
     return [
         Run(
@@ -264,8 +270,7 @@ def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) ->
 
 def usual_settings(method: str, setup: Mapping[str, float]) -> Mapping[str, float]:
     """A method's usual settings: those of the paper, and what our own takes by itself."""
-    own = presets_of(method, hides_scenes=True)
-    return {**setup, "decoder_width": DECODER_WIDTH, **{name: own[name] for name in SETTINGS if name in own}}
+    return {**setup, "decoder_width": DECODER_WIDTH, **presets_of(method, hides_scenes=True)}
 
 
 def _usual_of_pictures(rows: Sequence[MetricRow], usual: Mapping[str, float]) -> Mapping[str, float]:
@@ -276,9 +281,13 @@ def _usual_of_pictures(rows: Sequence[MetricRow], usual: Mapping[str, float]) ->
 
 def _settings(item: Item, method: str, usual: Mapping[str, float]) -> Settings:
     """What is stated and unusual."""
-    names = list(SETTINGS) if method != PLAIN else SETTINGS_OF_PLAIN
+    names = [*SETTINGS, *_own_settings(method)] if method != PLAIN else SETTINGS_OF_PLAIN
     stated = {name: _value(item.values[name]) for name in names if item.values.get(name) is not None}
-    return tuple((name, value) for name, value in stated.items() if value != usual[name])
+    return tuple((name, value) for name, value in stated.items() if value != usual.get(name))
+
+
+def _own_settings(method: str) -> list[str]:
+    return [name for name in settings_of(method) if name not in SETTINGS] if method in method_names() else []
 
 
 def _value(value: object) -> float | str:

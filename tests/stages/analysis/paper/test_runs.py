@@ -63,6 +63,25 @@ def test_settings_are_what_is_unusual(tmp_path: Path) -> None:
     assert {name for run in study.runs if run.method == "plain" for name, _ in run.settings} <= {"iterations"}
 
 
+def test_whatever_else_a_method_is_built_from_tells_its_runs_apart(tmp_path: Path) -> None:
+    """The kernel's side has no title here, as the settings of a method of one's own have none."""
+    study = read(
+        [
+            item(
+                tmp_path,
+                str(side),
+                scene_rows("fox", "gs_hider", cover=side, messages=("reef",)),
+                capture="fox",
+                method="gs_hider",
+                kernel_size=side,
+            )
+            for side in (1, 5)
+        ]
+    )
+    hiding = study.select(lambda run: run.method == "gs_hider")
+    assert [method_title(run) for run in hiding] == ["GS-Hider, kernel size 1", "GS-Hider, kernel size 5"]
+
+
 def test_decoders_of_an_unusual_width_are_named(tmp_path: Path) -> None:
     """What is usual depends on the method."""
     wide = {"gs_hider": (64, 96), "homogeneous": (32, 64)}
