@@ -11,7 +11,7 @@ from stages.analysis.attribute_histograms import compare_attributes as compared
 from stages.analysis.attribute_histograms import histogram_rows
 from stages.analysis.measurements import write_measurements
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
-from stages.hiding.method import MethodName
+from stages.hiding.method_names import MethodName
 
 
 class CompareAttributesParameters(Parameters):

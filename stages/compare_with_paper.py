@@ -13,7 +13,7 @@ from stages.analysis.paper.markdown import write_markdown
 from stages.analysis.paper.page import owner_page, public_page, write_page
 from stages.analysis.paper.published import read_published
 from stages.analysis.paper.runs import Columns, read_study
-from stages.hiding.method import method_names, module_of
+from stages.hiding.method_names import method_names, module_of
 
 PAGE_FILE, MARKDOWN_FILE, TABLE_FILE = "report.html", "tables.md", "figures.csv"
 

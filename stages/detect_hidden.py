@@ -14,7 +14,7 @@ from stages.analysis.learned_detection import Classes, detection_rows
 from stages.analysis.measurements import write_measurements
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
 from stages.analysis.renders import read_renders
-from stages.hiding.method import MethodName
+from stages.hiding.method_names import MethodName
 
 INPUTS = {"hidden": HIDDEN, "clean": CLEAN, "clean_again": CLEAN_AGAIN}
 

@@ -33,7 +33,8 @@ from stages.analysis.watermark_trials import (
     trial_rows,
 )
 from stages.analysis.watermarked_containers import attacked_containers
-from stages.hiding.method import MethodName, module_of, move_networks
+from stages.hiding.method import move_networks
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.watermark.reading import FOUND_SHARE, owners_reader
 from stages.hiding.watermark.rendering import each_render, renders

@@ -8,7 +8,8 @@ from pydantic import Field
 
 from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.hiding.method import build_method, module_of
+from stages.hiding.method import build_method
+from stages.hiding.method_names import module_of
 from stages.hiding.storage import check_method, read_gaussians, write_container
 from stages.scene.alignment import rig_of
 from stages.scene.editing import Splats, edited

@@ -8,7 +8,7 @@ from pydantic import Field
 from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import KIND, Measurement, write_measurements
-from stages.hiding.method import MethodName, module_of
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method
 from stages.hiding.watermark.reading import CERTAIN, is_colorless, owners_reader
 from stages.imaging.pictures import Picture, read_picture

@@ -10,7 +10,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.hiding.method import MethodName, module_of
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.storage import read_codec
 from stages.hiding.what_is_hidden import hidden_messages, view_that_hides

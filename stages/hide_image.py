@@ -10,7 +10,7 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError, nearest
 from pipeline.stage import Context, Input, Output, stage
 from stages.hiding.key import generator_apart
-from stages.hiding.method import module_of
+from stages.hiding.method_names import module_of
 from stages.hiding.storage import write_container, write_secret
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows

@@ -10,7 +10,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, stage
-from stages.hiding.method import module_of
+from stages.hiding.method_names import module_of
 from stages.hiding.storage import write_container, write_secret
 from stages.imaging.metric_table import write_rows
 from stages.scene.message_views import read_messages

@@ -10,7 +10,8 @@ from stages.hiding.bundle import CAMERAS, IMAGE_CAMERA, SecretBundle
 from stages.hiding.bundle_files import read_container_bundle, read_secret_bundle
 from stages.hiding.camera_reading import read_cameras_file
 from stages.hiding.fitting import fitted_method
-from stages.hiding.method import MethodName, module_of, refuse_another_method
+from stages.hiding.method import refuse_another_method
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import write_container, write_secret
 from stages.scene.garbage import refuse_garbage
 from stages.scene.gaussians import Gaussians

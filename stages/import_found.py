@@ -7,7 +7,7 @@ from pydantic import Field
 
 from pipeline.stage import Context, ExternalPath, Input, Output, Parameters, stage
 from stages.hiding.found_files import read_found
-from stages.hiding.method import MethodName, module_of
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.scene.gaussians import Gaussians
 

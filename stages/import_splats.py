@@ -5,7 +5,8 @@ from __future__ import annotations
 from pydantic import Field
 
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
-from stages.hiding.method import build_method, module_of
+from stages.hiding.method import build_method
+from stages.hiding.method_names import module_of
 from stages.hiding.storage import write_container
 from stages.scene.splat_files.reading import read_splats
 

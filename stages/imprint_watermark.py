@@ -17,7 +17,8 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import key_generator
-from stages.hiding.method import Method, MethodName, module_of
+from stages.hiding.method import Method
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container

@@ -11,7 +11,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.probes import RawFeatures, probes
 from stages.analysis.probing import probe_rows
 from stages.hiding.coupled import FEATURES
-from stages.hiding.method import MethodName, module_of
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.what_is_hidden import at_least_one_hidden
 from stages.imaging.metric_table import write_rows

@@ -15,7 +15,7 @@ from stages.analysis.measurements import write_measurements
 from stages.analysis.secrecy.probing import Probe, SecrecySettings
 from stages.analysis.secrecy.surrogate import SurrogateSettings
 from stages.analysis.seeds import DistinctSeeds
-from stages.hiding.method import MethodName, module_of
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.scene.attributes import strings
 from stages.scene.message_views import read_messages

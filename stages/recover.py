@@ -10,7 +10,7 @@ from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import KIND, Measurement, write_measurements
 from stages.analysis.verdicts import IS_YOURS, MAY_BE_YOURS
-from stages.hiding.method import MethodName, module_of
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.recovery import Recovery, recovered, unlike
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.scene.gaussians import Gaussians

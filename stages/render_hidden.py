@@ -14,7 +14,8 @@ from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.enlarging import enlarged
 from stages.hiding.message_names import MessageName
-from stages.hiding.method import Method, module_of
+from stages.hiding.method import Method
+from stages.hiding.method_names import module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.placing import place
 from stages.hiding.placing_alone import Up, place_alone, visibility

@@ -11,7 +11,7 @@ from stages.analysis.feature_map import feature_map_picture
 from stages.analysis.filming import encoded
 from stages.analysis.videos import write_videos
 from stages.hiding.message_names import FEATURE_MAP
-from stages.hiding.method import MethodName, module_of
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import Rendering
 from stages.hiding.storage import check_method, read_gaussians, read_method

@@ -10,7 +10,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.renders import collect_renders, write_renders
-from stages.hiding.method import MethodName, module_of
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import Rendering
 from stages.hiding.storage import check_method, read_gaussians, read_method

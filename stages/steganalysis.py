@@ -8,7 +8,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import Measurement, write_measurements
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS, stegexpose_rows
 from stages.analysis.renders import read_renders
-from stages.hiding.method import MethodName
+from stages.hiding.method_names import MethodName
 from stages.scene.scene import read_scene
 
 

@@ -16,7 +16,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.coupled import FEATURES
-from stages.hiding.method import MethodName, module_of
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.rendering import Rendering, splat
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.imaging.metric_table import MetricRow, write_rows

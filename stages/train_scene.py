@@ -8,7 +8,8 @@ from pydantic import Field
 
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, stage
-from stages.hiding.method import build_method, module_of
+from stages.hiding.method import build_method
+from stages.hiding.method_names import module_of
 from stages.hiding.storage import write_container
 from stages.imaging.metric_table import write_rows
 from stages.scene.cameras import rig_extent

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Annotated, Protocol, cast
+from typing import Protocol, cast
 
 import numpy as np
 import torch
@@ -13,21 +13,17 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pipeline.errors import UserError
-from pipeline.module_names import ModuleIn
+from stages.hiding.method_names import method_names, module_of
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.rendering import Rendering
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 
-PACKAGE = "stages.hiding.methods"
 LARGEST_SETTING = 1024
 """What a number among a method's settings is at most: beyond it no container is trained, and none imported."""
 
 LONGEST_WORD = 100
 """Among a method's settings, in characters."""
-
-MethodName = Annotated[str, ModuleIn("stages.hiding.methods")]
-"""Of a module in `methods/`: one more file there is one more method."""
 
 Setting = int | float | str
 """As JSON has it: it travels with the container."""
@@ -75,11 +71,6 @@ class Method(Protocol):
         """
 
 
-def module_of(name: str) -> str:
-    """The module that holds method `name`: what a stage declares to the code fingerprint."""
-    return f"{PACKAGE}.{name}"
-
-
 def refuse_another_method(where: Path, found: str, declared: str) -> None:
     """Raise `UserError` unless the container at `where` was made by the method that a stage declared.
 
@@ -94,11 +85,6 @@ def refuse_another_method(where: Path, found: str, declared: str) -> None:
             remedy=f"set the method of every stage that takes it to {found}: --set method={found} where a workflow has "
             "that variable",
         )
-
-
-def method_names() -> list[str]:
-    """Those of all methods, sorted."""
-    return ModuleIn(PACKAGE).names()
 
 
 def settings_of(name: str) -> tuple[str, ...]:

@@ -24,7 +24,8 @@ COVER = "cover"
 class Rendering:
     """One camera's pictures by name, unclamped [H, W, 3], and the rasterizer's own output.
 
-    `feature_map` is what was blended before any decoder: [H, W, M], F_coup of Eq. 4 (for `plain`, the picture itself).
+    `feature_map` is what was blended before any decoder: [H, W, M], F_coup of Eq. 4. Methods without features blend the
+    cover's picture itself, `sh` those of all messages beside it.
     `means2d` carries the screen-space gradient after backward, in pixels.
     """
 

@@ -1,4 +1,4 @@
-"""The tuning of the watermark decoder D_w: the second half of RTWS (the paper's appendix A, Eq. loss_water)."""
+"""The tuning of the watermark decoder D_w: the second half of RTWS (the paper's appendix A, Eq. 8)."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class DecoderTuning(NetworkTraining):
         self.settings = settings
 
     def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
-        """ℓ_cop (Eq. loss_water), its two terms apart, as means over pixels; and the same for what else is black."""
+        """ℓ_cop (Eq. 8), its two terms apart, as means over pixels; and the same for what else is black."""
         generator = np.random.default_rng((self.settings.seed, iteration))
         errors = {
             kind: torch.stack([self._error(picture, kind == RENDERS) for picture in pictures]).mean()

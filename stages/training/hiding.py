@@ -19,7 +19,6 @@ from stages.hiding.key import generator_apart, key_generator
 from stages.hiding.method import (
     LARGEST_SETTING,
     Method,
-    MethodName,
     Setting,
     build_method,
     is_setting,
@@ -27,6 +26,7 @@ from stages.hiding.method import (
     presets_of,
     settings_of,
 )
+from stages.hiding.method_names import MethodName
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at

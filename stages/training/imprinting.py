@@ -144,7 +144,7 @@ class Imprinting(NetworkTraining):
 
     def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
         """Mean squares: what pictures differ by from what they were, and what the decoder shows from what it should
-        (Eq. loss_water, with more kinds of pictures)."""
+        (Eq. 8, with more kinds of pictures)."""
         generator = np.random.default_rng((self.settings.seed, iteration))
         before = self.pictures.before
         row, photo, clean = (int(drawn) for drawn in generator.integers(len(before.cameras), size=3))

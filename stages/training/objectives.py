@@ -34,7 +34,7 @@ class FixedView:
 
 @dataclass(frozen=True)
 class Compared:
-    """A picture as it is and as it should be, in [0, 1]."""
+    """A picture as it is, unclamped, and as it should be, in [0, 1]."""
 
     term: PictureTerm
     picture: Float[Tensor, "H W 3"]

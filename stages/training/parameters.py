@@ -25,16 +25,23 @@ class TrainingParameters(Parameters):
         ge=0,
         lt=1,
         description="Decay of the exponential average of Gaussians and networks over the last fifth of the iterations, "
-        "which the training ends with; 0, as in 3DGS and the paper: none.",
+        "which the training ends with; 0, as in 3DGS and the paper: none. Of homogeneous: 0.995.",
     )
     opacity_weight: float = Field(
         0.0,
         ge=0,
         description="Of the Gaussians' mean opacity in the loss, over all training views together; 0, as in 3DGS and "
-        "the paper: none.",
+        "the paper: none. Of homogeneous: 2.",
     )
-    scale_weight: float = Field(0.0, ge=0, description="Of their mean scale, as a share of the rig's extent, likewise.")
-    seed: int = Field(0, ge=0, description="Of the order of views, of splitting, and of the networks' first weights.")
+    scale_weight: float = Field(
+        0.0, ge=0, description="Of their mean scale, as a share of the rig's extent, likewise. Of homogeneous: 2."
+    )
+    seed: int = Field(
+        0,
+        ge=0,
+        description="Of the order of views, of splitting and of random starting points; and without a key of the "
+        "networks' first weights and of where messages lie in features.",
+    )
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
     position_rate: float = Field(1.6e-4, gt=0, description="First learning rate of positions, times the rig's extent.")
     final_position_rate: float = Field(1.6e-6, gt=0, description="Last learning rate of positions, likewise.")

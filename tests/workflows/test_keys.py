@@ -121,6 +121,13 @@ def test_only_the_selected_method_counts(copied: Copied, edited: str) -> None:
     assert copied.changed(edit, f"method={edited}") == HIDING
 
 
+def test_one_more_method_changes_nothing(copied: Copied) -> None:
+    def add() -> None:
+        (copied.root / "stages/hiding/methods/own.py").write_text("SETTINGS = ()\n")
+
+    assert copied.changed(add) == set()
+
+
 def test_only_the_selected_scene_counts(copied: Copied) -> None:
     before = copied.nodes()
     copied.append("stages/tracing/scenes/reef.py")()

@@ -11,7 +11,8 @@ from pipeline.errors import UserError
 from pipeline.stage import Item
 from stages.analysis.measurements import Measurement, read_measurements
 from stages.analysis.page.material import METHOD_TITLES, PLAIN
-from stages.hiding.method import method_names, presets_of, settings_of
+from stages.hiding.method import presets_of, settings_of
+from stages.hiding.method_names import method_names
 from stages.imaging.metric_table import MetricRow, read_rows
 
 SETTINGS = {

@@ -18,7 +18,7 @@ SETTINGS = ("sh_degree",)
 
 
 class Plain:
-    """3DGS: `sh_base [N,3]` is the constant harmonic, `sh_rest [N,K-1,3]` the others, learnt 20 times slower."""
+    """3DGS: `sh_base [N,3]` is the constant harmonic, `sh_rest [N,K,3]` the others, learnt 20 times slower."""
 
     name = "plain"
 

@@ -22,7 +22,7 @@ SETTINGS = ("sh_degree",)
 
 
 class HarmonicsForEach:
-    """`sh_base [N,3]`, `sh_rest [N,K-1,3]` of the cover; `message_sh_base [N,L,3]`, `message_sh_rest [N,L,K-1,3]`."""
+    """`sh_base [N,3]`, `sh_rest [N,K,3]` of the cover; `message_sh_base [N,L,3]`, `message_sh_rest [N,L,K,3]`."""
 
     name = "sh"
 

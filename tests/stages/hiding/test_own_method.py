@@ -20,7 +20,8 @@ from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_image import HideImageParameters
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.key import KEY_BYTES, write_key
-from stages.hiding.method import build_method, method_names
+from stages.hiding.method import build_method
+from stages.hiding.method_names import method_names
 from stages.imaging.metric_table import read_rows
 from tests.stages.small import message_views, scene
 
