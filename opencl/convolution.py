@@ -21,9 +21,9 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
+from opencl.first_gradients import first_gradients_only
 from opencl.products import GROUPS, LANES, product_program
 from opencl.routes import backend_for, works_in_place
 
@@ -88,7 +88,7 @@ class _Convolve(torch.autograd.Function):
         return convolved
 
     @staticmethod
-    @once_differentiable
+    @first_gradients_only
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         values, weight, convolved = ctx.saved_tensors
         gradients, shown = _channels_last(gradient), None if convolved is None else _channels_last(convolved)

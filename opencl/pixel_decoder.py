@@ -15,9 +15,9 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
+from opencl.first_gradients import first_gradients_only
 from opencl.products import GROUPS, filled, product_program
 from opencl.routes import backend_for, works_in_place
 
@@ -63,7 +63,7 @@ class _DecodePixels(torch.autograd.Function):
         return decoded
 
     @staticmethod
-    @once_differentiable
+    @first_gradients_only
     def backward(ctx: Any, grad_decoded: Tensor) -> tuple[Tensor | None, ...]:
         picture, *parameters = ctx.saved_tensors
         weights, biases = parameters[: ctx.layers], parameters[ctx.layers :]
