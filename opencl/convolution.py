@@ -69,7 +69,8 @@ def convolve(
     Channels last, and `values` are taken fastest that are it, too. The same inputs give the same bits, for any number
     of threads. Raises ValueError for what `can_convolve` refuses, and where channels or the bias do not fit.
     """
-    if not can_convolve(values, weight) or values.shape[1] != weight.shape[1] or bias.shape != weight.shape[:1]:
+    bias_fits = bias.shape == weight.shape[:1] and bias.dtype == weight.dtype and bias.device == weight.device
+    if not can_convolve(values, weight) or values.shape[1] != weight.shape[1] or not bias_fits:
         described = [f"{tuple(tensor.shape)} {tensor.dtype} on {tensor.device}" for tensor in (values, weight, bias)]
         raise ValueError(
             f"convolve: found {described}, expected values (B, C, H, W), a weight (D, C, 3, 3) and a bias (D), C and D "

@@ -156,5 +156,6 @@ def test_channels_and_a_bias_that_do_not_fit_are_refused() -> None:
     values, weight, bias = inputs(1, 16, 32, 4, 4)
     with pytest.raises(ValueError, match=r"found \['\(1, 16, 4, 4\)"):
         convolve(values, torch.cat([weight, weight], dim=1), bias)
-    with pytest.raises(ValueError, match="a bias"):
-        convolve(values, weight, bias[:16])
+    for wrong in (bias[:16], bias.float(), bias.to("meta")):
+        with pytest.raises(ValueError, match="a bias"):
+            convolve(values, weight, wrong)
