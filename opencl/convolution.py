@@ -24,7 +24,7 @@ from torch import Tensor
 
 from opencl.backend import Backend
 from opencl.first_gradients import first_gradients_only
-from opencl.products import GROUPS, LANES, product_program
+from opencl.products import LANES, product_program, summing_items, work_items
 from opencl.routes import backend_for, works_in_place
 
 _SIDE, _POINTS, _CHUNK = 4, 36, 16
@@ -125,7 +125,8 @@ def _convolved(
     _, inputs, outputs = weight_at_points.shape
     convolved = backend.memory.empty(*pictures.shape[:3], outputs, dtype=pictures.dtype)
     arguments = (_or_nothing(shown, pictures), weight_at_points, bias.detach().contiguous(), int(rectified))
-    _launch(backend, "convolve", (inputs, outputs), pictures, *arguments, result=convolved)
+    groups = work_items(backend, _chunks(pictures))
+    _launch(backend, "convolve", groups, (inputs, outputs), pictures, *arguments, result=convolved)
     return convolved.permute(0, 3, 1, 2)
 
 
@@ -135,9 +136,10 @@ def _gradients_of_weights(
     """Of the weight and of the bias."""
     backend = backend_for(pictures.device)
     inputs, outputs = pictures.shape[-1], gradients.shape[-1]
-    sums = backend.memory.empty(_groups(pictures), (_POINTS * inputs + 1) * outputs, dtype=pictures.dtype)
+    groups = summing_items(_chunks(pictures))
+    sums = backend.memory.empty(groups, (_POINTS * inputs + 1) * outputs, dtype=pictures.dtype)
     arguments = (gradients, _or_nothing(shown, pictures))
-    _launch(backend, "weight_gradients", (inputs, outputs), pictures, *arguments, result=sums)
+    _launch(backend, "weight_gradients", groups, (inputs, outputs), pictures, *arguments, result=sums)
     of_weight, of_bias = sums.sum(dim=0).split([_POINTS * inputs * outputs, outputs])
     taps = _KERNEL_AT_POINTS.to(pictures.dtype).T @ of_weight.view(_POINTS, -1)
     return taps.view(3, 3, inputs, outputs).permute(3, 2, 0, 1), of_bias
@@ -151,6 +153,7 @@ def _or_nothing(shown: Tensor | None, like: Tensor) -> Tensor:
 def _launch(
     backend: Backend,
     kernel: str,
+    groups: int,
     channels: tuple[int, int],
     pictures: Float[Tensor, "B H W C"],
     *arguments: Tensor | int,
@@ -158,7 +161,7 @@ def _launch(
 ) -> None:
     """Run a kernel on pictures, with what else it reads and what it writes."""
     height, width = pictures.shape[1:3]
-    groups, values_at_point = _groups(pictures), sum(_CHUNK * each + LANES for each in channels)  # STEP of both
+    values_at_point = sum(_CHUNK * each + LANES for each in channels)  # STEP of both
     scratch = backend.memory.empty(groups, _POINTS, values_at_point, dtype=pictures.dtype)
     sizes = (_tiles(pictures), height, width, *channels)
     with backend.session() as session:
@@ -172,5 +175,5 @@ def _tiles(pictures: Float[Tensor, "B H W C"]) -> int:
     return batch * -(-height // _SIDE) * -(-width // _SIDE)
 
 
-def _groups(pictures: Float[Tensor, "B H W C"]) -> int:
-    return min(GROUPS, -(-_tiles(pictures) // _CHUNK))
+def _chunks(pictures: Float[Tensor, "B H W C"]) -> int:
+    return -(-_tiles(pictures) // _CHUNK)

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from opencl.backend import Backend
 from opencl.first_gradients import first_gradients_only
-from opencl.products import GROUPS, filled, product_program
+from opencl.products import filled, product_program, summing_items, work_items
 from opencl.routes import backend_for, works_in_place
 
 _CHUNK = 32
@@ -59,7 +59,8 @@ class _DecodePixels(torch.autograd.Function):
         work = _Work(picture, parameters[:layers])
         decoded = work.memory.empty(len(picture), len(parameters[layers - 1]), dtype=picture.dtype)
         packed = work.packed(parameters[:layers], parameters[layers:], turned=False)
-        work.launch("decode_pixels", picture.detach().contiguous(), packed, results=(decoded,))
+        groups = work_items(work.backend, work.chunks)
+        work.launch("decode_pixels", groups, picture.detach().contiguous(), packed, results=(decoded,))
         return decoded
 
     @staticmethod
@@ -69,10 +70,11 @@ class _DecodePixels(torch.autograd.Function):
         weights, biases = parameters[: ctx.layers], parameters[ctx.layers :]
         work = _Work(picture, weights)
         grad_picture = work.memory.empty(*picture.shape, dtype=picture.dtype)
-        sums = work.memory.empty(work.groups, work.weight_count, dtype=picture.dtype)
+        groups = summing_items(work.chunks)
+        sums = work.memory.empty(groups, work.weight_count, dtype=picture.dtype)
         packed = (work.packed(weights, biases, turned=turned) for turned in (False, True))
         work.launch(
-            "decode_pixels_backward",
+            *("decode_pixels_backward", groups),
             *(picture.detach().contiguous(), *packed, grad_decoded.contiguous()),
             results=(grad_picture, sums),
         )
@@ -88,7 +90,7 @@ class _Work:
         self.pixels, self.channels = picture.shape
         self.outputs, self.dtype = len(weights[-1]), picture.dtype
         self.widths = [filled(self.channels), *(filled(len(weight)) for weight in weights)]
-        self.groups = min(GROUPS, -(-self.pixels // _CHUNK))
+        self.chunks = -(-self.pixels // _CHUNK)
         self.weight_count = sum((inputs + 1) * outputs for inputs, outputs in self._layers())
 
     def _layers(self) -> Iterator[tuple[int, int]]:
@@ -114,13 +116,13 @@ class _Work:
         ]
         return [*of_weights, *(part[: len(weight)] for part, weight in zip(parts[1::2], weights, strict=True))]
 
-    def launch(self, kernel: str, *inputs: Tensor, results: tuple[Tensor, ...]) -> None:
+    def launch(self, kernel: str, groups: int, *inputs: Tensor, results: tuple[Tensor, ...]) -> None:
         """Run a kernel on the picture and what else it reads; without pixels it runs nothing."""
         scratch_size = _CHUNK * (sum(self.widths) + 2 * max(self.widths))
-        scratch = self.memory.empty(self.groups, scratch_size, dtype=self.dtype)
+        scratch = self.memory.empty(groups, scratch_size, dtype=self.dtype)
         sizes = (self.pixels, self.channels, self.outputs, len(self.widths) - 1, scratch_size)
         widths = torch.tensor(self.widths, dtype=torch.int32)
         with self.backend.session() as session:
             program = product_program(self.backend, "pixel_decoder", self.dtype)
-            session.launch(program, kernel, self.groups, *sizes, scratch, widths, *inputs, *results)
+            session.launch(program, kernel, groups, *sizes, scratch, widths, *inputs, *results)
             session.finish(*results)

@@ -13,7 +13,7 @@ from opencl import convolution
 from opencl.contract import RasterSettings
 from opencl.convolution import can_convolve, convolve
 from opencl.program import ProgramKey
-from tests.opencl.runtimes import printed_with_threads
+from tests.opencl.runtimes import bits, printed_with_threads
 
 SHAPES = [
     (1, 16, 16, 1, 1),
@@ -22,8 +22,10 @@ SHAPES = [
     (2, 16, 48, 3, 10),
     (3, 48, 16, 9, 4),
     (1, 64, 64, 33, 40),
+    (2, 16, 32, 61, 47),
 ]
-"""Pictures, channels in and out, height and width: less than a tile, tiles that stick out, and several chunks."""
+"""Pictures, channels in and out, height and width: less than a tile, tiles that stick out, several chunks, and several
+of them for each work-item."""
 
 
 def inputs(pictures: int, channels: int, outputs: int, height: int, width: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -91,6 +93,16 @@ def test_a_processor_with_narrow_registers_computes_the_same(monkeypatch: pytest
     monkeypatch.setattr(convolution, "product_program", lambda *_: narrow)
     for one, other in zip(with_gradients(convolve(*leaves), *leaves), usual, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("items", [1, 3, 24])
+def test_who_takes_which_tiles_does_not_matter(monkeypatch: pytest.MonkeyPatch, items: int) -> None:
+    """To the last bit, for pictures and the gradient of the values; that of the weights is always of as many parts."""
+    leaves = inputs(2, 16, 32, 61, 47)
+    usual = with_gradients(convolve(*leaves, True), *leaves)
+    monkeypatch.setattr(convolution, "work_items", lambda backend, chunks: items)
+    for one, other in zip(with_gradients(convolve(*leaves, True), *leaves), usual, strict=True):
+        assert bits(one) == bits(other)
 
 
 def test_values_that_are_not_channels_last() -> None:

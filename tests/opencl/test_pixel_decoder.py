@@ -15,7 +15,7 @@ from opencl import pixel_decoder
 from opencl.contract import RasterSettings
 from opencl.pixel_decoder import decode_pixels
 from opencl.program import ProgramKey
-from tests.opencl.runtimes import printed_with_threads
+from tests.opencl.runtimes import bits, printed_with_threads
 
 WIDTHS = [(3, 5), (16, 32, 3), (24, 32, 32, 6), (1, 17, 48, 16, 2)]
 """Channels of the input and of each layer: less than sixteen, just as many, and more."""
@@ -94,6 +94,16 @@ def test_a_processor_with_narrow_registers_computes_the_same(monkeypatch: pytest
     monkeypatch.setattr(pixel_decoder, "product_program", lambda *_: narrow)
     for one, other in zip(with_gradients(decode_pixels(*leaves), *leaves), usual, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("items", [1, 3, 22])
+def test_who_takes_which_pixels_does_not_matter(monkeypatch: pytest.MonkeyPatch, items: int) -> None:
+    """To the last bit."""
+    leaves = decoder(700, 16, 32, 3)
+    usual = with_gradients(decode_pixels(*leaves), *leaves)
+    monkeypatch.setattr(pixel_decoder, "work_items", lambda backend, chunks: items)
+    for one, other in zip(with_gradients(decode_pixels(*leaves), *leaves), usual, strict=True):
+        assert bits(one) == bits(other)
 
 
 def test_a_picture_keeps_its_shape_however_it_lies() -> None:

@@ -1,0 +1,24 @@
+"""How many work-items the decoders' kernels are cut into: as the processor is, unless bits depend on it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from opencl.products import summing_items, work_items
+
+
+def processor(cores: int) -> Any:
+    """As much of a backend as is asked for."""
+    return SimpleNamespace(device=SimpleNamespace(handle=SimpleNamespace(max_compute_units=cores)))
+
+
+@pytest.mark.parametrize(("cores", "chunks", "items"), [(1, 5, 5), (1, 50, 8), (64, 50, 50), (64, 5000, 128)])
+def test_a_processor_of_many_cores_has_work_for_all_of_them(cores: int, chunks: int, items: int) -> None:
+    assert work_items(processor(cores), chunks) == items
+
+
+def test_sums_have_as_many_parts_on_any_processor() -> None:
+    assert [summing_items(chunks) for chunks in (0, 5, 5000)] == [0, 5, 8]
