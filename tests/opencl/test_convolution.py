@@ -13,6 +13,7 @@ from opencl import convolution
 from opencl.contract import RasterSettings
 from opencl.convolution import can_convolve, convolve
 from opencl.program import ProgramKey
+from tests.opencl.differentiated import with_gradients
 from tests.opencl.runtimes import bits, printed_with_threads
 
 SHAPES = [
@@ -41,18 +42,12 @@ def expected(values: Tensor, weight: Tensor, bias: Tensor, rectified: bool) -> T
     return convolved.relu() if rectified else convolved
 
 
-def with_gradients(convolved: Tensor, *leaves: Tensor) -> list[Tensor]:
-    """The pictures, and the gradients of a sum that weighs each of their values differently."""
-    weights = torch.linspace(-1, 2, convolved.numel(), dtype=convolved.dtype).view(convolved.shape)
-    return [convolved.detach(), *torch.autograd.grad((weights * convolved).sum(), leaves)]
-
-
 @pytest.mark.parametrize("rectified", [False, True])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 def test_it_is_torchs_convolution(shape: tuple[int, int, int, int, int], rectified: bool) -> None:
     leaves = inputs(*shape)
-    found = with_gradients(convolve(*leaves, rectified), *leaves)
-    for one, other in zip(found, with_gradients(expected(*leaves, rectified), *leaves), strict=True):
+    found = with_gradients(convolve(*leaves, rectified), leaves)
+    for one, other in zip(found, with_gradients(expected(*leaves, rectified), leaves), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-10, atol=1e-11)
 
 
@@ -65,8 +60,8 @@ def test_it_is_torchs_convolution(shape: tuple[int, int, int, int, int], rectifi
 )
 def test_of_any_size(pictures: int, channels: int, outputs: int, height: int, width: int) -> None:
     leaves = inputs(pictures, channels, outputs, height, width)
-    found = with_gradients(convolve(*leaves, True), *leaves)
-    for one, other in zip(found, with_gradients(expected(*leaves, True), *leaves), strict=True):
+    found = with_gradients(convolve(*leaves, True), leaves)
+    for one, other in zip(found, with_gradients(expected(*leaves, True), leaves), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-10)
 
 
@@ -80,18 +75,18 @@ def test_float32_rounds_little(rectified: bool) -> None:
     """By a few times what torch's own convolution does."""
     leaves = inputs(1, 64, 64, 50, 28)
     single = [tensor.detach().float().requires_grad_() for tensor in leaves]
-    found = with_gradients(convolve(*single, rectified), *single)
-    for one, other in zip(found, with_gradients(expected(*leaves, rectified), *leaves), strict=True):
+    found = with_gradients(convolve(*single, rectified), single)
+    for one, other in zip(found, with_gradients(expected(*leaves, rectified), leaves), strict=True):
         assert one.dtype == torch.float32
         assert float((one - other).norm() / other.norm()) < 1e-5
 
 
 def test_a_processor_with_narrow_registers_computes_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     leaves = inputs(2, 32, 48, 11, 14)
-    usual = with_gradients(convolve(*leaves), *leaves)
+    usual = with_gradients(convolve(*leaves), leaves)
     narrow = ProgramKey("convolution", "cpu", torch.float64, RasterSettings())
     monkeypatch.setattr(convolution, "product_program", lambda *_: narrow)
-    for one, other in zip(with_gradients(convolve(*leaves), *leaves), usual, strict=True):
+    for one, other in zip(with_gradients(convolve(*leaves), leaves), usual, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-13, atol=1e-13)
 
 
@@ -99,9 +94,9 @@ def test_a_processor_with_narrow_registers_computes_the_same(monkeypatch: pytest
 def test_who_takes_which_tiles_does_not_matter(monkeypatch: pytest.MonkeyPatch, items: int) -> None:
     """To the last bit, for pictures and the gradient of the values; that of the weights is always of as many parts."""
     leaves = inputs(2, 16, 32, 61, 47)
-    usual = with_gradients(convolve(*leaves, True), *leaves)
+    usual = with_gradients(convolve(*leaves, True), leaves)
     monkeypatch.setattr(convolution, "work_items", lambda backend, chunks: items)
-    for one, other in zip(with_gradients(convolve(*leaves, True), *leaves), usual, strict=True):
+    for one, other in zip(with_gradients(convolve(*leaves, True), leaves), usual, strict=True):
         assert bits(one) == bits(other)
 
 
@@ -132,10 +127,11 @@ def test_what_is_not_a_number_stays_one() -> None:
 
 BITS = """
 import torch
-from tests.opencl.test_convolution import inputs, with_gradients
+from tests.opencl.differentiated import with_gradients
+from tests.opencl.test_convolution import inputs
 from opencl.convolution import convolve
 leaves = [tensor.detach().float().requires_grad_() for tensor in inputs(1, 32, 32, 70, 45)]
-print([tensor.contiguous().numpy().tobytes().__hash__() for tensor in with_gradients(convolve(*leaves, True), *leaves)])
+print([tensor.contiguous().numpy().tobytes().__hash__() for tensor in with_gradients(convolve(*leaves, True), leaves)])
 """
 
 

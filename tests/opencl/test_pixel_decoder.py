@@ -15,6 +15,7 @@ from opencl import pixel_decoder
 from opencl.contract import RasterSettings
 from opencl.pixel_decoder import decode_pixels
 from opencl.program import ProgramKey
+from tests.opencl.differentiated import with_gradients
 from tests.opencl.runtimes import bits, printed_with_threads
 
 WIDTHS = [(3, 5), (16, 32, 3), (24, 32, 32, 6), (1, 17, 48, 16, 2)]
@@ -38,18 +39,15 @@ def expected(picture: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor
     return picture
 
 
-def with_gradients(
-    decoded: Tensor, picture: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor]
-) -> list[Tensor]:
-    """What is shown, and the gradients of a sum that weighs each of its values differently."""
-    factors = torch.linspace(-1, 2, decoded.numel(), dtype=decoded.dtype).view(decoded.shape)
-    return [decoded.detach(), *torch.autograd.grad((factors * decoded).sum(), [picture, *weights, *biases])]
+def listed(picture: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor]) -> list[Tensor]:
+    """All that has a gradient."""
+    return [picture, *weights, *biases]
 
 
 def check(pixels: int, *widths: int) -> None:
     leaves = decoder(pixels, *widths)
-    found = with_gradients(decode_pixels(*leaves), *leaves)
-    for one, other in zip(found, with_gradients(expected(*leaves), *leaves), strict=True):
+    found = with_gradients(decode_pixels(*leaves), listed(*leaves))
+    for one, other in zip(found, with_gradients(expected(*leaves), listed(*leaves)), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-10, atol=1e-10)
 
 
@@ -81,18 +79,18 @@ def test_float32_rounds_little() -> None:
         [weight.detach().float().requires_grad_() for weight in weights],
         [bias.detach().float().requires_grad_() for bias in biases],
     )
-    found = with_gradients(decode_pixels(*single), *single)
-    for one, other in zip(found, with_gradients(expected(*leaves), *leaves), strict=True):
+    found = with_gradients(decode_pixels(*single), listed(*single))
+    for one, other in zip(found, with_gradients(expected(*leaves), listed(*leaves)), strict=True):
         assert one.dtype == torch.float32
         assert float((one - other).norm() / other.norm()) < 1e-5
 
 
 def test_a_processor_with_narrow_registers_computes_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     leaves = decoder(70, 20, 32, 6)
-    usual = with_gradients(decode_pixels(*leaves), *leaves)
+    usual = with_gradients(decode_pixels(*leaves), listed(*leaves))
     narrow = ProgramKey("pixel_decoder", "cpu", torch.float64, RasterSettings())
     monkeypatch.setattr(pixel_decoder, "product_program", lambda *_: narrow)
-    for one, other in zip(with_gradients(decode_pixels(*leaves), *leaves), usual, strict=True):
+    for one, other in zip(with_gradients(decode_pixels(*leaves), listed(*leaves)), usual, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-12, atol=1e-12)
 
 
@@ -100,9 +98,9 @@ def test_a_processor_with_narrow_registers_computes_the_same(monkeypatch: pytest
 def test_who_takes_which_pixels_does_not_matter(monkeypatch: pytest.MonkeyPatch, items: int) -> None:
     """To the last bit."""
     leaves = decoder(700, 16, 32, 3)
-    usual = with_gradients(decode_pixels(*leaves), *leaves)
+    usual = with_gradients(decode_pixels(*leaves), listed(*leaves))
     monkeypatch.setattr(pixel_decoder, "work_items", lambda backend, chunks: items)
-    for one, other in zip(with_gradients(decode_pixels(*leaves), *leaves), usual, strict=True):
+    for one, other in zip(with_gradients(decode_pixels(*leaves), listed(*leaves)), usual, strict=True):
         assert bits(one) == bits(other)
 
 
@@ -118,7 +116,7 @@ def test_a_picture_keeps_its_shape_however_it_lies() -> None:
 def test_no_pixels_give_none() -> None:
     picture, weights, biases = decoder(0, 16, 32, 3)
     assert decode_pixels(picture.view(0, 4, 16), weights, biases).shape == (0, 4, 3)
-    shown, *gradients = with_gradients(decode_pixels(picture, weights, biases), picture, weights, biases)
+    shown, *gradients = with_gradients(decode_pixels(picture, weights, biases), listed(picture, weights, biases))
     assert shown.shape == (0, 3)
     assert not any(gradient.any() for gradient in gradients)
 
@@ -134,12 +132,13 @@ def test_what_is_not_a_number_stays_one() -> None:
 
 BITS = """
 import torch
-from tests.opencl.test_pixel_decoder import decoder, with_gradients
+from tests.opencl.differentiated import with_gradients
+from tests.opencl.test_pixel_decoder import decoder, listed
 from opencl.pixel_decoder import decode_pixels
 single = lambda tensor: tensor.detach().float().requires_grad_()
 picture, weights, biases = decoder(3000, 16, 32, 32, 3)
 leaves = single(picture), list(map(single, weights)), list(map(single, biases))
-found = with_gradients(decode_pixels(*leaves), *leaves)
+found = with_gradients(decode_pixels(*leaves), listed(*leaves))
 print([hash(tensor.contiguous().numpy().tobytes()) for tensor in found])
 """
 

@@ -7,14 +7,14 @@ import torch
 
 from stages.hiding import convolution
 from stages.hiding.convolution import Convolution
+from tests.opencl.differentiated import with_gradients
 
 
 def convolved(module: Convolution, values: torch.Tensor, *, rectified: bool) -> list[torch.Tensor]:
     """Pictures and gradients, of channels last as decoders have it."""
     leaf = values.clone().requires_grad_()
     picture = module(leaf.permute(2, 0, 1).unsqueeze(0), rectified=rectified)
-    weights = torch.linspace(-1, 2, picture.numel(), dtype=picture.dtype).view(picture.shape)
-    return [picture.detach(), *torch.autograd.grad((weights * picture).sum(), (leaf, *module.parameters()))]
+    return with_gradients(picture, [leaf, *module.parameters()])
 
 
 @pytest.mark.parametrize("rectified", [False, True])

@@ -9,6 +9,7 @@ from torch import Tensor
 from stages.hiding import decoders
 from stages.hiding.convolution import Convolution
 from stages.hiding.decoders import Decoder, decode
+from tests.opencl.differentiated import with_gradients
 
 
 def decoded(monkeypatch: pytest.MonkeyPatch, precision: torch.dtype, *, instructions: bool) -> dict[str, Tensor]:
@@ -54,9 +55,7 @@ def test_of_single_pixels_they_are_the_same_convolutions(monkeypatch: pytest.Mon
     features = torch.rand(18, 22, channels, requires_grad=True)
 
     def found() -> list[Tensor]:
-        picture = decode(decoder, features)
-        weights = torch.linspace(-1, 2, picture.numel()).view(picture.shape)
-        return [picture.detach(), *torch.autograd.grad((weights * picture).sum(), [features, *decoder.parameters()])]
+        return with_gradients(decode(decoder, features), [features, *decoder.parameters()])
 
     by_pixels = found()
     monkeypatch.setattr(decoders, "works_in_place", lambda _: False)
