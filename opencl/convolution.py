@@ -51,6 +51,7 @@ def can_convolve(values: Float[Tensor, "B C H W"], weight: Float[Tensor, "D C he
     return (
         weight.shape[2:] == (3, 3)
         and weight.shape[0] % LANES == weight.shape[1] % LANES == 0
+        and values.ndim == 4
         and values.numel() > 0
         and values.dtype == weight.dtype in (torch.float32, torch.float64)
         and values.device.type == weight.device.type == "cpu"
@@ -76,34 +77,32 @@ def convolve(
             f"convolve: found {described}, expected values (B, C, H, W), a weight (D, C, 3, 3) and a bias (D), C and D "
             f"multiples of {LANES}, alike float32 or float64, on a CPU that OpenCL draws on"
         )
-    convolved: Tensor = _Convolve.apply(values, weight, bias, rectified)
-    return convolved
+    receive = backend_for(values.device).memory.receive
+    convolved: Tensor = _Convolve.apply(receive(values.permute(0, 2, 3, 1)), weight, receive(bias), rectified)
+    return convolved.permute(0, 3, 1, 2)
 
 
 class _Convolve(torch.autograd.Function):
+    """Of pictures [B,H,W,C] to pictures [B,H,W,D]: a Function's own result, not a view, may be changed in place."""
+
     @staticmethod
-    def forward(ctx: Any, values: Tensor, weight: Tensor, bias: Tensor, rectified: bool) -> Tensor:
-        convolved = _convolved(_channels_last(values), None, _at_points(weight), bias, rectified)
-        ctx.rectified = rectified
-        ctx.save_for_backward(values, weight, convolved if rectified else None)
+    def forward(ctx: Any, pictures: Tensor, weight: Tensor, bias: Tensor, rectified: bool) -> Tensor:
+        convolved = _convolved(pictures, None, _at_points(weight), bias, rectified)
+        ctx.save_for_backward(pictures, weight, convolved if rectified else None)
         return convolved
 
     @staticmethod
     @first_gradients_only
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
-        values, weight, convolved = ctx.saved_tensors
-        gradients, shown = _channels_last(gradient), None if convolved is None else _channels_last(convolved)
-        of_values, of_weight, of_bias = None, None, None
+        pictures, weight, shown = ctx.saved_tensors
+        gradients = backend_for(gradient.device).memory.receive(gradient)
+        of_pictures, of_weight, of_bias = None, None, None
         if ctx.needs_input_grad[0]:
             turned = weight.flip(2, 3).transpose(0, 1)
-            of_values = _convolved(gradients, shown, _at_points(turned), gradient.new_zeros(len(turned)))
+            of_pictures = _convolved(gradients, shown, _at_points(turned), gradient.new_zeros(len(turned)))
         if any(ctx.needs_input_grad[1:3]):
-            of_weight, of_bias = _gradients_of_weights(_channels_last(values), gradients, shown)
-        return of_values, of_weight, of_bias, None
-
-
-def _channels_last(values: Float[Tensor, "B C H W"]) -> Float[Tensor, "B H W C"]:
-    return values.detach().permute(0, 2, 3, 1).contiguous()
+            of_weight, of_bias = _gradients_of_weights(pictures, gradients, shown)
+        return of_pictures, of_weight, of_bias, None
 
 
 def _at_points(weight: Float[Tensor, "D C 3 3"]) -> Float[Tensor, "36 C D"]:
@@ -119,15 +118,15 @@ def _convolved(
     weight_at_points: Float[Tensor, "36 C D"],
     bias: Float[Tensor, " D"],
     rectified: bool = False,
-) -> Float[Tensor, "B D H W"]:
+) -> Float[Tensor, "B H W D"]:
     """With `shown`, `pictures` are its gradient, which passes to what it was rectified from."""
     backend = backend_for(pictures.device)
     _, inputs, outputs = weight_at_points.shape
     convolved = backend.memory.empty(*pictures.shape[:3], outputs, dtype=pictures.dtype)
-    arguments = (_or_nothing(shown, pictures), weight_at_points, bias.detach().contiguous(), int(rectified))
+    arguments = (_or_nothing(shown, pictures), weight_at_points, bias, int(rectified))
     groups = work_items(backend, _chunks(pictures))
     _launch(backend, "convolve", groups, (inputs, outputs), pictures, *arguments, result=convolved)
-    return convolved.permute(0, 3, 1, 2)
+    return convolved
 
 
 def _gradients_of_weights(

@@ -47,7 +47,8 @@ def decode_pixels(
     kinds = {(tensor.dtype, tensor.device.type) for tensor in (picture, *weights, *biases)}
     if kinds not in ({(torch.float32, "cpu")}, {(torch.float64, "cpu")}) or not works_in_place(picture.device):
         raise ValueError(f"decode_pixels: found {kinds}, expected float32 or float64 of a CPU that OpenCL draws on")
-    decoded: Tensor = _DecodePixels.apply(picture.reshape(-1, widths[0]), len(weights), *weights, *biases)
+    pixels = backend_for(picture.device).memory.receive(picture.reshape(-1, widths[0]))
+    decoded: Tensor = _DecodePixels.apply(pixels, len(weights), *weights, *biases)
     return decoded.view(*picture.shape[:-1], widths[-1])
 
 
@@ -60,7 +61,7 @@ class _DecodePixels(torch.autograd.Function):
         decoded = work.memory.empty(len(picture), len(parameters[layers - 1]), dtype=picture.dtype)
         packed = work.packed(parameters[:layers], parameters[layers:], turned=False)
         groups = work_items(work.backend, work.chunks)
-        work.launch("decode_pixels", groups, picture.detach().contiguous(), packed, results=(decoded,))
+        work.launch("decode_pixels", groups, picture, packed, results=(decoded,))
         return decoded
 
     @staticmethod
@@ -75,7 +76,7 @@ class _DecodePixels(torch.autograd.Function):
         packed = (work.packed(weights, biases, turned=turned) for turned in (False, True))
         work.launch(
             *("decode_pixels_backward", groups),
-            *(picture.detach().contiguous(), *packed, grad_decoded.contiguous()),
+            *(picture, *packed, work.memory.receive(grad_decoded)),
             results=(grad_picture, sums),
         )
         return grad_picture, None, *work.unpacked(sums.sum(dim=0), weights)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 import torch
 from hypothesis import given
@@ -109,6 +111,34 @@ def test_values_that_are_not_channels_last() -> None:
     assert convolve(last, weight, bias).is_contiguous(memory_format=torch.channels_last)
 
 
+def test_pictures_may_be_changed_in_place() -> None:
+    leaves = inputs(2, 16, 32, 6, 9)
+    found = with_gradients(convolve(*leaves).clamp_(0, 1), leaves)
+    for one, other in zip(found, with_gradients(expected(*leaves, False).clamp_(0, 1), leaves), strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-10, atol=1e-11)
+
+
+@pytest.mark.parametrize("way", [convolve, expected])
+def test_what_a_relu_keeps_for_the_gradient_may_not_be(way: Callable[..., Tensor]) -> None:
+    values, weight, bias = inputs(1, 16, 16, 4, 4)
+    changed = way(values, weight, bias, True).clamp_(0, 1)
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        changed.sum().backward()
+
+
+def test_what_torch_negates_lazily() -> None:
+    leaves = inputs(1, 16, 32, 6, 9)
+    pictures, *gradients = with_gradients(convolve(*(torch._neg_view(leaf) for leaf in leaves)), leaves)
+    expected_pictures, *expected_gradients = with_gradients(convolve(*(-leaf for leaf in leaves)), leaves)
+    assert torch.equal(pictures, expected_pictures)
+    assert all(torch.equal(one, other) for one, other in zip(gradients, expected_gradients, strict=True))
+    upstream = torch.ones_like(pictures)
+    of_negated, of_negative = (
+        torch.autograd.grad(convolve(*leaves), leaves, given) for given in (torch._neg_view(upstream), -upstream)
+    )
+    assert all(torch.equal(one, other) for one, other in zip(of_negated, of_negative, strict=True))
+
+
 def test_only_what_is_asked_for_has_a_gradient() -> None:
     values, weight, bias = inputs(1, 16, 16, 5, 6)
     convolve(values, weight.detach(), bias.detach()).sum().backward()
@@ -120,9 +150,13 @@ def test_only_what_is_asked_for_has_a_gradient() -> None:
 
 
 def test_what_is_not_a_number_stays_one() -> None:
-    values, weight, bias = (tensor.detach() for tensor in inputs(1, 16, 16, 8, 8))
+    """Where torch's is none, and beyond it in no other tile of 4 x 4 than sees it."""
+    values, weight, bias = (tensor.detach() for tensor in inputs(1, 16, 16, 12, 12))
     values[0, 3, 5, 5] = torch.nan
-    assert convolve(values, weight, bias, True).isnan().any()
+    lost = convolve(values, weight, bias, True).isnan()
+    assert bool(lost[expected(values, weight, bias, True).isnan()].all())
+    lost[..., 4:8, 4:8] = False
+    assert not bool(lost.any())
 
 
 BITS = """
@@ -150,6 +184,7 @@ def test_the_same_bits_with_any_number_of_threads() -> None:
         (torch.zeros(1, 5, 4, 4), torch.zeros(16, 5, 3, 3), False),
         (torch.zeros(1, 16, 4, 4), torch.zeros(32, 16, 1, 1), False),
         (torch.zeros(0, 16, 4, 4), torch.zeros(32, 16, 3, 3), False),
+        (torch.zeros(16, 4, 4), torch.zeros(32, 16, 3, 3), False),
         (torch.zeros(1, 16, 4, 4, device="meta"), torch.zeros(32, 16, 3, 3, device="meta"), False),
     ],
 )

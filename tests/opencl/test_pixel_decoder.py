@@ -113,6 +113,19 @@ def test_a_picture_keeps_its_shape_however_it_lies() -> None:
     assert torch.equal(decode_pixels(across, weights, biases), shown.transpose(0, 1))
 
 
+def test_what_torch_negates_lazily() -> None:
+    picture, weights, biases = decoder(40, 16, 32, 3)
+    negated = [torch._neg_view(picture), [torch._neg_view(each) for each in weights], biases]
+    negative = [-picture, [-each for each in weights], biases]
+    decoded, again = decode_pixels(*negated), decode_pixels(*negative)
+    assert torch.equal(decoded, again)
+    upstream = torch.ones_like(decoded)
+    leaves = listed(picture, weights, biases)
+    found = torch.autograd.grad(decoded, leaves, torch._neg_view(upstream))
+    for one, other in zip(found, torch.autograd.grad(again, leaves, -upstream), strict=True):
+        assert torch.equal(one, other)
+
+
 def test_no_pixels_give_none() -> None:
     picture, weights, biases = decoder(0, 16, 32, 3)
     assert decode_pixels(picture.view(0, 4, 16), weights, biases).shape == (0, 4, 3)
