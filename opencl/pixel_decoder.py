@@ -33,12 +33,12 @@ def decode_pixels(
     """Layers W·x + b of each pixel's channels, a ReLU after each but the last.
 
     All on the CPU, alike float32 or float64. No pixels give none. Gradients reach all of it. The same inputs give the
-    same bits, for any number of threads. Raises ValueError without a layer, where shapes or types do not fit, and where
-    OpenCL does not draw in the CPU's memory.
+    same bits, for any number of threads. Raises ValueError without a layer or without a channel, where shapes or types
+    do not fit, and where OpenCL does not draw in the CPU's memory.
     """
     widths = [picture.shape[-1], *[len(weight) for weight in weights]]
     described = [tuple(tensor.shape) for tensor in (picture, *weights, *biases)]
-    fits = len(weights) == len(biases) > 0 and all(
+    fits = len(weights) == len(biases) > 0 < min(widths) and all(
         weight.shape == (outputs, inputs) and bias.shape == (outputs,)
         for weight, bias, inputs, outputs in zip(weights, biases, widths[:-1], widths[1:], strict=True)
     )

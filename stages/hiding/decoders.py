@@ -86,7 +86,8 @@ def decode(
     that number, but gradients of the weights do: they are sums over pixels, of which every thread of torch's adds its
     share first.
     """
-    if precision == torch.float32 and decoder.is_of_single_pixels and works_in_place(feature_map.device):
+    by_pixels = decoder.is_of_single_pixels and precision == feature_map.dtype == torch.float32
+    if by_pixels and works_in_place(feature_map.device):
         weights = [convolution.weight.flatten(1) for convolution in decoder.convolutions]
         return decode_pixels(feature_map, weights, [convolution.bias for convolution in decoder.convolutions])
     first, *between, last = decoder.convolutions

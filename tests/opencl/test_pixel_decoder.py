@@ -168,6 +168,8 @@ def test_what_does_not_fit_is_refused() -> None:
         (picture, weights[::-1], biases),
         (picture, weights, biases[::-1]),
         (picture[:, :9], weights, biases),
+        (picture[:, :0], [weights[0][:, :0], weights[1]], biases),
+        (picture, [weights[0], weights[1][:0]], [biases[0], biases[1][:0]]),
     ):
         with pytest.raises(ValueError, match="expected channels, then weights and biases"):
             decode_pixels(*wrong)

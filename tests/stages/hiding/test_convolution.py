@@ -40,6 +40,16 @@ def test_decoders_of_the_usual_width_take_the_faster_way(monkeypatch: pytest.Mon
     assert len(taken) == 1
 
 
+def test_pictures_without_a_batch() -> None:
+    torch.manual_seed(0)
+    module, values = Convolution(16, 32, 3), torch.rand(16, 6, 8)
+    torch.testing.assert_close(module(values), module(values.unsqueeze(0)).squeeze(0), rtol=1e-5, atol=1e-5)
+
+
+def test_pictures_of_a_size_alone() -> None:
+    assert Convolution(16, 32, 3).to("meta")(torch.rand(1, 16, 6, 8, device="meta")).shape == (1, 32, 6, 8)
+
+
 def test_what_autocast_rounds_it_sees() -> None:
     module, values = Convolution(16, 16, 3), torch.rand(1, 16, 6, 8)
     with torch.autocast("cpu", dtype=torch.bfloat16):

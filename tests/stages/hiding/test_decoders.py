@@ -48,6 +48,13 @@ def test_a_decoder_has_five_convolutions_of_which_the_last_is_linear() -> None:
     assert float(decode(decoder, torch.randn(12, 10, 16)).detach().min()) < 0
 
 
+@pytest.mark.parametrize("kernel_size", [1, 3])
+def test_feature_maps_of_another_type_torch_refuses_whatever_the_kernel(kernel_size: int) -> None:
+    decoder = Decoder(16, 6, width=32, kernel_size=kernel_size)
+    with pytest.raises(RuntimeError, match="type"):
+        decode(decoder, torch.rand(18, 22, 16, dtype=torch.float64))
+
+
 @pytest.mark.parametrize("channels", [16, 24])
 def test_of_single_pixels_they_are_the_same_convolutions(monkeypatch: pytest.MonkeyPatch, channels: int) -> None:
     torch.manual_seed(0)
