@@ -25,10 +25,11 @@ from torch import Tensor
 from opencl.backend import Backend
 from opencl.first_gradients import first_gradients_only
 from opencl.products import LANES, product_program, summing_items, work_items
+from opencl.program import TILE_CHUNK
 from opencl.routes import backend_for, works_in_place
 
-_SIDE, _POINTS, _CHUNK = 4, 36, 16
-"""As in winograd.cl and convolution.cl: pixels of a tile's side, its points, and tiles that are taken at a time."""
+_SIDE, _POINTS = 4, 36
+"""As in winograd.cl, which is written for these: pixels of a tile's side, and its points."""
 
 _FILTER_AT_POINTS = torch.tensor(
     [
@@ -160,13 +161,22 @@ def _launch(
 ) -> None:
     """Run a kernel on pictures, with what else it reads and what it writes."""
     height, width = pictures.shape[1:3]
-    values_at_point = sum(_CHUNK * each + LANES for each in channels)  # STEP of both
-    scratch = backend.memory.empty(groups, _POINTS, values_at_point, dtype=pictures.dtype)
-    sizes = (_tiles(pictures), height, width, *channels)
+    steps = [_step(each) for each in channels]
+    scratch = backend.memory.empty(groups, _POINTS, sum(steps), dtype=pictures.dtype)
+    sizes = (_tiles(pictures), height, width, *channels, *steps)
     with backend.session() as session:
         program = product_program(backend, "convolution", pictures.dtype)
         session.launch(program, kernel, groups, *sizes, scratch, pictures, *arguments, result)
         session.finish(result)
+
+
+def _step(channels: int) -> int:
+    """Values from one point's matrix of a chunk to the next point's.
+
+    A line of the cache more than the matrix has, as otherwise those that a tile has at all points would fall into the
+    same few places of the cache.
+    """
+    return TILE_CHUNK * channels + LANES
 
 
 def _tiles(pictures: Float[Tensor, "B H W C"]) -> int:
@@ -175,4 +185,4 @@ def _tiles(pictures: Float[Tensor, "B H W C"]) -> int:
 
 
 def _chunks(pictures: Float[Tensor, "B H W C"]) -> int:
-    return -(-_tiles(pictures) // _CHUNK)
+    return -(-_tiles(pictures) // TILE_CHUNK)

@@ -19,10 +19,8 @@ from torch import Tensor
 from opencl.backend import Backend
 from opencl.first_gradients import first_gradients_only
 from opencl.products import filled, product_program, summing_items, work_items
+from opencl.program import PIXEL_CHUNK
 from opencl.routes import backend_for, works_in_place
-
-_CHUNK = 32
-"""As in pixel_decoder.cl: pixels that are taken at a time."""
 
 
 def decode_pixels(
@@ -91,7 +89,7 @@ class _Work:
         self.pixels, self.channels = picture.shape
         self.outputs, self.dtype = len(weights[-1]), picture.dtype
         self.widths = [filled(self.channels), *(filled(len(weight)) for weight in weights)]
-        self.chunks = -(-self.pixels // _CHUNK)
+        self.chunks = -(-self.pixels // PIXEL_CHUNK)
         self.weight_count = sum((inputs + 1) * outputs for inputs, outputs in self._layers())
 
     def _layers(self) -> Iterator[tuple[int, int]]:
@@ -119,7 +117,7 @@ class _Work:
 
     def launch(self, kernel: str, groups: int, *inputs: Tensor, results: tuple[Tensor, ...]) -> None:
         """Run a kernel on the picture and what else it reads; without pixels it runs nothing."""
-        scratch_size = _CHUNK * (sum(self.widths) + 2 * max(self.widths))
+        scratch_size = PIXEL_CHUNK * (sum(self.widths) + 2 * max(self.widths))
         scratch = self.memory.empty(groups, scratch_size, dtype=self.dtype)
         sizes = (self.pixels, self.channels, self.outputs, len(self.widths) - 1, scratch_size)
         widths = torch.tensor(self.widths, dtype=torch.int32)
