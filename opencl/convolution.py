@@ -24,7 +24,7 @@ from torch import Tensor
 
 from opencl.backend import Backend
 from opencl.first_gradients import first_gradients_only
-from opencl.products import LANES, product_program, summing_items, work_items
+from opencl.products import LANES, added, product_program, summing_items, work_items
 from opencl.program import TILE_CHUNK
 from opencl.routes import backend_for, works_in_place
 
@@ -140,7 +140,7 @@ def _gradients_of_weights(
     sums = backend.memory.empty(groups, (_POINTS * inputs + 1) * outputs, dtype=pictures.dtype)
     arguments = (gradients, _or_nothing(shown, pictures))
     _launch(backend, "weight_gradients", groups, (inputs, outputs), pictures, *arguments, result=sums)
-    of_weight, of_bias = sums.sum(dim=0).split([_POINTS * inputs * outputs, outputs])
+    of_weight, of_bias = added(sums).split([_POINTS * inputs * outputs, outputs])
     taps = _KERNEL_AT_POINTS.to(pictures.dtype).T @ of_weight.view(_POINTS, -1)
     return taps.view(3, 3, inputs, outputs).permute(3, 2, 0, 1), of_bias
 

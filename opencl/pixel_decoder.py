@@ -18,7 +18,7 @@ from torch import Tensor
 
 from opencl.backend import Backend
 from opencl.first_gradients import first_gradients_only
-from opencl.products import filled, product_program, summing_items, work_items
+from opencl.products import added, filled, product_program, summing_items, work_items
 from opencl.program import PIXEL_CHUNK
 from opencl.routes import backend_for, works_in_place
 
@@ -77,7 +77,7 @@ class _DecodePixels(torch.autograd.Function):
             *(picture, *packed, work.memory.receive(grad_decoded)),
             results=(grad_picture, sums),
         )
-        return grad_picture, None, *work.unpacked(sums.sum(dim=0), weights)
+        return grad_picture, None, *work.unpacked(added(sums), weights)
 
 
 class _Work:

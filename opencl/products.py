@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
@@ -29,6 +31,17 @@ def summing_items(chunks: int) -> int:
 def work_items(backend: Backend, chunks: int) -> int:
     """Work-items that take so many chunks, where each chunk comes out the same whoever took it."""
     return min(chunks, max(_PARTS, _FOR_A_CORE * backend.device.handle.max_compute_units))
+
+
+def added(parts: Float[Tensor, "items sums"]) -> Float[Tensor, " sums"]:
+    """The sum of all parts, one after the other: in which order `parts.sum(dim=0)` adds is torch's own affair.
+
+    In memory of its own; zeros where there are no parts.
+    """
+    total = parts[:1].sum(dim=0)
+    for part in parts[1:]:
+        total += part
+    return total
 
 
 def product_program(backend: Backend, part: Part, dtype: torch.dtype) -> ProgramKey:

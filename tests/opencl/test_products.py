@@ -6,8 +6,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import torch
 
-from opencl.products import summing_items, work_items
+from opencl.products import added, summing_items, work_items
 
 
 def processor(cores: int) -> Any:
@@ -22,3 +23,13 @@ def test_a_processor_of_many_cores_has_work_for_all_of_them(cores: int, chunks: 
 
 def test_sums_have_as_many_parts_on_any_processor() -> None:
     assert [summing_items(chunks) for chunks in (0, 5, 5000)] == [0, 5, 8]
+
+
+def test_parts_are_added_in_their_order() -> None:
+    """The first 1 is lost beside what comes next, the last one comes when that is gone."""
+    parts = torch.tensor([[1.0], [2.0**30], [-(2.0**30)], [1.0]]).expand(4, 70)
+    assert added(parts).tolist() == [1.0] * 70
+
+
+def test_no_parts_are_nothing() -> None:
+    assert added(torch.empty(0, 3)).tolist() == [0, 0, 0]
