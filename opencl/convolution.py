@@ -142,7 +142,7 @@ def _gradients_of_weights(
     _launch(backend, "weight_gradients", groups, (inputs, outputs), pictures, *arguments, result=sums)
     of_weight, of_bias = added(sums).split([_POINTS * inputs * outputs, outputs])
     taps = _KERNEL_AT_POINTS.to(pictures.dtype).T @ of_weight.view(_POINTS, -1)
-    return taps.view(3, 3, inputs, outputs).permute(3, 2, 0, 1), of_bias
+    return taps.view(3, 3, inputs, outputs).permute(3, 2, 0, 1), of_bias.clone()  # or it would keep all sums
 
 
 def _or_nothing(shown: Tensor | None, like: Tensor) -> Tensor:

@@ -68,16 +68,18 @@ class _DecodePixels(torch.autograd.Function):
         picture, *parameters = ctx.saved_tensors
         weights, biases = parameters[: ctx.layers], parameters[ctx.layers :]
         work = _Work(picture, weights)
-        grad_picture = work.memory.empty(*picture.shape, dtype=picture.dtype)
-        groups = summing_items(work.chunks)
-        sums = work.memory.empty(groups, work.weight_count, dtype=picture.dtype)
+        needs_picture, needs_weights = ctx.needs_input_grad[0], any(ctx.needs_input_grad[2:])
+        groups = summing_items(work.chunks) if needs_weights else work_items(work.backend, work.chunks)
+        # Kernels take an empty tensor for nothing.
+        grad_picture = work.memory.empty(len(picture) if needs_picture else 0, work.channels, dtype=picture.dtype)
+        sums = work.memory.empty(groups if needs_weights else 0, work.weight_count, dtype=picture.dtype)
         packed = (work.packed(weights, biases, turned=turned) for turned in (False, True))
         work.launch(
-            *("decode_pixels_backward", groups),
-            *(picture, *packed, work.memory.receive(grad_decoded)),
+            *("decode_pixels_backward", groups, picture, *packed, work.memory.receive(grad_decoded)),
             results=(grad_picture, sums),
         )
-        return grad_picture, None, *work.unpacked(added(sums), weights)
+        of_parameters = work.unpacked(added(sums), weights) if needs_weights else [None] * len(parameters)
+        return grad_picture if needs_picture else None, None, *of_parameters
 
 
 class _Work:

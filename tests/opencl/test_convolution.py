@@ -146,6 +146,7 @@ def test_only_what_is_asked_for_has_a_gradient() -> None:
     convolve(values.detach(), weight, bias).sum().backward()
     assert weight.grad is not None
     assert bias.grad is not None
+    assert bias.grad.untyped_storage().nbytes() == bias.nbytes
     assert not convolve(values.detach(), weight.detach(), bias.detach()).requires_grad
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import pytest
 import torch
@@ -111,6 +112,34 @@ def test_a_picture_keeps_its_shape_however_it_lies() -> None:
     shown = decode_pixels(picture, weights, biases)
     assert shown.shape == (5, 6, 3)
     assert torch.equal(decode_pixels(across, weights, biases), shown.transpose(0, 1))
+
+
+def test_only_what_is_asked_for_has_a_gradient() -> None:
+    picture, weights, biases = decoder(700, 16, 32, 3)
+    all_of_them = with_gradients(decode_pixels(picture, weights, biases), listed(picture, weights, biases))[1:]
+    frozen = [[tensor.detach() for tensor in each] for each in (weights, biases)]
+    (of_picture,) = with_gradients(decode_pixels(picture, *frozen), [picture])[1:]
+    of_weights = with_gradients(decode_pixels(picture.detach(), weights, biases), [*weights, *biases])[1:]
+    for one, other in zip([of_picture, *of_weights], all_of_them, strict=True):
+        assert bits(one) == bits(other)
+    of_one_bias = with_gradients(decode_pixels(picture.detach(), frozen[0], [frozen[1][0], biases[1]]), [biases[1]])[1]
+    assert bits(of_one_bias) == bits(all_of_them[-1])
+
+
+def test_what_nobody_asks_for_is_not_computed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There is no room for it."""
+    rooms: list[list[bool]] = []
+    launch = pixel_decoder._Work.launch
+
+    def noted(work: pixel_decoder._Work, *given: Any, results: tuple[Tensor, ...]) -> None:
+        rooms.append([result.numel() > 0 for result in results])
+        launch(work, *given, results=results)
+
+    monkeypatch.setattr(pixel_decoder._Work, "launch", noted)
+    picture, weights, biases = decoder(40, 16, 32, 3)
+    decode_pixels(picture.detach(), weights, biases).sum().backward()
+    decode_pixels(picture, [each.detach() for each in weights], [each.detach() for each in biases]).sum().backward()
+    assert rooms == [[True], [False, True], [True], [True, False]]
 
 
 def test_what_torch_negates_lazily() -> None:

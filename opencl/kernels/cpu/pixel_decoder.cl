@@ -125,7 +125,8 @@ WHOLE_REGISTERS static inline void pass_gradient(
     }
 }
 
-// Gradients of the picture, and of `weights` as far as each work-item's pixels have a part in it, in the same order.
+// Gradients of the picture, and of `weights` as far as each work-item's pixels have a part in it, in the same order; each
+// where there is room for it.
 __kernel void decode_pixels_backward(
     const int pixels,
     const int channels,
@@ -148,8 +149,8 @@ __kernel void decode_pixels_backward(
         widest = widths[layer + 1] > widest ? widths[layer + 1] : widest;
     }
     __global REAL *blocks = scratch + get_group_id(0) * (size_t)scratch_size;
-    __global REAL *own = sums + get_group_id(0) * (size_t)weight_count;
-    for (int weight = 0; weight < weight_count; weight++) own[weight] = 0;
+    __global REAL *own = sums ? sums + get_group_id(0) * (size_t)weight_count : sums;
+    for (int weight = 0; sums && weight < weight_count; weight++) own[weight] = 0;
     for (int first = get_group_id(0) * PIXEL_CHUNK; first < pixels; first += get_num_groups(0) * PIXEL_CHUNK) {
         read_block(picture, channels, first, pixels, widths[0], blocks);
         __global REAL *block = show_layers(layers, widths, weights, blocks);
@@ -159,7 +160,8 @@ __kernel void decode_pixels_backward(
         for (int layer = layers - 1; layer >= 0; layer--) {
             block -= PIXEL_CHUNK * widths[layer];
             weight -= (widths[layer] + 1) * widths[layer + 1];
-            add_gradients(block, widths[layer], gradient, widths[layer + 1], own + weight);
+            if (sums) add_gradients(block, widths[layer], gradient, widths[layer + 1], own + weight);
+            if (layer == 0 && !grad_picture) break;
             pass_gradient(
                 gradient, widths[layer + 1], turned + weight, block, widths[layer], layer > 0, passed
             );
@@ -167,6 +169,6 @@ __kernel void decode_pixels_backward(
             gradient = passed;
             passed = free;
         }
-        write_block(gradient, channels, first, pixels, grad_picture);
+        if (grad_picture) write_block(gradient, channels, first, pixels, grad_picture);
     }
 }
