@@ -11,7 +11,16 @@ channels, on one core of Emerald Rapids, milliseconds here / by torch (oneDNN) /
     gradient of the weights    6.3 / 12.2 / 40.7       79 / 239
 
 An iteration of GS-Hider, of which most are these, takes 0.6 of the time (two trainings side by side, 178 ms for 304).
-Rounding errors are four to seven times those of torch's: 1e-6 to 4e-6 of a result's root mean square in float32.
+Rounding errors in float32, their root mean square over that of the result and over that of torch's errors (normally
+distributed values, 16 to 96 channels, 50 x 28 and 112 x 200 pixels):
+
+                               of the result       of torch's errors
+    forward                   0.7e-6 to 1.4e-6         5 to 9
+    gradient of the input     1.3e-6 to 2.0e-6         6 to 9
+    gradient of the weights   1.2e-6 to 2.7e-6       1.0 to 1.8
+    gradient of the bias      0.1e-6 to 0.3e-6      0.07 to 0.18
+
+Of values and weights above zero, forward: 0.1e-6 to 0.2e-6, 0.7 to 2.3 times torch's.
 """
 
 from __future__ import annotations

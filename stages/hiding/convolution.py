@@ -1,4 +1,4 @@
-"""A convolution whose training on the CPU takes half of what torch's does."""
+"""A convolution whose training on the CPU takes half (64 channels) to four fifths (16) of what torch's does."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ def test_gradients_against_finite_differences() -> None:
 
 @pytest.mark.parametrize("rectified", [False, True])
 def test_float32_rounds_little(rectified: bool) -> None:
-    """By a few times what torch's own convolution does."""
+    """By less than ten times what torch's own convolution does."""
     leaves = inputs(1, 64, 64, 50, 28)
     single = [tensor.detach().float().requires_grad_() for tensor in leaves]
     found = with_gradients(convolve(*single, rectified), single)

@@ -33,7 +33,12 @@ static inline void write_block(
 
 // What a layer shows of the block before it.
 WHOLE_REGISTERS static inline void show_layer(
-    __global const REAL *block, int inputs, __global const REAL *weights, int outputs, int rectifies, __global REAL *next
+    __global const REAL *block,
+    int inputs,
+    __global const REAL *weights,
+    int outputs,
+    int rectifies,
+    __global REAL *next
 ) {
     for (int channel = 0; channel < outputs; channel += 16) {
         const LANES bias = *(LANES_IN)(weights + inputs * outputs + channel);
@@ -125,8 +130,8 @@ WHOLE_REGISTERS static inline void pass_gradient(
     }
 }
 
-// Gradients of the picture, and of `weights` as far as each work-item's pixels have a part in it, in the same order; each
-// where there is room for it.
+// Gradients of the picture, and of `weights` as far as each work-item's pixels have a part in it, in the same order.
+// Either may be null: nobody asks for it then.
 __kernel void decode_pixels_backward(
     const int pixels,
     const int channels,
