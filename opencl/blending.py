@@ -7,10 +7,10 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
+from opencl.first_gradients import first_gradients_only
 from opencl.program import GROUP_SIZE, ProgramKey, Schedule
 from opencl.tiling import TileLists
 
@@ -75,7 +75,7 @@ class Blend(torch.autograd.Function):
         return given_map, given_alphas
 
     @staticmethod
-    @once_differentiable
+    @first_gradients_only
     def backward(ctx: Any, grad_feature_map: Tensor, grad_alphas: Tensor) -> tuple[Any, ...]:
         records, features, feature_map, alphas = ctx.saved_tensors
         backend, program, lists = ctx.backend, ctx.program, ctx.lists

@@ -7,10 +7,10 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
+from opencl.first_gradients import first_gradients_only
 from opencl.program import ProgramKey
 from opencl.projection import launch_size
 from opencl.routes import backend_for
@@ -73,7 +73,7 @@ class _Colors(torch.autograd.Function):
         return given
 
     @staticmethod
-    @once_differentiable
+    @first_gradients_only
     def backward(ctx: Any, grad_colors: Tensor) -> tuple[Any, ...]:
         base, rest, means, centre = ctx.saved_tensors
         empty = ctx.backend.memory.empty

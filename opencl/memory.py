@@ -12,7 +12,7 @@ from torch import Tensor
 
 from opencl.pool import empty
 
-WAY_OUT = "Draw fewer Gaussians, fewer features or a smaller picture."
+WAY_OUT = "Take a smaller picture, fewer features or, where they are drawn, fewer Gaussians."
 
 
 @contextmanager

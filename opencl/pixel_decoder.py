@@ -15,14 +15,12 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
-from opencl.products import GROUPS, filled, product_program
+from opencl.first_gradients import first_gradients_only
+from opencl.products import added, filled, product_program, summing_items, work_items
+from opencl.program import PIXEL_CHUNK
 from opencl.routes import backend_for, works_in_place
-
-_CHUNK = 32
-"""As in pixel_decoder.cl: pixels that are taken at a time."""
 
 
 def decode_pixels(
@@ -33,12 +31,12 @@ def decode_pixels(
     """Layers W·x + b of each pixel's channels, a ReLU after each but the last.
 
     All on the CPU, alike float32 or float64. No pixels give none. Gradients reach all of it. The same inputs give the
-    same bits, for any number of threads. Raises ValueError without a layer, where shapes or types do not fit, and where
-    OpenCL does not draw in the CPU's memory.
+    same bits, for any number of threads. Raises ValueError without a layer or without a channel, where shapes or types
+    do not fit, and where OpenCL does not draw in the CPU's memory.
     """
     widths = [picture.shape[-1], *[len(weight) for weight in weights]]
     described = [tuple(tensor.shape) for tensor in (picture, *weights, *biases)]
-    fits = len(weights) == len(biases) > 0 and all(
+    fits = len(weights) == len(biases) > 0 < min(widths) and all(
         weight.shape == (outputs, inputs) and bias.shape == (outputs,)
         for weight, bias, inputs, outputs in zip(weights, biases, widths[:-1], widths[1:], strict=True)
     )
@@ -47,7 +45,8 @@ def decode_pixels(
     kinds = {(tensor.dtype, tensor.device.type) for tensor in (picture, *weights, *biases)}
     if kinds not in ({(torch.float32, "cpu")}, {(torch.float64, "cpu")}) or not works_in_place(picture.device):
         raise ValueError(f"decode_pixels: found {kinds}, expected float32 or float64 of a CPU that OpenCL draws on")
-    decoded: Tensor = _DecodePixels.apply(picture.reshape(-1, widths[0]), len(weights), *weights, *biases)
+    pixels = backend_for(picture.device).memory.receive(picture.reshape(-1, widths[0]))
+    decoded: Tensor = _DecodePixels.apply(pixels, len(weights), *weights, *biases)
     return decoded.view(*picture.shape[:-1], widths[-1])
 
 
@@ -59,24 +58,28 @@ class _DecodePixels(torch.autograd.Function):
         work = _Work(picture, parameters[:layers])
         decoded = work.memory.empty(len(picture), len(parameters[layers - 1]), dtype=picture.dtype)
         packed = work.packed(parameters[:layers], parameters[layers:], turned=False)
-        work.launch("decode_pixels", picture.detach().contiguous(), packed, results=(decoded,))
+        groups = work_items(work.backend, work.chunks)
+        work.launch("decode_pixels", groups, picture, packed, results=(decoded,))
         return decoded
 
     @staticmethod
-    @once_differentiable
+    @first_gradients_only
     def backward(ctx: Any, grad_decoded: Tensor) -> tuple[Tensor | None, ...]:
         picture, *parameters = ctx.saved_tensors
         weights, biases = parameters[: ctx.layers], parameters[ctx.layers :]
         work = _Work(picture, weights)
-        grad_picture = work.memory.empty(*picture.shape, dtype=picture.dtype)
-        sums = work.memory.empty(work.groups, work.weight_count, dtype=picture.dtype)
+        needs_picture, needs_weights = ctx.needs_input_grad[0], any(ctx.needs_input_grad[2:])
+        groups = summing_items(work.chunks) if needs_weights else work_items(work.backend, work.chunks)
+        # Kernels take an empty tensor for nothing.
+        grad_picture = work.memory.empty(len(picture) if needs_picture else 0, work.channels, dtype=picture.dtype)
+        sums = work.memory.empty(groups if needs_weights else 0, work.weight_count, dtype=picture.dtype)
         packed = (work.packed(weights, biases, turned=turned) for turned in (False, True))
         work.launch(
-            "decode_pixels_backward",
-            *(picture.detach().contiguous(), *packed, grad_decoded.contiguous()),
+            *("decode_pixels_backward", groups, picture, *packed, work.memory.receive(grad_decoded)),
             results=(grad_picture, sums),
         )
-        return grad_picture, None, *work.unpacked(sums.sum(dim=0), weights)
+        of_parameters = work.unpacked(added(sums), weights) if needs_weights else [None] * len(parameters)
+        return grad_picture if needs_picture else None, None, *of_parameters
 
 
 class _Work:
@@ -88,7 +91,7 @@ class _Work:
         self.pixels, self.channels = picture.shape
         self.outputs, self.dtype = len(weights[-1]), picture.dtype
         self.widths = [filled(self.channels), *(filled(len(weight)) for weight in weights)]
-        self.groups = min(GROUPS, -(-self.pixels // _CHUNK))
+        self.chunks = -(-self.pixels // PIXEL_CHUNK)
         self.weight_count = sum((inputs + 1) * outputs for inputs, outputs in self._layers())
 
     def _layers(self) -> Iterator[tuple[int, int]]:
@@ -114,13 +117,13 @@ class _Work:
         ]
         return [*of_weights, *(part[: len(weight)] for part, weight in zip(parts[1::2], weights, strict=True))]
 
-    def launch(self, kernel: str, *inputs: Tensor, results: tuple[Tensor, ...]) -> None:
+    def launch(self, kernel: str, groups: int, *inputs: Tensor, results: tuple[Tensor, ...]) -> None:
         """Run a kernel on the picture and what else it reads; without pixels it runs nothing."""
-        scratch_size = _CHUNK * (sum(self.widths) + 2 * max(self.widths))
-        scratch = self.memory.empty(self.groups, scratch_size, dtype=self.dtype)
+        scratch_size = PIXEL_CHUNK * (sum(self.widths) + 2 * max(self.widths))
+        scratch = self.memory.empty(groups, scratch_size, dtype=self.dtype)
         sizes = (self.pixels, self.channels, self.outputs, len(self.widths) - 1, scratch_size)
         widths = torch.tensor(self.widths, dtype=torch.int32)
         with self.backend.session() as session:
             program = product_program(self.backend, "pixel_decoder", self.dtype)
-            session.launch(program, kernel, self.groups, *sizes, scratch, widths, *inputs, *results)
+            session.launch(program, kernel, groups, *sizes, scratch, widths, *inputs, *results)
             session.finish(*results)

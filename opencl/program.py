@@ -66,6 +66,10 @@ SORT_CHUNK = 2048
 """Items that a work-group of the GPU schedule's sort takes."""
 SSIM_STRIP: dict[Schedule, int] = {"cpu": 256, "gpu": 16}
 """Values of a row, a multiple of 16, that a work-item of the structural similarity takes."""
+TILE_CHUNK = 16
+"""Tiles, a multiple of 16, that a work-item of the convolutions takes at a time."""
+PIXEL_CHUNK = 32
+"""Pixels, a multiple of 16, that a work-item of the pixel decoders takes at a time."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,8 @@ class ProgramKey:
             "SCAN_CHUNK": SCAN_CHUNK,
             "SORT_CHUNK": SORT_CHUNK,
             "SSIM_STRIP": SSIM_STRIP[self.schedule],
+            "TILE_CHUNK": TILE_CHUNK,
+            "PIXEL_CHUNK": PIXEL_CHUNK,
         }
         lines = [f"#define {name} ((REAL){float(value)!r})" for name, value in reals.items()]
         lines += [f"#define {name} {value}" for name, value in integers.items()]

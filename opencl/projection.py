@@ -7,10 +7,10 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings, half_fields_of_view
+from opencl.first_gradients import first_gradients_only
 from opencl.program import GROUP_SIZE, PROJECTION_CHUNK, ProgramKey
 
 RECORD = 8
@@ -79,7 +79,7 @@ class Project(torch.autograd.Function):
         return means2d, records, radii, depth_keys
 
     @staticmethod
-    @once_differentiable
+    @first_gradients_only
     def backward(ctx: Any, grad_means2d: Tensor | None, grad_records: Tensor | None, *_: None) -> tuple[Any, ...]:
         means, quats, scales, opacities, camera, radii, records = ctx.saved_tensors
         memory, dtype = ctx.backend.memory, means.dtype

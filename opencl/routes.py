@@ -12,7 +12,7 @@ import torch
 from opencl.backend import Backend, default_backend
 from opencl.cuda import CudaBackend
 from opencl.cuda_driver import CudaDriver, load_driver
-from opencl.device import DEVICE_VARIABLE, Device, list_devices
+from opencl.device import DEVICE_VARIABLE, Device, choose_device, list_devices
 from opencl.nvidia import MISSING_ICD, is_nvidia, opencl_device_of, torch_device_of
 from opencl.repeatable import ask_for_the_same_bits
 
@@ -33,11 +33,17 @@ def backend_for(tensor_device: torch.device) -> Backend:
 
 
 def works_in_place(tensor_device: torch.device) -> bool:
-    """Whether tensors of this device are the CPU's, and a CPU draws them in their own memory."""
-    if tensor_device.type != "cpu":
-        return False
-    backend = default_backend()
-    return backend.schedule == "cpu" and backend.shares_memory
+    """Whether tensors of this device are the CPU's, and a CPU draws them in their own memory.
+
+    Not where OpenCL has no device at all. Raises ValueError where GS_HIDER_DEVICE names none of those that it has.
+    """
+    return tensor_device.type == "cpu" and _default_device_shares_memory(os.environ.get(DEVICE_VARIABLE, ""))
+
+
+@functools.cache
+def _default_device_shares_memory(setting: str) -> bool:
+    """While GS_HIDER_DEVICE is `setting`. A backend is not made for it: on a GPU it would take some of its memory."""
+    return bool(list_devices()) and choose_device().shares_memory
 
 
 @functools.cache

@@ -7,10 +7,10 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
+from opencl.first_gradients import first_gradients_only
 from opencl.program import GROUP_SIZE, SSIM_STRIP, ProgramKey
 from opencl.routes import backend_for
 
@@ -74,7 +74,7 @@ class _MeanSsim(torch.autograd.Function):
         return strip_sums.sum() / pictures.numel()
 
     @staticmethod
-    @once_differentiable
+    @first_gradients_only
     def backward(ctx: Any, grad_mean: Tensor) -> tuple[None, Tensor, None]:
         (gradients,) = ctx.saved_tensors
         return None, (gradients * (grad_mean / ctx.shape.numel())).view(ctx.shape), None

@@ -1,4 +1,4 @@
-"""A convolution whose training on the CPU takes half of what torch's does."""
+"""A convolution whose training on the CPU takes half (64 channels) to four fifths (16) of what torch's does."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Convolution(torch.nn.Conv2d):
 
     def forward(self, values: Float[Tensor, "B C H W"], rectified: bool = False) -> Float[Tensor, "B D H W"]:
         """With zeros beyond the edges; followed by ReLU where `rectified`."""
-        if not torch.is_autocast_enabled(values.device.type) and can_convolve(values, self.weight):
+        if can_convolve(values, self.weight) and not torch.is_autocast_enabled(values.device.type):
             return convolve(values, self.weight, self.bias, rectified)
         convolved = super().forward(values)  # what autocast rounds it has to see itself
         return torch.relu(convolved) if rectified else convolved

@@ -16,6 +16,7 @@ from opencl import convolution, pixel_decoder
 from opencl.device import choose_device
 from opencl.program import Schedule
 from tests.opencl import test_convolution, test_pixel_decoder
+from tests.opencl.differentiated import with_gradients
 from tests.opencl.runtimes import backend_of, draw_with_gradients, dtype_of
 from tests.opencl.scenes import Scene, gradients, make_scene
 
@@ -61,20 +62,21 @@ def convolve() -> None:
     backend = backend_of("cpu")
     convolution.backend_for = lambda _: backend
     convolution.can_convolve = lambda *_: True
-    found = test_convolution.with_gradients(convolution.convolve(*leaves, True), *leaves)
+    found = with_gradients(convolution.convolve(*leaves, True), leaves)
     expected = test_convolution.expected(*leaves, True)
-    print(largest_error(found, test_convolution.with_gradients(expected, *leaves)))
+    print(largest_error(found, with_gradients(expected, leaves)))
 
 
 def decode_pixels() -> None:
     """The same of a decoder of single pixels, of which the last chunk has one."""
     leaves = test_pixel_decoder.decoder(33, 5, 32, 3)
+    listed = test_pixel_decoder.listed(*leaves)
     backend = backend_of("cpu")
     pixel_decoder.backend_for = lambda _: backend
     pixel_decoder.works_in_place = lambda _: True
-    found = test_pixel_decoder.with_gradients(pixel_decoder.decode_pixels(*leaves), *leaves)
+    found = with_gradients(pixel_decoder.decode_pixels(*leaves), listed)
     expected = test_pixel_decoder.expected(*leaves)
-    print(largest_error(found, test_pixel_decoder.with_gradients(expected, *leaves)))
+    print(largest_error(found, with_gradients(expected, listed)))
 
 
 def largest_error(found: list[Tensor], expected: list[Tensor]) -> float:

@@ -195,7 +195,7 @@ def test_no_room_in_torch_s_memory_is_named(monkeypatch, make):
 
     monkeypatch.setattr(torch, "empty", full)
     memory = TorchMemory(torch.device("cuda", 1))
-    with pytest.raises(RuntimeError, match=r"cuda:1: CUDA out of memory.* 12\.00 GiB\. Draw fewer Gaussians"):
+    with pytest.raises(RuntimeError, match=r"cuda:1: CUDA out of memory.* 12\.00 GiB\. Take a smaller picture"):
         getattr(memory, make)(3, dtype=torch.float32)
 
 
@@ -204,5 +204,5 @@ def test_no_room_on_the_device_is_named(monkeypatch):
         raise pyopencl.MemoryError("clCreateBuffer", -4, "MEM_OBJECT_ALLOCATION_FAILURE")
 
     monkeypatch.setattr(pyopencl, "Buffer", full)
-    with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*Draw fewer Gaussians"):
+    with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*Take a smaller picture"):
         rasterize(**arguments())

@@ -90,6 +90,20 @@ def test_tensors_of_the_cpu_go_where_the_variable_says(machine):
     assert routes.backend_for(torch.device("cpu")) == "default"
 
 
+@pytest.mark.parametrize("devices", [[], [gpu()]], ids=["none", "a GPU"])
+def test_nothing_is_in_place_where_no_cpu_draws_and_no_device_is_set_up_to_say_so(monkeypatch, devices):
+    monkeypatch.setenv(DEVICE_VARIABLE, f"one of {len(devices)}")  # answers are kept, by what is asked for
+    monkeypatch.setattr(routes, "list_devices", lambda: devices)
+    monkeypatch.setattr(routes, "choose_device", lambda: devices[0])
+    monkeypatch.delattr(routes, "default_backend")
+    assert not routes.works_in_place(torch.device("cpu"))
+
+
+def test_tensors_of_the_cpu_are_in_place_on_pocl():
+    assert routes.works_in_place(torch.device("cpu"))
+    assert not routes.works_in_place(CUDA)
+
+
 def test_cuda_tensors_are_drawn_in_place(machine):
     other, own = gpu(index="1:0", location=(0, 66, 0)), gpu(index="1:1")
     machine(other, own)

@@ -199,7 +199,7 @@ def test_no_room_on_the_device_is_named(staged, make, monkeypatch):
 
     memory = staged.memory
     monkeypatch.setattr(memory, "_pool", SimpleNamespace(allocate=full, active_bytes=0, managed_bytes=0))
-    with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*Draw fewer Gaussians"):
+    with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*Take a smaller picture"):
         make(memory)
 
 

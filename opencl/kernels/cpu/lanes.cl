@@ -1,7 +1,7 @@
 // Vectors and memory hints for processors that run one work-item a core.
 //
-// A LANES value holds 16 pixels. Only operators are used on it: PoCL 3.0 links its built-in functions for another CPU
-// than it compiles kernels for, and 16 wide built-ins then abort the process.
+// A LANES value holds 16 pixels, or 16 channels of one. Only operators are used on it: PoCL 3.0 links its built-in
+// functions for another CPU than it compiles kernels for, and 16 wide built-ins then abort the process.
 
 #ifdef REAL_IS_DOUBLE
 typedef double8 REAL8;

@@ -3,8 +3,8 @@
 typedef __global const UNALIGNED_LANES *LANES_IN;
 typedef __global UNALIGNED_LANES *LANES_OUT;
 
-// Rows of a product that are summed at a time, in registers: 16 of LANES, or 4 where registers are half as wide and half
-// as many.
+// Rows of a product that are summed at a time, in registers: 16 of LANES, or 4 where registers are half as wide and
+// half as many.
 #ifdef WIDE_REGISTERS
 #define ROWS 16
 #define EACH_ROW EACH_16

@@ -1,5 +1,5 @@
-// Winograd's minimal filtering F(4 x 4, 3 x 3): a tile of 4 x 4 pixels and what surrounds it become 36 values, its values
-// at 36 points, for each of which a convolution 3 x 3 is a product of matrices over the channels.
+// Winograd's minimal filtering F(4 x 4, 3 x 3): a tile of 4 x 4 pixels and what surrounds it become 36 values, its
+// values at 36 points, for each of which a convolution 3 x 3 is a product of matrices over the channels.
 //
 // Pictures are channels last, one after the other; tiles are numbered through all of them. A LANES value holds 16
 // channels. Vectors are written out: what an array holds stays in registers only where each index is a constant.

@@ -7,14 +7,14 @@ import torch
 
 from stages.hiding import convolution
 from stages.hiding.convolution import Convolution
+from tests.opencl.differentiated import with_gradients
 
 
 def convolved(module: Convolution, values: torch.Tensor, *, rectified: bool) -> list[torch.Tensor]:
     """Pictures and gradients, of channels last as decoders have it."""
     leaf = values.clone().requires_grad_()
     picture = module(leaf.permute(2, 0, 1).unsqueeze(0), rectified=rectified)
-    weights = torch.linspace(-1, 2, picture.numel(), dtype=picture.dtype).view(picture.shape)
-    return [picture.detach(), *torch.autograd.grad((weights * picture).sum(), (leaf, *module.parameters()))]
+    return with_gradients(picture, [leaf, *module.parameters()])
 
 
 @pytest.mark.parametrize("rectified", [False, True])
@@ -38,6 +38,16 @@ def test_decoders_of_the_usual_width_take_the_faster_way(monkeypatch: pytest.Mon
     monkeypatch.setattr(convolution, "convolve", lambda *each: taken.append(each) or convolve(*each))
     Convolution(64, 64, 3)(torch.rand(1, 64, 6, 8))
     assert len(taken) == 1
+
+
+def test_pictures_without_a_batch() -> None:
+    torch.manual_seed(0)
+    module, values = Convolution(16, 32, 3), torch.rand(16, 6, 8)
+    torch.testing.assert_close(module(values), module(values.unsqueeze(0)).squeeze(0), rtol=1e-5, atol=1e-5)
+
+
+def test_pictures_of_a_size_alone() -> None:
+    assert Convolution(16, 32, 3).to("meta")(torch.rand(1, 16, 6, 8, device="meta")).shape == (1, 32, 6, 8)
 
 
 def test_what_autocast_rounds_it_sees() -> None:

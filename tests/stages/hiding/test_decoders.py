@@ -9,6 +9,7 @@ from torch import Tensor
 from stages.hiding import decoders
 from stages.hiding.convolution import Convolution
 from stages.hiding.decoders import Decoder, decode
+from tests.opencl.differentiated import with_gradients
 
 
 def decoded(monkeypatch: pytest.MonkeyPatch, precision: torch.dtype, *, instructions: bool) -> dict[str, Tensor]:
@@ -47,6 +48,13 @@ def test_a_decoder_has_five_convolutions_of_which_the_last_is_linear() -> None:
     assert float(decode(decoder, torch.randn(12, 10, 16)).detach().min()) < 0
 
 
+@pytest.mark.parametrize("kernel_size", [1, 3])
+def test_feature_maps_of_another_type_torch_refuses_whatever_the_kernel(kernel_size: int) -> None:
+    decoder = Decoder(16, 6, width=32, kernel_size=kernel_size)
+    with pytest.raises(RuntimeError, match="type"):
+        decode(decoder, torch.rand(18, 22, 16, dtype=torch.float64))
+
+
 @pytest.mark.parametrize("channels", [16, 24])
 def test_of_single_pixels_they_are_the_same_convolutions(monkeypatch: pytest.MonkeyPatch, channels: int) -> None:
     torch.manual_seed(0)
@@ -54,9 +62,7 @@ def test_of_single_pixels_they_are_the_same_convolutions(monkeypatch: pytest.Mon
     features = torch.rand(18, 22, channels, requires_grad=True)
 
     def found() -> list[Tensor]:
-        picture = decode(decoder, features)
-        weights = torch.linspace(-1, 2, picture.numel()).view(picture.shape)
-        return [picture.detach(), *torch.autograd.grad((weights * picture).sum(), [features, *decoder.parameters()])]
+        return with_gradients(decode(decoder, features), [features, *decoder.parameters()])
 
     by_pixels = found()
     monkeypatch.setattr(decoders, "works_in_place", lambda _: False)
