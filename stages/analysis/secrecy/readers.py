@@ -47,11 +47,10 @@ def started_reader(public: Method, messages: int, seed: int) -> Method:
     A harder test than random weights: from the right seed it is what the owner's training began with.
     Raises `ValueError` where the method has no such start.
     """
-    reader = seeded_reader(public, messages, seed)
-    if not has_start(reader):
+    if not has_start(public):
         raise ValueError(f"{public.name} starts its message decoder from random weights")
-    grey = {name: np.full((1, 3), 0.5) for name in (COVER, *cast(CoupledFeatures[Decoder], reader).messages)}
-    reader.initial_attributes(grey, np.random.default_rng(seed))
+    reader = seeded_reader(public, messages, seed)
+    _start(reader, seed)
     return reader
 
 
@@ -65,9 +64,20 @@ def attackers_reader(public: Method, messages: int, seed: int) -> Method:
     return make(public, messages, WRONG_SEEDS + seed)
 
 
-def has_start(method: Method) -> bool:
-    """Whether what the message decoder starts with follows from the key."""
-    return FEATURES in method.learning_rates
+def has_start(public: Method) -> bool:
+    """Whether the method, when it starts features, sets weights of its message decoder to what the features need."""
+    if FEATURES not in public.learning_rates:
+        return False
+    reader = seeded_reader(public, 1, WRONG_SEEDS)
+    weights = list(reader.networks[MESSAGE_DECODER].parameters())
+    before = [weight.detach().clone() for weight in weights]
+    _start(reader, WRONG_SEEDS)
+    return not all(map(torch.equal, before, weights))
+
+
+def _start(reader: Method, seed: int) -> None:
+    grey = {name: np.full((1, 3), 0.5) for name in (COVER, *reader.messages)}
+    reader.initial_attributes(grey, np.random.default_rng(seed))
 
 
 def pixels_beyond(reader: Method) -> int:

@@ -15,6 +15,7 @@ from pipeline.artifact import create, load
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.analysis.measurements import read_measurements
+from stages.analysis.secrecy.readers import has_start
 from stages.attack import AttackParameters, attack
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_image import HideImageParameters
@@ -68,6 +69,7 @@ def with_table(method):
     method.networks["table"] = torch.nn.Linear(1, 1)
     return method
 """
+COUPLED = {"feature_dim": 8, "layers": 2, "decoder_width": 12, "kernel_size": 3, "precision": "float32"}
 SMALL = {"method": "own", "own_settings": {"levels": 1}, "iterations": 4, "feature_dim": 8}
 
 
@@ -106,6 +108,11 @@ def test_it_says_what_it_takes(own: Path) -> None:
     assert "own" in method_names()
 
 
+def test_its_message_decoder_has_no_start_but_random_weights(own: Path) -> None:
+    assert not has_start(build_method("own", {**COUPLED, "levels": 1}))
+    assert has_start(build_method("gs_hider", COUPLED))
+
+
 def test_every_layer_starts_from_the_key(tmp_path: Path, own: Path) -> None:
     parameters = HideScenesParameters.model_validate(SMALL)
 
@@ -137,6 +144,5 @@ def test_what_it_does_not_take_is_refused(own: Path, changed: dict[str, object],
 
 def test_networks_that_nobody_would_keep_are_refused(own: Path) -> None:
     own.write_text(SOURCE.replace("return Own(**settings)", "return with_table(Own(**settings))") + WITH_TABLE)
-    settings = {"feature_dim": 8, "layers": 2, "decoder_width": 12, "kernel_size": 3, "precision": "float32"}
     with pytest.raises(UserError, match="found table; expected scene_decoder and message_decoder"):
-        build_method("own", {**settings, "levels": 1})
+        build_method("own", {**COUPLED, "levels": 1})
