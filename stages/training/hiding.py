@@ -38,6 +38,7 @@ from stages.training.parameters import TrainingParameters
 from stages.training.starting_points import GREY, Points, starting_points
 
 PLAIN = "plain"
+"""The one method that hides nothing."""
 
 
 class HidingParameters(TrainingParameters):
