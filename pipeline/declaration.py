@@ -25,6 +25,7 @@ from pipeline.canonical import Json, digest_of, digest_of_file, plain
 from pipeline.data_folder import data_files
 from pipeline.errors import UserError, nearest
 from pipeline.fingerprint import Code, SourceTree
+from pipeline.package_modules import modules_in
 from pipeline.sealed import read_sealed, sealed, write_text_whole
 from pipeline.source_cache import SourceCache
 from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
@@ -112,7 +113,7 @@ class Catalogue:
         package = self.sources.module(self.package)
         if package is None:
             raise UserError("no such package of stages", found=self.package)
-        return sorted(path.stem for path in package.path.parent.glob("[!_]*.py"))
+        return modules_in(package.path.parent)
 
     def declaration(self, uses: str) -> Declaration:
         """Raises UserError where there is no such stage or its module does not define it."""
@@ -272,6 +273,8 @@ def _complete(declared: Stage, arguments: Mapping[str, Json]) -> Completed | lis
         parameters = validate(declared, arguments)
     except pydantic.ValidationError as error:
         return [_refusal(declared.parameters, detail) for detail in error.errors(include_url=False)]
+    except UserError as error:  # of what is asked besides to complete them
+        return [Refusal((), str(error))]
     external = {}
     for name in external_fields(declared.parameters):
         value = getattr(parameters, name)

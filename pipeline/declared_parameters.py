@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.module_names import modules_in
+from pipeline.package_modules import modules_in
 
 
 @dataclass(frozen=True)

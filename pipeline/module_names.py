@@ -10,10 +10,7 @@ from typing import Any
 from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-
-def modules_in(folder: Path) -> list[str]:
-    """The names of the modules directly in a package's folder, sorted, but those that begin with `_`."""
-    return sorted(path.stem for path in folder.glob("[!_]*.py"))
+from pipeline.package_modules import modules_in
 
 
 @dataclass(frozen=True)
@@ -27,7 +24,7 @@ class ModuleIn:
     package: str
 
     def names(self) -> list[str]:
-        """All such names, sorted; none where there is no such package."""
+        """All such names, sorted. Raises ModuleNotFoundError where there is nothing that the package could lie in."""
         found = importlib.util.find_spec(self.package)
         folders = (found.submodule_search_locations if found else None) or []
         return sorted({name for folder in folders for name in modules_in(Path(folder))})

@@ -13,7 +13,6 @@ from stages.analysis.paper.markdown import write_markdown
 from stages.analysis.paper.page import owner_page, public_page, write_page
 from stages.analysis.paper.published import read_published
 from stages.analysis.paper.runs import Columns, read_study
-from stages.hiding.method_names import method_names, module_of
 
 PAGE_FILE, MARKDOWN_FILE, TABLE_FILE = "report.html", "tables.md", "figures.csv"
 
@@ -52,7 +51,6 @@ class CompareWithPaperParameters(Parameters):
     },
     outputs={"owner": Output("report", privacy="private"), "public": Output("report", privacy="public")},
     version=1,
-    modules=lambda parameters: [module_of(name) for name in method_names()],
 )
 def compare_with_paper(context: Context, parameters: CompareWithPaperParameters) -> None:
     """The owner's page shows everything; the public one is made of public scores and timings alone, and not written

@@ -14,8 +14,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 ENGINE = [
-    "plain_text module_names bash_words",
-    "declared_parameters",
+    "plain_text package_modules bash_words",
+    "declared_parameters module_names",
     "errors interruption canonical cause collection completion cuda_process data_folder disk freed_memory hidden look "
     "orphans",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Protocol, cast
 
 import numpy as np
@@ -87,9 +88,30 @@ def refuse_another_method(where: Path, found: str, declared: str) -> None:
         )
 
 
+def _loaded(name: str) -> ModuleType:
+    """The module of method `name`. Raises `UserError` for one that cannot be imported, which may be the user's own."""
+    try:
+        return importlib.import_module(module_of(name))
+    except Exception as error:
+        raise UserError(
+            "a method cannot be loaded",
+            where=module_of(name),
+            found=f"{type(error).__name__}: {error}",
+            expected="a module with SETTINGS and build, as those beside it",
+        ) from error
+
+
 def settings_of(name: str) -> tuple[str, ...]:
-    """The settings from which method `name` is built, beside its messages."""
-    return tuple(importlib.import_module(module_of(name)).SETTINGS)
+    """The settings from which method `name` is built, beside its messages. Raises `UserError` where it names none."""
+    settings = getattr(_loaded(name), "SETTINGS", None)
+    if not isinstance(settings, tuple):
+        raise UserError(
+            "a method does not say what it is built from",
+            where=module_of(name),
+            found=f"SETTINGS = {settings!r}",
+            expected='a tuple of names, as ("feature_dim", "layers"), or ()',
+        )
+    return settings
 
 
 def is_setting(value: object) -> bool:
@@ -99,14 +121,14 @@ def is_setting(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_SETTING
 
 
-def presets_of(name: str, hides_scenes: bool) -> dict[str, float]:
+def presets_of(name: str, hides_scenes: bool) -> dict[str, Setting]:
     """What trainings of method `name` take where nothing is stated: its `PRESETS`, and where scenes are hidden its
     `SCENE_PRESETS` before them. A method that has none takes the parameters' defaults; so does one that is not there.
     """
     if name not in method_names():
         return {}
-    module = importlib.import_module(module_of(name))
-    presets: dict[str, float] = dict(getattr(module, "PRESETS", {}))
+    module = _loaded(name)
+    presets: dict[str, Setting] = dict(getattr(module, "PRESETS", {}))
     return presets | (dict(getattr(module, "SCENE_PRESETS", {})) if hides_scenes else {})
 
 
@@ -115,7 +137,7 @@ def build_method(name: str, settings: Mapping[str, object]) -> Method:
 
     Raises `UserError` for networks that no artifact would hold.
     """
-    method = cast(Method, importlib.import_module(module_of(name)).build(settings))
+    method = cast(Method, _loaded(name).build(settings))
     kept = (*PUBLIC_NETWORKS, *SECRET_NETWORKS)
     if lost := method.networks.keys() - {*kept}:
         raise UserError(

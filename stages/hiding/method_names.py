@@ -9,7 +9,7 @@ from pipeline.module_names import ModuleIn
 PACKAGE = "stages.hiding.methods"
 
 MethodName = Annotated[str, ModuleIn("stages.hiding.methods")]
-"""One more file there is one more method."""
+"""One more file there is one more method. Said in full, as shells complete it from the source alone."""
 
 
 def method_names() -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 from torch import Tensor
 
 from opencl.routes import working_device
@@ -19,14 +19,13 @@ from stages.hiding.key import generator_apart, key_generator
 from stages.hiding.method import (
     LARGEST_SETTING,
     Method,
-    Setting,
     build_method,
     is_setting,
     move_networks,
     presets_of,
     settings_of,
 )
-from stages.hiding.method_names import MethodName
+from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
@@ -57,7 +56,7 @@ class HidingParameters(TrainingParameters):
         "(homogeneous); or one of the paper's baselines 3DGS+SH (sh) and 3DGS+Decoder (decoder); or one of your own, "
         "by the name of its file in stages/hiding/methods.",
     )
-    own_settings: dict[str, Setting] = Field(
+    own_settings: dict[str, Any] = Field(
         {},
         description="Of a method of your own: the values of those of its SETTINGS that are no parameters here, such "
         "as {hash_levels: 4}.",
@@ -107,27 +106,37 @@ class HidingParameters(TrainingParameters):
         if not isinstance(stated, dict):
             return stated  # for the validator to refuse
         given = {name: value for name, value in stated.items() if value is not None}
-        method = given.get("method", cls.model_fields["method"].default)
-        return presets_of(str(method), cls.hides_scenes) | given
+        method = str(given.get("method", cls.model_fields["method"].default))
+        presets = presets_of(method, cls.hides_scenes)
+        if unknown := sorted(presets.keys() - cls.model_fields.keys()):
+            raise UserError("presets of a method that are no parameters", where=module_of(method), found=str(unknown))
+        return presets | given
 
-    @model_validator(mode="after")
-    def _check_own_settings(self) -> HidingParameters:
-        if self.method == PLAIN:
-            raise ValueError(f"the method {PLAIN} is 3DGS itself, which hides nothing; the stage train_scene trains it")
-        wanted = {name for name in settings_of(self.method) if name not in type(self).model_fields}
-        if wanted != self.own_settings.keys():
+    @field_validator("method")
+    @classmethod
+    def _hides(cls, method: str) -> str:
+        if method == PLAIN:
+            raise ValueError("should be one that hides: this is 3DGS itself, which the stage train_scene trains")
+        return method
+
+    @field_validator("own_settings")
+    @classmethod
+    def _own(cls, stated: dict[str, Any], given: ValidationInfo) -> dict[str, Any]:
+        if "method" not in given.data:
+            return stated  # the method was refused
+        wanted = {name for name in settings_of(given.data["method"]) if name not in cls.model_fields}
+        if wanted != stated.keys():
             listed = ", ".join(sorted(wanted)) or "none"
-            stated = ", ".join(sorted(self.own_settings)) or "none"
-            raise ValueError(f"own_settings of the method {self.method} are to be {listed}; found {stated}")
-        if refused := [name for name, value in self.own_settings.items() if not is_setting(value)]:
-            raise ValueError(f"own_settings are numbers to {LARGEST_SETTING} and short words; {refused[0]} is neither")
-        return self
+            raise ValueError(f"should be {listed} for the method {given.data['method']}")
+        if refused := [name for name, value in stated.items() if not is_setting(value)]:
+            raise ValueError(f"should be numbers up to {LARGEST_SETTING} and short words; {refused[0]} is neither")
+        return stated
 
     def build_method(self, messages: Sequence[str], key: Artifact | None) -> Method:
         """The method for these messages, its networks' first weights drawn from the key; without one from `seed`."""
         settings = self.model_dump(include=set(settings_of(self.method))) | self.own_settings
         with torch.random.fork_rng():
-            torch.manual_seed(self.seed)
+            torch.manual_seed(self.seed if key is None else int(generator_apart(key, "building").integers(2**32)))
             method = build_method(self.method, settings | {"messages": list(messages)})
             if key is not None:
                 _draw_weights(method, key)
@@ -169,10 +178,9 @@ def hiding_training(
 
 
 def _draw_weights(method: Method, key: Artifact) -> None:
-    """The first weights of every layer anew. Of a seed torch heeds 32 bits, which can be tried one by one on the
-    public scene decoder: each has one of its own, so that none tells of the message decoder's.
-
-    Weights of a module that cannot draw them anew are the method's `initial_attributes` to set.
+    """The first weights of every layer anew, as far as it can draw them by itself. Of a seed torch heeds 32 bits, which
+    can be tried one by one on the public scene decoder: each layer has one of its own, so that none tells of the
+    message decoder's. What else a method draws as it is built follows from the key by one such seed.
     """
     generator = generator_apart(key, "weights")
     for network in method.networks.values():

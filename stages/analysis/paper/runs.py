@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,9 +11,8 @@ from pathlib import Path
 from pipeline.errors import UserError
 from pipeline.stage import Item
 from stages.analysis.measurements import Measurement, read_measurements
-from stages.analysis.page.material import METHOD_TITLES, PLAIN
-from stages.hiding.method import presets_of, settings_of
-from stages.hiding.method_names import method_names
+from stages.analysis.page.material import METHOD_TITLES, OURS, PLAIN
+from stages.hiding.methods.homogeneous import PRESETS, SCENE_PRESETS
 from stages.imaging.metric_table import MetricRow, read_rows
 
 SETTINGS = {
@@ -23,9 +23,7 @@ SETTINGS = {
     "iterations": "{} iterations",
     "gaussians": "at most {} Gaussians",
 }
-"""Columns of items that tell runs of one method apart, and how a line of a table is called after them. So do those that
-are called as a setting of the method is, by their names.
-"""
+"""Columns of items that tell runs of one method apart, and how a line of a table is called after them."""
 
 SETTINGS_OF_PLAIN = ("iterations", "gaussians")
 """Plain 3DGS has no setting of hiding."""
@@ -49,9 +47,9 @@ class Columns:
 class Run:
     """One training, as scored or as timed.
 
-    `settings` are those that its item states and that are not the usual ones, in the order of `SETTINGS`; `other` is
-    whatever else it states, such as the message: runs that differ in their seed alone have the same. `stage` is the
-    name, in the workflow, of the stage that measured it.
+    `settings` are those that its item states and that are not the usual ones, in the order of `SETTINGS`, and then such
+    numbers as alone tell it from another run; `other` is whatever else the item states, such as the message: runs that
+    differ in their seed alone have the same. `stage` is the name, in the workflow, of the stage that measured it.
     """
 
     capture: str
@@ -149,8 +147,8 @@ def read_study(
         return {**usual, **({"gaussians": max(bounds)} if bounds else {})}
 
     return Study(
-        _distinct(run for item in scores for run in _runs_of(item, columns, usual_of(item))),
-        _distinct(run for item in timings for run in _runs_of(item, columns, usual_of(item))),
+        _told_apart(_distinct(run for item in scores for run in _runs_of(item, columns, usual_of(item)))),
+        _told_apart(_distinct(run for item in timings for run in _runs_of(item, columns, usual_of(item)))),
         tuple((item.label, item.cause or "not made") for item in items if item.artifact is None),
         iterations,
         tuple(experiment for item in experiments for experiment in _experiments_of(item, columns, usual_of(item))),
@@ -231,7 +229,7 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
         if method != PLAIN or row.message is None:  # of plain 3DGS, messages are only a control
             by_method.setdefault(method, []).append(row)
     capture, seed = (item.values.get(column) for column in (columns.capture, columns.seed))
-    known = {columns.capture, columns.method, columns.seed, *SETTINGS, *_own_settings(first)}
+    known = {columns.capture, columns.method, columns.seed, *SETTINGS}
     other = tuple(f"{name}={value}" for name, value in sorted(item.values.items()) if name not in known)
     return [
         Run(
@@ -271,7 +269,8 @@ def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) ->
 
 def usual_settings(method: str, setup: Mapping[str, float]) -> Mapping[str, float]:
     """A method's usual settings: those of the paper, and what our own takes by itself."""
-    return {**setup, "decoder_width": DECODER_WIDTH, **presets_of(method, hides_scenes=True)}
+    own = {**PRESETS, **SCENE_PRESETS} if method == OURS else {}
+    return {**setup, "decoder_width": DECODER_WIDTH, **{name: own[name] for name in SETTINGS if name in own}}
 
 
 def _usual_of_pictures(rows: Sequence[MetricRow], usual: Mapping[str, float]) -> Mapping[str, float]:
@@ -282,13 +281,9 @@ def _usual_of_pictures(rows: Sequence[MetricRow], usual: Mapping[str, float]) ->
 
 def _settings(item: Item, method: str, usual: Mapping[str, float]) -> Settings:
     """What is stated and unusual."""
-    names = [*SETTINGS, *_own_settings(method)] if method != PLAIN else SETTINGS_OF_PLAIN
+    names = list(SETTINGS) if method != PLAIN else SETTINGS_OF_PLAIN
     stated = {name: _value(item.values[name]) for name in names if item.values.get(name) is not None}
-    return tuple((name, value) for name, value in stated.items() if value != usual.get(name))
-
-
-def _own_settings(method: str) -> list[str]:
-    return [name for name in settings_of(method) if name not in SETTINGS] if method in method_names() else []
+    return tuple((name, value) for name, value in stated.items() if value != usual[name])
 
 
 def _value(value: object) -> float | str:
@@ -309,6 +304,34 @@ def _distinct(runs: Iterable[Run]) -> tuple[Run, ...]:
         kept = [other for other in kept if other not in alike or not _scored(other) <= _scored(run)]
         kept.append(run)
     return tuple(kept)
+
+
+def _told_apart(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """The runs, of which those that differ in nothing but numbers have these among their settings: tables would average
+    them otherwise. Such a number may be a setting of a method of the user's own.
+    """
+    alike: dict[tuple[object, ...], list[dict[str, float]]] = {}
+    for run in runs:
+        alike.setdefault((run.capture, *run.kind, run.seed), []).append(_numbers(run))
+    telling = {
+        (str(key[1]), name)
+        for key, group in alike.items()
+        for name in set().union(*group)
+        if len({numbers.get(name) for numbers in group}) > 1
+    }
+    return tuple(_with_settings(run, {name for method, name in telling if method == run.method}) for run in runs)
+
+
+def _numbers(run: Run) -> dict[str, float]:
+    """Those of what else its item states."""
+    stated = dict(text.split("=", 1) for text in run.other)
+    return {name: float(value) for name, value in stated.items() if re.fullmatch(r"-?\d+(\.\d+)?(e-?\d+)?", value)}
+
+
+def _with_settings(run: Run, names: set[str]) -> Run:
+    own = tuple((name, value) for name, value in _numbers(run).items() if name in names)
+    other = tuple(text for text in run.other if text.split("=", 1)[0] not in names)
+    return replace(run, settings=(*run.settings, *own), other=other)
 
 
 def _scored(run: Run) -> set[tuple[MetricRow, bool]]:

@@ -34,7 +34,8 @@ def seeded_reader(public: Method, messages: int, seed: int) -> Method:
     names = [f"message {number}" for number in range(messages)]
     with torch.random.fork_rng(devices=[]), torch.no_grad():
         torch.manual_seed(seed)
-        reader = build_method(public.name, {**public.settings, "precision": "float32", "messages": names})
+        precise = {"precision": "float32"} if "precision" in public.settings else {}
+        reader = build_method(public.name, {**public.settings, **precise, "messages": names})
         for weights in reader.networks[MESSAGE_DECODER].parameters():
             if not weights.any():
                 weights.normal_(std=weights.shape[-1] ** -0.5)

@@ -38,6 +38,17 @@ PRESETS = {"decoder_width": 12, "averaging": 0.5}
 SCENE_PRESETS = {"lambda_message": 0.25}
 
 
+class Shift(torch.nn.Module):
+    """Draws its weight as it is built, and cannot draw it anew."""
+
+    def __init__(self):
+        super().__init__()
+        self.shift = torch.nn.Parameter(torch.randn(1))
+
+    def forward(self, values):
+        return values + self.shift
+
+
 class Own(CoupledFeatures):
     name = "own"
 
@@ -49,7 +60,7 @@ class Own(CoupledFeatures):
     def make_decoder(self, pictures, layers, width, kernel_size):
         hidden = [module for _ in range(self.levels) for module in (torch.nn.Linear(width, width), torch.nn.ReLU())]
         return torch.nn.Sequential(
-            torch.nn.Linear(self.feature_dim, width), *hidden, torch.nn.Linear(width, 3 * pictures)
+            torch.nn.Linear(self.feature_dim, width), *hidden, torch.nn.Linear(width, 3 * pictures), Shift()
         )
 
     def initial_attributes(self, colors, generator):
@@ -116,30 +127,49 @@ def test_its_message_decoder_has_no_start_but_random_weights(own: Path) -> None:
 def test_every_layer_starts_from_the_key(tmp_path: Path, own: Path) -> None:
     parameters = HideScenesParameters.model_validate(SMALL)
 
-    def weights(byte: int) -> np.ndarray:
+    def weights(byte: int) -> dict[str, np.ndarray]:
         with create(tmp_path / str(byte), "key", private=True) as writer:
             write_key(writer, bytes([byte]) * KEY_BYTES)
         key = load(tmp_path / str(byte))
         network = parameters.build_method(["statue"], key).networks["message_decoder"]
-        return np.concatenate([tensor.numpy().ravel() for tensor in network.state_dict().values()])
+        return {name: tensor.numpy() for name, tensor in network.state_dict().items()}
 
-    assert not np.array_equal(weights(1), weights(2))
+    first, other = weights(1), weights(2)
+    assert not [name for name, values in first.items() if np.array_equal(values, other[name])]
 
 
 @pytest.mark.parametrize(
     ("changed", "complaint"),
     [
-        ({"own_settings": {}}, "own_settings of the method own are to be levels; found none"),
-        ({"own_settings": {"levels": 1, "depth": 2}}, "are to be levels; found depth, levels"),
-        ({"own_settings": {"levels": 100_000}}, "numbers to 1024"),
-        ({"method": "gs_hider"}, "own_settings of the method gs_hider are to be none; found levels"),
-        ({"method": "plain", "own_settings": {}}, "hides nothing"),
+        ({"own_settings": {}}, "should be levels for the method own"),
+        ({"own_settings": {"levels": 1, "depth": 2}}, "should be levels for the method own"),
+        ({"own_settings": {"levels": 100_000}}, "numbers up to 1024"),
+        ({"own_settings": {"levels": True}}, "levels is neither"),
+        ({"own_settings": {"levels": None}}, "levels is neither"),
+        ({"method": "gs_hider"}, "should be none for the method gs_hider"),
+        ({"method": "plain", "own_settings": {}}, "should be one that hides"),
         ({"method": "owned"}, "'gs_hider', 'homogeneous', 'own', 'plain' or 'sh'"),
     ],
 )
 def test_what_it_does_not_take_is_refused(own: Path, changed: dict[str, object], complaint: str) -> None:
     with pytest.raises(ValidationError, match=complaint):
         HideScenesParameters.model_validate({**SMALL, **changed})
+
+
+@pytest.mark.parametrize(
+    ("source", "complaint"),
+    [
+        ("def build(:", "own: a method cannot be loaded; found SyntaxError"),
+        ("import nothing_of_that_name", "found ModuleNotFoundError: No module named 'nothing_of_that_name'"),
+        ("", "SETTINGS = None; expected a tuple of names"),
+        ('SETTINGS = ("levels")', "SETTINGS = 'levels'; expected a tuple of names"),
+        ('SETTINGS = ()\nPRESETS = {"decoder_wdith": 12}', "no parameters; found .*decoder_wdith"),
+    ],
+)
+def test_a_file_with_a_mistake_is_named(own: Path, source: str, complaint: str) -> None:
+    own.write_text(source)
+    with pytest.raises(UserError, match=complaint):
+        HideScenesParameters.model_validate(SMALL)
 
 
 def test_networks_that_nobody_would_keep_are_refused(own: Path) -> None:

@@ -63,23 +63,19 @@ def test_settings_are_what_is_unusual(tmp_path: Path) -> None:
     assert {name for run in study.runs if run.method == "plain" for name, _ in run.settings} <= {"iterations"}
 
 
-def test_whatever_else_a_method_is_built_from_tells_its_runs_apart(tmp_path: Path) -> None:
-    """The kernel's side has no title here, as the settings of a method of one's own have none."""
-    study = read(
-        [
-            item(
-                tmp_path,
-                str(side),
-                scene_rows("fox", "gs_hider", cover=side, messages=("reef",)),
-                capture="fox",
-                method="gs_hider",
-                kernel_size=side,
-            )
-            for side in (1, 5)
-        ]
-    )
-    hiding = study.select(lambda run: run.method == "gs_hider")
-    assert [method_title(run) for run in hiding] == ["GS-Hider, kernel size 1", "GS-Hider, kernel size 5"]
+def test_runs_that_differ_in_a_number_alone_are_told_apart_by_it(tmp_path: Path) -> None:
+    """Such as a setting of a method of one's own, which no table knows. What tells nothing apart is not named."""
+
+    def own(name: str, cover: float, **values: object) -> Item:
+        rows = scene_rows("fox", "gs_hider", cover=cover, messages=("reef",))
+        return item(tmp_path, name, rows, capture="fox", method="gs_hider", **values)
+
+    study = read([own("a", 0, hash_levels=4, steps=7), own("b", 1, hash_levels=8, steps=7)])
+    runs = study.select(lambda run: run.method == "gs_hider")
+    assert [method_title(run) for run in runs] == ["GS-Hider, hash levels 4", "GS-Hider, hash levels 8"]
+    assert {run.other for run in runs} == {("steps=7",)}
+    study = read([own("c", 0, hash_levels=4, seed=0), own("d", 1, hash_levels=4, seed=1)])
+    assert {method_title(run) for run in study.select(lambda run: run.method == "gs_hider")} == {"GS-Hider"}
 
 
 def test_decoders_of_an_unusual_width_are_named(tmp_path: Path) -> None:
