@@ -26,7 +26,8 @@ SECRET_SHOWN_BY_RENDERS = "decoder"
 
 @runtime_checkable
 class FollowsFeatures(Protocol):
-    """A scene decoder that can be made to forgive a linear change of the features; see `hiding.decoders.Decoder`."""
+    """A scene decoder that can be made to forgive a linear change of the features, which are all that its first layer
+    sees; see `hiding.decoders.Decoder`."""
 
     reads_centred: bool
 
