@@ -16,11 +16,11 @@ distributed values, 16 to 96 channels, 50 x 28 and 112 x 200 pixels):
 
                                of the result       of torch's errors
     forward                   0.7e-6 to 1.4e-6         5 to 9
-    gradient of the input     1.3e-6 to 2.0e-6         6 to 9
-    gradient of the weights   1.2e-6 to 2.7e-6       1.0 to 1.8
-    gradient of the bias      0.1e-6 to 0.3e-6      0.07 to 0.18
+    gradient of the input     1.1e-6 to 2.1e-6         5 to 9
+    gradient of the weights   1.1e-6 to 2.8e-6       1.0 to 1.8
+    gradient of the bias      0.1e-6 to 0.3e-6      0.08 to 0.24
 
-Of values and weights above zero, forward: 0.1e-6 to 0.2e-6, 0.7 to 2.3 times torch's.
+Of values and weights above zero, forward: 0.1e-6 to 0.2e-6, 0.8 to 2.3 times torch's.
 """
 
 from __future__ import annotations

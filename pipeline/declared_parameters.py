@@ -57,7 +57,7 @@ def _choices(annotation: ast.expr, module: str) -> Iterator[str]:
                 elts=[_, ast.Call(func=ast.Name(id="ModuleIn"), args=[ast.Constant(value=str() as package)])]
             ),
         ):
-            yield from modules_in(_folder(*package.split(".")))
+            yield from next((names for folder in _places(package) if (names := modules_in(folder))), [])
         case ast.BinOp(left=left, right=right):
             yield from [*_choices(left, module), *_choices(right, module)]
         case ast.Name(id="bool"):
@@ -89,11 +89,10 @@ def _parsed(module: str) -> ast.Module:
 
 def _path(module: str) -> Path | None:
     """The source file of a first-party module; None for any other."""
-    path = _folder(*module.split(".")).with_suffix(".py")
-    return path if path.is_file() else None
+    paths = [place.with_suffix(".py") for place in _places(module)]
+    return next((path for path in paths if path.is_file()), None)
 
 
-def _folder(*parts: str) -> Path:
-    """Of a first-party package, or where its module is but for the suffix: beside the workflow, or else here."""
-    places = [root.joinpath(*parts) for root in (Path.cwd(), Path(__file__).resolve().parents[1])]
-    return next((place for place in places if place.is_dir() or place.with_suffix(".py").is_file()), places[-1])
+def _places(name: str) -> list[Path]:
+    """Where a first-party package may lie, or a module but for its suffix: beside the workflow, and here."""
+    return [root.joinpath(*name.split(".")) for root in (Path.cwd(), Path(__file__).resolve().parents[1])]

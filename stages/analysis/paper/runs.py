@@ -310,16 +310,16 @@ def _told_apart(runs: Sequence[Run]) -> tuple[Run, ...]:
     """The runs, of which those that differ in nothing but numbers have these among their settings: tables would average
     them otherwise. Such a number may be a setting of a method of the user's own.
     """
-    alike: dict[tuple[object, ...], list[dict[str, float]]] = {}
+    alike: dict[tuple[object, ...], list[Run]] = {}
     for run in runs:
-        alike.setdefault((run.capture, *run.kind, run.seed), []).append(_numbers(run))
-    telling = {
-        (str(key[1]), name)
-        for key, group in alike.items()
-        for name in set().union(*group)
-        if len({numbers.get(name) for numbers in group}) > 1
-    }
-    return tuple(_with_settings(run, {name for method, name in telling if method == run.method}) for run in runs)
+        alike.setdefault((run.capture, run.kind, run.seed), []).append(run)
+    telling: dict[str, set[str]] = {run.method: set() for run in runs}
+    for group in alike.values():
+        numbers = [_numbers(run) for run in group]
+        telling[group[0].method] |= {
+            name for name in set().union(*numbers) if len({own.get(name) for own in numbers}) > 1
+        }
+    return tuple(_with_settings(run, telling[run.method]) for run in runs)
 
 
 def _numbers(run: Run) -> dict[str, float]:
