@@ -11,6 +11,7 @@ from torch import Tensor
 
 from opencl.pixel_decoder import decode_pixels
 from opencl.routes import works_in_place
+from pipeline.errors import UserError
 from stages.hiding.convolution import Convolution
 
 PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
@@ -55,14 +56,18 @@ class Decoder(torch.nn.Sequential):
         """Start as a linear map: output channel k is rows[k]·(f - neutral) + 0.5, and training goes on from there.
 
         Not in the paper. From the usual random weights, five layers must first learn to carry a picture at all; with
-        this start they carry one at once, and what other channels add to it begins at zero. Raises `ValueError` where
-        the decoder is narrower than its output.
+        this start they carry one at once, and what other channels add to it begins at zero. Raises `UserError`
+        where the decoder is narrower than its output.
         """
         convolutions, channels = self.convolutions, len(rows)
         centre = convolutions[0].kernel_size[0] // 2
         narrowest = min(convolution.out_channels for convolution in convolutions)
         if narrowest < channels:
-            raise ValueError(f"a decoder {narrowest} channels wide cannot pass {channels} channels through")
+            raise UserError(
+                "the decoders are too narrow for so many messages",
+                found=f"decoder_width: {narrowest}, {channels} channels to show",
+                expected=f"a decoder_width of at least {channels}, 3 for each message",
+            )
         with torch.no_grad():
             for position, convolution in enumerate(convolutions):
                 convolution.weight[:channels] = 0

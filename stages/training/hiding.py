@@ -158,8 +158,8 @@ def hiding_training(
     message that is `placed` in its world. Those of other messages are grey at first. All is made on the CPU, so that a
     seed means the same everywhere, and then moved to where stages work.
 
-    Raises `UserError` where `initial_features` are zeros and the method has no features, and where they are colours and
-    the decoders too narrow to start by showing those of all messages.
+    Raises `UserError` where `initial_features` are zeros and the method has other attributes than features, and where
+    decoders that start by showing colours are too narrow for those of all messages.
     """
     method = parameters.build_method(messages, key)
     points, colors = starting_points(cover, placed or {}, parameters.start(message_points))
@@ -190,17 +190,6 @@ def _draw_weights(method: Method, key: Artifact) -> None:
                 reset()
 
 
-def _check_width(parameters: HidingParameters, method: Method, messages: int) -> None:
-    """Decoders start by passing the colours of their pictures through every layer."""
-    needed = 3 * max(1, messages)
-    if FEATURES in method.learning_rates and parameters.decoder_width < needed:
-        raise UserError(
-            "the decoders are too narrow for so many messages",
-            found=f"decoder_width: {parameters.decoder_width}, {messages} messages",
-            expected=f"a decoder_width of at least {needed}, 3 for each message",
-        )
-
-
 def _initial_attributes(
     parameters: HidingParameters,
     method: Method,
@@ -209,13 +198,13 @@ def _initial_attributes(
     key: Artifact | None,
 ) -> dict[str, Tensor]:
     if parameters.initial_features == "colors":
-        _check_width(parameters, method, len(colors) - 1)
         known = {name: np.full_like(points, GREY) if shown is None else shown for name, shown in colors.items()}
         return method.initial_attributes(known, key_generator(key, parameters.seed))
-    if FEATURES not in method.learning_rates:
+    shapes = method.attribute_shapes()
+    if shapes.keys() != {FEATURES}:
         raise UserError(
-            "this method has no features that could start from zeros",
+            "this method does not consist of features that could start from zeros",
             found=f"method: {method.name}, initial_features: zeros",
             remedy="leave initial_features out, or choose gs_hider",
         )
-    return {FEATURES: torch.zeros(len(points), parameters.feature_dim)}
+    return {FEATURES: torch.zeros(len(points), *shapes[FEATURES])}

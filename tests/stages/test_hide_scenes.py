@@ -55,7 +55,7 @@ def test_more_messages_than_there_are_cannot_be_hidden(tmp_path: Path, given: in
 
 def test_features_of_zeros_are_refused_by_methods_that_have_none(tmp_path: Path) -> None:
     parameters = HideScenesParameters.model_validate({**SETTINGS, "method": "sh", "initial_features": "zeros"})
-    with pytest.raises(UserError, match="no features"):
+    with pytest.raises(UserError, match="does not consist of features"):
         run_stage(hide_scenes, parameters, {"cover": scene(tmp_path / "cover")}, tmp_path / "made")
 
 

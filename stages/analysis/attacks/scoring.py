@@ -11,11 +11,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from stages.analysis.attacks.catalogue import ONE_COLOUR
-from stages.analysis.attacks.target import Target
+from stages.analysis.attacks.target import ReadsRenders, Target
 from stages.analysis.fidelity import Perceptual, covered_psnrs, one_colour_psnr, picture_figures, shows_something
-from stages.hiding.decoders import PRECISIONS, Decoder, decode
 from stages.hiding.method import Method, move_networks
-from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
+from stages.hiding.networks import PUBLIC_NETWORKS
 from stages.hiding.rendering import COVER
 from stages.imaging.metric_table import mean_of_known
 from stages.imaging.pictures import picture_to_tensor
@@ -98,14 +97,7 @@ class Scorer:
             pictures = {name: picture.cpu() for name, picture in rendered.items()}
             if attacked.on_pictures is not None:
                 pictures[COVER] = attacked.on_pictures(pictures[COVER].clamp(0, 1))
-                if attacked.shows_message_in_renders and len(wanted) > 1:
-                    hidden = [name for name in pictures if name != COVER]  # in the order of the decoder's channels
-                    pictures |= zip(hidden, self._read_off(pictures[COVER]), strict=True)
+                if isinstance(self.owner, ReadsRenders) and len(wanted) > 1:
+                    read = self.owner.read_off(pictures[COVER].to(self.device))
+                    pictures |= {name: picture.cpu() for name, picture in read.items()}
             yield pictures
-
-    def _read_off(self, picture: Float[Tensor, "H W 3"]) -> Sequence[Float[Tensor, "H W 3"]]:
-        """All messages as the secret decoder reads them in the cover's picture (3DGS+Decoder)."""
-        decoder = self.owner.networks[SECRET_NETWORKS[0]]
-        assert isinstance(decoder, Decoder)
-        channels = decode(decoder, picture.to(self.device), PRECISIONS[str(self.owner.settings["precision"])])
-        return channels.cpu().split(3, dim=-1)

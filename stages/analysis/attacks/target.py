@@ -20,9 +20,6 @@ from stages.training.loop import TrainingViews
 STANDARD_COLOURS = ("sh_base", "sh_rest")
 """What 3DGS has beside geometry; the attributes of every other method are its own."""
 
-SECRET_SHOWN_BY_RENDERS = "decoder"
-"""The one method whose message decoder looks at the cover's picture itself."""
-
 
 @runtime_checkable
 class FollowsFeatures(Protocol):
@@ -41,6 +38,14 @@ class ToldDirections(Protocol):
 
     def turn_view(self, rotation: Float64[np.ndarray, "3 3"]) -> None:
         """Read of directions in a world that turned what it read of the old ones."""
+
+
+@runtime_checkable
+class ReadsRenders(Protocol):
+    """A method whose message decoder looks at the cover's picture itself; see `hiding.methods.decoder`."""
+
+    def read_off(self, picture: Float[Tensor, "H W 3"]) -> Mapping[str, Float[Tensor, "H W 3"]]:
+        """The messages in a picture of the cover."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,7 @@ class Target:
     @property
     def shows_message_in_renders(self) -> bool:
         """Whether the message is read off the cover's picture."""
-        return self.method.name == SECRET_SHOWN_BY_RENDERS
+        return isinstance(self.method, ReadsRenders)
 
     @property
     def own_attributes(self) -> dict[str, Tensor]:

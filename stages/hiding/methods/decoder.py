@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from stages.hiding.coupled import DECODERS
 from stages.hiding.decoders import PRECISIONS, Decoder, decode
@@ -51,11 +53,15 @@ class PlainWithDecoder(Plain):
         """The cover's picture over black, and what the decoder reads in it if that is wanted."""
         rendering = super().render(gaussians, camera, progress)
         if self.messages and (wanted is None or set(wanted) & set(self.messages)):
-            with part(DECODERS):
-                decoded = decode(self.message_decoder, rendering.pictures[COVER], self.precision)
-            backward_of(DECODERS, decoded)
-            rendering.pictures.update(zip(self.messages, decoded.split(3, dim=-1), strict=True))
+            rendering.pictures.update(self.read_off(rendering.pictures[COVER]))
         return rendering
+
+    def read_off(self, picture: Float[Tensor, "H W 3"]) -> dict[str, Float[Tensor, "H W 3"]]:
+        """The messages that the decoder reads in a picture of the cover, whatever befell it; unclamped."""
+        with part(DECODERS):
+            decoded = decode(self.message_decoder, picture, self.precision)
+        backward_of(DECODERS, decoded)
+        return dict(zip(self.messages, decoded.split(3, dim=-1), strict=True))
 
     def penalty(self, gaussians: Gaussians) -> None:
         """None, as in the paper."""
