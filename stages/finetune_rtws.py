@@ -66,9 +66,9 @@ class FinetuneRtwsParameters(Parameters):
 def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     """Hide the watermark in half of the training views, and have the Gaussians' features follow.
 
-    Positions, shapes, opacities and the container's decoders stay as they are. A message that is given, as `evaluate`
-    takes it, with its secret, is held on to; without it the features are free to forget it. Then
-    `tune_watermark_decoder` goes on: one container serves all decoders that learn from it.
+    Positions, shapes, opacities and the container's decoders stay as they are (of opacities and decoders the paper says
+    nothing). A message that is given, as `evaluate` takes it, with its secret, is held on to; without it the features
+    are free to forget it. Then `tune_watermark_decoder` goes on: one container serves all decoders that learn from it.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")

@@ -1,4 +1,8 @@
-"""`render_hidden`: a message's splats photographed from the cover's cameras (the paper's dataset construction)."""
+"""`render_hidden`: a message's splats photographed from the cover's cameras (the paper's dataset construction).
+
+The paper leaves the message where it happens to lie in the cover's world (`placement: same_world`). By default it is
+moved to where the cameras see most of it.
+"""
 
 from __future__ import annotations
 

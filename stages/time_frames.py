@@ -1,4 +1,7 @@
-"""`time_frames`: how long one picture takes on one device, with and without its decoders.
+"""`time_frames`: how long one picture of the cover takes on one device, with and without its decoder.
+
+The message's decoder, which nobody runs who has what is published alone, is not timed; the paper's released code times
+both.
 
 The stage runs alone. Which device it ran on stands in the provenance; in the key is only what the parameter calls it,
 since the machine that plans a run need not be the one that does it.

@@ -21,7 +21,11 @@ COVERED = 0.5
 def picture_figures(
     picture: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], perceptual: Perceptual
 ) -> dict[str, float]:
-    """PSNR, SSIM and LPIPS of a whole picture; it is clamped to [0, 1] first, as a viewer would."""
+    """PSNR, SSIM and LPIPS of a whole picture; it is clamped to [0, 1] first, as a viewer would.
+
+    It is not rounded to 8 bits, as pictures are that the script of 3DGS compares: that costs 0.2 dB at 45 dB, and 0.02
+    at 35.
+    """
     picture = picture.clamp(0, 1)
     figures = {"psnr": psnr(picture, truth), "ssim": float(ssim(picture, truth))}
     return figures | {name: measure(picture, truth) for name, measure in perceptual.items()}

@@ -92,7 +92,7 @@ def _grid(method: str, name: Ablated, runs: Sequence[Run], study: Study, tables:
             (TITLES[name], "Figures"),
             titles,
             tuple(lines),
-            (note, noise_note(noises(runs, study))),
+            (note, noise_note(noises(study))),
         )
     )
 
@@ -134,5 +134,5 @@ def _relation(
         0.0,
         at(better).minus(at(worse)),
         printed[better] - printed[worse],
-        noises(runs, study)[subject].deviation,
+        noises(study)[subject].deviation,
     )
