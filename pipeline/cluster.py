@@ -42,7 +42,7 @@ from pipeline.workers import (
 )
 
 PATIENCE = 45.0  # seconds that work waits for a worker that could do it
-SILENCE = 30.0  # seconds after which a scheduler that does not answer is given up
+SILENCE = 30.0  # seconds of waiting for answers after which a scheduler is given up
 LOOK_EVERY = 1.0  # seconds between two looks at the workers
 ANSWER = 10.0  # seconds that a scheduler has to answer, and a worker to hand over a result
 CLOSE = 5.0  # seconds that dask's processes have to end
@@ -93,7 +93,7 @@ class DaskExecutor:
         self._hopeless_since: dict[tuple[tuple[str, float], ...], float] = {}
         self._looked = 0.0
         self._changed = False
-        self._answered = time.monotonic()
+        self._silence = 0.0
         self._ends = ExitStack()
         self._ends.enter_context(kept_environment())
         self._ends.enter_context(dask.config.set(SETTINGS))
@@ -221,11 +221,13 @@ class DaskExecutor:
         self._looked = now
         answer = self._asked()
         if answer is None:
-            if self._client.status in ("closing", "closed") or now - self._answered > min(SILENCE, self._patience):
+            # What was waited for, not what has passed: a run that was stopped (Ctrl-Z) finds the last answer old.
+            self._silence += LOOK_EVERY + min(time.monotonic() - now, ANSWER)
+            if self._client.status in ("closing", "closed") or self._silence > min(SILENCE, self._patience):
                 self._give_up()
             return
         found, processing = answer
-        self._answered = now
+        self._silence = 0.0
         self._changed = True
         self._workers = [
             self._worker(address, facts) for address, facts in found.items() if facts["status"] == "running"

@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -190,6 +191,32 @@ def test_without_workers_or_scheduler_a_run_ends(workspace: Workspace, tmp_path:
         assert ran.states == {"a": "failed", "b": "failed"}
         assert "the connection to the dask scheduler broke off" in str(ran.ended["a"].cause)
         assert f"the dask scheduler at {cluster.address} no longer answers" in str(ran.ended["b"].cause)
+
+
+def test_a_run_that_was_stopped_goes_on(
+    workspace: Workspace, cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-Z for an hour, twice: what it was asking just then has no answer in time. The scheduler is still there."""
+    folder = gates(workspace, "a")
+    executor = DaskExecutor(0, cluster.address)
+    asked, clock, stops, stopped = executor._asked, time.monotonic, iter([3600.0, 3600.0]), threading.Event()
+    passed = [0.0]
+    monkeypatch.setattr("pipeline.cluster.time.monotonic", lambda: clock() + sum(passed))
+
+    def asked_as_it_was_stopped() -> object:
+        if not (folder / "a").is_file():
+            return asked()
+        if (stop := next(stops, None)) is None:
+            stopped.set()
+            return asked()
+        passed.append(stop)
+        return None
+
+    monkeypatch.setattr(executor, "_asked", asked_as_it_was_stopped)
+    run = Background(workspace, executor)
+    assert stopped.wait(timeout=60)
+    (folder / "open").touch()
+    assert run.result().states == {"a": "ran"}
 
 
 def test_other_users_of_this_machine_are_refused() -> None:
