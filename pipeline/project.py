@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -55,7 +56,7 @@ def open_project(
             with suppress(PipelineError, OSError):  # a bucket that cannot be reached must not hide the problems
                 _remind(problems, file, opened.history.last_given(workflow.name))
         catalogue = Catalogue(package, LIBRARIES, opened)
-        graph = build_graph(workflow, catalogue, ExternalCache(opened), problems)
+        graph = build_graph(workflow, catalogue, ExternalCache(opened, sys.stderr), problems)
     given = [word for vars_file in vars_files for word in ("--vars", str(vars_file))]
     given += [word for setting in settings for word in ("--set", setting)]
     command = command_of(file, settings, vars_files, workflow, graph)

@@ -19,7 +19,7 @@ ENGINE = [
     "errors interruption canonical cause collection completion cuda_process data_folder disk freed_memory hidden look "
     "orphans",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
-    "engine_code sealed temporary in_use",
+    "engine_code sealed temporary in_use reading",
     "arrays substitution outside_paths table record",
     "damaged latest wanted_columns matrix artifact executor placement fingerprint history wording bucket",
     "stage store remote_history remote_pins remote_artifacts workflow wrong_values livetable loaded_code",
