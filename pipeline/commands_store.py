@@ -131,7 +131,9 @@ def pin(
         from pipeline.project import open_project
         from pipeline.provenance import now
 
-        project = open_project(workflow, store, settings or [], package, vars_files or [], make=False)
+        project = open_project(
+            workflow, store, settings or [], package, vars_files or [], make=False, stages=stages or []
+        )
         graph = project.graph.needed_for(stages) if stages else project.graph
         with project.store.in_use():
             steps = make_plan(graph, project.store)

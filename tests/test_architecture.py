@@ -26,7 +26,7 @@ ENGINE = [
     "absent_store",
     "remote_damaged",
     "remarks source_cache checkpoint remote external_cache privacy garbage verification workers progress",
-    "declaration opening",
+    "declaration opening outside_files",
     "graph action naming storewords cluster",
     "keys changes repeating description exporting urgency loss",
     "plan runner showing pictures",
