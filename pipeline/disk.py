@@ -99,10 +99,19 @@ def bytes_below(folder: Path) -> int:
 
 
 def size_of(path: Path) -> int:
-    """Bytes of a file or a link, or of all files under a folder; 0 where there is nothing."""
+    """Bytes of a file or a link, or of all files and links under a folder; 0 where there is nothing, or no longer."""
     if path.is_symlink() or not path.is_dir():
-        return path.lstat().st_size if os.path.lexists(path) else 0
-    return sum(file.lstat().st_size for file in path.rglob("*") if file.is_symlink() or not file.is_dir())
+        return _size_there(path)
+    below = ((Path(folder, name), name in names) for folder, names, files in os.walk(path) for name in (*names, *files))
+    return sum(_size_there(entry) for entry, is_folder in below if not is_folder or entry.is_symlink())
+
+
+def _size_there(path: Path) -> int:
+    """Bytes of a file or a link; 0 where another process has just removed it."""
+    try:
+        return path.lstat().st_size
+    except OSError:
+        return 0
 
 
 def remove(path: Path) -> None:
