@@ -11,11 +11,14 @@ import json
 import os
 import shutil
 import stat
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 FULL = {errno.ENOSPC, errno.EDQUOT}
+MUCH = 10**10
+"""Free bytes with which a disk is hardly the one that is full: no stage writes so much at once."""
 
 
 def read_plain_file(path: Path) -> bytes:
@@ -82,15 +85,43 @@ def is_link(path: Path) -> bool:
 
 
 def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
-    """What the system refused, in one line; `written` are the bytes that the work at hand had written by then."""
+    """What the system refused, in one line; `written` are the bytes that the work at hand had written by then.
+
+    A full disk is that of `store`, unless the error names a file elsewhere, or there is much room on it.
+    """
     if error.errno not in FULL:
         where = f"{error.filename}: " if error.filename else ""
         return f"{where}{error.strerror or error}"
+    elsewhere = _elsewhere(error.filename, store)
+    if elsewhere:
+        room = _room_words(elsewhere)
+        return f"no space left on the disk that holds {elsewhere}: {room}. Make room there, then run again."
     so_far = f", after {size_words(written)} were written" if written else ""
     kept = "What is done is kept; make room, then run again."
     if "://" in str(store):
         return f"no space left on this machine's disk, where copies of what is in {store} are kept{so_far}. {kept}"
-    return f"no space left on the disk that holds {store}: {_room_words(store)}{so_far}. {kept}"
+    room = _room_words(store)
+    if error.errno == errno.ENOSPC and _free(store) > MUCH:
+        other = f"probably not the one that holds {store}, which has {room}, but that of /tmp or of the home folder"
+        return f"no space left on a disk{so_far}, {other}. {kept}"
+    return f"no space left on the disk that holds {store}: {room}{so_far}. {kept}"
+
+
+@contextmanager
+def written_to(place: Path) -> Iterator[None]:
+    """Names `place`, which is written meanwhile, in errors of the system: where a disk is full it says no name."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None or error.errno in FULL:
+            error.filename = str(place)
+        raise
+
+
+def _elsewhere(file: object, store: Path | str) -> Path | None:
+    """The file that an error names, unless it names none, or one in the store."""
+    path = Path(file).absolute() if isinstance(file, str | os.PathLike) else None
+    return None if path is None or path.is_relative_to(Path(store).absolute()) else path
 
 
 def bytes_below(folder: Path) -> int:
@@ -168,10 +199,23 @@ def size_words(size: int) -> str:
     return f"{amount:.0f} {unit}" if unit == "B" else f"{amount:.1f} {unit}"
 
 
-def _room_words(store: Path | str) -> str:
+def _room_on(path: Path | str) -> os.statvfs_result | None:
+    """What is left on the disk of a file or folder, or of the nearest above that is there; None where nobody knows."""
+    there = next((place for place in (Path(path), *Path(path).parents) if place.exists()), None)
     try:
-        room = os.statvfs(store)
+        return os.statvfs(there) if there else None
     except OSError:
+        return None
+
+
+def _free(path: Path | str) -> int:
+    room = _room_on(path)
+    return room.f_bavail * room.f_frsize if room and (room.f_favail or not room.f_files) else 0
+
+
+def _room_words(path: Path | str) -> str:
+    room = _room_on(path)
+    if room is None:
         return f"{size_words(0)} free"
     free = f"{size_words(room.f_bavail * room.f_frsize)} free"
     numbered = room.f_files > 0  # else the file system makes inodes as it needs them
