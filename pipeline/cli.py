@@ -345,7 +345,9 @@ def _checked_first(make: Callable[[], Executor], graph: Graph, store: Store) -> 
         from pipeline.project import LIBRARIES
         from pipeline.readiness import check_readiness
 
-        check_readiness(graph, store, LIBRARIES)
+        note = check_readiness(graph, store, LIBRARIES)
+        if note:
+            say(note)
         return make()
 
     return make_checked

@@ -101,7 +101,7 @@ def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
     if "://" in str(store):
         return f"no space left on this machine's disk, where copies of what is in {store} are kept{so_far}. {kept}"
     room = _room_words(store)
-    if error.errno == errno.ENOSPC and _free(store) > MUCH:
+    if error.errno == errno.ENOSPC and (free_bytes(store) or 0) > MUCH:
         other = f"probably not the one that holds {store}, which has {room}, but that of /tmp or of the home folder"
         return f"no space left on a disk{so_far}, {other}. {kept}"
     return f"no space left on the disk that holds {store}: {room}{so_far}. {kept}"
@@ -201,16 +201,24 @@ def size_words(size: int) -> str:
 
 def _room_on(path: Path | str) -> os.statvfs_result | None:
     """What is left on the disk of a file or folder, or of the nearest above that is there; None where nobody knows."""
-    there = next((place for place in (Path(path), *Path(path).parents) if place.exists()), None)
     try:
+        there = next((place for place in (Path(path), *Path(path).parents) if place.exists()), None)
         return os.statvfs(there) if there else None
     except OSError:
         return None
 
 
-def _free(path: Path | str) -> int:
+def free_bytes(path: Path | str) -> int | None:
+    """What is free for this user on the disk of a path, be it there or not yet; None where nobody knows."""
     room = _room_on(path)
-    return room.f_bavail * room.f_frsize if room and (room.f_favail or not room.f_files) else 0
+    if room is None:
+        return None
+    return 0 if _lacks_inodes(room) else room.f_bavail * room.f_frsize
+
+
+def _lacks_inodes(room: os.statvfs_result) -> bool:
+    numbered = room.f_files > 0  # else the file system makes inodes as it needs them
+    return numbered and room.f_favail == 0
 
 
 def _room_words(path: Path | str) -> str:
@@ -218,5 +226,4 @@ def _room_words(path: Path | str) -> str:
     if room is None:
         return f"{size_words(0)} free"
     free = f"{size_words(room.f_bavail * room.f_frsize)} free"
-    numbered = room.f_files > 0  # else the file system makes inodes as it needs them
-    return f"no free inodes, one of which each file takes ({free})" if numbered and room.f_favail == 0 else free
+    return f"no free inodes, one of which each file takes ({free})" if _lacks_inodes(room) else free

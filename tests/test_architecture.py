@@ -28,7 +28,7 @@ ENGINE = [
     "remarks source_cache checkpoint remote external_cache privacy garbage verification workers progress",
     "declaration opening outside_files",
     "graph action naming storewords cluster",
-    "keys changes repeating description exporting urgency loss",
+    "room keys changes repeating description exporting urgency loss",
     "plan runner showing pictures",
     "explanation accept readiness",
     "project planwords",
