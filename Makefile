@@ -24,7 +24,7 @@ SETTINGS ?=
 
 demo: $(INSTALLED)
 	@echo "Hiding two scenes in a third: workflows/hide_multi.yaml (about a quarter of an hour on two cores)"
-	@$(BIN)/python -m pipeline run workflows/hide_multi.yaml --store $(STORE)
+	@$(BIN)/python -m pipeline run workflows/hide_multi.yaml --store "$(STORE)"
 
 test: $(INSTALLED) $(OCLGRIND) $(DEBIAN_POCL)
 	@echo "Lint, format, types, tests"
@@ -40,7 +40,7 @@ tables: $(INSTALLED)
 	@failed=; for workflow in $(TABLES); do \
 		echo "$$workflow, $$(date +%T)"; \
 		$(BIN)/python -m pipeline run workflows/$$workflow.yaml --vars workflows/profiles/cpu.yaml \
-			--set photos="$(PHOTOS)" --store $(STORE) $(SETTINGS) \
+			--set photos="$(PHOTOS)" --store "$(STORE)" $(SETTINGS) \
 			|| { test $$? -lt 128 || exit 1; failed="$$failed $$workflow"; }; \
 	done; test -z "$$failed" || { echo "Not whole:$$failed. The same command goes on."; exit 1; }
 

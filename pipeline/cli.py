@@ -120,7 +120,9 @@ def run(
         from pipeline.resources import read_resources
 
         stated = read_resources(resources)
-        project = open_project(workflow, store, settings or [], package, vars_files or [], make=not dry_run)
+        project = open_project(
+            workflow, store, settings or [], package, vars_files or [], make=not dry_run, stages=stages or []
+        )
         graph = project.graph.needed_for(stages) if stages else project.graph
         if dry_run:
             print_plan(make_plan(graph, project.store), as_json)
@@ -194,7 +196,7 @@ def explain(
         from pipeline.project import open_project
         from pipeline.wording import duration
 
-        project = open_project(workflow, store, settings or [], package, vars_files or [], make=False)
+        project = open_project(workflow, store, settings or [], package, vars_files or [], make=False, stages=[stage])
         steps = make_plan(project.graph, project.store)
         nodes = project.graph.needed_for([stage]).nodes
         names = [name for name, node in nodes.items() if stage in (name, node.entry)]
@@ -233,7 +235,7 @@ def accept(
         from pipeline.project import open_project
         from pipeline.provenance import git_commit
 
-        project = open_project(workflow, store, settings or [], package, vars_files or [], make=False)
+        project = open_project(workflow, store, settings or [], package, vars_files or [], make=False, stages=[stage])
         found, refused = acceptances(project.graph, project.store, stage, git_commit(project.package_folder))
         if not dry_run and found:
             keep(found, project.graph, project.store)
@@ -343,7 +345,9 @@ def _checked_first(make: Callable[[], Executor], graph: Graph, store: Store) -> 
         from pipeline.project import LIBRARIES
         from pipeline.readiness import check_readiness
 
-        check_readiness(graph, store, LIBRARIES)
+        note = check_readiness(graph, store, LIBRARIES)
+        if note:
+            say(note)
         return make()
 
     return make_checked

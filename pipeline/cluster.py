@@ -121,10 +121,13 @@ class DaskExecutor:
             client.register_plugin(PrepareWorker(None if self._address else os.getpid()), name="prepare-worker")
         except Exception as error:  # whatever a worker raised that lacks our package, or has another one
             self._ends.close()
+            found = f"{type(error).__name__}: {error}"
+            if self._address is None:
+                raise CommandError("a worker on this machine cannot begin", found=found) from error
             raise CommandError(
                 "the workers cannot load this program",
                 where=where,
-                found=f"{type(error).__name__}: {error}",
+                found=found,
                 remedy="Start them with the same Python environment, and PYTHONPATH set to this project's folder.",
             ) from error
         client.subscribe_topic(self._run, lambda event: self._inbox.put(("told", event[1])))

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from pipeline.console import ArtifactName, Json, Reveal, StoreAddress, near, reported, say
+from pipeline.disk import written_to
 
 
 def show(
@@ -58,7 +59,8 @@ def show(
             else:
                 print("\n".join(lines_of(description, everything)))
             if pictures:
-                paths, number = write_pictures(found, pictures, None if everything else limit)
+                with written_to(pictures):
+                    paths, number = write_pictures(found, pictures, None if everything else limit)
                 of = f" of {number}; --all or --limit N writes more" if len(paths) < number else ""
                 say(f"{len(paths)} pictures{of}, in {near(pictures.absolute())}" if number else "It holds no pictures.")
 
@@ -88,5 +90,6 @@ def export(
 
         with finding(artifact, store) as (found, its_store):
             check_place(found, target, reveal)
-            export_artifact(found, target, zipped or target.suffix == ".zip", its_store)
+            with written_to(target):
+                export_artifact(found, target, zipped or target.suffix == ".zip", its_store)
             say(f"{found.kind} {found.digest[:12]} is in {near(target.absolute())}")

@@ -85,8 +85,8 @@ def gc(
     Kept are the results that the last N runs of each workflow used, the last result of each of their stages with all
     that it was made from, and what is pinned. Only runs of a whole workflow that came to their end count; results of a
     part, and of interrupted runs, are kept besides. So are the checkpoints of runs that are kept, and those younger
-    than 14 days, and what is damaged and needed and was not made again. No run may use the store meanwhile. A gc that
-    is interrupted leaves a valid store.
+    than 14 days, and what is damaged and needed and was not made again. No run may use the store meanwhile, except
+    with --dry-run. A gc that is interrupted leaves a valid store.
 
     Of runs on other machines that use a store in a bucket gc knows nothing, so it spares all that was put there within
     a day; what such a run took that is older may be deleted under it, and is then made again.
@@ -98,7 +98,7 @@ def gc(
 
         opened = open_existing(store)
         check_workflows(opened, forget or [])
-        with opened.in_use(alone=True):
+        with opened.in_use(alone=not dry_run):
             collection = collect(opened, Rules(keep_last, older_than, frozenset(forget or [])))
             if not dry_run:
                 collection.delete()
@@ -131,7 +131,9 @@ def pin(
         from pipeline.project import open_project
         from pipeline.provenance import now
 
-        project = open_project(workflow, store, settings or [], package, vars_files or [], make=False)
+        project = open_project(
+            workflow, store, settings or [], package, vars_files or [], make=False, stages=stages or []
+        )
         graph = project.graph.needed_for(stages) if stages else project.graph
         with project.store.in_use():
             steps = make_plan(graph, project.store)

@@ -11,11 +11,14 @@ import json
 import os
 import shutil
 import stat
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 FULL = {errno.ENOSPC, errno.EDQUOT}
+MUCH = 10**10
+"""Free bytes with which a disk is hardly the one that is full: no stage writes so much at once."""
 
 
 def read_plain_file(path: Path) -> bytes:
@@ -82,15 +85,43 @@ def is_link(path: Path) -> bool:
 
 
 def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
-    """What the system refused, in one line; `written` are the bytes that the work at hand had written by then."""
+    """What the system refused, in one line; `written` are the bytes that the work at hand had written by then.
+
+    A full disk is that of `store`, unless the error names a file elsewhere, or there is much room on it.
+    """
     if error.errno not in FULL:
         where = f"{error.filename}: " if error.filename else ""
         return f"{where}{error.strerror or error}"
+    elsewhere = _elsewhere(error.filename, store)
+    if elsewhere:
+        room = _room_words(elsewhere)
+        return f"no space left on the disk that holds {elsewhere}: {room}. Make room there, then run again."
     so_far = f", after {size_words(written)} were written" if written else ""
     kept = "What is done is kept; make room, then run again."
     if "://" in str(store):
         return f"no space left on this machine's disk, where copies of what is in {store} are kept{so_far}. {kept}"
-    return f"no space left on the disk that holds {store}: {_room_words(store)}{so_far}. {kept}"
+    room = _room_words(store)
+    if error.errno == errno.ENOSPC and (free_bytes(store) or 0) > MUCH:
+        other = f"probably not the one that holds {store}, which has {room}, but that of /tmp or of the home folder"
+        return f"no space left on a disk{so_far}, {other}. {kept}"
+    return f"no space left on the disk that holds {store}: {room}{so_far}. {kept}"
+
+
+@contextmanager
+def written_to(place: Path) -> Iterator[None]:
+    """Names `place`, which is written meanwhile, in errors of the system: where a disk is full it says no name."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None or error.errno in FULL:
+            error.filename = str(place)
+        raise
+
+
+def _elsewhere(file: object, store: Path | str) -> Path | None:
+    """The file that an error names, unless it names none, or one in the store."""
+    path = Path(file).absolute() if isinstance(file, str | os.PathLike) else None
+    return None if path is None or path.is_relative_to(Path(store).absolute()) else path
 
 
 def bytes_below(folder: Path) -> int:
@@ -99,10 +130,19 @@ def bytes_below(folder: Path) -> int:
 
 
 def size_of(path: Path) -> int:
-    """Bytes of a file or a link, or of all files under a folder; 0 where there is nothing."""
+    """Bytes of a file or a link, or of all files and links under a folder; 0 where there is nothing, or no longer."""
     if path.is_symlink() or not path.is_dir():
-        return path.lstat().st_size if os.path.lexists(path) else 0
-    return sum(file.lstat().st_size for file in path.rglob("*") if file.is_symlink() or not file.is_dir())
+        return _size_there(path)
+    below = ((Path(folder, name), name in names) for folder, names, files in os.walk(path) for name in (*names, *files))
+    return sum(_size_there(entry) for entry, is_folder in below if not is_folder or entry.is_symlink())
+
+
+def _size_there(path: Path) -> int:
+    """Bytes of a file or a link; 0 where another process has just removed it."""
+    try:
+        return path.lstat().st_size
+    except OSError:
+        return 0
 
 
 def remove(path: Path) -> None:
@@ -159,11 +199,31 @@ def size_words(size: int) -> str:
     return f"{amount:.0f} {unit}" if unit == "B" else f"{amount:.1f} {unit}"
 
 
-def _room_words(store: Path | str) -> str:
+def _room_on(path: Path | str) -> os.statvfs_result | None:
+    """What is left on the disk of a file or folder, or of the nearest above that is there; None where nobody knows."""
     try:
-        room = os.statvfs(store)
+        there = next((place for place in (Path(path), *Path(path).parents) if place.exists()), None)
+        return os.statvfs(there) if there else None
     except OSError:
+        return None
+
+
+def free_bytes(path: Path | str) -> int | None:
+    """What is free for this user on the disk of a path, be it there or not yet; None where nobody knows."""
+    room = _room_on(path)
+    if room is None:
+        return None
+    return 0 if _lacks_inodes(room) else room.f_bavail * room.f_frsize
+
+
+def _lacks_inodes(room: os.statvfs_result) -> bool:
+    numbered = room.f_files > 0  # else the file system makes inodes as it needs them
+    return numbered and room.f_favail == 0
+
+
+def _room_words(path: Path | str) -> str:
+    room = _room_on(path)
+    if room is None:
         return f"{size_words(0)} free"
     free = f"{size_words(room.f_bavail * room.f_frsize)} free"
-    numbered = room.f_files > 0  # else the file system makes inodes as it needs them
-    return f"no free inodes, one of which each file takes ({free})" if numbered and room.f_favail == 0 else free
+    return f"no free inodes, one of which each file takes ({free})" if _lacks_inodes(room) else free

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -53,13 +53,27 @@ def is_there(path: str | Path) -> bool:
         return False
 
 
-def contents_of(path: Path, digest_file: Callable[[Path], str] = digest_of_file) -> Contents:
-    """What is at `path`; links are followed. Raises UserError for what cannot be read, or would be waited for."""
+def _unheard(files: Sequence[Path]) -> None:
+    """For who does not ask what will be read."""
+
+
+def contents_of(
+    path: Path,
+    digest_file: Callable[[Path], str] = digest_of_file,
+    listed: Callable[[Sequence[Path]], None] = _unheard,
+) -> Contents:
+    """What is at `path`; links are followed. `listed` hears of all files before the first of them is read.
+
+    Raises UserError for what cannot be read, or would be waited for.
+    """
     try:
         if path.is_dir():
-            return Contents(True, {file.relative_to(path).as_posix(): digest_file(file) for file in _files_under(path)})
+            files = _files_under(path)
+            listed(files)
+            return Contents(True, {file.relative_to(path).as_posix(): digest_file(file) for file in files})
         if not stat.S_ISREG(path.stat().st_mode):
             raise UserError("is neither a file nor a folder", where=path, remedy="Copy what it gives into a file.")
+        listed([path])
         return Contents(False, {path.name: digest_file(path)})
     except OSError as error:
         raise UserError("cannot be read", where=error.filename or path, found=error.strerror) from error

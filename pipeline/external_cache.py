@@ -17,10 +17,12 @@ from collections.abc import Mapping
 from contextlib import suppress
 from hashlib import file_digest, sha256
 from pathlib import Path
+from typing import TextIO
 
 from pipeline.errors import UserError
 from pipeline.external import Contents, contents_of, resolved
 from pipeline.look import Look, is_settled, look_of
+from pipeline.reading import Reading
 from pipeline.sealed import read_sealed, sealed, write_text_whole
 from pipeline.store import Store
 
@@ -30,15 +32,17 @@ Memory = dict[str, tuple[Look, str]]
 
 
 class ExternalCache:
-    """The digests of what lies outside `store`."""
+    """The digests of what lies outside `store`. How far a long reading is, is said on `stream`, if there is one."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, stream: TextIO | None = None) -> None:
         self._store = store
+        self._stream = stream
 
     def digest(self, path: Path) -> str:
         """The digest of a file or folder, as `Contents` has it. Raises UserError for what cannot be read.
 
         So it does for a folder that the store lies in: every run would find it changed, and stages read their results.
+        What was read is remembered even where Ctrl-C ends the reading.
         """
         if resolved(self._store.root).is_relative_to(resolved(path)):
             raise UserError(
@@ -49,9 +53,21 @@ class ExternalCache:
             )
         place = self._store.root / "cache" / "external" / f"{sha256(os.fsencode(path)).hexdigest()}.json"
         before, after = _read_memory(place), Memory()
-        contents = contents_of(path, lambda file: _digest(file, before, after))
-        if after != before:
-            self._write(place, {name: [*look, digest] for name, (look, digest) in after.items()})
+        reading = Reading(path, self._stream)
+
+        def digest_file(file: Path) -> str:
+            digest = _digest(file, before, after)
+            reading.one_done()
+            return digest
+
+        try:
+            contents = contents_of(path, digest_file, reading.listed)
+        except BaseException:
+            self._remember(place, before, before | after)
+            raise
+        finally:
+            reading.close()
+        self._remember(place, before, after)
         digest = contents.digest
         listing = self._listing(digest)
         if not listing.is_file():
@@ -62,6 +78,10 @@ class ExternalCache:
         """The names and digests of the files behind a digest; None where that is not known."""
         content = read_sealed(self._listing(digest))
         return Contents(content["folder"], content["files"]) if content else None
+
+    def _remember(self, place: Path, before: Memory, after: Memory) -> None:
+        if after != before:
+            self._write(place, {name: [*look, digest] for name, (look, digest) in after.items()})
 
     def _listing(self, digest: str) -> Path:
         return self._store.root / "external" / f"{digest}.json"

@@ -20,6 +20,7 @@ No lock tells of runs elsewhere that use a bucket. So what was put there within 
 
 from __future__ import annotations
 
+import os
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -85,7 +86,7 @@ class Collection:
 
 
 def collect(store: Store, rules: Rules) -> Collection:
-    """Finds out what can go, and deletes nothing.
+    """Finds out what can go, and deletes nothing. Runs may use the store meanwhile, unless that is to be deleted.
 
     Raises UserError for a pin or a record that cannot be read: nobody knows then what it was to keep.
     """
@@ -354,4 +355,13 @@ def _is_empty(folder: Path) -> bool:
 
 def _newest(folder: Path) -> float:
     """When anything in a folder was last written, in seconds since 1970."""
-    return max(path.lstat().st_mtime for path in (folder, *folder.rglob("*")))
+    paths = [folder, *(Path(place, name) for place, names, files in os.walk(folder) for name in (*names, *files))]
+    return max(map(_written, paths))
+
+
+def _written(path: Path) -> float:
+    """When something was last written; just now where a run has just replaced it."""
+    try:
+        return path.lstat().st_mtime
+    except FileNotFoundError:
+        return time.time()

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 
 from pipeline.canonical import Json
 from pipeline.declaration import Catalogue, Completed, Declaration
 from pipeline.errors import CommandError, Place, UserError, nearest
-from pipeline.external import is_there
 from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
 from pipeline.located import Problems
+from pipeline.outside_files import Outside, OutsideFiles
 from pipeline.outside_paths import absolute, as_typed, check_there
 from pipeline.resources import amount
 from pipeline.stage import Input
@@ -128,10 +127,27 @@ class Graph:
         return tuple(name for name in self.nodes if name not in taken)
 
 
-def build_graph(workflow: Workflow, catalogue: Catalogue, external: ExternalCache, problems: Problems) -> Graph:
-    """Checks a workflow and resolves it. Raises WorkflowError with all of `problems`, those found before included."""
+def build_graph(
+    workflow: Workflow,
+    catalogue: Catalogue,
+    external: ExternalCache,
+    problems: Problems,
+    stages: Sequence[str] = (),
+) -> Graph:
+    """Checks a workflow and resolves it. Raises WorkflowError with all of `problems`, those found before included.
+
+    Raises CommandError where one of `stages` is none of its stages. What lies outside is read when all else is right:
+    that may be many gigabytes.
+    """
     try:
-        graph = _Builder(workflow, catalogue, external, problems).build()
+        builder = _Builder(workflow, catalogue, problems)
+        graph = builder.build()
+        if not problems:
+            graph.needed_for(stages)
+            files = OutsideFiles(external, problems)
+            read = {name: files.digests(outside) for name, outside in builder.outside.items()}
+            nodes = {name: replace(node, external=read[name]) for name, node in graph.nodes.items()}
+            graph = replace(graph, nodes=nodes)
     finally:
         catalogue.remember()
     problems.raise_if_any()
@@ -139,13 +155,14 @@ def build_graph(workflow: Workflow, catalogue: Catalogue, external: ExternalCach
 
 
 class _Builder:
-    def __init__(self, workflow: Workflow, catalogue: Catalogue, external: ExternalCache, problems: Problems) -> None:
+    """Builds a graph without the digests of what lies outside; `outside` tells of each node what to read for them."""
+
+    def __init__(self, workflow: Workflow, catalogue: Catalogue, problems: Problems) -> None:
         self.workflow = workflow
         self.catalogue = catalogue
-        self.outside = external
         self.problems = problems
+        self.outside: dict[str, dict[str, Outside]] = {}
         self.declarations: dict[str, Declaration | None] = {}
-        self.digests: dict[str, str] = {}
         self.wrong: list[WrongValue] = []
 
     def build(self) -> Graph:
@@ -191,13 +208,15 @@ class _Builder:
         paths = {name: as_typed(path) for name, path in instance.parameters.items() if name in declaration.external}
         instance = replace(instance, parameters={**instance.parameters, **paths})
         arguments = self.arguments(instance, declaration)
-        there = [check_there(name, path, self.problems) for name, path in paths.items()]  # whatever else is wrong
+        for name, path in paths.items():
+            check_there(name, path, self.problems)  # whatever else is wrong
         completed = self.completed(entry, instance, arguments)
         if completed is None:
             return None
         code = self.code(entry, instance, declaration, completed)
         if code is None:
             return None
+        self.outside[instance.name] = self.paths(entry, instance, completed)
         return Node(
             name=instance.name,
             declaration=declaration,
@@ -210,7 +229,7 @@ class _Builder:
             without_failed=instance.without_failed,
             arguments=arguments,
             parameters=completed.parameters,
-            external=self.external(entry, instance, completed) if all(there) else {},
+            external={},
             code=code,
             private=instance.private,
             resources={**declaration.resources, **self.resources(instance)},
@@ -341,6 +360,14 @@ class _Builder:
                 self.problems.add(place, f"{message} [{entry.name}]" if refusal.missing else message)
         return None
 
+    def paths(self, entry: Entry, instance: Instance, completed: Completed) -> dict[str, Outside]:
+        """What each parameter leads to outside the store, be it by the workflow or by default."""
+        given = instance.parameters
+        return {
+            name: Outside(paths, given[name].place if name in given else entry.parameters_place)
+            for name, paths in completed.external.items()
+        }
+
     def code(self, entry: Entry, instance: Instance, declaration: Declaration, completed: Completed) -> Code | None:
         try:
             code = self.catalogue.code(declaration.uses, completed.modules)
@@ -364,24 +391,6 @@ class _Builder:
             except UserError as error:
                 self.problems.add(value.place, str(error))
         return needed
-
-    def external(self, entry: Entry, instance: Instance, completed: Completed) -> dict[str, tuple[str, ...]]:
-        digests: dict[str, tuple[str, ...]] = {}
-        for name, paths in completed.external.items():
-            place = instance.parameters[name].place if name in instance.parameters else entry.parameters_place
-            digests[name] = tuple(self.digest(Path(path), name, place) for path in paths)
-        return digests
-
-    def digest(self, path: Path, name: str, place: Place) -> str:
-        if str(path) not in self.digests:
-            if not is_there(path):
-                return ""  # a default that leads nowhere
-            try:
-                self.digests[str(path)] = self.outside.digest(path)
-            except UserError as error:
-                self.problems.add(place, f"parameter {name!r}: {error}")
-                return ""
-        return self.digests[str(path)]
 
 
 def _references(entry: Entry) -> Iterator[Reference]:

@@ -3,7 +3,8 @@
 A file looks the same when size, modification and change time, inode and device are the same. No program can set the
 change time, so a file that is replaced, restored with its old times or renamed over another always looks different.
 Two writes within one tick of the clock do not: a look at what changed less than `SETTLED` before it was read is not to
-be trusted, nor is one at what seems to come from the future.
+be trusted, nor is one at what seems to change in the future. A modification time in the future is no such thing: a
+camera whose clock is wrong wrote it, and the change time tells when.
 """
 
 from __future__ import annotations
@@ -23,4 +24,5 @@ def look_of(status: os.stat_result) -> Look:
 def is_settled(look: Look, moment: int) -> bool:
     """Whether a file that looked so when it was read, at `moment` (nanoseconds), will look different once changed."""
     _, modified, changed, _, _ = look
-    return moment - max(modified, changed) > SETTLED
+    latest = changed if modified > moment else max(modified, changed)
+    return moment - latest > SETTLED

@@ -54,7 +54,14 @@ class KernelCache:
     """
 
     def __init__(self) -> None:
-        parent, number = _kernel_cache_parent(), 0
+        try:
+            self._take_one_in(_kernel_cache_parent())
+        except OSError:  # no room left for this user, or no file locks, as on NFS without its lock manager
+            self._take_one_in(_passing_folder())
+        os.environ["POCL_CACHE_DIR"] = str(self.folder)
+
+    def _take_one_in(self, parent: Path) -> None:
+        number = 0
         while True:
             self.folder = parent / f"process-{number}"
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -65,7 +72,6 @@ class KernelCache:
                 number += 1
             else:
                 break
-        os.environ["POCL_CACHE_DIR"] = str(self.folder)
 
     def release(self) -> None:
         self._lock.release()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -38,11 +39,12 @@ def open_project(
     package: str = "stages",
     vars_files: Sequence[Path] = (),
     make: bool = True,
+    stages: Sequence[str] = (),
 ) -> Project:
     """Reads and checks a workflow. Unless `make`, a store that is missing is not made, and an empty one stands for it.
 
     A workflow that cannot be read makes none either. Raises WorkflowError with all that is wrong, CommandError for a
-    bad store.
+    bad store, or where one of `stages` is none of the workflow's.
     """
     problems = Problems()
     with without_collection():
@@ -50,12 +52,17 @@ def open_project(
         try:
             opened = open_store(store, make and not problems)
         except OSError as error:
-            raise CommandError("cannot be a store", where=store, found=error.strerror) from error
+            raise CommandError(
+                "cannot be a store",
+                where=store,
+                found=error.strerror,
+                remedy="Name a folder that you can write to, with --store or $GS_HIDER_STORE.",
+            ) from error
         if problems.missing and not settings and not vars_files:
             with suppress(PipelineError, OSError):  # a bucket that cannot be reached must not hide the problems
                 _remind(problems, file, opened.history.last_given(workflow.name))
         catalogue = Catalogue(package, LIBRARIES, opened)
-        graph = build_graph(workflow, catalogue, ExternalCache(opened), problems)
+        graph = build_graph(workflow, catalogue, ExternalCache(opened, sys.stderr), problems, stages)
     given = [word for vars_file in vars_files for word in ("--vars", str(vars_file))]
     given += [word for setting in settings for word in ("--set", setting)]
     command = command_of(file, settings, vars_files, workflow, graph)

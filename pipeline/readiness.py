@@ -12,6 +12,7 @@ from pipeline.checkpoint import wished_seconds
 from pipeline.errors import UserError
 from pipeline.graph import Graph
 from pipeline.plan import make_plan
+from pipeline.room import lacking_room
 from pipeline.store import Store
 
 CHECK = "check"
@@ -20,11 +21,12 @@ CHECK = "check"
 REFUSED = 2
 
 
-def check_readiness(graph: Graph, store: Store, libraries: Iterable[str]) -> None:
+def check_readiness(graph: Graph, store: Store, libraries: Iterable[str]) -> str | None:
     """Raises UserError where the environment is set so that a stage to be done cannot work in this process's workers.
 
     Each library is asked in a process of its own, and only where the code of a stage that is not in the store yet uses
-    it: to load it takes a while, and what it reserves while it is loaded is the workers'.
+    it: to load it takes a while, and what it reserves while it is loaded is the workers'. Returns what a person should
+    know although all can begin: that the disk may become full.
     """
     wished_seconds()
     to_do = [graph.nodes[name] for name, step in make_plan(graph, store).items() if step.state != "cached"]
@@ -32,6 +34,7 @@ def check_readiness(graph: Graph, store: Store, libraries: Iterable[str]) -> Non
     for library in libraries:
         if library in used:
             _ask(library)
+    return lacking_room(to_do, store)
 
 
 def _ask(library: str) -> None:

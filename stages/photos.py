@@ -98,8 +98,11 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     if turned:
         context.log(f"{turned} photos lie as their pixels are stored, of which the poses are; EXIF would turn them")
 
+    places = {name: place for place, name in enumerate(names)}
+
     def kept(name: str) -> Path | bytes:
         context.stop_if_requested()
+        context.progress(len(found.photos) + places[name], 2 * len(found.photos))
         return picture_of(found.photos[name], parameters.background, facts[name].turned)
 
     write_capture(context.output("capture"), capture, kept)
@@ -183,14 +186,17 @@ def _refuse_images(parameters: PhotosParameters, splits: Mapping[str, Path]) -> 
 
 
 def facts_of(context: Context, found: PhotoFolder, posed: bool) -> dict[str, PhotoFacts]:
-    """What is known of every photo, by name. Raises `UserError` that names those which cannot be read."""
+    """What is known of every photo, by name: half of the work, after which they are copied.
+
+    Raises `UserError` that names those which cannot be read.
+    """
     facts, broken = {}, []
     for count, (name, path) in enumerate(found.photos.items(), start=1):
         try:
             facts[name] = read_facts(path, posed)
         except UserError as error:
             broken.append(error)
-        context.progress(count, len(found.photos))
+        context.progress(count, 2 * len(found.photos))
         context.stop_if_requested()
     _refuse_broken(broken)
     return facts

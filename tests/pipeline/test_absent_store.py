@@ -106,6 +106,7 @@ def test_a_store_in_the_home_folder_is_found(here: Workspace, monkeypatch: pytes
 def test_what_can_be_no_store_is_refused_all_the_same(here: Workspace) -> None:
     code, output = call("status", "--store", "five.txt")
     assert (code, "five.txt: cannot be a store" in output) == (2, True)
+    assert "Name a folder that you can write to, with --store or $GS_HIDER_STORE." in output
 
 
 def test_it_is_empty_and_cannot_be_written(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import signal
@@ -14,7 +15,9 @@ import dask
 import pytest
 from distributed import Client, Security
 
+from pipeline import cluster as cluster_module
 from pipeline.cluster import DaskExecutor
+from pipeline.errors import CommandError
 from pipeline.events import Noted
 from pipeline.workers import SETTINGS, start_workers
 from tests.pipeline.dask_cluster import ROOT, Cluster, wait_until
@@ -228,3 +231,27 @@ def test_other_users_of_this_machine_are_refused() -> None:
         for security in (None, Security.temporary()):
             with pytest.raises((OSError, TypeError)):
                 Client(address, security=security, timeout="2s", set_as_default=False).close()
+
+
+class Unprepared:
+    """Dask, whose workers cannot be prepared."""
+
+    def __init__(self, *anything: object, **more: object) -> None: ...
+
+    def register_plugin(self, plugin: object, name: str) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def close(self, timeout: float) -> None: ...
+
+
+@pytest.mark.parametrize(("address", "told"), [(None, False), ("127.0.0.1:8786", True)])
+def test_a_fault_of_this_machine_is_not_told_as_one_of_a_cluster(
+    monkeypatch: pytest.MonkeyPatch, address: str | None, told: bool
+) -> None:
+    for name in ("start_workers", "Client"):
+        monkeypatch.setattr(cluster_module, name, Unprepared)
+    with pytest.raises(CommandError) as refused:
+        DaskExecutor(1, address)
+    assert "found OSError: [Errno 28] No space left on device" in str(refused.value)
+    assert [word in str(refused.value) for word in ("--scheduler", "PYTHONPATH")] == [told, told]
+    assert "None" not in str(refused.value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -11,13 +12,17 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+from pipeline import exporting, garbage, pictures
 from pipeline.artifact import create, load
 from pipeline.cli import app
+from pipeline.disk import size_of
+from pipeline.garbage import Collection, Rules, collect
 from pipeline.store import Store
 from tests.pipeline.helpers import TOYS, Workspace
 from tests.pipeline.test_runner import CHAIN
@@ -130,6 +135,32 @@ def test_export(chain: Workspace, tmp_path: Path) -> None:
     assert call("show", tmp_path / "copy").exit_code == 0
 
 
+@pytest.mark.parametrize(
+    ("arguments", "module", "function"),
+    [
+        (("export", "chain/twice"), exporting, "new_file"),
+        (("show", "chain/sum.page", "--pictures"), pictures, "make_folder"),
+    ],
+)
+def test_a_full_stick_is_not_the_disk_of_the_store(
+    chain: Workspace,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...],
+    module: ModuleType,
+    function: str,
+) -> None:
+    """Of a file that was opened and cannot be written to the end the system does not say which it is."""
+
+    def full(*anything: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(module, function, full)
+    monkeypatch.setattr(pictures, "pictures_of", lambda artifact: [pictures.Picture("report.html", None)])
+    done = call(*arguments, tmp_path / "stick")
+    assert (done.exit_code, f"no space left on the disk that holds {tmp_path}/stick: " in done.stderr) == (1, True)
+
+
 def test_verify(chain: Workspace) -> None:
     done = process("verify")
     assert (done.returncode, done.stderr) == (0, "")
@@ -184,7 +215,37 @@ def test_gc_and_pins(chain: Workspace) -> None:
 def test_gc_waits_for_nobody(chain: Workspace) -> None:
     with Store(chain.folder / "store").in_use():
         done = call("gc")
+        looked = call("gc", "--dry-run")
     assert (done.exit_code, "runs are using the store" in done.stderr) == (2, True)
+    assert (looked.exit_code, looked.stdout.splitlines()[-1]) == (0, "There is nothing to delete; 4 results are kept.")
+
+
+def test_who_looks_what_could_be_deleted_holds_up_no_run(chain: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    states = []
+
+    def collect_meanwhile(store: Store, rules: Rules) -> Collection:
+        states.append(chain.run("factor=9").states["twice"])
+        return collect(store, rules)
+
+    monkeypatch.setattr(garbage, "collect", collect_meanwhile)
+    assert call("gc", "--dry-run").exit_code == 0
+    assert states == ["ran"]
+
+
+def test_what_goes_while_it_is_measured_has_no_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "folder/inner").mkdir(parents=True)
+    (tmp_path / "folder/inner/file").write_bytes(bytes(100))
+    (tmp_path / "folder/link").symlink_to("inner")
+    assert size_of(tmp_path / "folder") == 100 + len("inner")
+    lstat = Path.lstat
+
+    def gone(path: Path) -> os.stat_result:
+        if path.name == "file":
+            raise FileNotFoundError
+        return lstat(path)
+
+    monkeypatch.setattr(Path, "lstat", gone)
+    assert size_of(tmp_path / "folder") == len("inner")
 
 
 @pytest.mark.parametrize(

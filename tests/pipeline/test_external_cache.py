@@ -181,18 +181,45 @@ def test_what_is_settled_is_read_once_and_again_when_it_changes(photos: Photos, 
     assert photos.read == []
 
 
-def test_what_has_just_changed_or_comes_from_the_future_is_not_trusted(photos: Photos, clock: Clock) -> None:
+def test_what_has_just_changed_or_changes_in_the_future_is_not_trusted(photos: Photos, clock: Clock) -> None:
     for ahead in (0, SETTLED // 2, -SETTLED):
         clock.ahead = ahead
         photos.read.clear()
         assert photos.is_right()
         assert sorted(photos.read) == NAMES
+
+
+def test_a_photo_from_the_future_is_read_once(photos: Photos, clock: Clock) -> None:
+    """A camera whose clock is wrong writes such a modification time; that of a change nobody can write."""
     clock.ahead = SETTLED * 2
     os.utime(photos.folder / "a.jpg", ns=(0, time.time_ns() + SETTLED * 100))
-    for _ in range(2):
-        photos.read.clear()
-        assert photos.is_right()
+    assert photos.is_right()
+    photos.read.clear()
+    assert photos.is_right()
+    assert photos.read == []
+    photos.await_tick()
+    replace_with_old_times(photos, "a.jpg", CONTENTS[1])
+    assert photos.is_right()
     assert photos.read == ["a.jpg"]
+
+
+def test_what_was_read_before_an_interruption_is_not_read_again(
+    photos: Photos, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock.ahead = SETTLED * 2
+    digest = external_cache.file_digest
+
+    def interrupted(file: BufferedReader, algorithm: str) -> object:
+        if len(photos.read) == 2:
+            raise KeyboardInterrupt
+        return digest(file, algorithm)
+
+    monkeypatch.setattr(external_cache, "file_digest", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        photos.cache.digest(photos.folder)
+    monkeypatch.setattr(external_cache, "file_digest", digest)
+    assert photos.is_right()
+    assert sorted(photos.read) == NAMES, "each once"
 
 
 def test_times_alone_change_no_digest(photos: Photos) -> None:

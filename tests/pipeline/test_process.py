@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
+
+import pytest
+from filelock import FileLock
+
+from pipeline.process import KernelCache
 
 ROOT = Path(__file__).parents[2]
 FORKS = """
@@ -32,3 +39,25 @@ def test_kernels_that_cannot_be_kept_go_with_the_process(tmp_path: Path) -> None
     folder, there = done.stdout.split()
     assert (Path(folder).is_relative_to(passing), there) == (True, "True")
     assert not list(passing.iterdir())
+
+
+def test_a_home_without_room_or_locks_is_no_reason_to_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its folder can be made and written to, which says nothing of locks in it."""
+    (tmp_path / "home").mkdir()
+    (tmp_path / "passing").mkdir()
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "home"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "passing"))
+    acquire = FileLock.acquire
+
+    def over_nfs(lock: FileLock) -> object:
+        if Path(lock.lock_file).is_relative_to(tmp_path / "home"):
+            raise OSError(errno.ENOLCK, "No locks available")
+        return acquire(lock)
+
+    monkeypatch.setattr(FileLock, "acquire", over_nfs)
+    cache = KernelCache()
+    try:
+        assert cache.folder.is_relative_to(tmp_path / "passing")
+        assert os.environ["POCL_CACHE_DIR"] == str(cache.folder)
+    finally:
+        cache.release()

@@ -152,10 +152,17 @@ def test_what_was_just_written_is_never_stale(package: Package, edit: Callable) 
     assert package.is_right()
 
 
-def test_what_comes_from_the_future_is_not_remembered(package: Package, settled: None) -> None:
-    os.utime(package.kernel, ns=(0, time.time_ns() + SETTLED * 100))
+def test_what_changes_in_the_future_is_not_remembered(package: Package, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(source_cache, "time", Clock(-SETTLED))
     package.read()
     assert not package.memories
+
+
+@pytest.mark.usefixtures("settled")
+def test_what_says_that_it_was_written_in_the_future_is_remembered(package: Package) -> None:
+    os.utime(package.kernel, ns=(0, time.time_ns() + SETTLED * 100))
+    assert package.read() == package.read()
+    assert package.parsed == 1
 
 
 @pytest.mark.usefixtures("settled")

@@ -67,6 +67,17 @@ def test_photos_are_kept_as_they_came(tmp_path: Path) -> None:
     assert any("2 files" in line for line in log)
 
 
+def test_copying_is_half_of_the_work(tmp_path: Path) -> None:
+    """A stage that says that all is done, and works on for minutes, seems to hang."""
+    for name in "abc":
+        take(tmp_path / "photos" / f"{name}.jpg")
+    (tmp_path / "out").mkdir()
+    said: list[tuple[float, float]] = []
+    services = Services(progress=lambda done, total, figures: said.append((done, total)))
+    run_stage(photos, PhotosParameters(folder=tmp_path / "photos"), {}, tmp_path / "out", services=services)
+    assert said == [(1, 6), (2, 6), (3, 6), (3, 6), (4, 6), (5, 6)]
+
+
 def test_pictures_that_are_not_read_are_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorded: dict[str, Json] = {}
     monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))

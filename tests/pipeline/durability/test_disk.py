@@ -62,3 +62,34 @@ def test_what_is_used_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, files:
 def test_of_a_store_in_a_bucket_it_is_the_disk_of_the_copies() -> None:
     words = words_of(OSError(errno.ENOSPC, "No space left on device"), "s3://bucket/prefix")
     assert words.startswith("no space left on this machine's disk, where copies of what is in s3://bucket/prefix")
+
+
+def room_of(free: int) -> os.statvfs_result:
+    return os.statvfs_result((1, 1, 10**13, free, free, 0, 0, 0, 0, 255))
+
+
+def test_a_full_disk_is_the_one_of_the_file_that_could_not_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rooms = {tmp_path / "store": room_of(5 * 10**9), tmp_path: room_of(1000)}
+    monkeypatch.setattr(os, "statvfs", rooms.__getitem__)
+    (tmp_path / "store").mkdir()
+    there = OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "stick/copy"))
+    assert words_of(there, tmp_path / "store") == (
+        f"no space left on the disk that holds {tmp_path}/stick/copy: 1.0 kB free. Make room there, then run again."
+    )
+    inside = OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "store/objects/file"))
+    assert words_of(inside, tmp_path / "store").startswith(
+        f"no space left on the disk that holds {tmp_path}/store: 5.0 GB free. What is done"
+    )
+
+
+@pytest.mark.parametrize(("error", "blamed"), [(errno.ENOSPC, False), (errno.EDQUOT, True)])
+def test_a_disk_with_much_room_is_hardly_the_full_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: int, blamed: bool
+) -> None:
+    """A quota may be used up where the disk has room."""
+    monkeypatch.setattr(os, "statvfs", lambda path: room_of(48 * 10**10))
+    words = words_of(OSError(error, "No space left on device"), tmp_path)
+    assert words.startswith("no space left on the disk that holds") == blamed
+    assert ("probably not the one" in words, "480.0 GB free" in words) == (not blamed, True)

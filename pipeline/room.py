@@ -1,0 +1,47 @@
+"""Whether the store's disk has room for a run: what fills it hours later had better be known before."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from pipeline.disk import free_bytes, size_words
+from pipeline.graph import Node
+from pipeline.store import Store
+
+RESULTS = 10**9
+"""Bytes for what is made of photos, in small."""
+
+
+def lacking_room(nodes: Iterable[Node], store: Store) -> str | None:
+    """What a person should know where these stages may not find room in the store; None where there is enough.
+
+    They copy what they take from outside, all or much of it; what else they make nobody knows before.
+    """
+    free = free_bytes(store.root)
+    needed = RESULTS + sum(map(_bytes_at, {path for node in nodes for path in _outside(node)}))
+    if free is None or free >= needed:
+        return None
+    there = f"the disk that holds {store.root} has {size_words(free)} free"
+    return f"{there}; this run may take {size_words(needed)}, copies of photos included"
+
+
+def _outside(node: Node) -> list[str]:
+    """The paths of a stage that lead outside the store."""
+    given = [node.arguments.get(name) for name in node.external]
+    paths = [path for value in given for path in (value if isinstance(value, list) else [value])]
+    return [path for path in paths if isinstance(path, str)]
+
+
+def _bytes_at(path: str) -> int:
+    """Bytes of a file, or of all under a folder; links are followed, as by who copies."""
+    files = [Path(folder, name) for folder, _, names in os.walk(path, followlinks=True) for name in names]
+    return sum(map(_size, files or [Path(path)]))
+
+
+def _size(file: Path) -> int:
+    try:
+        return file.stat().st_size
+    except OSError:
+        return 0
