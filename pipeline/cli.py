@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from pipeline.events import Summary
     from pipeline.executor import Executor
     from pipeline.graph import Graph
+    from pipeline.progress import Display
     from pipeline.project import Project
     from pipeline.resources import Resources
     from pipeline.store import Store
@@ -128,9 +130,8 @@ def run(
                 print(_store_words(project.store))
             return
         make_executor = _executor_maker(workers, scheduler, stated, serial)
-        if serial or not scheduler:
-            make_executor = _checked_first(make_executor, graph, project.store)
-        summary = _run(project, graph, make_executor, not serial, as_json)
+        ready = partial(_made_ready, make_executor, graph, project.store, serial or not scheduler)
+        summary = _run(project, graph, ready, not serial, as_json)
         if summary.interrupted:
             say(f"Interrupted; what is done is kept. To go on: {command_line()}")
             raise typer.Exit(130)
@@ -296,17 +297,17 @@ def graph(
 
 
 def _run(
-    project: Project, graph: Graph, make_executor: Callable[[], Executor], captures: bool, as_json: bool
+    project: Project, graph: Graph, make_executor: Callable[[Display], Executor], captures: bool, as_json: bool
 ) -> Summary:
+    """Runs a graph and shows it. `make_executor` is asked when there is something to do, and may tell of it first."""
     from pipeline.progress import make_display
     from pipeline.runner import Run
     from pipeline.wording import summary_words
 
     display = make_display(graph.workflow, len(graph.nodes), json=as_json)
     with display:
-        work = Run(
-            graph, project.store, project.package, project.package_folder, make_executor, captures, display.__call__
-        )
+        make = partial(make_executor, display)
+        work = Run(graph, project.store, project.package, project.package_folder, make, captures, display.__call__)
         summary = work.run()
     if not as_json:
         say(summary_words(graph.workflow, summary))
@@ -336,17 +337,21 @@ def _executor_maker(workers: int, scheduler: str | None, resources: Resources, s
     return make
 
 
-def _checked_first(make: Callable[[], Executor], graph: Graph, store: Store) -> Callable[[], Executor]:
-    """As `make`, for workers on this machine: it is asked when there is something to do, and before it is done."""
+def _made_ready(make: Callable[[], Executor], graph: Graph, store: Store, here: bool, display: Display) -> Executor:
+    """What `make` makes. Before that it is checked, for workers that are `here`, that they can do what there is to do,
+    and told what a person may not expect of it."""
+    from pipeline.events import Noted
+    from pipeline.foretelling import foretold
+    from pipeline.plan import make_plan
+    from pipeline.project import LIBRARIES
+    from pipeline.readiness import check_readiness
 
-    def make_checked() -> Executor:
-        from pipeline.project import LIBRARIES
-        from pipeline.readiness import check_readiness
-
-        check_readiness(graph, store, LIBRARIES)
-        return make()
-
-    return make_checked
+    steps = make_plan(graph, store)
+    if here:
+        check_readiness(graph, steps, LIBRARIES)
+    for words in foretold(graph, steps):
+        display(Noted(words))
+    return make()
 
 
 for command in (show, export, verify, gc, pin, unpin, pins):

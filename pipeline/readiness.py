@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from pipeline.checkpoint import wished_seconds
 from pipeline.errors import UserError
 from pipeline.graph import Graph
-from pipeline.plan import make_plan
-from pipeline.store import Store
+from pipeline.plan import Step
 
 CHECK = "check"
 """The module of a library that says with exit status 2 and a message that stages which use it would not work."""
@@ -20,14 +19,14 @@ CHECK = "check"
 REFUSED = 2
 
 
-def check_readiness(graph: Graph, store: Store, libraries: Iterable[str]) -> None:
+def check_readiness(graph: Graph, steps: Mapping[str, Step], libraries: Iterable[str]) -> None:
     """Raises UserError where the environment is set so that a stage to be done cannot work in this process's workers.
 
     Each library is asked in a process of its own, and only where the code of a stage that is not in the store yet uses
     it: to load it takes a while, and what it reserves while it is loaded is the workers'.
     """
     wished_seconds()
-    to_do = [graph.nodes[name] for name, step in make_plan(graph, store).items() if step.state != "cached"]
+    to_do = [graph.nodes[name] for name, step in steps.items() if step.state != "cached"]
     used = {module.partition(".")[0] for node in to_do for module in node.code.modules}
     for library in libraries:
         if library in used:
