@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from pipeline.resources import Resources
     from pipeline.store import Store
 
+MIXED = "logs and `latest` will be of both; the same command, when both have ended, puts `latest` right"
 COMMAND = "gs-hider"  # the same program under a name of its own, which is what a shell can complete
 
 app = typer.Typer(
@@ -300,12 +301,16 @@ def _run(
     project: Project, graph: Graph, make_executor: Callable[[Display], Executor], captures: bool, as_json: bool
 ) -> Summary:
     """Runs a graph and shows it. `make_executor` is asked when there is something to do, and may tell of it first."""
+    from pipeline.events import Noted
+    from pipeline.other_runs import beside_others
     from pipeline.progress import make_display
     from pipeline.runner import Run
     from pipeline.wording import summary_words
 
     display = make_display(graph.workflow, len(graph.nodes), json=as_json)
-    with display:
+    with display, beside_others(project.store, graph.workflow) as others:
+        if others:
+            display(Noted(f"another run of {graph.workflow} is going on: {MIXED}"))
         make = partial(make_executor, display)
         work = Run(graph, project.store, project.package, project.package_folder, make, captures, display.__call__)
         summary = work.run()

@@ -25,7 +25,7 @@ ENGINE = [
     "stage store remote_history remote_pins remote_artifacts workflow wrong_values livetable loaded_code",
     "absent_store",
     "remote_damaged",
-    "remarks source_cache checkpoint remote external_cache privacy garbage verification workers progress",
+    "remarks source_cache checkpoint remote external_cache privacy garbage verification workers progress other_runs",
     "declaration opening",
     "graph action naming storewords cluster",
     "keys changes repeating description exporting urgency loss cause",
