@@ -9,11 +9,12 @@ and a result whose outputs are no longer those of the stage is none of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from pipeline.canonical import Json
+from pipeline.changes import FAILED, Change
 from pipeline.errors import CommandError
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import StageResult
@@ -25,6 +26,7 @@ from pipeline.stage import output_is_private
 from pipeline.store import Store
 
 ACCEPTABLE = ("code", "version", "format")
+GONE = "it has no result that is whole in the store"
 
 
 @dataclass(frozen=True)
@@ -76,10 +78,17 @@ def acceptances(graph: Graph, store: Store, stage: str, commit: str | None) -> t
             continue
         found.append(_acceptance(step, step.key, record, key_parts(part.nodes[name], digests), commit))
     if refused and not found:
-        raise CommandError(
-            "\n".join(map(str, refused)), remedy="Only a change of code can be accepted; anything else has to run."
-        )
+        raise CommandError("\n".join(map(str, refused)), remedy=_remedy(part, steps, refused))
     return found, refused
+
+
+def _remedy(graph: Graph, steps: Mapping[str, Step], refused: Sequence[Refusal]) -> str:
+    """What to do where nothing can be kept."""
+    waiting = all(steps[refusal.name].key is None and GONE not in refusal.reasons for refusal in refused)
+    first = to_accept_first(graph, steps, [refusal.name for refusal in refused]) if waiting else []
+    if first:
+        return f"Only code changed upstream: accept {first[0]} first."
+    return "Only a change of code can be accepted; anything else has to run."
 
 
 def keep(found: Sequence[Acceptance], graph: Graph, store: Store) -> None:
@@ -101,8 +110,40 @@ def keep(found: Sequence[Acceptance], graph: Graph, store: Store) -> None:
 
 def still_to_accept(graph: Graph, store: Store) -> list[str]:
     """Stages of the graph that would run for nothing but what could be accepted, too."""
-    steps = make_plan(graph, store)
-    return [name for name, step in steps.items() if step.changes and step.key and not _unacceptable(step)]
+    return [name for name, step in make_plan(graph, store).items() if is_acceptable(step)]
+
+
+def is_acceptable(step: Step) -> bool:
+    """Whether a stage would run for nothing but what can be accepted."""
+    return bool(step.changes) and step.key is not None and not _unacceptable(step)
+
+
+def to_accept_first(graph: Graph, steps: Mapping[str, Step], names: Iterable[str]) -> list[str]:
+    """Stages, in order, that can be accepted and for which alone those of `names` wait that are not cached.
+
+    One that waits for nothing is named itself. Empty where one of them has to run in any case, or all are cached.
+    """
+    asked, found = list(names), set()
+    seen: set[str] = set()
+    while asked:
+        name = asked.pop()
+        step = steps[name]
+        if step.state == "cached" or name in seen:
+            continue
+        seen.add(name)
+        if is_acceptable(step):
+            found.add(name)
+        elif step.key is None and step.changes and all(map(_passes, step.changes)):
+            asked += graph.nodes[name].upstream
+        else:
+            return []
+    return [name for name in graph.nodes if name in found]
+
+
+def _passes(change: Change) -> bool:
+    """Whether a change can be accepted, or may be gone when what is upstream is accepted."""
+    waits = change.part == "input" and "source" in change.details and change.after is None and change.before != FAILED
+    return waits or change.part in ACCEPTABLE
 
 
 def _misfits(node: Node, record: Record | None, store: Store, digests: Mapping[Source, str | None]) -> Iterator[str]:
@@ -124,7 +165,7 @@ def _misfits(node: Node, record: Record | None, store: Store, digests: Mapping[S
 
 def _reasons_against(step: Step, record: Record | None) -> list[str]:
     if record is None:
-        return ["it has no result that is whole in the store"]
+        return [GONE]
     if step.key is None:
         waits = [change.text for change in step.changes if change.part == "input"]
         return waits or ["what it takes is not made yet"]

@@ -6,6 +6,9 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+from pipeline.graph import Node
+from pipeline.store import Store
+
 LONGEST = 300  # characters
 VARYING = (
     (re.compile(r"(?<![\w.])/(?:[^\s/:;,'\"]+/)+"), ""),  # folders; the name at the end of a path stays
@@ -13,6 +16,14 @@ VARYING = (
     (re.compile(r"\b[0-9a-f]{16,}\b", re.IGNORECASE), "…"),  # digests and names drawn by chance
     (re.compile(r"\b[0-9.]+ ?(?:ms|s|seconds?|min|minutes?|h|hours?)\b"), "some time"),
 )
+
+
+def lasting_cause(node: Node, cause: str, store: Store) -> str:
+    """Why a stage failed, for the stages that go on without it."""
+    outside = [node.arguments.get(parameter) for parameter in node.declaration.external]
+    paths = [path for value in outside for path in (value if isinstance(value, list) else [value])]
+    words = cause.replace(f"{store.root}/", "")
+    return f"{node.entry}: {lasting_words(words, [path for path in paths if isinstance(path, str)])}"
 
 
 def lasting_words(cause: str, folders: Iterable[str] = ()) -> str:

@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -40,10 +41,12 @@ if TYPE_CHECKING:
     from pipeline.events import Summary
     from pipeline.executor import Executor
     from pipeline.graph import Graph
+    from pipeline.progress import Display
     from pipeline.project import Project
     from pipeline.resources import Resources
     from pipeline.store import Store
 
+MIXED = "logs and `latest` will be of both; the same command, when both have ended, puts `latest` right"
 COMMAND = "gs-hider"  # the same program under a name of its own, which is what a shell can complete
 
 app = typer.Typer(
@@ -130,9 +133,8 @@ def run(
                 print(_store_words(project.store))
             return
         make_executor = _executor_maker(workers, scheduler, stated, serial)
-        if serial or not scheduler:
-            make_executor = _checked_first(make_executor, graph, project.store)
-        summary = _run(project, graph, make_executor, not serial, as_json)
+        ready = partial(_made_ready, make_executor, graph, project.store, serial or not scheduler)
+        summary = _run(project, graph, ready, not serial, as_json)
         if summary.interrupted:
             say(f"Interrupted; what is done is kept. To go on: {command_line()}")
             raise typer.Exit(130)
@@ -298,17 +300,21 @@ def graph(
 
 
 def _run(
-    project: Project, graph: Graph, make_executor: Callable[[], Executor], captures: bool, as_json: bool
+    project: Project, graph: Graph, make_executor: Callable[[Display], Executor], captures: bool, as_json: bool
 ) -> Summary:
+    """Runs a graph and shows it. `make_executor` is asked when there is something to do, and may tell of it first."""
+    from pipeline.events import Noted
+    from pipeline.other_runs import beside_others
     from pipeline.progress import make_display
     from pipeline.runner import Run
     from pipeline.wording import summary_words
 
     display = make_display(graph.workflow, len(graph.nodes), json=as_json)
-    with display:
-        work = Run(
-            graph, project.store, project.package, project.package_folder, make_executor, captures, display.__call__
-        )
+    with display, beside_others(project.store, graph.workflow) as others:
+        if others:
+            display(Noted(f"another run of {graph.workflow} is going on: {MIXED}"))
+        make = partial(make_executor, display)
+        work = Run(graph, project.store, project.package, project.package_folder, make, captures, display.__call__)
         summary = work.run()
     if not as_json:
         say(summary_words(graph.workflow, summary))
@@ -338,19 +344,24 @@ def _executor_maker(workers: int, scheduler: str | None, resources: Resources, s
     return make
 
 
-def _checked_first(make: Callable[[], Executor], graph: Graph, store: Store) -> Callable[[], Executor]:
-    """As `make`, for workers on this machine: it is asked when there is something to do, and before it is done."""
+def _made_ready(make: Callable[[], Executor], graph: Graph, store: Store, here: bool, display: Display) -> Executor:
+    """What `make` makes. Before that it is checked, for workers that are `here`, that they can do what there is to do,
+    and told what a person may not expect of it."""
+    from pipeline.events import Noted
+    from pipeline.foretelling import foretold
+    from pipeline.plan import make_plan
+    from pipeline.project import LIBRARIES
+    from pipeline.readiness import check_readiness
+    from pipeline.room import lacking_room
 
-    def make_checked() -> Executor:
-        from pipeline.project import LIBRARIES
-        from pipeline.readiness import check_readiness
-
-        note = check_readiness(graph, store, LIBRARIES)
-        if note:
-            say(note)
-        return make()
-
-    return make_checked
+    steps = make_plan(graph, store)
+    to_do = [graph.nodes[name] for name, step in steps.items() if step.state != "cached"]
+    if here:
+        check_readiness(to_do, LIBRARIES)
+    for words in (lacking_room(to_do, store), *foretold(graph, steps)):
+        if words:
+            display(Noted(words))
+    return make()
 
 
 for command in (show, export, verify, gc, pin, unpin, pins):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Annotated
 
 import typer
@@ -125,6 +126,7 @@ def pin(
     python -m pipeline pin workflows/hide_multi.yaml hide --set iterations=30000 --name long_training
     """
     with reported(store):
+        from pipeline.accept import to_accept_first
         from pipeline.errors import CommandError
         from pipeline.pins import Pin
         from pipeline.plan import make_plan
@@ -142,12 +144,19 @@ def pin(
                 raise CommandError(
                     f"not all of this is in the store: {', '.join(lacking)}",
                     where=workflow,
-                    remedy="Run it first, or name the stages that are to be pinned.",
+                    remedy=_before_pinning(to_accept_first(graph, steps, lacking)),
                 )
             chosen = name or ".".join([graph.workflow, *(stages or [])])
             keys = {step.name: step.key for step in steps.values() if step.key}
             project.store.pins.add(chosen, Pin(graph.workflow, now(), keys))
         say(f"{len(keys)} results are pinned as {chosen}; `unpin {chosen}` lets them go")
+
+
+def _before_pinning(to_accept: Sequence[str]) -> str:
+    """What to do before a pin: after a change of code a run may make other results than those that are to be kept."""
+    if to_accept:
+        return f"Only code changed, of {', '.join(to_accept)}: `accept` keeps these results, and a run may make others."
+    return "Run it first, or name the stages that are to be pinned."
 
 
 def unpin(

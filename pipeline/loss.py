@@ -1,14 +1,20 @@
-"""What a person is told when the only one of something is damaged: a run makes no other in its place by itself."""
+"""What a person is told of a result that is the only one of its kind.
+
+Where it is damaged, a run makes no other in its place by itself. Where what it depends on changed, the run needs
+another one, and what was made with the earlier one is strange to it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
-from pipeline.errors import UserError
-from pipeline.graph import Graph
+from pipeline.errors import RemoteError, UserError
+from pipeline.graph import Graph, Node
 from pipeline.store import Store
 
 SHOWN = 8  # names of stages
+NOT_READ = "what was made, or published, with the earlier one is not read with this one"
 
 
 def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store) -> str:
@@ -24,6 +30,16 @@ def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store)
         f"purpose, delete {' and '.join(remains)}: the next run makes another, and anew what is made from it.",
     )
     return str(error)
+
+
+def words_of_another(node: Node, key: str, graph: Graph, store: Store) -> str | None:
+    """That a stage makes another than the last time; None where it made none, or the same action made it."""
+    last = None
+    with suppress(RemoteError, OSError):  # a bucket that cannot be reached just now must not end the run
+        last = store.history.last(graph.workflow, [node.name])[node.name].made
+    if last is None or last.key == key:
+        return None
+    return f"{node.name} is made anew, for what it depends on is not as it was; {NOT_READ}"
 
 
 def _behind(name: str, graph: Graph) -> list[str]:

@@ -38,7 +38,7 @@ def make_display(workflow: str, stages: int, *, json: bool) -> Display:
 
 
 class JsonLines:
-    """One JSON object a line; why a stage failed goes to stderr."""
+    """One JSON object a line; why a stage failed, remarks and notes go to stderr, for whoever reads along."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -55,18 +55,32 @@ class JsonLines:
         line = as_json(event)
         if line:
             print(line, file=self._stream, flush=True)
-        if isinstance(event, StageEnded) and event.state == "failed":
-            print(ending(event), file=sys.stderr, flush=True)
+        words = _aside(event)
+        if words:
+            print(words, file=sys.stderr, flush=True)
+
+
+def _aside(event: Event) -> str | None:
+    """What a person has to know of an event that no line for programs tells; None where there is no such thing."""
+    if isinstance(event, StageEnded) and event.state == "failed":
+        return ending(event)
+    if isinstance(event, Remarked):
+        return remark_words(event)
+    return event.text if isinstance(event, Noted) else None
 
 
 class PlainLines:
-    """A line when a stage starts and ends, and at most one each ten seconds in between; remarks once more at last."""
+    """A line when a stage starts and ends, and at most one each ten seconds in between.
+
+    Remarks and failures are said once more at last: of many stages the last lines are what people read.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self._paces: dict[str, Pace] = {}
         self._said: dict[str, float] = {}
         self._remarks: list[Remarked] = []
+        self._failed: dict[str, StageEnded] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -76,6 +90,8 @@ class PlainLines:
     ) -> None:
         for event in self._remarks:
             self._say(remark_words(event))
+        for failure in self._failed.values():
+            self._say(ending(failure))
         self._stream.flush()
 
     def __call__(self, event: Event) -> None:
@@ -89,13 +105,20 @@ class PlainLines:
             if moment - self._said[event.name] >= SAY_EVERY:
                 self._said[event.name] = moment
                 self._say(f"{event.name}: {progress_words(event, self._paces[event.name].left(event.total))}")
-        elif isinstance(event, StageEnded) and event.state != "cached":
-            self._say(ending(event))
+        elif isinstance(event, StageEnded):
+            self._end(event)
         elif isinstance(event, Remarked):
             self._remarks.append(event)
             self._say(remark_words(event))
         elif isinstance(event, Noted):
             self._say(event.text)
+
+    def _end(self, event: StageEnded) -> None:
+        self._failed.pop(event.name, None)
+        if event.state == "failed":
+            self._failed[event.name] = event
+        if event.state != "cached":
+            self._say(ending(event))
 
     def _say(self, text: str) -> None:
         print(text, file=self._stream, flush=True)

@@ -10,10 +10,7 @@ from pathlib import Path
 
 from pipeline.checkpoint import wished_seconds
 from pipeline.errors import UserError
-from pipeline.graph import Graph
-from pipeline.plan import make_plan
-from pipeline.room import lacking_room
-from pipeline.store import Store
+from pipeline.graph import Node
 
 CHECK = "check"
 """The module of a library that says with exit status 2 and a message that stages which use it would not work."""
@@ -21,20 +18,17 @@ CHECK = "check"
 REFUSED = 2
 
 
-def check_readiness(graph: Graph, store: Store, libraries: Iterable[str]) -> str | None:
+def check_readiness(to_do: Iterable[Node], libraries: Iterable[str]) -> None:
     """Raises UserError where the environment is set so that a stage to be done cannot work in this process's workers.
 
-    Each library is asked in a process of its own, and only where the code of a stage that is not in the store yet uses
-    it: to load it takes a while, and what it reserves while it is loaded is the workers'. Returns what a person should
-    know although all can begin: that the disk may become full.
+    Each library is asked in a process of its own, and only where the code of such a stage uses it: to load it takes a
+    while, and what it reserves while it is loaded is the workers'.
     """
     wished_seconds()
-    to_do = [graph.nodes[name] for name, step in make_plan(graph, store).items() if step.state != "cached"]
     used = {module.partition(".")[0] for node in to_do for module in node.code.modules}
     for library in libraries:
         if library in used:
             _ask(library)
-    return lacking_room(to_do, store)
 
 
 def _ask(library: str) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from pipeline.action import Ancestor, Job, JobItem, Outcome, perform
 from pipeline.canonical import Json
-from pipeline.cause import lasting_words
+from pipeline.cause import lasting_cause
 from pipeline.changes import FAILED
 from pipeline.disk import words_of
 from pipeline.errors import Unreachable
@@ -25,7 +25,7 @@ from pipeline.graph import Graph, Node, Source
 from pipeline.history import Journal, StageResult
 from pipeline.interruption import interruptible
 from pipeline.keys import key_of, key_parts
-from pipeline.loss import words_of_loss
+from pipeline.loss import words_of_another, words_of_loss
 from pipeline.provenance import git_commit
 from pipeline.record import Record
 from pipeline.store import Store
@@ -268,6 +268,9 @@ class Run:
         if self._executor is None:
             self._commit = git_commit(self.package_folder)
             self._executor = self.make_executor()
+        another = words_of_another(node, key, self.graph, self.store) if node.unrepeatable else None
+        if another:
+            self.tell(Noted(another))
         if self._journal:
             self._journal.begin(key)
         self._running[node.name] = key
@@ -325,12 +328,7 @@ class Run:
         return self._stop_flag.with_name(f"{self._stop_flag.name}-{key}")
 
     def _lasting(self, name: str, cause: str) -> str:
-        """Why a stage failed, for the stages that go on without it."""
-        node = self.graph.nodes[name]
-        outside = [node.arguments.get(parameter) for parameter in node.declaration.external]
-        paths = [path for value in outside for path in (value if isinstance(value, list) else [value])]
-        words = cause.replace(f"{self.store.root}/", "")
-        return f"{node.entry}: {lasting_words(words, [path for path in paths if isinstance(path, str)])}"
+        return lasting_cause(self.graph.nodes[name], cause, self.store)
 
     def _make_again(self, name: str, key: str, outcome: Outcome) -> Iterable[str]:
         """Puts damaged inputs of a stage aside, and has what made them, and then the stage, done again.

@@ -10,6 +10,7 @@
     logs/<workflow>/<stage>.log      what a stage said when it last ran; `logs/<workflow>/private` if it is private
     scratch/<key>/                   checkpoints of an action that was interrupted
     locks/<key>.lock                 held by the kernel for the process that works on an action
+    locks/runs/<workflow>            held together by the runs of a workflow: see `other_runs`
     external/<digest>.json           names and digests of the files behind a digest, for `explain`
     cache/                           what can be computed again: of stages, their sources and external files
     damaged/                         what is not what was written, until the next `gc`: see `damaged`

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 ENGINE = [
     "plain_text package_modules bash_words",
     "declared_parameters module_names",
-    "errors interruption canonical cause collection completion cuda_process data_folder disk freed_memory hidden look "
+    "errors interruption canonical collection completion cuda_process data_folder disk freed_memory hidden look "
     "orphans",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
     "engine_code sealed temporary in_use reading",
@@ -25,13 +25,13 @@ ENGINE = [
     "stage store remote_history remote_pins remote_artifacts workflow wrong_values livetable loaded_code",
     "absent_store",
     "remote_damaged",
-    "remarks source_cache checkpoint remote external_cache privacy garbage verification workers progress",
+    "remarks source_cache checkpoint remote external_cache privacy garbage verification workers progress other_runs",
     "declaration opening outside_files",
     "graph action naming storewords cluster",
-    "room keys changes repeating description exporting urgency loss",
+    "room keys changes repeating description exporting urgency loss cause",
     "plan runner showing pictures",
     "explanation accept readiness",
-    "project planwords",
+    "project planwords foretelling",
     "commands_results commands_store",
     "cli",
     "__main__",

@@ -175,6 +175,44 @@ def test_what_says_what_was_asked_for_is_refused(
     assert session.workspace.plan()["s1"].state != "cached"
 
 
+def test_what_only_waits_for_code_names_what_to_accept_first(session: Session) -> None:
+    """To run would be the wrong remedy: it makes another result in place of the one that is to be kept."""
+    ran(session)
+    session.world.code["source"].unused += 1
+    for name in ("s1", "s2"):
+        status, said = call(session, "accept", name)
+        assert (status, "Only code changed upstream: accept s0 first." in said, "has to run" in said) == (
+            2,
+            True,
+            False,
+        )
+    assert call(session, "accept", "s0")[0] == 0
+    assert {step.state for step in session.workspace.plan().values()} == {"cached"}
+
+
+def test_what_waits_for_more_than_code_has_to_run(session: Session) -> None:
+    ran(session)
+    session.world.code["source"].unused += 1
+    session.world.nodes[1].given["factor"] = 9
+    said = call(session, "accept", "s2")[1]
+    assert "has to run" in said
+    assert "first" not in said
+
+
+def test_a_pin_after_a_change_of_code_names_what_to_accept(session: Session) -> None:
+    ran(session)
+    session.world.code["source"].unused += 1
+    session.world.code["merge"].unused += 1
+    said = "Only code changed, of s0: `accept` keeps these results, and a run may make others."
+    status, told = call(session, "pin")
+    assert (status, said in told, "Run it first" in told) == (2, True, False)
+    for name in ("s0", "s2"):
+        assert call(session, "accept", name)[0] == 0
+    assert call(session, "pin")[0] == 0
+    session.world.nodes[0].given["base"] = 9
+    assert "Run it first" in call(session, "pin", "--name", "another")[1]
+
+
 def test_what_never_ran_is_refused(session: Session) -> None:
     status, said = call(session, "accept", "s0")
     assert (status, "no result" in said) == (2, True)
@@ -222,6 +260,7 @@ def test_outputs_that_are_no_longer_those_of_the_stage_are_refused(
     where = ["--store", str(tmp_path / "store"), "--stages", "own_stages"]
     done = CliRunner().invoke(app, ["accept", str(workspace.file), "base", *where])
     assert (done.exit_code, said in done.output) == (2 if said else 0, True), done.output
+    assert ("has to run" in done.output) == bool(said)
     forget("own_stages")
     assert workspace.plan()["base"].state == ("run" if said else "cached")
     forget("own_stages")

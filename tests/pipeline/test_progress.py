@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from pipeline import progress
-from pipeline.events import Event, Noted, StageEnded, StageProgressed, StageStarted
-from pipeline.progress import PlainLines
+from pipeline.events import Event, Noted, Remarked, StageEnded, StageProgressed, StageStarted
+from pipeline.progress import JsonLines, PlainLines
 
 EVENTS: list[Event] = [
     StageStarted("hide"),
@@ -43,5 +44,33 @@ def test_plain_lines(monkeypatch: pytest.MonkeyPatch, step: float, said: bool) -
         *middle,
         "a note",
         "hide: done in 1 min 1 s",
+        *["bad: failed: no pictures (log: bad.log)"] * 2,
+    ]
+
+
+def test_what_failed_is_said_once_more_at_last() -> None:
+    """Of many stages the last lines are what is read; one that was done after all is no failure."""
+    events: list[Event] = [
+        StageEnded("bad", "failed", "5e", 1.0, {}, "no pictures"),
+        StageEnded("once", "failed", "5e", 1.0, {}, "a bad day"),
+        StageEnded("once", "ran", "5e", 1.0, {}),
+        *(StageEnded(f"fine[{number}]", "ran", "5e", 1.0, {}) for number in range(40)),
+    ]
+    stream = io.StringIO()
+    with PlainLines(stream) as display:
+        for event in events:
+            display(event)
+    assert stream.getvalue().splitlines()[-2:] == ["fine[39]: done in 1.0 s", "bad: failed: no pictures"]
+
+
+def test_beside_lines_for_programs_a_person_is_told_the_rest(capsys: pytest.CaptureFixture[str]) -> None:
+    stream = io.StringIO()
+    with JsonLines(stream) as display:
+        for event in [*EVENTS, Remarked("hide", "15 of 25 photos placed")]:
+            display(event)
+    assert [json.loads(line)["name"] for line in stream.getvalue().splitlines()] == ["cover", "hide", "bad"]
+    assert capsys.readouterr().err.splitlines() == [
+        "a note",
         "bad: failed: no pictures (log: bad.log)",
+        "hide: 15 of 25 photos placed",
     ]

@@ -1,0 +1,39 @@
+"""Whether another run of the same workflow is going on: both write its logs, and its links in `latest`."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import IO
+
+from pipeline.store import LOCKS, Store
+
+RUNS = "runs"
+
+
+@contextmanager
+def beside_others(store: Store, workflow: str) -> Iterator[bool]:
+    """Takes part in the runs of a workflow on this machine, and yields whether there are others.
+
+    False where that cannot be seen, as on a full disk or one without locks: no run fails for it.
+    """
+    with ExitStack() as taken:
+        others = False
+        with suppress(OSError):
+            path = store.folder(LOCKS, RUNS) / workflow
+            # A link would make a file elsewhere.
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+            file = taken.enter_context(os.fdopen(descriptor, "ab"))
+            others = not _is_alone(file)
+            fcntl.flock(file, fcntl.LOCK_SH)  # as those that come later do, so that each is seen until it ends
+        yield others
+
+
+def _is_alone(file: IO[bytes]) -> bool:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
