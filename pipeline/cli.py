@@ -34,6 +34,7 @@ from pipeline.console import (
     reported,
     say,
 )
+from pipeline.output import lossy_output
 from pipeline.process import set_thread_policy
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def run(
 
     Exit status: 0 done, 1 a stage failed, 2 the command or the workflow is wrong, 130 interrupted.
     """
-    with reported(store):
+    with lossy_output(), reported(store):
         from pipeline.plan import make_plan
         from pipeline.planwords import print_plan
         from pipeline.project import open_project
