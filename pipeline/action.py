@@ -188,7 +188,7 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         raise OSError(errno.ELOOP, "a link; expected a folder", str(path.parent))
     store.log(job.workflow, job.name, not private).unlink(missing_ok=True)
     log = StageLog(path, private)
-    log.line(f"{job.name} ({job.uses}), key {job.key}, commit {job.commit or 'unknown'}")
+    log.head(job.name, job.uses, job.key, job.commit)
     job.begun_flag.touch()
     tell(StageStarted(job.name))
     try:

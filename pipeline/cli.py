@@ -149,7 +149,7 @@ def status(
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Says of every stage whether its result is in the store, and if not, why.
+    """Says of every stage whether its result is in the store, and if not, why, or that a run is just making it.
 
     \b
     python -m pipeline status workflows/hide_multi.yaml

@@ -1,4 +1,5 @@
-"""The lock of a store: held together by all who work with results, and alone by who deletes some."""
+"""The locks of a store: one that all who work with results hold together, and who deletes some alone; whether another,
+that of an action, is held."""
 
 from __future__ import annotations
 
@@ -23,3 +24,19 @@ def held(lock: Path, store: Path, alone: bool) -> Iterator[None]:
             others = "runs are using the store" if alone else "results are being deleted from the store"
             raise CommandError(others, where=store, remedy="Try again when that has ended.") from None
         yield
+
+
+def is_held(lock: Path) -> bool:
+    """Whether a process holds a lock; False where that cannot be seen. A lock that is missing is not made."""
+    try:
+        descriptor = os.open(lock, os.O_RDONLY | os.O_NOFOLLOW)
+    except OSError:
+        return False
+    with os.fdopen(descriptor, "rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+    return False
