@@ -7,7 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from pipeline.executor import SerialExecutor
 from pipeline.interruption import STOPPING, interruptible
+from tests.pipeline.helpers import Workspace
 
 
 @pytest.fixture(autouse=True)
@@ -31,3 +33,18 @@ def test_only_ctrl_c_asks_again(first: signal.Signals) -> None:
         assert len(asked) == 1
         signal.raise_signal(signal.SIGINT)
         assert len(asked) == 2
+
+
+class Closing(SerialExecutor):
+    """Is interrupted while it ends its workers."""
+
+    def close(self) -> None:
+        super().close()
+        for number in (signal.SIGHUP, signal.SIGTERM):
+            assert signal.getsignal(number) is not signal.SIG_DFL, "it would be killed by the second hangup"
+            signal.raise_signal(number)
+
+
+def test_a_run_that_ends_its_workers_is_not_killed(workspace: Workspace) -> None:
+    ran = workspace.write("stages:\n  a: {uses: numbers}\n").run(executor=Closing())
+    assert ran.states == {"a": "ran"}

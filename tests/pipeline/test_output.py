@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
 
@@ -20,14 +21,17 @@ from pipeline.progress import make_display
 from tests.pipeline.helpers import TOYS, Workspace
 
 
-@pytest.fixture
-def pipe(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, TextIO]]:
-    """A pipe into which this process prints, as `|& tee` has it, and the end that is read."""
+@contextmanager
+def printed_into_a_pipe(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, TextIO]]:
+    """Has this process print into a pipe, as `|& tee` does, and gives the end that is read."""
     read, write = os.pipe()
-    with os.fdopen(write, "w", buffering=1) as printed:
-        monkeypatch.setattr(sys, "stdout", printed)
-        monkeypatch.setattr(sys, "stderr", printed)
+    printed = os.fdopen(write, "w", buffering=1)
+    with monkeypatch.context() as patch:  # not in a fixture: pytest captures what a test prints from its call on
+        patch.setattr(sys, "stdout", printed)
+        patch.setattr(sys, "stderr", printed)
         yield read, printed
+    with suppress(OSError):
+        printed.close()
 
 
 def run(workspace: Workspace, *flags: str) -> object:
@@ -38,30 +42,32 @@ def run(workspace: Workspace, *flags: str) -> object:
 
 
 @pytest.mark.parametrize("flags", [[], ["--json"]])
-def test_nobody_reads(workspace: Workspace, pipe: tuple[int, TextIO], flags: list[str]) -> None:
-    os.close(pipe[0])
+def test_nobody_reads(workspace: Workspace, monkeypatch: pytest.MonkeyPatch, flags: list[str]) -> None:
     workspace.write("stages:\n  a: {uses: numbers}\n  b: {uses: fail, in: {numbers: a}, with: {how: user}}\n")
-    assert run(workspace, *flags) == 1
-    assert workspace.plan()["a"].state == "cached"
-    pipe[1].flush()  # as Python does when it exits, which would change the exit status
+    with printed_into_a_pipe(monkeypatch) as (read, printed):
+        os.close(read)
+        assert run(workspace, *flags) == 1
+        printed.flush()  # as Python does when it exits: an error there would change the exit status
+    plan = workspace.plan()
+    assert plan["a"].state == "cached"
+    assert plan["b"].failed, "the run went on after the end of the first stage"
 
 
-def test_the_reader_of_a_pipe_dies_of_ctrl_c_first(
-    workspace: Workspace, pipe: tuple[int, TextIO], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_reader_of_a_pipe_dies_of_ctrl_c_first(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
     """The stage saves its checkpoint all the same, and the run ends as one that was interrupted."""
-    monkeypatch.setattr(signal, "getsignal", lambda number: signal.SIG_DFL)  # whoever runs the tests may ignore it
     workspace.write("stages:\n  a: {uses: wait}\n")
 
-    def tee() -> None:
-        with os.fdopen(pipe[0]) as lines:
-            next(line for line in lines if line.startswith("a: started"))
-        os.kill(os.getpid(), signal.SIGINT)
+    def tee(read: int) -> None:
+        with os.fdopen(read) as lines:
+            started = any(line.startswith("a: started") for line in lines)
+        if started:
+            os.kill(os.getpid(), signal.SIGINT)
 
-    reader = threading.Thread(target=tee)
-    reader.start()
-    assert run(workspace) == 130
-    reader.join()
+    with printed_into_a_pipe(monkeypatch) as (read, _):
+        reader = threading.Thread(target=tee, args=[read])
+        reader.start()
+        assert run(workspace) == 130
+        reader.join()
     (checkpoint,) = workspace.folder.glob("store/scratch/*/checkpoint")
     assert checkpoint.read_text() == "half"
 
