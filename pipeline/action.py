@@ -188,7 +188,7 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         raise OSError(errno.ELOOP, "a link; expected a folder", str(path.parent))
     store.log(job.workflow, job.name, not private).unlink(missing_ok=True)
     log = StageLog(path, private)
-    log.line(f"{job.name} ({job.uses}), key {job.key}, commit {job.commit or 'unknown'}")
+    log.head(job.name, job.uses, job.key, job.commit)
     job.begun_flag.touch()
     tell(StageStarted(job.name))
     try:
@@ -198,7 +198,7 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         made = Outcome("ran", record.seconds, record.outputs, private=record.private, log=path)
         return replace(made, remarks=action.remarks(record, log))
     except Interrupted as interrupted:
-        cause = str(interrupted) or "stopped"
+        cause = "; ".join(filter(None, (str(interrupted) or "stopped", action.unsaved)))
         log.line(cause)
         return Outcome("stopped", time.monotonic() - started, cause=cause, log=path)
     except (Exception, SystemExit) as error:
@@ -226,6 +226,7 @@ class _Action:
         self.loaded = LoadedCode(job.code)
         self.told = self.looked = 0.0
         self.stopping = False
+        self.unsaved = ""
 
     def run(self, work: Path, log: StageLog, tell: Tell) -> Record:
         job, began, started = self.job, now(), time.monotonic()
@@ -239,7 +240,8 @@ class _Action:
             name: ArtifactWriter(work / name, output.kind, output_is_private(output, self.private))
             for name, output in declared.outputs.items()
         }
-        services = Services(partial(self.progress, tell), log.line, self.stop_requested, self.lineage, job.command)
+        told = partial(self.progress, tell), log.line, self.stop_requested, self.lineage, job.command
+        services = Services(*told, partial(self.saved, tell))
         scratch = scratch_directory(self.store, job.key)
         context = Context(inputs, writers, scratch, job.workflow, services, self.items())
         with nobody_else_reads():
@@ -323,6 +325,16 @@ class _Action:
             self.loaded.look()
             numbers = {name: float(value) for name, value in figures.items()}
             tell(StageProgressed(self.job.name, float(done), float(total), numbers))
+
+    def saved(self, tell: Tell, problem: str | None) -> None:
+        """Tells the run once that checkpoints can no longer be kept: hours later is too late to make room for them."""
+        name, before = self.job.name, self.unsaved
+        self.unsaved = f"its checkpoint could not be written: {problem}" if problem else ""
+        if self.unsaved and not before:
+            risk = "What it does from now on is lost if it stops before that succeeds"
+            tell(Noted(f"{name}: {self.unsaved}. {risk}: look after the disk of {self.store.root} now."))
+        elif before and not self.unsaved:
+            tell(Noted(f"{name}: its checkpoints are written again"))
 
     def stop_requested(self) -> bool:
         moment = time.monotonic()

@@ -124,18 +124,21 @@ class Checkpoints:
     def save(self, state: State) -> None:
         """Puts a checkpoint in the place of the one before it.
 
-        Where the disk does not take it, the log says so, the one before stays, and work can go on.
+        Where the disk does not take it, the log and the run say so, the one before stays, and work can go on.
         """
         began = self._clock()
         aside = self._folder / f".checkpoint-{uuid.uuid4().hex}"
         before = [*self._complete(), *self._folder.glob(".checkpoint-*")]
+        problem = None
         try:
             self._write(aside, state)
         except OSError as error:
             self._log(f"the checkpoint could not be written: {error}")
+            problem = error.strerror or str(error)
             before = [aside]
         for path in before:
             shutil.rmtree(path, ignore_errors=True)
+        self._context.saved(problem)
         now = self._clock()
         self._due_at = now + self._pause(now - began)
 

@@ -35,6 +35,7 @@ from pipeline.console import (
     reported,
     say,
 )
+from pipeline.output import lossy_output
 from pipeline.process import set_thread_policy
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def run(
 
     Exit status: 0 done, 1 a stage failed, 2 the command or the workflow is wrong, 130 interrupted.
     """
-    with reported(store):
+    with lossy_output(), reported(store):
         from pipeline.plan import make_plan
         from pipeline.planwords import print_plan
         from pipeline.project import open_project
@@ -152,7 +153,7 @@ def status(
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Says of every stage whether its result is in the store, and if not, why.
+    """Says of every stage whether its result is in the store, and if not, why, or that a run is just making it.
 
     \b
     python -m pipeline status workflows/hide_multi.yaml

@@ -132,6 +132,8 @@ def in_words(explanation: Explanation, graph: Graph, duration: str) -> list[str]
     step = explanation.step
     if explanation.record:
         lines = [f"{step.name}: cached", *_made_of(explanation, graph, duration)]
+    elif step.state == "running":
+        lines = [f"{step.name}: running now"]
     elif step.state == "depends":
         lines = [f"{step.name}: to run if what it takes comes out differently"]
     elif step.state == "lost":

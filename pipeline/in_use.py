@@ -1,4 +1,5 @@
-"""The lock of a store: held together by all who work with results, and alone by who deletes some."""
+"""The locks of a store: one that all who work with results hold together, and who deletes some alone; whether another,
+that of an action, is held."""
 
 from __future__ import annotations
 
@@ -30,3 +31,19 @@ def held(lock: Path, store: Path, alone: bool) -> Iterator[None]:
                 remedy="Have the store on a disk with file locks, with --store or $GS_HIDER_STORE.",
             ) from error
         yield
+
+
+def is_held(lock: Path) -> bool:
+    """Whether a process holds a lock; False where that cannot be seen. A lock that is missing is not made."""
+    try:
+        descriptor = os.open(lock, os.O_RDONLY | os.O_NOFOLLOW)
+    except OSError:
+        return False
+    with os.fdopen(descriptor, "rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+    return False

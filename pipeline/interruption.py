@@ -13,10 +13,15 @@ STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 @contextmanager
 def interruptible(ask: Callable[[], None]) -> Iterator[None]:
     """Calls `ask` at Ctrl-C, at SIGTERM, which cluster schedulers send ahead of SIGKILL, and at SIGHUP, when a terminal
-    is closed; it may raise KeyboardInterrupt. Outside the main thread nothing is interrupted."""
+    is closed; it may raise KeyboardInterrupt. Once asked, it is asked again by Ctrl-C alone: of one hangup a shell and
+    the kernel tell, and `make` passes SIGTERM on. Outside the main thread nothing is interrupted."""
+    asked_before = False
 
     def asked(number: int, frame: FrameType | None) -> None:
-        ask()
+        nonlocal asked_before
+        again, asked_before = asked_before, True
+        if not again or number == signal.SIGINT:
+            ask()
 
     try:
         before = {number: signal.signal(number, asked) for number in STOPPING if heeded(number)}

@@ -19,18 +19,20 @@ from pipeline.graph import Graph, Node, Source
 from pipeline.history import LastResult, StageResult
 from pipeline.keys import key_of, key_parts
 from pipeline.loss import words_of_loss
+from pipeline.stagelog import is_log_of
 from pipeline.store import Store
 
-PlanState = Literal["cached", "run", "depends", "shared", "lost"]
+PlanState = Literal["cached", "running", "run", "depends", "shared", "lost"]
 
 
 @dataclass(frozen=True)
 class Step:
     """A node in the plan.
 
-    `cached`: done already, as `result` tells. `run`: to be done, for `reasons`. `depends`: to be done if what is made
-    before it comes out differently. `shared`: to be done by a stage before it that does the same. `lost`: damaged or
-    gone, and a run refuses to put another in its place. `key` is None as long as an input is not made. `changes` are
+    `cached`: done already, as `result` tells. `running`: a run is doing it; the first of `reasons` says where to read
+    more. `run`: to be done, for `reasons`. `depends`: to be done if what is made before it comes out differently.
+    `shared`: to be done by a stage before it that does the same. `lost`: damaged or gone, and a run refuses to put
+    another in its place. `key` is None as long as an input is not made. `changes` are
     what differs from the last result, and part of the reasons. `failed` is the cause of a failure since the last
     result.
     """
@@ -119,6 +121,11 @@ class _Planner:
         result = self.result(node.name, key, last.made) if key else None
         if result:
             return Step(node.name, "cached", key, result=result)
+        step = self.missing(node, key, parts, last)
+        return self.running(step, key) if key and self.store.is_locked(key) else step
+
+    def missing(self, node: Node, key: str | None, parts: Mapping[str, Any], last: LastResult) -> Step:
+        """The step of a node that is not in the store."""
         before = self.store.record(str(last.made.key)) if last.made else None
         if before is None:
             reason = "its last result is no longer in the store" if last.made else "it has never run"
@@ -130,6 +137,12 @@ class _Planner:
         waits_only = all(change.part == "input" and _waits(change) for change in changed)
         state: PlanState = "depends" if waits_only else "run"
         return Step(node.name, state, key, tuple(change.text for change in changed), changed, failed=last.cause(key))
+
+    def running(self, step: Step, key: str) -> Step:
+        """The same step while a run is doing it: of this workflow, or of another that has the same to do."""
+        logs = [self.store.log(self.graph.workflow, step.name, private) for private in (False, True)]
+        log = next((f"log: {log}" for log in logs if is_log_of(key, log)), "as another stage, or in another workflow")
+        return replace(step, state="running", reasons=(log, *(change.text for change in step.changes)))
 
     def loss(self, node: Node, key: str) -> str | None:
         """Why a run would fail that cannot make again what is gone; None where nothing is."""

@@ -15,7 +15,14 @@ from pipeline.wording import duration
 MOST_OF_A_CAUSE = 160
 """Characters of why something failed; `explain` has all of it."""
 
-STATES = {"cached": "cached", "run": "to run", "depends": "depends", "shared": "shared", "lost": "lost"}
+STATES = {
+    "cached": "cached",
+    "running": "running now",
+    "run": "to run",
+    "depends": "depends",
+    "shared": "shared",
+    "lost": "lost",
+}
 
 
 def print_plan(steps: Mapping[str, Step], as_json: bool) -> None:

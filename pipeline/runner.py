@@ -84,14 +84,15 @@ class Run:
     def run(self) -> Summary:
         """Runs everything; returns when nothing is left that can be done. Raises CommandError during a `gc`."""
         started = time.monotonic()
-        try:
-            with self.store.in_use(), self._history(), interruptible(self._ask_to_stop):
-                self.store.sweep()
-                self._loop()
-        finally:
-            if self._executor:
-                self._executor.close()
-            self._stop_flag.unlink(missing_ok=True)
+        with interruptible(self._ask_to_stop):
+            try:
+                with self.store.in_use(), self._history():
+                    self.store.sweep()
+                    self._loop()
+            finally:
+                if self._executor:
+                    self._executor.close()
+                self._stop_flag.unlink(missing_ok=True)
         counts: Counter[StageState] = Counter(self._ended.values())
         summary = Summary(time.monotonic() - started, dict(counts), self._stopped_at is not None)
         self.tell(summary)

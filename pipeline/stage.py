@@ -51,10 +51,8 @@ ExternalPath = Annotated[Path, ExternalMarker()]
 class Input:
     """An artifact that a stage takes; `many` takes any number of them, in order, as a tuple.
 
-    `kind` names one kind or several: "container or splats".
-
-    A `labelled` one, which is `many`, tells what each artifact is about, and what is lacking because it failed: see
-    `Context.items`. Both are then part of the action's key.
+    `kind` names one kind or several: "container or splats". A `labelled` one, which is `many`, tells what each artifact
+    is about, and what is lacking because it failed: see `Context.items`. Both are then part of the action's key.
     """
 
     kind: str
@@ -140,13 +138,14 @@ class Remark:
 
 @dataclass(frozen=True)
 class Services:
-    """What the engine does for a running stage; the defaults do nothing. `command`: see `Context.command`."""
+    """What the engine does for a running stage; the defaults do nothing. `saved`, `command`: see `Context`."""
 
     progress: Callable[[float, float, Mapping[str, float]], None] = lambda done, total, figures: None
     log: Callable[[str], None] = lambda text: None
     stop_requested: Callable[[], bool] = lambda: False
     lineage: Callable[[], tuple[LineageRecord, ...]] = tuple
     command: str = ""
+    saved: Callable[[str | None], None] = lambda problem: None
 
 
 class Context:
@@ -222,6 +221,10 @@ class Context:
         """Raises Interrupted where work should stop: for loops that have nothing to save."""
         if self.stop_requested():
             raise Interrupted("stopped; it begins anew next time")
+
+    def saved(self, problem: str | None) -> None:
+        """Says that a checkpoint was kept, by None, or why it could not be: a person hears of it while work goes on."""
+        self._services.saved(problem)
 
     def worked_before(self, seconds: float) -> None:
         """Says how long the work took that a checkpoint saves: its seconds count as this stage's, too."""

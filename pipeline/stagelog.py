@@ -24,6 +24,10 @@ class StageLog:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600 if private else 0o644)
         self._file = os.fdopen(descriptor, "ab", buffering=0)
 
+    def head(self, name: str, uses: str, key: str, commit: str | None) -> None:
+        """Writes by which `is_log_of` knows the log again."""
+        self.line(f"{name} ({uses}), key {key}, commit {commit or 'unknown'}")
+
     def line(self, text: str) -> None:
         """Writes a line, or several, with the time before the first."""
         self._write(f"{datetime.now():%H:%M:%S} {text}\n")
@@ -44,6 +48,15 @@ class StageLog:
         """Sends all that this process prints, C libraries included, here; for a process with one stage at a time."""
         with _descriptors_to(self._file.fileno(), (1, 2)):
             yield
+
+
+def is_log_of(key: str, path: Path) -> bool:
+    """Whether a log is that of an action; False where it is missing or may not be read."""
+    try:
+        with path.open(errors="replace") as file:
+            return f", key {key}, " in file.readline()
+    except OSError:
+        return False
 
 
 @contextmanager

@@ -42,7 +42,7 @@ from pipeline.errors import CorruptArtifact, UserError
 from pipeline.external import from_home
 from pipeline.hidden import hide_from_git
 from pipeline.history import History
-from pipeline.in_use import held
+from pipeline.in_use import held, is_held
 from pipeline.latest import Latest
 from pipeline.manifest import MANIFEST
 from pipeline.pins import Pins
@@ -176,6 +176,10 @@ class Store:
     def lock(self, key: str) -> FileLock:
         """The lock of an action; the kernel frees it when the process ends, however it ends."""
         return FileLock(self.folder(LOCKS) / f"{key}.lock")
+
+    def is_locked(self, key: str) -> bool:
+        """Whether a process works on an action just now, as far as can be seen from here."""
+        return is_held(self.root / LOCKS / f"{key}.lock")
 
     @contextmanager
     def in_use(self, alone: bool = False) -> Iterator[None]:

@@ -17,7 +17,7 @@ ENGINE = [
     "plain_text package_modules bash_words",
     "declared_parameters module_names",
     "errors interruption canonical collection completion cuda_process data_folder disk freed_memory hidden look "
-    "orphans",
+    "orphans output",
     "companion located external events provenance process stagelog drawing manifest console tables pins resources "
     "engine_code sealed temporary in_use reading",
     "arrays substitution outside_paths table record",

@@ -18,6 +18,7 @@ import pipeline.checkpoint
 from pipeline.artifact import Artifact
 from pipeline.checkpoint import EVERY, EVERY_VARIABLE, LONGEST, Checkpoints, State
 from pipeline.errors import UserError
+from pipeline.events import Noted
 from pipeline.manifest import read_manifest
 from pipeline.stage import Context, Services
 from tests.pipeline.helpers import Workspace
@@ -153,6 +154,47 @@ def test_a_full_disk_stops_no_work(context: Context, log: list[str], monkeypatch
     assert log == ["the checkpoint could not be written: [Errno 28] No space left on device"]
     assert [path.name for path in context.scratch.iterdir()] == ["checkpoint-1"]
     assert number_in(context) == 1
+
+
+@contextmanager
+def full_for(saves: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The disk takes none of the first `saves` checkpoints."""
+    publish, left = pipeline.checkpoint.publish, iter(range(saves))
+
+    def full(artifact: Artifact, directory: Path) -> Artifact:
+        if next(left, None) is not None:
+            raise OSError(28, "No space left on device")
+        return publish(artifact, directory)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pipeline.checkpoint, "publish", full)
+        yield
+
+
+def test_the_run_says_that_a_disk_is_full_while_work_goes_on(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once, not each minute; and whoever stops the work hears that it will go on from further back."""
+    workspace.write("stages:\n  a: {uses: keep}\n")
+    with full_for(2, monkeypatch):
+        ran = workspace.run()
+    (note,) = (event.text for event in ran.events if isinstance(event, Noted))
+    assert note == (
+        "a: its checkpoint could not be written: No space left on device. What it does from now on is lost if it "
+        f"stops before that succeeds: look after the disk of {workspace.folder / 'store'} now."
+    )
+    assert ran.ended["a"].cause == (
+        "stopped after number 2; its checkpoint could not be written: No space left on device"
+    )
+
+
+def test_the_run_says_that_there_is_room_again(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    workspace.write("stages:\n  a: {uses: keep}\n")
+    with full_for(1, monkeypatch):
+        ran = workspace.run()
+    notes = [event.text for event in ran.events if isinstance(event, Noted)]
+    assert notes[1:] == ["a: its checkpoints are written again"]
+    assert ran.ended["a"].cause == "stopped after number 2"
 
 
 def rewrite(checkpoint: Path, change: dict[str, object]) -> None:

@@ -1,0 +1,92 @@
+"""A terminal, or whoever reads a pipe, that goes away during a run: the run goes on, and ends as it would have."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TextIO
+
+import pytest
+
+from pipeline import cli
+from pipeline.events import Noted, StageEnded, StageStarted
+from pipeline.livetable import LiveTable
+from pipeline.output import lossy_output
+from pipeline.progress import make_display
+from tests.pipeline.helpers import TOYS, Workspace
+
+
+@contextmanager
+def printed_into_a_pipe(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, TextIO]]:
+    """Has this process print into a pipe, as `|& tee` does, and gives the end that is read."""
+    read, write = os.pipe()
+    printed = os.fdopen(write, "w", buffering=1)
+    with monkeypatch.context() as patch:  # not in a fixture: pytest captures what a test prints from its call on
+        patch.setattr(sys, "stdout", printed)
+        patch.setattr(sys, "stderr", printed)
+        yield read, printed
+    with suppress(OSError):
+        printed.close()
+
+
+def run(workspace: Workspace, *flags: str) -> object:
+    """The exit status of `run` in this process, where it is another than 0."""
+    store = str(workspace.folder / "store")
+    arguments = ["run", str(workspace.file), "--stages", TOYS, "--store", store, "--serial", *flags]
+    return cli.app(arguments, standalone_mode=False)
+
+
+@pytest.mark.parametrize("flags", [[], ["--json"]])
+def test_nobody_reads(workspace: Workspace, monkeypatch: pytest.MonkeyPatch, flags: list[str]) -> None:
+    workspace.write("stages:\n  a: {uses: numbers}\n  b: {uses: fail, in: {numbers: a}, with: {how: user}}\n")
+    with printed_into_a_pipe(monkeypatch) as (read, printed):
+        os.close(read)
+        assert run(workspace, *flags) == 1
+        printed.flush()  # as Python does when it exits: an error there would change the exit status
+    plan = workspace.plan()
+    assert plan["a"].state == "cached"
+    assert plan["b"].failed, "the run went on after the end of the first stage"
+
+
+def test_the_reader_of_a_pipe_dies_of_ctrl_c_first(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stage saves its checkpoint all the same, and the run ends as one that was interrupted."""
+    workspace.write("stages:\n  a: {uses: wait}\n")
+
+    def tee(read: int) -> None:
+        with os.fdopen(read) as lines:
+            started = any(line.startswith("a: started") for line in lines)
+        if started:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with printed_into_a_pipe(monkeypatch) as (read, _):
+        reader = threading.Thread(target=tee, args=[read])
+        reader.start()
+        assert run(workspace) == 130
+        reader.join()
+    (checkpoint,) = workspace.folder.glob("store/scratch/*/checkpoint")
+    assert checkpoint.read_text() == "half"
+
+
+def test_a_terminal_is_closed_below_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    keyboard, screen = os.openpty()
+    with os.fdopen(screen, "w", buffering=1) as printed:
+        monkeypatch.setattr(sys, "stderr", printed)
+        with lossy_output(), make_display("w", 2, json=False) as display:
+            assert isinstance(display, LiveTable)
+            display(StageStarted("a"))
+            os.close(keyboard)
+            display(Noted("nobody sees this"))
+            display(StageEnded("a", "ran", "5e", 1.0, {}))
+            display(StageEnded("b", "failed", "5e", 1.0, {}, "no pictures", tmp_path / "b.log"))
+
+
+def test_what_can_be_printed_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    with lossy_output():
+        print("to whom it may concern")
+        print("and to others", file=sys.stderr)
+    assert capsys.readouterr() == ("to whom it may concern\n", "and to others\n")

@@ -1,0 +1,83 @@
+"""What a plan says of a stage that a run is just doing, in another terminal or on another machine."""
+
+from __future__ import annotations
+
+import pytest
+
+from pipeline.events import Event, StageStarted
+from pipeline.executor import SerialExecutor, Tell
+from pipeline.explanation import explain, in_words
+from pipeline.plan import Step, make_plan
+from pipeline.planwords import print_plan
+from tests.pipeline.helpers import Workspace
+
+TWO = """
+    name: two
+    stages:
+      base:  {uses: numbers}
+      twice: {uses: scale, in: {numbers: base}}
+    """
+
+
+class Planning(SerialExecutor):
+    """Makes a plan whenever a stage has begun, as `status` does that is called meanwhile."""
+
+    def __init__(self, workspace: Workspace, *settings: str) -> None:
+        super().__init__()
+        self.workspace = workspace
+        self.settings = settings
+        self.plans: dict[str, dict[str, Step]] = {}
+
+    def wait(self, tell: Tell, seconds: float) -> tuple[str, object] | None:
+        def told(event: Event) -> None:
+            tell(event)
+            if isinstance(event, StageStarted):
+                self.plans[event.name] = self.workspace.plan(*self.settings)
+
+        return super().wait(told, seconds)
+
+
+def test_what_runs_is_said_with_its_log(workspace: Workspace, capsys: pytest.CaptureFixture[str]) -> None:
+    executor = Planning(workspace.write(TWO))
+    workspace.run(executor=executor)
+    log = workspace.folder / "store/logs/two/base.log"
+    print_plan(executor.plans["base"], as_json=False)
+    assert capsys.readouterr().out.splitlines() == [
+        f"base   running now  log: {log}",
+        "twice  to run  it has never run",
+        "1 to run, 1 running now",
+    ]
+    assert [step.state for step in executor.plans["twice"].values()] == ["cached", "running"]
+    assert [step.state for step in workspace.plan().values()] == ["cached", "cached"]
+
+
+def test_what_changed_is_explained_while_it_runs(workspace: Workspace) -> None:
+    workspace.write(TWO).run()
+    executor = Planning(workspace, "twice.factor=7")
+    workspace.run("twice.factor=7", executor=executor)
+    project = workspace.open("twice.factor=7")
+    (explanation,) = explain(project.graph, executor.plans["twice"], project.store, ["twice"])
+    assert in_words(explanation, project.graph, "") == [
+        "twice: running now",
+        f"  log: {workspace.folder / 'store/logs/two/twice.log'}",
+        "  parameter factor: 2.0 → 7.0",
+    ]
+
+
+def test_a_log_of_something_else_is_not_named(workspace: Workspace) -> None:
+    """Another workflow does the same action; the log of this one's stage tells of an action before it."""
+    workspace.write(TWO).run()
+    project = workspace.open("base.count=9")
+    key = make_plan(project.graph, project.store)["base"].key
+    assert key
+    with project.store.lock(key):
+        step = workspace.plan("base.count=9")["base"]
+    assert (step.state, step.reasons[0]) == ("running", "as another stage, or in another workflow")
+    assert workspace.plan("base.count=9")["base"].state == "run", "a lock that nobody holds means nothing"
+
+
+def test_to_plan_makes_no_locks(workspace: Workspace) -> None:
+    store = workspace.write(TWO).open().store
+    before = sorted(store.root.rglob("*.lock"))
+    workspace.plan()
+    assert sorted(store.root.rglob("*.lock")) == before
