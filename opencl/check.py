@@ -1,8 +1,9 @@
 """`python -m opencl.check`: whether stages that draw find their device, asked before a run begins.
 
-Exit status 2, with what is wrong, where they do not: nothing is there that is asked for, or NVIDIA's GPU, on which
-torch would keep all tensors, is one that OpenCL does not see, so that a CPU would draw for days what the GPU draws in
-an hour. It loads no more than it takes to list the devices, and torch only where NVIDIA's driver is without its OpenCL.
+Exit status 2, with what is wrong, where they do not: nothing is there that is asked for; or there is an NVIDIA GPU and
+torch does not work on it, or OpenCL does not see it, so that a CPU would draw for days what the GPU draws in an hour.
+Who wants the CPU says so, by GS_HIDER_DEVICE or, as to all of CUDA's programs, by an empty CUDA_VISIBLE_DEVICES. It
+loads no more than it takes to list the devices, and torch only where there is an NVIDIA GPU.
 """
 
 from __future__ import annotations
@@ -13,6 +14,9 @@ import sys
 from opencl.cuda_driver import load_driver
 from opencl.device import DEVICE_VARIABLE, choose_device, list_devices
 
+VISIBLE_VARIABLE = "CUDA_VISIBLE_DEVICES"
+"""CUDA's own environment variable: the GPUs that its programs see."""
+
 
 def main() -> int:
     try:
@@ -21,31 +25,30 @@ def main() -> int:
         remedy = f". Set {DEVICE_VARIABLE} to one of these, or unset it for the default one." if list_devices() else ""
         print(f"{error}{remedy}", file=sys.stderr)
         return 2
-    if _tensors_are_where_nothing_draws():
-        from opencl.nvidia import MISSING_ICD
-
-        print(
-            f"{MISSING_ICD}\nOr have {device.name} do all the work: {DEVICE_VARIABLE}={device.index}", file=sys.stderr
-        )
+    faults = _faults_of_nvidia()
+    if faults:
+        way_out = f"Or have {device.name} do all the work: {DEVICE_VARIABLE}={device.index}"
+        print("\n".join([*faults, way_out]), file=sys.stderr)
         return 2
     return 0
 
 
-def _tensors_are_where_nothing_draws() -> bool:
-    """Whether torch works on an NVIDIA GPU that OpenCL does not see, and nobody asked for another device."""
+def _faults_of_nvidia() -> list[str]:
+    """Why an NVIDIA GPU of this machine would be left idle though nobody asked for another device."""
+    if os.environ.get(DEVICE_VARIABLE) or os.environ.get(VISIBLE_VARIABLE, "all").strip() in ("", "-1"):
+        return []
     seen = any("nvidia" in device.handle.platform.name.lower() for device in list_devices())
-    if os.environ.get(DEVICE_VARIABLE) or seen or not _has_driver():
-        return False
-    import torch
-
-    return torch.version.cuda is not None and torch.cuda.is_available()
-
-
-def _has_driver() -> bool:
     try:
-        return load_driver() is not None
-    except RuntimeError:  # it does not start, for torch neither
-        return False
+        started = load_driver() is not None
+    except RuntimeError as error:
+        if not seen and "NO_DEVICE" in str(error):
+            return []
+        return [f"NVIDIA's driver does not start ({error}): restart the machine, or install the driver again."]
+    if not seen and not started:
+        return []
+    from opencl.nvidia import faults
+
+    return faults(seen)
 
 
 if __name__ == "__main__":

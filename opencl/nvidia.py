@@ -1,4 +1,4 @@
-"""Which OpenCL device is torch's CUDA device, and what is missing where none is."""
+"""Which OpenCL device is torch's CUDA device, and what is missing where none is or torch has none."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from opencl.device import Device
 _VENDOR = "nvidia"
 
 MISSING_ICD = """\
-torch sees a CUDA device, OpenCL sees none of NVIDIA's: its ICD file is missing, as in most containers. It is one line:
+NVIDIA's driver has a GPU that OpenCL does not see: its ICD file is missing, as in most containers. It is one line:
   mkdir -p /etc/OpenCL/vendors && echo libnvidia-opencl.so.1 > /etc/OpenCL/vendors/nvidia.icd
 Without root, in a directory of your own, which is named before Python starts:
   mkdir -p ~/opencl && echo libnvidia-opencl.so.1 > ~/opencl/nvidia.icd && export OCL_ICD_VENDORS=~/opencl
@@ -21,6 +21,39 @@ Without root, in a directory of your own, which is named before Python starts:
 If libnvidia-opencl.so.1 itself is missing (ldconfig -p | grep nvidia-opencl): in a container, start it with
 NVIDIA_DRIVER_CAPABILITIES=compute,utility; else install the driver's OpenCL (Debian and Ubuntu: nvidia-opencl-icd or
 libnvidia-compute-<version of the driver>)."""
+
+
+def faults(seen: bool) -> list[str]:
+    """What keeps torch's work from the NVIDIA GPU of this machine, and what helps; `seen`: whether OpenCL sees it.
+
+    Nothing where torch works on it and OpenCL draws there, or where torch works on another maker's GPU.
+    """
+    if torch.version.cuda is None and torch.cuda.is_available():
+        return []
+    of_torch = _fault_of_torch()
+    return [*([of_torch] if of_torch else []), *([] if seen else [MISSING_ICD])]
+
+
+def _fault_of_torch() -> str | None:
+    """None where it works there."""
+    if torch.version.cuda is None:
+        return (
+            f"This machine has an NVIDIA GPU, and torch {torch.__version__} is not built for CUDA: install one that "
+            "is, as pytorch.org/get-started says."
+        )
+    try:
+        torch.cuda.init()
+    except RuntimeError as error:
+        return (
+            f"torch {torch.__version__}, built for CUDA {torch.version.cuda}, does not start on this machine's NVIDIA "
+            f"GPU ({_first_line(error)}): install a newer driver, or a torch that is built for the CUDA of this one "
+            "(nvidia-smi names it; pytorch.org/get-started)."
+        )
+    return None
+
+
+def _first_line(error: RuntimeError) -> str:
+    return str(error).partition("\n")[0].rstrip(".")
 
 
 def is_nvidia(device: Device) -> bool:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from types import SimpleNamespace
 
-import pyopencl
 import pytest
 import torch
 
@@ -13,39 +11,12 @@ from opencl import routes
 from opencl.__main__ import main
 from opencl.backend import default_backend
 from opencl.cuda_driver import CudaDriver
-from opencl.device import DEVICE_VARIABLE, Device, list_devices
+from opencl.device import DEVICE_VARIABLE, list_devices
 from opencl.nvidia import MISSING_ICD, opencl_device_of, pci_location, torch_device_of
 from tests.opencl.fake_cuda import FakeCuda
+from tests.opencl.pretended_devices import gpu
 
 CUDA = torch.device("cuda", 0)
-
-
-@dataclass(frozen=True)
-class FakeHandle:
-    """As much of a pyopencl.Device as choosing asks for."""
-
-    platform: SimpleNamespace = field(hash=False)
-    name: str
-    vendor: str
-    type: int = pyopencl.device_type.GPU
-    location: tuple[int, int, int] = (0, 65, 0)
-    knows_domain: bool = True
-
-    def get_info(self, what):
-        domain, bus, slot = self.location
-        information = pyopencl.device_info
-        if what == information.PCI_DOMAIN_ID_NV and not self.knows_domain:
-            raise pyopencl.LogicError("clGetDeviceInfo failed: INVALID_VALUE")
-        return {
-            information.PCI_DOMAIN_ID_NV: domain,
-            information.PCI_BUS_ID_NV: bus,
-            information.PCI_SLOT_ID_NV: slot << 3,
-        }[what]
-
-
-def gpu(maker="NVIDIA Corporation", platform="NVIDIA CUDA", index="1:0", **options) -> Device:
-    handle = FakeHandle(SimpleNamespace(name=platform, version="OpenCL 3.0"), f"GPU of {maker}", maker, **options)
-    return Device(index, handle)
 
 
 @pytest.fixture
