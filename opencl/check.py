@@ -12,7 +12,7 @@ import os
 import sys
 
 from opencl.cuda_driver import load_driver
-from opencl.device import DEVICE_VARIABLE, choose_device, list_devices
+from opencl.device import DEVICE_VARIABLE, Device, choose_device, list_devices
 
 VISIBLE_VARIABLE = "CUDA_VISIBLE_DEVICES"
 """CUDA's own environment variable: the GPUs that its programs see."""
@@ -25,19 +25,21 @@ def main() -> int:
         remedy = f". Set {DEVICE_VARIABLE} to one of these, or unset it for the default one." if list_devices() else ""
         print(f"{error}{remedy}", file=sys.stderr)
         return 2
-    faults = _faults_of_nvidia()
+    faults = _faults_of_nvidia(device)
     if faults:
-        way_out = f"Or have {device.name} do all the work: {DEVICE_VARIABLE}={device.index}"
-        print("\n".join([*faults, way_out]), file=sys.stderr)
+        other = choose_device("")
+        way_out = [f"Or have {other.name} do all the work: {DEVICE_VARIABLE}={other.index}"] if other.is_cpu else []
+        print("\n".join([*faults, *way_out]), file=sys.stderr)
         return 2
     return 0
 
 
-def _faults_of_nvidia() -> list[str]:
-    """Why an NVIDIA GPU of this machine would be left idle though nobody asked for another device."""
-    if os.environ.get(DEVICE_VARIABLE) or os.environ.get(VISIBLE_VARIABLE, "all").strip() in ("", "-1"):
+def _faults_of_nvidia(chosen: Device) -> list[str]:
+    """Why an NVIDIA GPU of this machine would fail, or be left idle though nobody asked for another device."""
+    asked = bool(os.environ.get(DEVICE_VARIABLE))
+    if (asked and not _is_nvidia(chosen)) or os.environ.get(VISIBLE_VARIABLE, "all").strip() in ("", "-1"):
         return []
-    seen = any("nvidia" in device.handle.platform.name.lower() for device in list_devices())
+    seen = any(map(_is_nvidia, list_devices()))
     try:
         started = load_driver() is not None
     except RuntimeError as error:
@@ -48,7 +50,12 @@ def _faults_of_nvidia() -> list[str]:
         return []
     from opencl.nvidia import faults
 
-    return faults(seen)
+    return faults(seen, asked)
+
+
+def _is_nvidia(device: Device) -> bool:
+    """As `nvidia.is_nvidia`, which loads torch."""
+    return "nvidia" in device.handle.platform.name.lower()
 
 
 if __name__ == "__main__":

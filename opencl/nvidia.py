@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import pyopencl
@@ -23,14 +24,18 @@ NVIDIA_DRIVER_CAPABILITIES=compute,utility; else install the driver's OpenCL (De
 libnvidia-compute-<version of the driver>)."""
 
 
-def faults(seen: bool) -> list[str]:
-    """What keeps torch's work from the NVIDIA GPU of this machine, and what helps; `seen`: whether OpenCL sees it.
+def faults(seen: bool, asked: bool) -> list[str]:
+    """What keeps torch's work from the NVIDIA GPU of this machine, and what helps.
 
-    Nothing where torch works on it and OpenCL draws there, or where torch works on another maker's GPU.
+    `seen` is whether OpenCL sees it, `asked` whether it is asked for by name: then tensors of the CPU are copied to it
+    where torch has no CUDA. Nothing where torch works on it and OpenCL draws there, or torch on another maker's GPU.
     """
-    if torch.version.cuda is None and torch.cuda.is_available():
-        return []
-    of_torch = _fault_of_torch()
+    with warnings.catch_warnings():  # of torch's, about what is told here
+        warnings.simplefilter("ignore")
+        available = torch.cuda.is_available()
+        if (asked and not available) or (available and torch.version.cuda is None):
+            return []
+        of_torch = _fault_of_torch()
     return [*([of_torch] if of_torch else []), *([] if seen else [MISSING_ICD])]
 
 
@@ -48,6 +53,16 @@ def _fault_of_torch() -> str | None:
             f"torch {torch.__version__}, built for CUDA {torch.version.cuda}, does not start on this machine's NVIDIA "
             f"GPU ({_first_line(error)}): install a newer driver, or a torch that is built for the CUDA of this one "
             "(nvidia-smi names it; pytorch.org/get-started)."
+        )
+    try:
+        torch.zeros(1, device="cuda").add_(1).item()
+    except RuntimeError as error:
+        if "out of memory" in str(error):  # it works, and others use it at the moment
+            return None
+        return (
+            f"torch {torch.__version__}, built for CUDA {torch.version.cuda}, computes nothing on this machine's "
+            f"NVIDIA GPU ({_first_line(error)}): where it has no kernels for this GPU, install one that has "
+            "(pytorch.org/get-started; for GPUs older than Turing, sm_75, one that is built for CUDA 12)."
         )
     return None
 

@@ -59,6 +59,8 @@ def nvidia_without_opencl(monkeypatch):
     monkeypatch.setattr(torch.version, "cuda", "13.0")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "init", lambda: None)
+    zeros = torch.zeros
+    monkeypatch.setattr(torch, "zeros", lambda count, device: zeros(count))
 
 
 @pytest.fixture
@@ -96,6 +98,13 @@ def a_driver_that_does_not_start(monkeypatch):
     monkeypatch.setattr(check, "load_driver", start_with("CUDA_ERROR_SYSTEM_DRIVER_MISMATCH (803)"))
 
 
+def no_kernels_for_it(monkeypatch):
+    def zeros(count, device):
+        raise RuntimeError("CUDA error: no kernel image is available for execution on the device\nMore of it.")
+
+    monkeypatch.setattr(torch, "zeros", zeros)
+
+
 def start_with(error):
     def start():
         raise RuntimeError(f"cuInit: {error}")
@@ -107,6 +116,7 @@ FAULTS = {
     no_torch_for_it: f"torch {torch.__version__} is not built for CUDA: install one that is",
     an_old_driver: "GPU (The NVIDIA driver on your system is too old (found version 12020)): install a newer driver",
     a_driver_that_does_not_start: "driver does not start (cuInit: CUDA_ERROR_SYSTEM_DRIVER_MISMATCH (803)): restart",
+    no_kernels_for_it: "GPU (CUDA error: no kernel image is available for execution on the device): where it has no",
 }
 
 
@@ -118,6 +128,25 @@ def test_a_gpu_that_torch_does_not_work_on(nvidia, monkeypatch, capsys, fault):
     told, _, rest = capsys.readouterr().err.partition("\n")
     assert FAULTS[fault] in told
     assert rest == way_out()
+
+
+def test_a_gpu_that_is_asked_for_must_work_too(nvidia, monkeypatch, capsys):
+    """Or a stage would die of its first kernel, after others took hours."""
+    monkeypatch.setenv(DEVICE_VARIABLE, "nvidia")
+    assert check.main() == 0
+    no_kernels_for_it(monkeypatch)
+    assert check.main() == 2
+    assert capsys.readouterr().err.endswith(f"\n{way_out()}")
+    no_torch_for_it(monkeypatch)
+    assert check.main() == 0, "tensors of the CPU are copied to it"
+
+
+def test_a_gpu_that_others_fill_at_the_moment(nvidia, monkeypatch):
+    def zeros(count, device):
+        raise RuntimeError("CUDA out of memory. Tried to allocate 2.00 MiB.")
+
+    monkeypatch.setattr(torch, "zeros", zeros)
+    assert check.main() == 0
 
 
 def test_all_that_is_missing_is_told_at_once(nvidia_without_opencl, monkeypatch, capsys):
