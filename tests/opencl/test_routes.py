@@ -6,17 +6,33 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from torch.nn.functional import conv2d
 
+import opencl.device
 from opencl import routes
 from opencl.__main__ import main
 from opencl.backend import default_backend
+from opencl.convolution import can_convolve, convolve
 from opencl.cuda_driver import CudaDriver
-from opencl.device import DEVICE_VARIABLE, list_devices
+from opencl.device import DEVICE_VARIABLE, Device, list_devices
 from opencl.nvidia import MISSING_ICD, opencl_device_of, pci_location, torch_device_of
+from opencl.pixel_decoder import decode_pixels
+from tests.opencl import test_convolution, test_pixel_decoder
 from tests.opencl.fake_cuda import FakeCuda
 from tests.opencl.pretended_devices import gpu
 
 CUDA = torch.device("cuda", 0)
+
+
+@pytest.fixture(autouse=True)
+def no_answers_from_before():
+    """They are kept, by what is asked for."""
+    kept = (routes._backend_for, routes._backend_in_place, routes._device_in_place)
+    for answers in kept:
+        answers.cache_clear()
+    yield
+    for answers in kept:
+        answers.cache_clear()
 
 
 @pytest.fixture
@@ -28,7 +44,6 @@ def driver() -> CudaDriver:
 @pytest.fixture
 def machine(monkeypatch, driver):
     """Set which devices OpenCL sees, whose torch it is, and what is asked for; backends only say what they are."""
-    routes._backend_for.cache_clear()
     monkeypatch.setattr(routes, "CudaBackend", lambda device, driver, where: ("zero-copy", device, where))
     monkeypatch.setattr(routes, "Backend", lambda device: ("copies", device))
     monkeypatch.setattr(routes, "default_backend", lambda: "default")
@@ -53,7 +68,6 @@ def machine(monkeypatch, driver):
     torch.set_float32_matmul_precision(precision)
     torch.use_deterministic_algorithms(False)
     torch.utils.deterministic.fill_uninitialized_memory = filled
-    routes._backend_for.cache_clear()
 
 
 def test_tensors_of_the_cpu_go_where_the_variable_says(machine):
@@ -63,16 +77,46 @@ def test_tensors_of_the_cpu_go_where_the_variable_says(machine):
 
 @pytest.mark.parametrize("devices", [[], [gpu()]], ids=["none", "a GPU"])
 def test_nothing_is_in_place_where_no_cpu_draws_and_no_device_is_set_up_to_say_so(monkeypatch, devices):
-    monkeypatch.setenv(DEVICE_VARIABLE, f"one of {len(devices)}")  # answers are kept, by what is asked for
-    monkeypatch.setattr(routes, "list_devices", lambda: devices)
-    monkeypatch.setattr(routes, "choose_device", lambda: devices[0])
+    see(monkeypatch, devices)
+    monkeypatch.setenv(DEVICE_VARIABLE, "nvidia")
     monkeypatch.delattr(routes, "default_backend")
     assert not routes.works_in_place(torch.device("cpu"))
+    with pytest.raises(ValueError, match="no OpenCL device works in the CPU's memory"):
+        routes.backend_in_place()
 
 
 def test_tensors_of_the_cpu_are_in_place_on_pocl():
     assert routes.works_in_place(torch.device("cpu"))
     assert not routes.works_in_place(CUDA)
+
+
+def test_tensors_of_the_cpu_are_convolved_and_decoded_on_pocl_where_a_gpu_is_asked_for(monkeypatch):
+    """torch's own convolutions take twice as long."""
+    pocl = default_backend().device
+    see(monkeypatch, [pocl, gpu()])
+    monkeypatch.setenv(DEVICE_VARIABLE, "nvidia")
+    monkeypatch.setattr(routes, "default_backend", lambda: pytest.fail("the GPU's"))
+    values, weight, bias = test_convolution.inputs(1, 16, 16, 4, 4)
+    assert can_convolve(values, weight)
+    torch.testing.assert_close(convolve(values, weight, bias), conv2d(values, weight, bias, padding=1))
+    assert decode_pixels(*test_pixel_decoder.decoder(4, 16, 3)).shape == (4, 3)
+    assert routes.backend_in_place().device == pocl
+
+
+def test_pocl_that_cannot_build_is_no_matter_where_a_gpu_is_asked_for(monkeypatch):
+    def prepare(device):
+        raise ValueError("this PoCL does not know the processor")
+
+    see(monkeypatch, [default_backend().device, gpu()])
+    monkeypatch.setattr(Device, "prepare", prepare)
+    monkeypatch.setenv(DEVICE_VARIABLE, "nvidia")
+    assert not routes.works_in_place(torch.device("cpu"))
+
+
+def see(monkeypatch, devices):
+    """OpenCL has these."""
+    for module in (routes, opencl.device):
+        monkeypatch.setattr(module, "list_devices", lambda: devices)
 
 
 def test_cuda_tensors_are_drawn_in_place(machine):
