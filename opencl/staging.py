@@ -9,6 +9,7 @@ is found by its tensor's storage, held by a weak reference: while that exists, n
 from __future__ import annotations
 
 import threading
+import weakref
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +49,7 @@ class StagedMemory:
         self._most_in_use = 0
         self._residents: dict[int, _Resident] = {}
         self._lock = threading.RLock()
+        _memories.add(self)
 
     @property
     def tensor_device(self) -> torch.device:
@@ -86,10 +88,19 @@ class StagedMemory:
     def _keep(self, tensor: Tensor, on_host: bool, buffer: pyopencl.Buffer | None) -> None:
         storage = tensor.untyped_storage()
         with self._lock:
-            gone = [key for key, kept in self._residents.items() if kept.storage.expired()]
-            for key in gone:
-                del self._residents[key]
+            self._forget_gone()
             self._residents[storage._cdata] = _Resident(StorageWeakRef(storage), _version(tensor), on_host, buffer)
+
+    def _forget_gone(self) -> None:
+        gone = [key for key, kept in self._residents.items() if kept.storage.expired()]
+        for key in gone:
+            del self._residents[key]
+
+    def return_held(self) -> None:
+        """Give the device back what no tensor stands for."""
+        with self._lock:
+            self._forget_gone()
+            self._pool.free_held()
 
     def resident(self, tensor: Tensor) -> pyopencl.Buffer | None:
         storage = tensor.untyped_storage()
@@ -139,6 +150,16 @@ class StagedMemory:
         given = torch.empty_like(tensor)
         self._pinned.download(buffer, _bytes_of(given))
         return given
+
+
+_memories: weakref.WeakSet[StagedMemory] = weakref.WeakSet()
+"""Of this process."""
+
+
+def return_held_memory() -> None:
+    """Give all devices back what no tensor of this process stands for, for other processes: when a stage has ended."""
+    for memory in tuple(_memories):
+        memory.return_held()
 
 
 class _PinnedCopies:

@@ -224,6 +224,18 @@ def test_buffers_of_one_size_are_used_again(staged):
     assert held == memory._pool.managed_bytes <= 5 * 2**16
 
 
+def test_buffers_that_nothing_stands_for_are_given_back_when_a_stage_has_ended(staged):
+    """Other processes are to draw on the device next."""
+    memory = StagedMemory(staged.context, staged.queue)
+    tensors = [memory.empty(2**16, dtype=torch.uint8) for _ in range(3)]
+    in_use = memory._pool.managed_bytes
+    staging.return_held_memory()
+    assert memory._pool.managed_bytes == in_use
+    del tensors[1:]
+    staging.return_held_memory()
+    assert memory._pool.managed_bytes == in_use // 3
+
+
 def test_zeros_are_zeros(staged):
     zeros = staged.memory.zeros(3, 5, dtype=torch.float64)
     zeros.data.numpy().fill(1)  # what the device holds is what counts
