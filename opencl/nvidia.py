@@ -91,18 +91,22 @@ def pci_location(device: Device) -> tuple[int, int, int] | None:
     return int(domain), int(bus), int(slot) >> 3  # of the slot the lower three bits are the function
 
 
-def torch_device_of(device: Device, driver: CudaDriver) -> torch.device | None:
+def torch_device_of(device: Device, devices: Sequence[Device], driver: CudaDriver) -> torch.device | None:
     """Torch's CUDA device for one of OpenCL's devices; None where torch does not use it."""
-    location = pci_location(device) if is_nvidia(device) else None
-    if location is None or torch.version.cuda is None:
+    if torch.version.cuda is None or not is_nvidia(device):
         return None
-    for ordinal in range(torch.cuda.device_count()):
-        if driver.pci_location(ordinal) == location:
-            return torch.device("cuda", ordinal)
-    return None
+    candidates = (torch.device("cuda", ordinal) for ordinal in range(torch.cuda.device_count()))
+    return next((one for one in candidates if opencl_device_of(one, devices, driver) == device), None)
 
 
 def opencl_device_of(tensor_device: torch.device, devices: Sequence[Device], driver: CudaDriver) -> Device | None:
-    """OpenCL's device for one of torch's CUDA devices; None where OpenCL does not see it."""
+    """OpenCL's device for one of torch's CUDA devices; None where OpenCL does not see it.
+
+    That at its place on the PCI bus. Virtual GPUs and odd domains are told of differently: where OpenCL and torch each
+    see one device alone, that is it.
+    """
+    of_nvidia = [device for device in devices if is_nvidia(device)]
+    if len(of_nvidia) == torch.cuda.device_count() == 1:
+        return of_nvidia[0]
     location = driver.pci_location(tensor_device.index or 0)
-    return next((device for device in devices if is_nvidia(device) and pci_location(device) == location), None)
+    return next((device for device in of_nvidia if pci_location(device) == location), None)

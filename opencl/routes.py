@@ -90,7 +90,7 @@ def _backend_for(setting: str, tensor_device: torch.device) -> Backend:
             lacking = " ".join(missing_pieces(list_devices()))
             warnings.warn(f"{tensor_device}: drawn elsewhere, with copies. {lacking}".strip(), stacklevel=2)
         return default_backend()
-    if driver is not None and torch_device_of(own, driver) == tensor_device:
+    if driver is not None and torch_device_of(own, list_devices(), driver) == tensor_device:
         torch.cuda.init()
         return CudaBackend(own, driver, tensor_device)
     if driver is not None:
@@ -150,7 +150,7 @@ def describe_route(device: Device) -> str:
     if device.shares_memory:
         return "cpu schedule, works in torch's memory"
     driver = cuda_driver()
-    owner = torch_device_of(device, driver) if driver is not None else None
+    owner = torch_device_of(device, list_devices(), driver) if driver is not None else None
     if owner is not None:
         return f"gpu schedule, works in torch's memory on {owner} (PTX); CPU tensors by copies through pinned memory"
     copies = f"{'cpu' if device.is_cpu else 'gpu'} schedule, copies through pinned memory"

@@ -136,9 +136,18 @@ def test_another_device_is_used_where_it_is_asked_for(machine):
     assert routes.backend_for(CUDA) == "default"
 
 
+@pytest.mark.parametrize("location", [(0, 66, 0), (0x10000, 65, 0)], ids=["a virtual GPU", "an odd domain"])
+def test_the_only_gpu_is_the_only_one_wherever_it_says_it_is(machine, location):
+    """Or all would be copied, for nothing."""
+    own = gpu(location=location)
+    machine(own)
+    assert routes.backend_for(CUDA) == ("zero-copy", own, CUDA)
+    assert "works in torch's memory on cuda:0 (PTX)" in routes.describe_route(own)
+
+
 def test_cuda_tensors_with_another_nvidia_gpu_are_copied(machine):
     other = gpu(location=(0, 66, 0))
-    machine(other)
+    machine(other, gpu(index="1:1", location=(0, 67, 0)))
     with pytest.warns(UserWarning, match=r"cuda:0: drawn on .*GPU of NVIDIA Corporation \(1:0\), with copies"):
         assert routes.backend_for(CUDA) == ("copies", other)
 
@@ -219,15 +228,16 @@ def test_what_draws_is_told_with_where_its_tensors_come_from(monkeypatch):
 
 
 def test_a_gpu_is_found_by_its_place_on_the_bus(driver, machine):
-    own, other = gpu(), gpu(location=(1, 65, 0))
-    machine(own, other)
-    assert opencl_device_of(CUDA, [other, own], driver) == own
-    assert opencl_device_of(CUDA, [other], driver) is None
-    assert torch_device_of(own, driver) == CUDA
-    assert torch_device_of(other, driver) is None
-    assert torch_device_of(list_devices()[0], driver) is None
+    own, other, third = gpu(), gpu(location=(1, 65, 0)), gpu(location=(2, 65, 0))
+    devices = [*list_devices(), other, own]
+    machine(*devices)
+    assert opencl_device_of(CUDA, devices, driver) == own
+    assert opencl_device_of(CUDA, [other, third], driver) is None
+    assert torch_device_of(own, devices, driver) == CUDA
+    assert torch_device_of(other, devices, driver) is None
+    assert torch_device_of(devices[0], devices, driver) is None
     machine(own, torch_of="hip")
-    assert torch_device_of(own, driver) is None
+    assert torch_device_of(own, devices, driver) is None
 
 
 def test_an_old_driver_tells_no_domain():
@@ -240,7 +250,7 @@ def test_a_device_that_has_no_place_on_the_bus():
 
 
 def test_the_listing_says_how_memory_is_reached(machine):
-    machine()
+    machine(gpu())
     assert routes.describe_route(list_devices()[0]) == "cpu schedule, works in torch's memory"
     assert "works in torch's memory on cuda:0 (PTX)" in routes.describe_route(gpu())
     assert routes.describe_route(gpu("Intel", "Intel OpenCL")) == "gpu schedule, copies through pinned memory"
