@@ -45,8 +45,9 @@ class StagedMemory:
     def __init__(self, context: pyopencl.Context, queue: pyopencl.CommandQueue) -> None:
         self._pinned = _PinnedCopies(context, queue)
         self._context, self._queue = context, queue
-        self._pool = pyopencl.tools.MemoryPool(pyopencl.tools.ImmediateAllocator(queue, pyopencl.mem_flags.READ_WRITE))
-        self._most_in_use = 0
+        self._allocator = pyopencl.tools.ImmediateAllocator(queue, pyopencl.mem_flags.READ_WRITE)
+        self._pool = pyopencl.tools.MemoryPool(self._allocator)
+        self._most_in_use, self._largest = 0, context.devices[0].max_mem_alloc_size
         self._residents: dict[int, _Resident] = {}
         self._lock = threading.RLock()
         _memories.add(self)
@@ -131,9 +132,13 @@ class StagedMemory:
         """A buffer, maybe one that was in use before.
 
         The pool keeps each for requests of about its size, and sizes of a training grow: it is emptied where it holds
-        as much again as was ever in use at once, or it would fill the device.
+        as much again as was ever in use at once, or it would fill the device. What it would round up beyond the largest
+        piece that the device gives is none of the pool's.
         """
         with room_on(self._context, size), self._lock:
+            if size <= self._largest < self._pool.alloc_size(self._pool.bin_number(size)):
+                self._pool.free_held()
+                return self._allocator(size)
             self._most_in_use = max(self._most_in_use, self._pool.active_bytes + size)
             if self._pool.managed_bytes + size > 2 * self._most_in_use:
                 self._pool.free_held()
