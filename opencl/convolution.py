@@ -35,7 +35,7 @@ from opencl.backend import Backend
 from opencl.first_gradients import first_gradients_only
 from opencl.products import LANES, added, product_program, summing_items, work_items
 from opencl.program import TILE_CHUNK
-from opencl.routes import backend_for, works_in_place
+from opencl.routes import backend_in_place, works_in_place
 
 _SIDE, _POINTS = 4, 36
 """As in winograd.cl, which is written for these: pixels of a tile's side, and its points."""
@@ -57,7 +57,7 @@ _KERNEL_AT_POINTS = torch.kron(_FILTER_AT_POINTS, _FILTER_AT_POINTS)
 
 
 def can_convolve(values: Float[Tensor, "B C H W"], weight: Float[Tensor, "D C height width"]) -> bool:
-    """Whether `convolve` takes these: 3 x 3, channels in sixteens, float32 or float64, on the CPU, which draws, too."""
+    """Whether `convolve` takes these: 3 x 3, channels in sixteens, float32 or float64, on a CPU of OpenCL's, too."""
     return (
         weight.shape[2:] == (3, 3)
         and weight.shape[0] % LANES == weight.shape[1] % LANES == 0
@@ -85,9 +85,9 @@ def convolve(
         described = [f"{tuple(tensor.shape)} {tensor.dtype} on {tensor.device}" for tensor in (values, weight, bias)]
         raise ValueError(
             f"convolve: found {described}, expected values (B, C, H, W), a weight (D, C, 3, 3) and a bias (D), C and D "
-            f"multiples of {LANES}, alike float32 or float64, on a CPU that OpenCL draws on"
+            f"multiples of {LANES}, alike float32 or float64, on a CPU that OpenCL works on"
         )
-    receive = backend_for(values.device).memory.receive
+    receive = backend_in_place().memory.receive
     convolved: Tensor = _Convolve.apply(receive(values.permute(0, 2, 3, 1)), weight, receive(bias), rectified)
     return convolved.permute(0, 3, 1, 2)
 
@@ -105,7 +105,7 @@ class _Convolve(torch.autograd.Function):
     @first_gradients_only
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         pictures, weight, shown = ctx.saved_tensors
-        gradients = backend_for(gradient.device).memory.receive(gradient)
+        gradients = backend_in_place().memory.receive(gradient)
         of_pictures, of_weight, of_bias = None, None, None
         if ctx.needs_input_grad[0]:
             turned = weight.flip(2, 3).transpose(0, 1)
@@ -130,7 +130,7 @@ def _convolved(
     rectified: bool = False,
 ) -> Float[Tensor, "B H W D"]:
     """With `shown`, `pictures` are its gradient, which passes to what it was rectified from."""
-    backend = backend_for(pictures.device)
+    backend = backend_in_place()
     _, inputs, outputs = weight_at_points.shape
     convolved = backend.memory.empty(*pictures.shape[:3], outputs, dtype=pictures.dtype)
     arguments = (_or_nothing(shown, pictures), weight_at_points, bias, int(rectified))
@@ -143,7 +143,7 @@ def _gradients_of_weights(
     pictures: Float[Tensor, "B H W C"], gradients: Float[Tensor, "B H W D"], shown: Float[Tensor, "B H W D"] | None
 ) -> tuple[Float[Tensor, "D C 3 3"], Float[Tensor, " D"]]:
     """Of the weight and of the bias."""
-    backend = backend_for(pictures.device)
+    backend = backend_in_place()
     inputs, outputs = pictures.shape[-1], gradients.shape[-1]
     groups = summing_items(_chunks(pictures))
     sums = backend.memory.empty(groups, (_POINTS * inputs + 1) * outputs, dtype=pictures.dtype)

@@ -14,6 +14,9 @@ from opencl.pool import empty
 
 WAY_OUT = "Take a smaller picture, fewer features or, where they are drawn, fewer Gaussians."
 
+_SMALL = 4096
+"""Bytes that are copied once more in less time than a device is waited for: a camera, a background."""
+
 
 @contextmanager
 def room_on(context: pyopencl.Context, size: int) -> Iterator[None]:
@@ -29,13 +32,16 @@ def room_on(context: pyopencl.Context, size: int) -> Iterator[None]:
 
 
 def moved(tensor: Tensor, device: torch.device) -> Tensor:
-    """The tensor on a device of torch's, as `Tensor.to` has it, but a CUDA device is not waited for.
+    """The tensor on a device of torch's, as `Tensor.to` has it, but a CUDA device is not waited for with a small one.
 
-    It reads the CPU's memory before this returns. Pinned memory it would read later, when its owner may have changed it
-    already: that is waited for.
+    It may read the CPU's memory later, pinned or not, when its owner has changed or freed it. So what is small goes by
+    pinned memory of torch's own, which torch uses for nothing else until it is read; for the rest the device is waited
+    for.
     """
-    is_read_at_once = device.type == "cuda" and tensor.is_cpu and not tensor.is_pinned()
-    return tensor.to(device, non_blocking=is_read_at_once)
+    goes_up = device.type == "cuda" and tensor.is_cpu
+    if goes_up and tensor.nbytes <= _SMALL and not tensor.is_pinned() and not tensor.requires_grad:
+        return tensor.pin_memory().to(device, non_blocking=True)
+    return tensor.to(device)
 
 
 class Memory(Protocol):

@@ -20,7 +20,7 @@ from opencl.backend import Backend
 from opencl.first_gradients import first_gradients_only
 from opencl.products import added, filled, product_program, summing_items, work_items
 from opencl.program import PIXEL_CHUNK
-from opencl.routes import backend_for, works_in_place
+from opencl.routes import backend_in_place, works_in_place
 
 
 def decode_pixels(
@@ -32,7 +32,7 @@ def decode_pixels(
 
     All on the CPU, alike float32 or float64. No pixels give none. Gradients reach all of it. The same inputs give the
     same bits, for any number of threads. Raises ValueError without a layer or without a channel, where shapes or types
-    do not fit, and where OpenCL does not draw in the CPU's memory.
+    do not fit, and where no OpenCL device works in the CPU's memory.
     """
     widths = [picture.shape[-1], *[len(weight) for weight in weights]]
     described = [tuple(tensor.shape) for tensor in (picture, *weights, *biases)]
@@ -44,8 +44,8 @@ def decode_pixels(
         raise ValueError(f"decode_pixels: found shapes {described}, expected channels, then weights and biases on them")
     kinds = {(tensor.dtype, tensor.device.type) for tensor in (picture, *weights, *biases)}
     if kinds not in ({(torch.float32, "cpu")}, {(torch.float64, "cpu")}) or not works_in_place(picture.device):
-        raise ValueError(f"decode_pixels: found {kinds}, expected float32 or float64 of a CPU that OpenCL draws on")
-    pixels = backend_for(picture.device).memory.receive(picture.reshape(-1, widths[0]))
+        raise ValueError(f"decode_pixels: found {kinds}, expected float32 or float64 of a CPU that OpenCL works on")
+    pixels = backend_in_place().memory.receive(picture.reshape(-1, widths[0]))
     decoded: Tensor = _DecodePixels.apply(pixels, len(weights), *weights, *biases)
     return decoded.view(*picture.shape[:-1], widths[-1])
 
@@ -86,7 +86,7 @@ class _Work:
     """A decoder on a picture, as the kernels have it: channels filled up to sixteens."""
 
     def __init__(self, picture: Float[Tensor, "N C"], weights: Sequence[Float[Tensor, "outputs inputs"]]) -> None:
-        self.backend: Backend = backend_for(picture.device)
+        self.backend: Backend = backend_in_place()
         self.memory = self.backend.memory
         self.pixels, self.channels = picture.shape
         self.outputs, self.dtype = len(weights[-1]), picture.dtype

@@ -88,9 +88,8 @@ class ProgramKey:
         """Whether kernels that must agree to the last bit compute the same: two do so by footprint.cl, and what one
         counts the other writes, so that tiles beyond the count would be lost.
 
-        `blend` and `blend_backward` compute the same alphas, too. Where they round them apart on a threshold, a pixel's
-        gradient has one Gaussian more or fewer than its colour, and nothing else is wrong. What it costs to round these
-        as written as well, `tests/benchmarks/nvidia.py` measures; no GPU was at hand to decide by it.
+        `blend` and `blend_backward` compute the same alphas, too. By what gpu/splats.cl writes as fma there is nothing
+        to contract in these, and the rest of both may be.
         """
         return self.part == "geometry"
 

@@ -33,17 +33,51 @@ def backend_for(tensor_device: torch.device) -> Backend:
 
 
 def works_in_place(tensor_device: torch.device) -> bool:
-    """Whether tensors of this device are the CPU's, and a CPU draws them in their own memory.
+    """Whether tensors of this device are the CPU's, and OpenCL has a device that works in their own memory.
 
-    Not where OpenCL has no device at all. Raises ValueError where GS_HIDER_DEVICE names none of those that it has.
+    Such is `backend_in_place`'s, whatever device draws. Not where OpenCL has no device at all. Raises ValueError where
+    GS_HIDER_DEVICE names none of those that it has.
     """
-    return tensor_device.type == "cpu" and _default_device_shares_memory(os.environ.get(DEVICE_VARIABLE, ""))
+    return tensor_device.type == "cpu" and _device_in_place(os.environ.get(DEVICE_VARIABLE, "")) is not None
+
+
+def backend_in_place() -> Backend:
+    """This process's backend for what only the CPU's kernels do, in the memory of its tensors.
+
+    `default_backend` where that is one, else that of the newest PoCL. Raises ValueError where there is none, as
+    `works_in_place` says.
+    """
+    return _backend_in_place(os.environ.get(DEVICE_VARIABLE, ""))
 
 
 @functools.cache
-def _default_device_shares_memory(setting: str) -> bool:
+def _backend_in_place(setting: str) -> Backend:
+    """While GS_HIDER_DEVICE is `setting`."""
+    device = _device_in_place(setting)
+    if device is None:
+        raise ValueError("no OpenCL device works in the CPU's memory: pip install 'pyopencl[pocl]'")
+    return default_backend() if device == choose_device() else Backend(device)
+
+
+@functools.cache
+def _device_in_place(setting: str) -> Device | None:
     """While GS_HIDER_DEVICE is `setting`. A backend is not made for it: on a GPU it would take some of its memory."""
-    return bool(list_devices()) and choose_device().shares_memory
+    if not list_devices():
+        return None
+    chosen = choose_device()
+    if chosen.shares_memory:
+        return chosen
+    preferred = choose_device("")
+    return preferred if preferred.shares_memory and _can_be_built_for(preferred) else None
+
+
+def _can_be_built_for(device: Device) -> bool:
+    """Whoever chose another device may have done so since this one is of no use here."""
+    try:
+        device.prepare()
+    except ValueError:
+        return False
+    return True
 
 
 @functools.cache
@@ -56,7 +90,7 @@ def _backend_for(setting: str, tensor_device: torch.device) -> Backend:
             lacking = " ".join(missing_pieces(list_devices()))
             warnings.warn(f"{tensor_device}: drawn elsewhere, with copies. {lacking}".strip(), stacklevel=2)
         return default_backend()
-    if driver is not None and torch_device_of(own, driver) == tensor_device:
+    if driver is not None and torch_device_of(own, list_devices(), driver) == tensor_device:
         torch.cuda.init()
         return CudaBackend(own, driver, tensor_device)
     if driver is not None:
@@ -116,7 +150,7 @@ def describe_route(device: Device) -> str:
     if device.shares_memory:
         return "cpu schedule, works in torch's memory"
     driver = cuda_driver()
-    owner = torch_device_of(device, driver) if driver is not None else None
+    owner = torch_device_of(device, list_devices(), driver) if driver is not None else None
     if owner is not None:
         return f"gpu schedule, works in torch's memory on {owner} (PTX); CPU tensors by copies through pinned memory"
     copies = f"{'cpu' if device.is_cpu else 'gpu'} schedule, copies through pinned memory"

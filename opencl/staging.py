@@ -9,6 +9,7 @@ is found by its tensor's storage, held by a weak reference: while that exists, n
 from __future__ import annotations
 
 import threading
+import weakref
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,10 +45,12 @@ class StagedMemory:
     def __init__(self, context: pyopencl.Context, queue: pyopencl.CommandQueue) -> None:
         self._pinned = _PinnedCopies(context, queue)
         self._context, self._queue = context, queue
-        self._pool = pyopencl.tools.MemoryPool(pyopencl.tools.ImmediateAllocator(queue, pyopencl.mem_flags.READ_WRITE))
-        self._most_in_use = 0
+        self._allocator = pyopencl.tools.ImmediateAllocator(queue, pyopencl.mem_flags.READ_WRITE)
+        self._pool = pyopencl.tools.MemoryPool(self._allocator)
+        self._most_in_use, self._largest = 0, context.devices[0].max_mem_alloc_size
         self._residents: dict[int, _Resident] = {}
         self._lock = threading.RLock()
+        _memories.add(self)
 
     @property
     def tensor_device(self) -> torch.device:
@@ -86,10 +89,19 @@ class StagedMemory:
     def _keep(self, tensor: Tensor, on_host: bool, buffer: pyopencl.Buffer | None) -> None:
         storage = tensor.untyped_storage()
         with self._lock:
-            gone = [key for key, kept in self._residents.items() if kept.storage.expired()]
-            for key in gone:
-                del self._residents[key]
+            self._forget_gone()
             self._residents[storage._cdata] = _Resident(StorageWeakRef(storage), _version(tensor), on_host, buffer)
+
+    def _forget_gone(self) -> None:
+        gone = [key for key, kept in self._residents.items() if kept.storage.expired()]
+        for key in gone:
+            del self._residents[key]
+
+    def return_held(self) -> None:
+        """Give the device back what no tensor stands for."""
+        with self._lock:
+            self._forget_gone()
+            self._pool.free_held()
 
     def resident(self, tensor: Tensor) -> pyopencl.Buffer | None:
         storage = tensor.untyped_storage()
@@ -120,9 +132,13 @@ class StagedMemory:
         """A buffer, maybe one that was in use before.
 
         The pool keeps each for requests of about its size, and sizes of a training grow: it is emptied where it holds
-        as much again as was ever in use at once, or it would fill the device.
+        as much again as was ever in use at once, or it would fill the device. What it would round up beyond the largest
+        piece that the device gives is none of the pool's.
         """
         with room_on(self._context, size), self._lock:
+            if size <= self._largest < self._pool.alloc_size(self._pool.bin_number(size)):
+                self._pool.free_held()
+                return self._allocator(size)
             self._most_in_use = max(self._most_in_use, self._pool.active_bytes + size)
             if self._pool.managed_bytes + size > 2 * self._most_in_use:
                 self._pool.free_held()
@@ -139,6 +155,16 @@ class StagedMemory:
         given = torch.empty_like(tensor)
         self._pinned.download(buffer, _bytes_of(given))
         return given
+
+
+_memories: weakref.WeakSet[StagedMemory] = weakref.WeakSet()
+"""Of this process."""
+
+
+def return_held_memory() -> None:
+    """Give all devices back what no tensor of this process stands for, for other processes: when a stage has ended."""
+    for memory in tuple(_memories):
+        memory.return_held()
 
 
 class _PinnedCopies:

@@ -16,7 +16,7 @@ from typing import Any
 
 from distributed import LocalCluster, WorkerPlugin, get_worker
 
-from pipeline.cuda_process import cuda_is_broken, return_cuda_memory
+from pipeline.cuda_process import cuda_is_broken, return_gpu_memory
 from pipeline.engine_code import check_engine, engine_digest
 from pipeline.events import Event, Noted, StageProgressed, StageStarted
 from pipeline.executor import Work
@@ -129,7 +129,7 @@ def work_at_worker(work: Work, subject: object, topic: str, engine: str) -> Any:
         return work(subject, _teller(topic))
     finally:
         return_freed_memory()
-        return_cuda_memory()
+        return_gpu_memory()
 
 
 def _teller(topic: str) -> Callable[[Event], None]:

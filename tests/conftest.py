@@ -1,4 +1,4 @@
-"""What holds for all tests: Hypothesis draws the same examples on every run, and Ctrl-C interrupts.
+"""What holds for all tests: Hypothesis draws the same examples on every run, Ctrl-C interrupts, and the CPU is tested.
 
 What is green stays green until the code changes.
 
@@ -7,6 +7,7 @@ To search for new ones: `pytest --hypothesis-profile=search tests/opencl/test_po
 
 from __future__ import annotations
 
+import os
 import signal
 
 from hypothesis import settings
@@ -17,3 +18,6 @@ settings.load_profile("repeatable")
 
 # Whoever starts the tests in the background of a script has them ignore SIGINT, and all that they start in turn.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# A machine's NVIDIA GPU has checks of its own (tests.benchmarks.nvidia); runs that tests start would ask for it.
+os.environ.setdefault("CUDA_VISIBLE_DEVICES", "")

@@ -25,7 +25,6 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
-from unittest import mock
 
 import torch
 
@@ -130,7 +129,6 @@ def checks(backend: CudaBackend, inputs: Callable[[], Inputs]) -> Iterator[tuple
     """What is held of the GPU, and then measured on `inputs`, by name."""
     from opencl.backend import Backend
     from opencl.bench.workloads import box_named
-    from opencl.program import ProgramKey
     from tests.benchmarks import nvidia_checks, nvidia_timing
 
     device = backend.tensor_device
@@ -141,10 +139,6 @@ def checks(backend: CudaBackend, inputs: Callable[[], Inputs]) -> Iterator[tuple
 
         return nvidia_training.check_training(device, precision, nvidia_training.WHOLE)
 
-    def kernels_rounded_as_written() -> None:
-        with mock.patch.object(ProgramKey, "needs_exact_rounding", True):
-            nvidia_timing.print_kernels(backend, inputs())
-
     yield from comparisons("in torch's memory", backend, draw)
     yield "runs", lambda: nvidia_checks.check_runs(draw)
     yield "torch's streams", lambda: nvidia_checks.check_streams(device)
@@ -154,7 +148,6 @@ def checks(backend: CudaBackend, inputs: Callable[[], Inputs]) -> Iterator[tuple
     yield "times", lambda: nvidia_timing.time_workload(device, inputs())
     yield "times by copies", lambda: nvidia_timing.time_copies(backend.device, inputs())
     yield "kernels", lambda: nvidia_timing.print_kernels(backend, inputs())
-    yield "kernels, all of them rounded as written", kernels_rounded_as_written
     for name in LARGE:
         large = box_named(name)
         yield f"times, {name}", lambda large=large: nvidia_timing.time_workload(device, large.inputs())

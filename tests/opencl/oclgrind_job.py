@@ -60,7 +60,7 @@ def convolve() -> None:
     """Forward and backward of two small pictures whose last tiles stick out; prints how far they are from torch's."""
     leaves = test_convolution.inputs(2, 16, 32, 5, 11)
     backend = backend_of("cpu")
-    convolution.backend_for = lambda _: backend
+    convolution.backend_in_place = lambda: backend
     convolution.can_convolve = lambda *_: True
     found = with_gradients(convolution.convolve(*leaves, True), leaves)
     expected = test_convolution.expected(*leaves, True)
@@ -72,7 +72,7 @@ def decode_pixels() -> None:
     leaves = test_pixel_decoder.decoder(33, 5, 32, 3)
     listed = test_pixel_decoder.listed(*leaves)
     backend = backend_of("cpu")
-    pixel_decoder.backend_for = lambda _: backend
+    pixel_decoder.backend_in_place = lambda: backend
     pixel_decoder.works_in_place = lambda _: True
     found = with_gradients(pixel_decoder.decode_pixels(*leaves), listed)
     expected = test_pixel_decoder.expected(*leaves)

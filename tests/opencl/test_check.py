@@ -9,8 +9,9 @@ import pytest
 import torch
 
 from opencl import check
-from opencl.device import DEVICE_VARIABLE, Device, choose_device
+from opencl.device import DEVICE_VARIABLE, Device, choose_device, list_devices
 from opencl.nvidia import MISSING_ICD
+from tests.opencl.pretended_devices import gpu
 
 ROOT = Path(__file__).parents[2]
 
@@ -44,39 +45,141 @@ def test_no_driver(monkeypatch, capsys):
     )
 
 
+def way_out() -> str:
+    device = choose_device("")
+    return f"Or have {device.name} do all the work: {DEVICE_VARIABLE}={device.index}\n"
+
+
 @pytest.fixture
 def nvidia_without_opencl(monkeypatch):
-    """NVIDIA's driver starts and torch is built for it, but OpenCL sees none of its GPUs."""
+    """NVIDIA's driver starts and torch works with it, but OpenCL sees none of its GPUs."""
     monkeypatch.delenv(DEVICE_VARIABLE, raising=False)
+    monkeypatch.delenv(check.VISIBLE_VARIABLE, raising=False)
     monkeypatch.setattr(check, "load_driver", lambda: "a driver")
     monkeypatch.setattr(torch.version, "cuda", "13.0")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "init", lambda: None)
+    zeros = torch.zeros
+    monkeypatch.setattr(torch, "zeros", lambda count, device: zeros(count))
+
+
+@pytest.fixture
+def nvidia(nvidia_without_opencl, monkeypatch):
+    """OpenCL sees its GPU, too."""
+    found = [*list_devices(), gpu()]
+    monkeypatch.setattr("opencl.device.list_devices", lambda: found)
+    monkeypatch.setattr(check, "list_devices", lambda: found)
 
 
 def test_a_gpu_that_opencl_does_not_see(nvidia_without_opencl, capsys):
     """A run would copy every tensor to a CPU and be drawn there, for days."""
-    device = choose_device("")
     assert check.main() == 2
-    assert capsys.readouterr().err == (
-        f"{MISSING_ICD}\nOr have {device.name} do all the work: {DEVICE_VARIABLE}={device.index}\n"
-    )
+    assert capsys.readouterr().err == f"{MISSING_ICD}\n{way_out()}"
 
 
-def test_who_asks_for_the_cpu_gets_it(nvidia_without_opencl, monkeypatch):
-    monkeypatch.setenv(DEVICE_VARIABLE, choose_device("").index)
+def test_a_gpu_that_works(nvidia):
     assert check.main() == 0
 
 
-@pytest.mark.parametrize("lacks", ["driver", "a driver that starts", "torch for it", "gpu"])
-def test_a_cpu_draws_where_torch_works_on_it(nvidia_without_opencl, monkeypatch, lacks):
-    def start():
-        if lacks == "a driver that starts":
-            raise RuntimeError("cuInit: CUDA_ERROR_NO_DEVICE")
-        return None if lacks == "driver" else "a driver"
+def no_torch_for_it(monkeypatch):
+    monkeypatch.setattr(torch.version, "cuda", None)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
 
-    monkeypatch.setattr(check, "load_driver", start)
-    monkeypatch.setattr(torch.version, "cuda", None if lacks == "torch for it" else "13.0")
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: lacks != "gpu")
+
+def an_old_driver(monkeypatch):
+    def init():
+        raise RuntimeError("The NVIDIA driver on your system is too old (found version 12020).\nMore of it.")
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.cuda, "init", init)
+
+
+def a_driver_that_does_not_start(monkeypatch):
+    monkeypatch.setattr(check, "load_driver", start_with("CUDA_ERROR_SYSTEM_DRIVER_MISMATCH (803)"))
+
+
+def no_kernels_for_it(monkeypatch):
+    def zeros(count, device):
+        raise RuntimeError("CUDA error: no kernel image is available for execution on the device\nMore of it.")
+
+    monkeypatch.setattr(torch, "zeros", zeros)
+
+
+def start_with(error):
+    def start():
+        raise RuntimeError(f"cuInit: {error}")
+
+    return start
+
+
+FAULTS = {
+    no_torch_for_it: f"torch {torch.__version__} is not built for CUDA: install one that is",
+    an_old_driver: "GPU (The NVIDIA driver on your system is too old (found version 12020)): install a newer driver",
+    a_driver_that_does_not_start: "driver does not start (cuInit: CUDA_ERROR_SYSTEM_DRIVER_MISMATCH (803)): restart",
+    no_kernels_for_it: "GPU (CUDA error: no kernel image is available for execution on the device): where it has no",
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_gpu_that_torch_does_not_work_on(nvidia, monkeypatch, capsys, fault):
+    """A run would be the CPU's, for days, and nobody would hear of it."""
+    fault(monkeypatch)
+    assert check.main() == 2
+    told, _, rest = capsys.readouterr().err.partition("\n")
+    assert FAULTS[fault] in told
+    assert rest == way_out()
+
+
+def test_a_gpu_that_is_asked_for_must_work_too(nvidia, monkeypatch, capsys):
+    """Or a stage would die of its first kernel, after others took hours."""
+    monkeypatch.setenv(DEVICE_VARIABLE, "nvidia")
+    assert check.main() == 0
+    no_kernels_for_it(monkeypatch)
+    assert check.main() == 2
+    assert capsys.readouterr().err.endswith(f"\n{way_out()}")
+    no_torch_for_it(monkeypatch)
+    assert check.main() == 0, "tensors of the CPU are copied to it"
+
+
+def test_a_gpu_that_others_fill_at_the_moment(nvidia, monkeypatch):
+    def zeros(count, device):
+        raise RuntimeError("CUDA out of memory. Tried to allocate 2.00 MiB.")
+
+    monkeypatch.setattr(torch, "zeros", zeros)
+    assert check.main() == 0
+
+
+def test_all_that_is_missing_is_told_at_once(nvidia_without_opencl, monkeypatch, capsys):
+    no_torch_for_it(monkeypatch)
+    assert check.main() == 2
+    told = capsys.readouterr().err
+    assert "is not built for CUDA" in told
+    assert MISSING_ICD in told
+
+
+@pytest.mark.parametrize("visible", [None, "", "-1"])
+@pytest.mark.parametrize("lacks", ["opencl", "torch"])
+def test_who_asks_for_the_cpu_gets_it(nvidia_without_opencl, monkeypatch, lacks, visible):
+    if lacks == "torch":
+        no_torch_for_it(monkeypatch)
+    if visible is None:
+        monkeypatch.setenv(DEVICE_VARIABLE, choose_device("").index)
+    else:
+        monkeypatch.setenv(check.VISIBLE_VARIABLE, visible)
+    assert check.main() == 0
+
+
+@pytest.mark.parametrize("lacks", ["driver", "gpu"])
+def test_a_cpu_draws_where_there_is_no_gpu(nvidia_without_opencl, monkeypatch, lacks):
+    no_torch_for_it(monkeypatch)
+    monkeypatch.setattr(
+        check, "load_driver", {"driver": lambda: None, "gpu": start_with("CUDA_ERROR_NO_DEVICE")}[lacks]
+    )
+    assert check.main() == 0
+
+
+def test_another_makers_gpu_does_the_work(nvidia_without_opencl, monkeypatch):
+    monkeypatch.setattr(torch.version, "cuda", None)
     assert check.main() == 0
 
 

@@ -2,50 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from types import SimpleNamespace
 
-import pyopencl
 import pytest
 import torch
+from torch.nn.functional import conv2d
 
+import opencl.device
 from opencl import routes
 from opencl.__main__ import main
 from opencl.backend import default_backend
+from opencl.convolution import can_convolve, convolve
 from opencl.cuda_driver import CudaDriver
 from opencl.device import DEVICE_VARIABLE, Device, list_devices
 from opencl.nvidia import MISSING_ICD, opencl_device_of, pci_location, torch_device_of
+from opencl.pixel_decoder import decode_pixels
+from tests.opencl import test_convolution, test_pixel_decoder
 from tests.opencl.fake_cuda import FakeCuda
+from tests.opencl.pretended_devices import gpu
 
 CUDA = torch.device("cuda", 0)
 
 
-@dataclass(frozen=True)
-class FakeHandle:
-    """As much of a pyopencl.Device as choosing asks for."""
-
-    platform: SimpleNamespace = field(hash=False)
-    name: str
-    vendor: str
-    type: int = pyopencl.device_type.GPU
-    location: tuple[int, int, int] = (0, 65, 0)
-    knows_domain: bool = True
-
-    def get_info(self, what):
-        domain, bus, slot = self.location
-        information = pyopencl.device_info
-        if what == information.PCI_DOMAIN_ID_NV and not self.knows_domain:
-            raise pyopencl.LogicError("clGetDeviceInfo failed: INVALID_VALUE")
-        return {
-            information.PCI_DOMAIN_ID_NV: domain,
-            information.PCI_BUS_ID_NV: bus,
-            information.PCI_SLOT_ID_NV: slot << 3,
-        }[what]
-
-
-def gpu(maker="NVIDIA Corporation", platform="NVIDIA CUDA", index="1:0", **options) -> Device:
-    handle = FakeHandle(SimpleNamespace(name=platform, version="OpenCL 3.0"), f"GPU of {maker}", maker, **options)
-    return Device(index, handle)
+@pytest.fixture(autouse=True)
+def no_answers_from_before():
+    """They are kept, by what is asked for."""
+    kept = (routes._backend_for, routes._backend_in_place, routes._device_in_place)
+    for answers in kept:
+        answers.cache_clear()
+    yield
+    for answers in kept:
+        answers.cache_clear()
 
 
 @pytest.fixture
@@ -57,7 +44,6 @@ def driver() -> CudaDriver:
 @pytest.fixture
 def machine(monkeypatch, driver):
     """Set which devices OpenCL sees, whose torch it is, and what is asked for; backends only say what they are."""
-    routes._backend_for.cache_clear()
     monkeypatch.setattr(routes, "CudaBackend", lambda device, driver, where: ("zero-copy", device, where))
     monkeypatch.setattr(routes, "Backend", lambda device: ("copies", device))
     monkeypatch.setattr(routes, "default_backend", lambda: "default")
@@ -82,7 +68,6 @@ def machine(monkeypatch, driver):
     torch.set_float32_matmul_precision(precision)
     torch.use_deterministic_algorithms(False)
     torch.utils.deterministic.fill_uninitialized_memory = filled
-    routes._backend_for.cache_clear()
 
 
 def test_tensors_of_the_cpu_go_where_the_variable_says(machine):
@@ -92,16 +77,46 @@ def test_tensors_of_the_cpu_go_where_the_variable_says(machine):
 
 @pytest.mark.parametrize("devices", [[], [gpu()]], ids=["none", "a GPU"])
 def test_nothing_is_in_place_where_no_cpu_draws_and_no_device_is_set_up_to_say_so(monkeypatch, devices):
-    monkeypatch.setenv(DEVICE_VARIABLE, f"one of {len(devices)}")  # answers are kept, by what is asked for
-    monkeypatch.setattr(routes, "list_devices", lambda: devices)
-    monkeypatch.setattr(routes, "choose_device", lambda: devices[0])
+    see(monkeypatch, devices)
+    monkeypatch.setenv(DEVICE_VARIABLE, "nvidia")
     monkeypatch.delattr(routes, "default_backend")
     assert not routes.works_in_place(torch.device("cpu"))
+    with pytest.raises(ValueError, match="no OpenCL device works in the CPU's memory"):
+        routes.backend_in_place()
 
 
 def test_tensors_of_the_cpu_are_in_place_on_pocl():
     assert routes.works_in_place(torch.device("cpu"))
     assert not routes.works_in_place(CUDA)
+
+
+def test_tensors_of_the_cpu_are_convolved_and_decoded_on_pocl_where_a_gpu_is_asked_for(monkeypatch):
+    """torch's own convolutions take twice as long."""
+    pocl = default_backend().device
+    see(monkeypatch, [pocl, gpu()])
+    monkeypatch.setenv(DEVICE_VARIABLE, "nvidia")
+    monkeypatch.setattr(routes, "default_backend", lambda: pytest.fail("the GPU's"))
+    values, weight, bias = test_convolution.inputs(1, 16, 16, 4, 4)
+    assert can_convolve(values, weight)
+    torch.testing.assert_close(convolve(values, weight, bias), conv2d(values, weight, bias, padding=1))
+    assert decode_pixels(*test_pixel_decoder.decoder(4, 16, 3)).shape == (4, 3)
+    assert routes.backend_in_place().device == pocl
+
+
+def test_pocl_that_cannot_build_is_no_matter_where_a_gpu_is_asked_for(monkeypatch):
+    def prepare(device):
+        raise ValueError("this PoCL does not know the processor")
+
+    see(monkeypatch, [default_backend().device, gpu()])
+    monkeypatch.setattr(Device, "prepare", prepare)
+    monkeypatch.setenv(DEVICE_VARIABLE, "nvidia")
+    assert not routes.works_in_place(torch.device("cpu"))
+
+
+def see(monkeypatch, devices):
+    """OpenCL has these."""
+    for module in (routes, opencl.device):
+        monkeypatch.setattr(module, "list_devices", lambda: devices)
 
 
 def test_cuda_tensors_are_drawn_in_place(machine):
@@ -121,9 +136,18 @@ def test_another_device_is_used_where_it_is_asked_for(machine):
     assert routes.backend_for(CUDA) == "default"
 
 
+@pytest.mark.parametrize("location", [(0, 66, 0), (0x10000, 65, 0)], ids=["a virtual GPU", "an odd domain"])
+def test_the_only_gpu_is_the_only_one_wherever_it_says_it_is(machine, location):
+    """Or all would be copied, for nothing."""
+    own = gpu(location=location)
+    machine(own)
+    assert routes.backend_for(CUDA) == ("zero-copy", own, CUDA)
+    assert "works in torch's memory on cuda:0 (PTX)" in routes.describe_route(own)
+
+
 def test_cuda_tensors_with_another_nvidia_gpu_are_copied(machine):
     other = gpu(location=(0, 66, 0))
-    machine(other)
+    machine(other, gpu(index="1:1", location=(0, 67, 0)))
     with pytest.warns(UserWarning, match=r"cuda:0: drawn on .*GPU of NVIDIA Corporation \(1:0\), with copies"):
         assert routes.backend_for(CUDA) == ("copies", other)
 
@@ -204,15 +228,16 @@ def test_what_draws_is_told_with_where_its_tensors_come_from(monkeypatch):
 
 
 def test_a_gpu_is_found_by_its_place_on_the_bus(driver, machine):
-    own, other = gpu(), gpu(location=(1, 65, 0))
-    machine(own, other)
-    assert opencl_device_of(CUDA, [other, own], driver) == own
-    assert opencl_device_of(CUDA, [other], driver) is None
-    assert torch_device_of(own, driver) == CUDA
-    assert torch_device_of(other, driver) is None
-    assert torch_device_of(list_devices()[0], driver) is None
+    own, other, third = gpu(), gpu(location=(1, 65, 0)), gpu(location=(2, 65, 0))
+    devices = [*list_devices(), other, own]
+    machine(*devices)
+    assert opencl_device_of(CUDA, devices, driver) == own
+    assert opencl_device_of(CUDA, [other, third], driver) is None
+    assert torch_device_of(own, devices, driver) == CUDA
+    assert torch_device_of(other, devices, driver) is None
+    assert torch_device_of(devices[0], devices, driver) is None
     machine(own, torch_of="hip")
-    assert torch_device_of(own, driver) is None
+    assert torch_device_of(own, devices, driver) is None
 
 
 def test_an_old_driver_tells_no_domain():
@@ -225,7 +250,7 @@ def test_a_device_that_has_no_place_on_the_bus():
 
 
 def test_the_listing_says_how_memory_is_reached(machine):
-    machine()
+    machine(gpu())
     assert routes.describe_route(list_devices()[0]) == "cpu schedule, works in torch's memory"
     assert "works in torch's memory on cuda:0 (PTX)" in routes.describe_route(gpu())
     assert routes.describe_route(gpu("Intel", "Intel OpenCL")) == "gpu schedule, copies through pinned memory"

@@ -198,7 +198,10 @@ def test_no_room_on_the_device_is_named(staged, make, monkeypatch):
         raise pyopencl.MemoryError("memory_pool::allocate", -4, "failed to free memory for allocation")
 
     memory = staged.memory
-    monkeypatch.setattr(memory, "_pool", SimpleNamespace(allocate=full, active_bytes=0, managed_bytes=0))
+    pool = SimpleNamespace(
+        allocate=full, active_bytes=0, managed_bytes=0, bin_number=lambda size: size, alloc_size=lambda number: number
+    )
+    monkeypatch.setattr(memory, "_pool", pool)
     with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*Take a smaller picture"):
         make(memory)
 
@@ -222,6 +225,27 @@ def test_buffers_of_one_size_are_used_again(staged):
         held = memory._pool.managed_bytes
         del tensors
     assert held == memory._pool.managed_bytes <= 5 * 2**16
+
+
+def test_a_piece_of_nearly_the_largest_size_is_not_rounded_beyond_it(staged):
+    memory = StagedMemory(staged.context, staged.queue)
+    size = 2**20 + 5
+    assert memory._allocate(size).size > size, "the pool rounds"
+    memory._largest = size
+    assert memory._allocate(size).size == size
+    assert memory._allocate(2**19).size <= size
+
+
+def test_buffers_that_nothing_stands_for_are_given_back_when_a_stage_has_ended(staged):
+    """Other processes are to draw on the device next."""
+    memory = StagedMemory(staged.context, staged.queue)
+    tensors = [memory.empty(2**16, dtype=torch.uint8) for _ in range(3)]
+    in_use = memory._pool.managed_bytes
+    staging.return_held_memory()
+    assert memory._pool.managed_bytes == in_use
+    del tensors[1:]
+    staging.return_held_memory()
+    assert memory._pool.managed_bytes == in_use // 3
 
 
 def test_zeros_are_zeros(staged):

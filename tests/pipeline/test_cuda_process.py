@@ -6,12 +6,14 @@ import os
 import sys
 import time
 from collections.abc import Iterator
+from importlib import import_module
+from types import SimpleNamespace
 
 import pytest
 import torch
 
 from pipeline.cluster import DaskExecutor
-from pipeline.cuda_process import cuda_is_broken, return_cuda_memory
+from pipeline.cuda_process import _HOLDERS, cuda_is_broken, return_gpu_memory
 from pipeline.executor import Lost, Tell
 
 
@@ -30,16 +32,33 @@ def returned(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_what_is_free_is_given_back(returned: list[str]) -> None:
-    return_cuda_memory()
+    return_gpu_memory()
     assert returned == ["returned"]
     assert not cuda_is_broken()
+
+
+def test_what_our_own_copies_leave_is_given_back(returned: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where torch has no CUDA, and OpenCL's GPU has its buffers."""
+    holder = SimpleNamespace(return_held_memory=lambda: returned.append("ours"))
+    monkeypatch.setitem(sys.modules, "opencl.staging", holder)
+    return_gpu_memory()
+    assert returned == ["returned", "ours"]
+    monkeypatch.setattr(torch.cuda, "is_initialized", lambda: False)
+    return_gpu_memory()
+    assert returned == ["returned", "ours", "ours"]
+
+
+def test_our_own_say_how() -> None:
+    return_gpu_memory()  # of a module that may not be loaded
+    assert all(callable(import_module(name).return_held_memory) for name in _HOLDERS)
+    return_gpu_memory()
 
 
 def test_nothing_is_asked_of_a_cuda_that_is_broken(returned: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """It would only fail again, and hide what the stage said."""
     monkeypatch.setattr(torch.cuda, "synchronize", fail)
     assert cuda_is_broken()
-    return_cuda_memory()
+    return_gpu_memory()
     assert returned == []
 
 
@@ -48,7 +67,7 @@ def test_nothing_is_started_for_it(returned: list[str], monkeypatch: pytest.Monk
     if lacks == "torch":
         monkeypatch.delitem(sys.modules, "torch")
     monkeypatch.setattr(torch.cuda, "is_initialized", lambda: False)
-    return_cuda_memory()
+    return_gpu_memory()
     assert not cuda_is_broken()
     assert returned == []
 

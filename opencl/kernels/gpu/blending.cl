@@ -54,13 +54,14 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend(
         stage_features(features, entries + batch, here, here, staged_features);
         barrier(CLK_LOCAL_MEM_FENCE);
         for (int n = 0; n < here && open; n++) {
-            const REAL alpha = alpha_of(staged_records + n * RECORD_QUARTETS, x, y);
+            const REAL unclamped = alpha_of(staged_records + n * RECORD_QUARTETS, x, y);
             reached++;
-            if (!(alpha >= ALPHA_MINIMUM)) continue;
-            const REAL weight = (alpha > ALPHA_MAXIMUM ? ALPHA_MAXIMUM : alpha) * transmittance;
-            open = transmittance - weight >= TRANSMITTANCE_MINIMUM;
+            if (!(unclamped >= ALPHA_MINIMUM)) continue;
+            const REAL alpha = unclamped > ALPHA_MAXIMUM ? ALPHA_MAXIMUM : unclamped, weight = alpha * transmittance;
+            const REAL behind = light_behind(alpha, transmittance);
+            open = behind >= TRANSMITTANCE_MINIMUM;
             if (!open) break;
-            transmittance -= weight;
+            transmittance = behind;
 #ifdef COUNT_PIXELS
             atomic_inc(drawn + n);
 #endif

@@ -91,12 +91,12 @@ static inline void blend_pixel(
     Pixel *p, __local const REAL4 *record, __local const REAL4 *feature, REAL *weight, REAL *power_gradient
 ) {
     const REAL unclamped = alpha_of(record, p->x, p->y), alpha = unclamped > ALPHA_MAXIMUM ? ALPHA_MAXIMUM : unclamped;
-    const REAL before = p->transmittance, blended = alpha * before;
-    const int seen = unclamped >= ALPHA_MINIMUM, drawn = seen && before - blended >= TRANSMITTANCE_MINIMUM;
+    const REAL before = p->transmittance, blended = alpha * before, behind = light_behind(alpha, before);
+    const int seen = unclamped >= ALPHA_MINIMUM, drawn = seen && behind >= TRANSMITTANCE_MINIMUM;
     p->open = drawn == seen;
     if (!drawn) return;
     *weight = blended;
-    p->transmittance = before - blended;
+    p->transmittance = behind;
     REAL4 products = 0;
     #pragma unroll
     for (int q = 0; q < FEATURE_QUARTETS; q++) products += p->grads[q] * feature[q];

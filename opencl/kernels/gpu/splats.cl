@@ -36,9 +36,17 @@ static inline void stage_features(
     }
 }
 
+// `blend` and `blend_backward` decide by what follows which Gaussians a pixel shows, so it must have the same bits in both:
+// where a compiler could contract a product and a sum in one kernel and not in the other, there is an fma.
+
 // A Gaussian's alpha, before the clamp, at a pixel centre x, y from the tile's corner.
 static inline REAL alpha_of(__local const REAL4 *staged, REAL x, REAL y) {
     const REAL4 place = staged[0], size = staged[1];  // centre, slope, precision across; precision down, opacity
-    const REAL down = y - place.y, across = x - place.x - place.z * down;
-    return EXP2(across * across * place.w + size.x * down * down) * size.y;
+    const REAL down = y - place.y, across = fma(-place.z, down, x - place.x);
+    return EXP2(fma(across * across, place.w, size.x * down * down)) * size.y;
+}
+
+// How much light comes through a Gaussian of this alpha, of what came to it.
+static inline REAL light_behind(REAL alpha, REAL transmittance) {
+    return fma(-alpha, transmittance, transmittance);
 }
