@@ -18,14 +18,13 @@ from pipeline.changes import FAILED, Change
 from pipeline.errors import CommandError
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import StageResult
-from pipeline.keys import key_parts
+from pipeline.keys import ACCEPTABLE, key_parts
 from pipeline.plan import Step, make_plan
 from pipeline.provenance import now
 from pipeline.record import Record
 from pipeline.stage import output_is_private
 from pipeline.store import Store
 
-ACCEPTABLE = ("code", "version", "format")
 GONE = "it has no result that is whole in the store"
 
 
@@ -114,8 +113,8 @@ def still_to_accept(graph: Graph, store: Store) -> list[str]:
 
 
 def is_acceptable(step: Step) -> bool:
-    """Whether a stage would run for nothing but what can be accepted."""
-    return bool(step.changes) and step.key is not None and not _unacceptable(step)
+    """Whether a stage would run for nothing but what can be accepted; another run that is doing it is not stopped."""
+    return bool(step.changes) and step.key is not None and step.state != "running" and not _unacceptable(step)
 
 
 def to_accept_first(graph: Graph, steps: Mapping[str, Step], names: Iterable[str]) -> list[str]:

@@ -331,7 +331,7 @@ class _Action:
         name, before = self.job.name, self.unsaved
         self.unsaved = f"its checkpoint could not be written: {problem}" if problem else ""
         if self.unsaved and not before:
-            risk = "What it does from now on is lost if it stops before that succeeds"
+            risk = "What it has done since the last one is lost if it stops before that succeeds"
             tell(Noted(f"{name}: {self.unsaved}. {risk}: look after the disk of {self.store.root} now."))
         elif before and not self.unsaved:
             tell(Noted(f"{name}: its checkpoints are written again"))

@@ -35,7 +35,7 @@ from pipeline.console import (
     reported,
     say,
 )
-from pipeline.output import lossy_output
+from pipeline.output import lossy_output, open_closed_streams
 from pipeline.process import set_thread_policy
 
 if TYPE_CHECKING:
@@ -72,6 +72,7 @@ app = typer.Typer(
 
 
 def main() -> None:
+    open_closed_streams()
     set_thread_policy()
     by_name = Path(sys.argv[0]).name == COMMAND or any(word.endswith("-completion") for word in sys.argv[1:2])
     asked_by_bash = os.environ.get(f"_{COMMAND.replace('-', '_').upper()}_COMPLETE") == "complete_bash"
@@ -117,7 +118,7 @@ def run(
 
     Exit status: 0 done, 1 a stage failed, 2 the command or the workflow is wrong, 130 interrupted.
     """
-    with lossy_output(), reported(store):
+    with nullcontext() if dry_run else lossy_output(), reported(store):
         from pipeline.plan import make_plan
         from pipeline.planwords import print_plan
         from pipeline.project import open_project
@@ -348,6 +349,7 @@ def _executor_maker(workers: int, scheduler: str | None, resources: Resources, s
 def _made_ready(make: Callable[[], Executor], graph: Graph, store: Store, here: bool, display: Display) -> Executor:
     """What `make` makes. Before that it is checked, for workers that are `here`, that they can do what there is to do,
     and told what a person may not expect of it."""
+    from pipeline.errors import RemoteError
     from pipeline.events import Noted
     from pipeline.foretelling import foretold
     from pipeline.plan import make_plan
@@ -355,7 +357,12 @@ def _made_ready(make: Callable[[], Executor], graph: Graph, store: Store, here: 
     from pipeline.readiness import check_readiness
     from pipeline.room import lacking_room
 
-    steps = make_plan(graph, store)
+    try:
+        steps = make_plan(graph, store)
+    except RemoteError:
+        if here:
+            raise
+        return make()  # the workers may reach the bucket, and each stage is asked for again
     to_do = [graph.nodes[name] for name, step in steps.items() if step.state != "cached"]
     if here:
         check_readiness(to_do, LIBRARIES)

@@ -15,6 +15,7 @@ import typer
 from pipeline.completion import complete_artifact, complete_setting, complete_stage, complete_vars, complete_workflow
 from pipeline.disk import words_of
 from pipeline.errors import PipelineError, UserError
+from pipeline.external import from_home
 
 WorkflowFile = Annotated[
     Path,
@@ -92,7 +93,7 @@ def reported(store: Path | str) -> Iterator[None]:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise typer.Exit(1) from None
     except OSError as error:
-        say(words_of(error, store))
+        say(words_of(error, store if "://" in str(store) else from_home(store)))
         raise typer.Exit(1) from None
     except KeyboardInterrupt:
         say(f"Interrupted at once; finished stages are kept. To go on: {command_line()}")

@@ -113,7 +113,7 @@ def written_to(place: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.filename is None or error.errno in FULL:
+        if error.errno in FULL:
             error.filename = str(place)
         raise
 

@@ -136,8 +136,8 @@ def in_words(explanation: Explanation, graph: Graph, duration: str) -> list[str]
         lines = [f"{step.name}: running now"]
     elif step.state == "depends":
         lines = [f"{step.name}: to run if what it takes comes out differently"]
-    elif step.state == "lost":
-        lines = [f"{step.name}: lost"]
+    elif step.state in ("lost", "refused"):
+        lines = [f"{step.name}: {'lost' if step.state == 'lost' else 'to accept'}"]
     else:
         lines = [f"{step.name}: to run, because"]
     lines += [f"  {reason}" for reason in step.reasons]

@@ -18,11 +18,11 @@ SHOWN = 4  # names of stages
 
 def foretold(graph: Graph, steps: Mapping[str, Step]) -> Iterator[str]:
     """What a run of these steps would do again for nothing but other code, and what it may make another one of."""
-    code = [name for name, step in steps.items() if is_acceptable(step)]
+    code = [name for name, step in steps.items() if is_acceptable(step) and step.state != "refused"]
     if code:
         kept = f"to keep what was made before, stop this run and `accept` it ({code[0]} first), with the same settings"
         yield f"only code changed: {_names(code)}, done again; {kept}"
-    waiting = [name for name, step in steps.items() if graph.nodes[name].unrepeatable and step.changes and not step.key]
+    waiting = [name for name, step in steps.items() if graph.nodes[name].unrepeatable and step.state == "depends"]
     if waiting:
         yield f"{_names(waiting)}: made anew if what is before it comes out differently; {NOT_READ}"
 

@@ -36,7 +36,7 @@ def held(lock: Path, store: Path, alone: bool) -> Iterator[None]:
 def is_held(lock: Path) -> bool:
     """Whether a process holds a lock; False where that cannot be seen. A lock that is missing is not made."""
     try:
-        descriptor = os.open(lock, os.O_RDONLY | os.O_NOFOLLOW)
+        descriptor = os.open(lock, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)  # a stranger's may be a pipe
     except OSError:
         return False
     with os.fdopen(descriptor, "rb") as file:

@@ -9,6 +9,9 @@ from pipeline.graph import Node, Source
 
 FORMAT = 2
 
+ACCEPTABLE = ("code", "version", "format")
+"""Parts of a key that say how something is made, and not what was asked for: see `accept`."""
+
 
 def key_parts(
     node: Node, digests: Mapping[Source, str | None], causes: Mapping[str, str] | None = None
@@ -41,3 +44,12 @@ def key_parts(
 def key_of(parts: Mapping[str, Json]) -> str:
     """The key of an action: SHA-256 of the canonical JSON of its parts."""
     return digest_of(dict(parts), "the key")
+
+
+def asks_the_same(parts: Mapping[str, Json], others: Mapping[str, Json]) -> bool:
+    """Whether two actions differ in how they work alone."""
+    return key_of(_asked_for(parts)) == key_of(_asked_for(others))
+
+
+def _asked_for(parts: Mapping[str, Json]) -> dict[str, Json]:
+    return {name: value for name, value in parts.items() if name not in ACCEPTABLE}

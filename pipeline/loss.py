@@ -1,20 +1,33 @@
 """What a person is told of a result that is the only one of its kind.
 
-Where it is damaged, a run makes no other in its place by itself. Where what it depends on changed, the run needs
-another one, and what was made with the earlier one is strange to it.
+Where it is damaged, or only the code that made it is not as it was, a run makes no other in its place by itself. Where
+what it depends on changed, the run needs another one, and what was made with the earlier one is strange to it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
+from pipeline.canonical import Json
 from pipeline.errors import RemoteError, UserError
 from pipeline.graph import Graph, Node
+from pipeline.history import StageResult
+from pipeline.keys import asks_the_same
 from pipeline.store import Store
 
 SHOWN = 8  # names of stages
 NOT_READ = "what was made, or published, with the earlier one is not read with this one"
+
+
+def refusal(node: Node, key: str, parts: Mapping[str, Json], graph: Graph, store: Store) -> str | None:
+    """Why a run may not start a stage that is not done under this key; None where it may."""
+    if not node.unrepeatable:
+        return None
+    remains = store.remains(key)
+    if remains:
+        return words_of_loss(node.name, remains, graph, store)
+    return words_of_keeping(node, key, parts, graph, store)
 
 
 def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store) -> str:
@@ -34,12 +47,34 @@ def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store)
 
 def words_of_another(node: Node, key: str, graph: Graph, store: Store) -> str | None:
     """That a stage makes another than the last time; None where it made none, or the same action made it."""
-    last = None
-    with suppress(RemoteError, OSError):  # a bucket that cannot be reached just now must not end the run
-        last = store.history.last(graph.workflow, [node.name])[node.name].made
+    last = _last(node, graph, store)
     if last is None or last.key == key:
         return None
     return f"{node.name} is made anew, for what it depends on is not as it was; {NOT_READ}"
+
+
+def words_of_keeping(node: Node, key: str, parts: Mapping[str, Json], graph: Graph, store: Store) -> str | None:
+    """The error of a stage whose last result, which cannot be made again, asked for the same and is under another key
+    for its code alone; None where that is not so.
+    """
+    last = _last(node, graph, store)
+    before = store.record(str(last.key)) if last is not None and last.key != key else None
+    if before is None or not asks_the_same(before.parts, parts):
+        return None
+    error = UserError(
+        f"only the code of {node.name} changed, and no run can make again what it made; another would not read what "
+        "was made, or published, with it",
+        where=store.address,
+        remedy=f"Keep it: `accept` {node.name}, with the workflow and the settings of this run. To have another on "
+        f"purpose, delete {' and '.join(store.remains(before.key))}.",
+    )
+    return str(error)
+
+
+def _last(node: Node, graph: Graph, store: Store) -> StageResult | None:
+    with suppress(RemoteError, OSError):  # a bucket that cannot be reached just now must not end the run
+        return store.history.last(graph.workflow, [node.name])[node.name].made
+    return None
 
 
 def _behind(name: str, graph: Graph) -> list[str]:

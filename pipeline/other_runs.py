@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import IO
 
+from pipeline.disk import leads_elsewhere
 from pipeline.store import LOCKS, Store
 
 RUNS = "runs"
@@ -21,13 +22,14 @@ def beside_others(store: Store, workflow: str) -> Iterator[bool]:
     """
     with ExitStack() as taken:
         others = False
+        elsewhere = leads_elsewhere(store.root, LOCKS, RUNS)  # over a link, where no file is to be made
         with suppress(OSError):
-            path = store.folder(LOCKS, RUNS) / workflow
-            # A link would make a file elsewhere.
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
-            file = taken.enter_context(os.fdopen(descriptor, "ab"))
-            others = not _is_alone(file)
-            fcntl.flock(file, fcntl.LOCK_SH)  # as those that come later do, so that each is seen until it ends
+            if not elsewhere:
+                path = store.folder(LOCKS, RUNS) / workflow
+                descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+                file = taken.enter_context(os.fdopen(descriptor, "ab"))
+                others = not _is_alone(file)
+                fcntl.flock(file, fcntl.LOCK_SH)  # as those that come later do, so that each is seen until it ends
         yield others
 
 

@@ -18,11 +18,11 @@ from pipeline.external_cache import ExternalCache
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import LastResult, StageResult
 from pipeline.keys import key_of, key_parts
-from pipeline.loss import words_of_loss
+from pipeline.loss import refusal, words_of_loss
 from pipeline.stagelog import is_log_of
 from pipeline.store import Store
 
-PlanState = Literal["cached", "running", "run", "depends", "shared", "lost"]
+PlanState = Literal["cached", "running", "run", "depends", "shared", "lost", "refused"]
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Step:
     `cached`: done already, as `result` tells. `running`: a run is doing it; the first of `reasons` says where to read
     more. `run`: to be done, for `reasons`. `depends`: to be done if what is made before it comes out differently.
     `shared`: to be done by a stage before it that does the same. `lost`: damaged or gone, and a run refuses to put
-    another in its place. `key` is None as long as an input is not made. `changes` are
-    what differs from the last result, and part of the reasons. `failed` is the cause of a failure since the last
-    result.
+    another in its place. `refused`: a run would not make another for other code alone. `key` is None as long as an
+    input is not made. `changes` are what differs from the last result, and but where it is refused part of the reasons.
+    `failed` is the cause of a failure since the last result.
     """
 
     name: str
@@ -122,7 +122,10 @@ class _Planner:
         if result:
             return Step(node.name, "cached", key, result=result)
         step = self.missing(node, key, parts, last)
-        return self.running(step, key) if key and self.store.is_locked(key) else step
+        if key and self.store.is_locked(key):
+            return self.running(step, key)
+        refused = refusal(node, key, parts, self.graph, self.store) if key else None
+        return replace(step, state="refused", reasons=(refused,)) if refused else step
 
     def missing(self, node: Node, key: str | None, parts: Mapping[str, Any], last: LastResult) -> Step:
         """The step of a node that is not in the store."""

@@ -22,6 +22,7 @@ STATES = {
     "depends": "depends",
     "shared": "shared",
     "lost": "lost",
+    "refused": "to accept",
 }
 
 
@@ -78,5 +79,6 @@ def node_as_json(node: Node) -> dict[str, object]:
 def box(node: Node, step: Step) -> Box:
     lines = (node.uses, duration(step.result.seconds)) if step.result else (node.uses,)
     private = node.private or (step.result is not None and step.result.private)
-    tone: Tone = "private" if private else "done" if step.result else "failed" if step.state == "lost" else "plain"
+    refused = step.state in ("lost", "refused")
+    tone: Tone = "private" if private else "done" if step.result else "failed" if refused else "plain"
     return Box(node.name, node.upstream, lines, tone)

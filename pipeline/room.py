@@ -20,11 +20,12 @@ def lacking_room(nodes: Iterable[Node], store: Store) -> str | None:
     They copy what they take from outside, all or much of it; what else they make nobody knows before.
     """
     free = free_bytes(store.root)
-    needed = RESULTS + sum(map(_bytes_at, {path for node in nodes for path in _outside(node)}))
-    if free is None or free >= needed:
+    copied = sum(map(_bytes_at, {path for node in nodes for path in _outside(node)}))
+    if free is None or free >= RESULTS + copied:
         return None
     there = f"the disk that holds {store.root} has {size_words(free)} free"
-    return f"{there}; this run may take {size_words(needed)}, copies of photos included"
+    copies = f", {size_words(copied)} of them copies of photos and other files" if copied else ""
+    return f"{there}; this run may take {size_words(RESULTS + copied)}{copies}"
 
 
 def _outside(node: Node) -> list[str]:

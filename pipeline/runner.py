@@ -25,7 +25,7 @@ from pipeline.graph import Graph, Node, Source
 from pipeline.history import Journal, StageResult
 from pipeline.interruption import interruptible
 from pipeline.keys import key_of, key_parts
-from pipeline.loss import words_of_another, words_of_loss
+from pipeline.loss import refusal, words_of_another
 from pipeline.provenance import git_commit
 from pipeline.record import Record
 from pipeline.store import Store
@@ -83,18 +83,19 @@ class Run:
 
     def run(self) -> Summary:
         """Runs everything; returns when nothing is left that can be done. Raises CommandError during a `gc`."""
-        started = time.monotonic()
+        started, interrupted = time.monotonic(), False
         with interruptible(self._ask_to_stop):
             try:
                 with self.store.in_use(), self._history():
                     self.store.sweep()
                     self._loop()
+                    interrupted = self._stopped_at is not None  # later there is nothing left to interrupt
             finally:
                 if self._executor:
                     self._executor.close()
                 self._stop_flag.unlink(missing_ok=True)
         counts: Counter[StageState] = Counter(self._ended.values())
-        summary = Summary(time.monotonic() - started, dict(counts), self._stopped_at is not None)
+        summary = Summary(time.monotonic() - started, dict(counts), interrupted)
         self.tell(summary)
         return summary
 
@@ -190,10 +191,9 @@ class Run:
         if key in self._running.values() or (self._running and (node.declaration.alone or self._someone_is_alone())):
             self._held.add(name)  # another stage is just doing the same, or one of them has to be alone
             return False
-        remains = self.store.remains(key) if node.unrepeatable else ()
-        if remains:
-            cause = words_of_loss(name, remains, self.graph, self.store)
-            self._causes[name] = self._lasting(name, cause)
+        cause = refusal(node, key, parts, self.graph, self.store)
+        if cause:
+            self._causes[name] = lasting_cause(node, cause, self.store)
             self._end(StageResult(name, "failed", key, cause=cause))
         else:
             self._start(node, key, parts)
@@ -269,7 +269,8 @@ class Run:
         if self._executor is None:
             self._commit = git_commit(self.package_folder)
             self._executor = self.make_executor()
-        another = words_of_another(node, key, self.graph, self.store) if node.unrepeatable else None
+        first_try = not self._failures[node.name]
+        another = words_of_another(node, key, self.graph, self.store) if node.unrepeatable and first_try else None
         if another:
             self.tell(Noted(another))
         if self._journal:
@@ -296,7 +297,7 @@ class Run:
             self._end(StageResult(name, "skipped", seconds=outcome.seconds, cause=outcome.cause))
         elif outcome.outputs is None or outcome.state == "failed":
             cause = outcome.cause or "failed"
-            self._causes[name] = self._lasting(name, cause)
+            self._causes[name] = lasting_cause(self.graph.nodes[name], cause, self.store)
             self._end(StageResult(name, "failed", key, {}, outcome.seconds, cause=cause), outcome.log)
         else:
             state: StageState = "ran" if outcome.state == "ran" else "cached"
@@ -328,9 +329,6 @@ class Run:
         """What a worker makes when it begins an action of this run."""
         return self._stop_flag.with_name(f"{self._stop_flag.name}-{key}")
 
-    def _lasting(self, name: str, cause: str) -> str:
-        return lasting_cause(self.graph.nodes[name], cause, self.store)
-
     def _make_again(self, name: str, key: str, outcome: Outcome) -> Iterable[str]:
         """Puts damaged inputs of a stage aside, and has what made them, and then the stage, done again.
 
@@ -343,7 +341,7 @@ class Run:
         self._damaged.update([name, *made_again])
         if self._damaged[name] > COMPLAINTS or any(self._damaged[digest] > REPAIRS for digest in made_again):
             cause = f"{self.store.object(outcome.damaged[0])}: damaged again after it was made anew. Check the disk."
-            self._causes[name] = self._lasting(name, cause)
+            self._causes[name] = lasting_cause(self.graph.nodes[name], cause, self.store)
             self._end(StageResult(name, "failed", key, cause=cause), outcome.log)
             return self._dependents[name]
         for digest in made_again:

@@ -53,7 +53,8 @@ class StageLog:
 def is_log_of(key: str, path: Path) -> bool:
     """Whether a log is that of an action; False where it is missing or may not be read."""
     try:
-        with path.open(errors="replace") as file:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a stranger's may be a pipe
+        with os.fdopen(descriptor, errors="replace") as file:
             return f", key {key}, " in file.readline()
     except OSError:
         return False
@@ -84,4 +85,5 @@ def _descriptors_to(target: int, descriptors: tuple[int, ...]) -> Iterator[None]
 def _flush_printed() -> None:
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):  # a full disk under the log, or a terminal that is gone
-            stream.flush()
+            if stream:
+                stream.flush()

@@ -102,7 +102,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
 
     def kept(name: str) -> Path | bytes:
         context.stop_if_requested()
-        context.progress(len(found.photos) + places[name], 2 * len(found.photos))
+        context.progress(len(found.photos) + places[name], len(found.photos) + len(names))
         return picture_of(found.photos[name], parameters.background, facts[name].turned)
 
     write_capture(context.output("capture"), capture, kept)

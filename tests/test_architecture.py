@@ -18,9 +18,9 @@ ENGINE = [
     "declared_parameters module_names",
     "errors interruption canonical collection completion cuda_process data_folder disk freed_memory hidden look "
     "orphans output",
-    "companion located external events provenance process stagelog drawing manifest console tables pins resources "
+    "companion located external events provenance process stagelog drawing manifest tables pins resources "
     "engine_code sealed temporary in_use reading",
-    "arrays substitution outside_paths table record",
+    "arrays console substitution outside_paths table record",
     "damaged latest wanted_columns matrix artifact executor placement fingerprint history wording bucket",
     "stage store remote_history remote_pins remote_artifacts workflow wrong_values livetable loaded_code",
     "absent_store",
@@ -28,7 +28,8 @@ ENGINE = [
     "remarks source_cache checkpoint remote external_cache privacy garbage verification workers progress other_runs",
     "declaration opening outside_files",
     "graph action naming storewords cluster",
-    "room keys changes repeating description exporting urgency loss cause",
+    "room keys changes repeating description exporting urgency cause",
+    "loss",
     "plan runner showing pictures",
     "explanation accept readiness",
     "project planwords foretelling",

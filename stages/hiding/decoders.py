@@ -64,9 +64,9 @@ class Decoder(torch.nn.Sequential):
         narrowest = min(convolution.out_channels for convolution in convolutions)
         if narrowest < channels:
             raise UserError(
-                "the decoders are too narrow for so many messages",
-                found=f"decoder_width: {narrowest}, {channels} channels to show",
-                expected=f"a decoder_width of at least {channels}, 3 for each message",
+                "a decoder is too narrow for the pictures that it is to show",
+                found=f"decoder_width: {narrowest}, {channels // 3} pictures",
+                expected=f"a decoder_width of at least {channels}, 3 for each picture",
             )
         with torch.no_grad():
             for position, convolution in enumerate(convolutions):

@@ -48,3 +48,4 @@ class Closing(SerialExecutor):
 def test_a_run_that_ends_its_workers_is_not_killed(workspace: Workspace) -> None:
     ran = workspace.write("stages:\n  a: {uses: numbers}\n").run(executor=Closing())
     assert ran.states == {"a": "ran"}
+    assert not ran.summary.interrupted, "all was done before"

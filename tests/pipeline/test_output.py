@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from pipeline.events import Noted, StageEnded, StageStarted
 from pipeline.livetable import LiveTable
 from pipeline.output import lossy_output
 from pipeline.progress import make_display
+from tests.pipeline.dask_cluster import ROOT
 from tests.pipeline.helpers import TOYS, Workspace
 
 
@@ -90,3 +92,20 @@ def test_what_can_be_printed_is_printed(capsys: pytest.CaptureFixture[str]) -> N
         print("to whom it may concern")
         print("and to others", file=sys.stderr)
     assert capsys.readouterr() == ("to whom it may concern\n", "and to others\n")
+
+
+@pytest.mark.parametrize("closed", [1, 2])
+def test_a_stream_that_was_closed_before(workspace: Workspace, closed: int) -> None:
+    """`>&-` and `2>&-`: the exit status is as ever, and so is what the stage makes."""
+    workspace.write("stages:\n  a: {uses: say, with: {word: nothing}}\n")
+    arguments = ["--stages", TOYS, "--store", str(workspace.folder / "store"), "--serial"]
+    done = subprocess.run(
+        [sys.executable, "-m", "pipeline", "run", str(workspace.file), *arguments],
+        cwd=ROOT,
+        preexec_fn=lambda: os.close(closed),
+        stdout=None if closed == 1 else subprocess.DEVNULL,
+        stderr=None if closed == 2 else subprocess.DEVNULL,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert workspace.plan()["a"].state == "cached"

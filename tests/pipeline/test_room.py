@@ -38,7 +38,7 @@ def test_what_is_copied_and_something_more_needs_room(
     monkeypatch.setattr(room, "free_bytes", lambda path: free)
     project = here.open()
     note = lacking_room(project.graph.nodes.values(), project.store)
-    expected = "has 1.0 GB free; this run may take 1.0 GB, copies of photos included"
+    expected = "has 1.0 GB free; this run may take 1.0 GB, 1.0 kB of them copies of photos and other files"
     assert note == (f"the disk that holds {here.folder}/store {expected}" if told else None)
 
 

@@ -185,6 +185,35 @@ def test_to_say_so_changes_no_key(tmp_path: Path) -> None:
     assert said == unsaid != other
 
 
+def test_after_a_change_of_code_alone_it_is_accepted(
+    workspace: Workspace, drawn: Ran, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A new version of this program draws no other key in its place: what was published would not be read with it."""
+    monkeypatch.setattr("pipeline.keys.FORMAT", 3)
+    again = workspace.run()
+    assert again.states == {"key": "failed", "hide": "skipped", "more": "skipped"}
+    assert "only the code of key changed" in str(again.ended["key"].cause)
+    step = workspace.plan()["key"]
+    assert (step.state, step.reasons) == ("refused", (again.ended["key"].cause,))
+    where = ["--store", str(workspace.folder / "store"), "--stages", TOYS]
+    assert CliRunner().invoke(app, ["accept", str(workspace.file), "key", *where]).exit_code == 0
+    kept = workspace.run()
+    assert kept.states == {"key": "cached", "hide": "ran", "more": "ran"}
+    assert kept.ended["key"].outputs["numbers"].name == drawn.ended["key"].outputs["numbers"].name
+
+
+def test_after_a_change_of_code_another_is_drawn_on_purpose(
+    workspace: Workspace, drawn: Ran, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.keys.FORMAT", 3)
+    record = drawn.project.store.root / "actions" / str(drawn.ended["key"].key)
+    assert f"delete {record}" in str(workspace.run().ended["key"].cause)
+    shutil.rmtree(record)
+    again = workspace.run()
+    assert again.states["key"] == "ran"
+    assert again.ended["key"].outputs["numbers"].name != drawn.ended["key"].outputs["numbers"].name
+
+
 @pytest.mark.parametrize("verified", [False, True])
 def test_in_a_bucket(remote: Elsewhere, monkeypatch: pytest.MonkeyPatch, verified: bool) -> None:
     """On a machine without a copy: what is left in the bucket says on all machines that there was one."""
