@@ -92,7 +92,7 @@ def _grid(method: str, name: Ablated, runs: Sequence[Run], study: Study, tables:
             (TITLES[name], "Figures"),
             titles,
             tuple(lines),
-            (note, noise_note(noises(study))),
+            (note, noise_note(noises(runs, study))),
         )
     )
 
@@ -134,5 +134,5 @@ def _relation(
         0.0,
         at(better).minus(at(worse)),
         printed[better] - printed[worse],
-        noises(study)[subject].deviation,
+        noises(runs, study)[subject].deviation,
     )

@@ -66,14 +66,15 @@ def title_of(method: str) -> str:
     return METHOD_TITLES.get(method, method)
 
 
-def noises(study: Study, quantity: str = "psnr") -> dict[str, Noise]:
-    """From one seed to the next, of the cover and of the message: pooled over all runs of the study, since three of one
-    kind hardly tell a deviation.
+def noises(runs: Sequence[Run], study: Study, quantity: str = "psnr") -> dict[str, Noise]:
+    """From one seed to the next, of the cover and of the message: in these runs or in all of the study, whichever is
+    more. Where one method alone was repeated among these, its noise would stand for that of all.
     """
-    return {
-        picture: noise(study.runs, figure)
-        for picture, figure in (("cover", cover(quantity)), ("message", message(quantity)))
-    }
+    found = {}
+    for picture, figure in (("cover", cover(quantity)), ("message", message(quantity))):
+        own, of_all = noise(runs, figure), noise(study.runs, figure)
+        found[picture] = own if own.deviation >= of_all.deviation else of_all
+    return found
 
 
 def _written_runs(noise: Noise) -> str:

@@ -97,7 +97,7 @@ def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: 
     views = {"test": "test views", "train": "training views"}[split]
     notes = [size_note(runs)] if scene else []
     if split == "test" and any(measure(runs, figure).by_capture for _, figure in figures):
-        notes.append(noise_note(noises(study, quantity), quantity, " dB" if quantity == "psnr" else ""))
+        notes.append(noise_note(noises(runs, study, quantity), quantity, " dB" if quantity == "psnr" else ""))
     return without_empty_columns(
         Grid(
             f"{label(quantity)}, {views}",

@@ -18,7 +18,7 @@ LARGEST_SHARE_OF_BYTES = 0.6
 
 def paper_relations(runs: Sequence[Run], study: Study, tables: Published) -> list[Relation]:
     """The order of Table 1: GS-Hider above both baselines, not far under 3DGS, and smaller."""
-    spreads = noises(study)
+    spreads = noises(runs, study)
     pictures: tuple[tuple[Subject, Figure], ...] = (("cover", cover("psnr")), ("message", message("psnr")))
     found = []
     for subject, figure in pictures:
@@ -60,7 +60,7 @@ def paper_relations(runs: Sequence[Run], study: Study, tables: Published) -> lis
 
 def own_relations(runs: Sequence[Run], study: Study, tables: Published) -> list[Relation]:
     """Our own method against GS-Hider: at least what the rival gains over it, in no more bytes; and against 3DGS."""
-    spreads, hider, rival = noises(study), tables.fidelity[GS_HIDER], tables.rival
+    spreads, hider, rival = noises(runs, study), tables.fidelity[GS_HIDER], tables.rival
     gains: tuple[tuple[Subject, Figure, float], ...] = (
         ("cover", cover("psnr"), rival.cover - average(hider.cover)),
         ("message", message("psnr"), rival.message - average(hider.message)),

@@ -52,7 +52,7 @@ def no_message(study: Study, tables: Published) -> Chapter:
         ("Method", "Metric", "Figures"),
         headings(study.captures),
         tuple(lines),
-        (noise_note({"cover": noises(study)["cover"]}),),
+        (noise_note({"cover": noises(runs, study)["cover"]}),),
     )
     return Chapter("Without a message", (without_empty_columns(grid),), _relations(runs, study, tables), runs)
 
@@ -66,7 +66,7 @@ def _published_line(method: str, quantity: str, study: Study, tables: Published)
 
 
 def _relations(runs: tuple[Run, ...], study: Study, tables: Published) -> tuple[Relation, ...]:
-    name, noise = title_of(GS_HIDER), noises(study)["cover"].deviation
+    name, noise = title_of(GS_HIDER), noises(runs, study)["cover"].deviation
     bare = of_method(usual(runs), GS_HIDER, cover("psnr"))
     larger = of_method([run for run in runs if _is_larger(run, tables)], GS_HIDER, cover("psnr"))
     return (

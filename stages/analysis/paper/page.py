@@ -135,9 +135,10 @@ def _remarks(study: Study, chapters: Sequence[Chapter], wanted: Sequence[str], t
         "alone; of an average, that of the average, each capture having n runs.",
         f"Within noise: nearer to what is asked for than {NOISES} standard deviations of what is compared, which "
         "follow from that of a run from one seed to the next, and from how many runs are compared. It is pooled over "
-        "the methods, and taken to be the same on captures where no seeds were repeated, which need not be so. Where "
-        "the tables tell no noise, none is known. Of areas under a curve the deviation follows from their 95 % "
-        "intervals, over views and detectors: how far another training would differ they do not know.",
+        "the methods, of a table's runs or of all, whichever is more, and taken to be the same on captures where no "
+        "seeds were repeated, which need not be so. Where the tables tell no noise, none is known. Of areas under a "
+        "curve the deviation follows from their 95 % intervals, over views and detectors: how far another training "
+        "would differ they do not know.",
         *(
             f"The paper's average of {name!r} is {average:g}; the mean of its row is {mean:.5g}."
             for name, average, mean in wrong_averages(tables)

@@ -40,7 +40,7 @@ def plateau(study: Study, tables: Published) -> Chapter:
         ("Method", "Picture", "Iterations", "Figures"),
         (*headings(study.captures)[:-1], "To the fewest iterations"),
         tuple(lines),
-        (noise_note(noises(study)),),
+        (noise_note(noises(runs, study)),),
     )
     relations = (*_gains(runs, study), *_beyond(runs, study, tables))
     return Chapter("At the plateau", (without_empty_columns(grid),), relations, runs)
@@ -48,7 +48,7 @@ def plateau(study: Study, tables: Published) -> Chapter:
 
 def _gains(runs: Sequence[Run], study: Study) -> Iterator[Relation]:
     """What each doubling of the iterations gains."""
-    spreads = noises(study)
+    spreads = noises(runs, study)
     for method, most in MOST_GAINED.items():
         by_count = _by_count((run for run in runs if run.method == method), study)
         for subject, figure in FIGURES.items():

@@ -146,9 +146,12 @@ def read_study(
         bounds = _stated(alike, "gaussians")
         return {**usual, **({"gaussians": max(bounds)} if bounds else {})}
 
+    scored = _distinct(run for item in scores for run in _runs_of(item, columns, usual_of(item)))
+    timed = _distinct(run for item in timings for run in _runs_of(item, columns, usual_of(item)))
+    telling = _telling(timed) | _telling(scored)  # times name no message, so that less tells them apart
     return Study(
-        _told_apart(_distinct(run for item in scores for run in _runs_of(item, columns, usual_of(item)))),
-        _told_apart(_distinct(run for item in timings for run in _runs_of(item, columns, usual_of(item)))),
+        _told_apart(scored, telling),
+        _told_apart(timed, telling),
         tuple((item.label, item.cause or "not made") for item in items if item.artifact is None),
         iterations,
         tuple(experiment for item in experiments for experiment in _experiments_of(item, columns, usual_of(item))),
@@ -306,10 +309,15 @@ def _distinct(runs: Iterable[Run]) -> tuple[Run, ...]:
     return tuple(kept)
 
 
-def _told_apart(runs: Sequence[Run]) -> tuple[Run, ...]:
+def _told_apart(runs: Iterable[Run], telling: Mapping[str, set[str]]) -> tuple[Run, ...]:
     """The runs, of which those that differ in nothing but numbers have these among their settings: tables would average
     them otherwise. Such a number may be a setting of a method of the user's own.
     """
+    return tuple(_with_settings(run, telling[run.method]) for run in runs)
+
+
+def _telling(runs: Sequence[Run]) -> dict[str, set[str]]:
+    """By method, the names of the numbers in which alone runs differ."""
     alike: dict[tuple[object, ...], list[Run]] = {}
     for run in runs:
         alike.setdefault((run.capture, run.kind, run.seed), []).append(run)
@@ -319,7 +327,7 @@ def _told_apart(runs: Sequence[Run]) -> tuple[Run, ...]:
         telling[group[0].method] |= {
             name for name in set().union(*numbers) if len({own.get(name) for own in numbers}) > 1
         }
-    return tuple(_with_settings(run, telling[run.method]) for run in runs)
+    return telling
 
 
 def _numbers(run: Run) -> dict[str, float]:

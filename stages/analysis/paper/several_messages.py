@@ -44,7 +44,7 @@ def several_messages(study: Study, tables: Published) -> Chapter:
         ("Method", "Picture", "Figures"),
         ("Size (MB)", *headings(study.captures)),
         tuple(lines),
-        ("The paper gives no figures.", noise_note(noises(study))),
+        ("The paper gives no figures.", noise_note(noises(runs, study))),
     )
     return Chapter("Several scenes hidden in one", (without_empty_columns(grid),), (), runs)
 

@@ -62,7 +62,7 @@ def single_image(study: Study, tables: Published) -> Chapter:
         ("Method", "Picture", "Figures"),
         headings(captures),
         tuple(lines),
-        (NOTE, noise_note({"cover": noises(study)["cover"]})),
+        (NOTE, noise_note({"cover": noises(runs, study)["cover"]})),
     )
     return Chapter("An image hidden at one view", (without_empty_columns(grid),), _relations(runs, study, tables), runs)
 
@@ -110,7 +110,7 @@ def _published_lines(method: str, captures: Sequence[str], tables: Published) ->
 
 def _relations(runs: Sequence[Run], study: Study, tables: Published) -> tuple[Relation, ...]:
     name, rival = title_of(GS_HIDER), title_of(DECODER)
-    of_cover = noises(study)["cover"].deviation
+    of_cover = noises(runs, study)["cover"].deviation
     of_image, of_the_loss = (noise(runs, figure).deviation for figure in (image_psnr, lost_where_it_hides))
     hider, decoder = tables.single_image[GS_HIDER], tables.single_image[DECODER]
 

@@ -12,6 +12,7 @@ from pipeline.stage import Item
 from stages.analysis.paper.ablations import value_of
 from stages.analysis.paper.chapter import usual
 from stages.analysis.paper.fidelity import fidelity
+from stages.analysis.paper.frame_time import frame_time
 from stages.analysis.paper.published import read_published
 from stages.analysis.paper.runs import Columns, Experiment, Study, by_method, method_title, read_study
 from stages.imaging.metric_table import MetricRow
@@ -76,6 +77,22 @@ def test_runs_that_differ_in_a_number_alone_are_told_apart_by_it(tmp_path: Path)
     assert {run.other for run in runs} == {("steps=7",)}
     study = read([own("c", 0, hash_levels=4, seed=0), own("d", 1, hash_levels=4, seed=1)])
     assert {method_title(run) for run in study.select(lambda run: run.method == "gs_hider")} == {"GS-Hider"}
+
+
+def test_times_are_told_apart_by_what_tells_their_scores_apart(tmp_path: Path) -> None:
+    """Times name no message: that a training hides nothing must not be taken for a setting of its method there."""
+    rows = {1: scene_rows("fox", "gs_hider", messages=("reef",)), 0: scene_rows("fox", "gs_hider", cover=1)}
+    times = {1: 0.023, 0: 0.022}
+    scores, timings = [], []
+    for hidden in (1, 0):
+        values = {"capture": "fox", "method": "gs_hider", "hidden": hidden}
+        time = [MetricRow("seconds_per_frame", times[hidden], "s", method="gs_hider")]
+        scores.append(item(tmp_path, f"score{hidden}", rows[hidden], **values))
+        timings.append(Item(f"time{hidden}", values, "timings", metrics(tmp_path, f"time{hidden}", time)))
+    study = read(scores, timings)
+    assert [run.settings for run in study.timings] == [(), ()]
+    titles = [line.names[0] for line in frame_time(study, read_published()).grids[0].lines]
+    assert set(titles) == {"GS-Hider", "GS-Hider, without a message"}
 
 
 def test_decoders_of_an_unusual_width_are_named(tmp_path: Path) -> None:
