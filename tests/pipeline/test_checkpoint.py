@@ -180,8 +180,8 @@ def test_the_run_says_that_a_disk_is_full_while_work_goes_on(
         ran = workspace.run()
     (note,) = (event.text for event in ran.events if isinstance(event, Noted))
     assert note == (
-        "a: its checkpoint could not be written: No space left on device. What it has done since the last one is lost if it "
-        f"stops before that succeeds: look after the disk of {workspace.folder / 'store'} now."
+        "a: its checkpoint could not be written: No space left on device. What it has done since the last one is lost "
+        f"if it stops before that succeeds: look after the disk of {workspace.folder / 'store'} now."
     )
     assert ran.ended["a"].cause == (
         "stopped after number 2; its checkpoint could not be written: No space left on device"
