@@ -31,7 +31,7 @@ from pipeline.record import Record
 from pipeline.store import Store
 from pipeline.urgency import urgencies
 
-GRACE = 60.0  # seconds that a running stage has to save its checkpoint and stop
+GRACE = 180.0  # seconds that a running stage has to save its checkpoint and stop: gigabytes take a minute or two
 MOMENT = 0.2  # seconds between two looks at the stop flag
 REPAIRS = 1  # times that one artifact is made again in one run
 COMPLAINTS = 3  # times that one stage finds its inputs damaged in one run
