@@ -240,8 +240,8 @@ class _Action:
             name: ArtifactWriter(work / name, output.kind, output_is_private(output, self.private))
             for name, output in declared.outputs.items()
         }
-        told = partial(self.progress, tell), log.line, self.stop_requested, self.lineage, job.command
-        services = Services(*told, partial(self.saved, tell))
+        progress, saved = partial(self.progress, tell), partial(self.saved, tell)
+        services = Services(progress, log.line, self.stop_requested, self.lineage, job.command, saved)
         scratch = scratch_directory(self.store, job.key)
         context = Context(inputs, writers, scratch, job.workflow, services, self.items())
         with nobody_else_reads():

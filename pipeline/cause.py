@@ -20,10 +20,7 @@ VARYING = (
 
 def lasting_cause(node: Node, cause: str, store: Store) -> str:
     """Why a stage failed, for the stages that go on without it."""
-    outside = [node.arguments.get(parameter) for parameter in node.declaration.external]
-    paths = [path for value in outside for path in (value if isinstance(value, list) else [value])]
-    words = cause.replace(f"{store.root}/", "")
-    return f"{node.entry}: {lasting_words(words, [path for path in paths if isinstance(path, str)])}"
+    return f"{node.entry}: {lasting_words(cause.replace(f'{store.root}/', ''), node.outside_paths)}"
 
 
 def lasting_words(cause: str, folders: Iterable[str] = ()) -> str:

@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from pipeline.resources import Resources
     from pipeline.store import Store
 
-MIXED = "logs and `latest` will be of both; the same command, when both have ended, puts `latest` right"
 COMMAND = "gs-hider"  # the same program under a name of its own, which is what a shell can complete
 
 app = typer.Typer(
@@ -306,7 +305,7 @@ def _run(
 ) -> Summary:
     """Runs a graph and shows it. `make_executor` is asked when there is something to do, and may tell of it first."""
     from pipeline.events import Noted
-    from pipeline.other_runs import beside_others
+    from pipeline.other_runs import MIXED, beside_others
     from pipeline.progress import make_display
     from pipeline.runner import Run
     from pipeline.wording import summary_words

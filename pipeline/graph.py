@@ -70,6 +70,13 @@ class Node:
         """Its name in the file, without the row of a foreach."""
         return self.name.partition("[")[0]
 
+    @property
+    def outside_paths(self) -> list[str]:
+        """The paths that it is given and that lead outside the store."""
+        given = map(self.arguments.get, self.declaration.external)
+        paths = [path for value in given for path in (value if isinstance(value, list) else [value])]
+        return [path for path in paths if isinstance(path, str)]
+
     @cached_property
     def upstream(self) -> tuple[str, ...]:
         """Names of the nodes that it takes artifacts from, each once, in the order of its inputs."""
@@ -128,11 +135,7 @@ class Graph:
 
 
 def build_graph(
-    workflow: Workflow,
-    catalogue: Catalogue,
-    external: ExternalCache,
-    problems: Problems,
-    stages: Sequence[str] = (),
+    workflow: Workflow, catalogue: Catalogue, external: ExternalCache, problems: Problems, stages: Sequence[str] = ()
 ) -> Graph:
     """Checks a workflow and resolves it. Raises WorkflowError with all of `problems`, those found before included.
 

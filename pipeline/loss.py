@@ -20,14 +20,16 @@ SHOWN = 8  # names of stages
 NOT_READ = "what was made, or published, with the earlier one is not read with this one"
 
 
-def refusal(node: Node, key: str, parts: Mapping[str, Json], graph: Graph, store: Store) -> str | None:
-    """Why a run may not start a stage that is not done under this key; None where it may."""
+def refusal(
+    node: Node, key: str, parts: Mapping[str, Json], last: StageResult | None, graph: Graph, store: Store
+) -> str | None:
+    """Why a run may not start a stage that is not done under this key; None where it may. `last` is its last result."""
     if not node.unrepeatable:
         return None
     remains = store.remains(key)
     if remains:
         return words_of_loss(node.name, remains, graph, store)
-    return words_of_keeping(node, key, parts, graph, store)
+    return words_of_keeping(node, key, parts, last, store)
 
 
 def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store) -> str:
@@ -45,19 +47,19 @@ def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store)
     return str(error)
 
 
-def words_of_another(node: Node, key: str, graph: Graph, store: Store) -> str | None:
+def words_of_another(node: Node, key: str, last: StageResult | None) -> str | None:
     """That a stage makes another than the last time; None where it made none, or the same action made it."""
-    last = _last(node, graph, store)
     if last is None or last.key == key:
         return None
     return f"{node.name} is made anew, for what it depends on is not as it was; {NOT_READ}"
 
 
-def words_of_keeping(node: Node, key: str, parts: Mapping[str, Json], graph: Graph, store: Store) -> str | None:
+def words_of_keeping(
+    node: Node, key: str, parts: Mapping[str, Json], last: StageResult | None, store: Store
+) -> str | None:
     """The error of a stage whose last result, which cannot be made again, asked for the same and is under another key
     for its code alone; None where that is not so.
     """
-    last = _last(node, graph, store)
     before = store.record(str(last.key)) if last is not None and last.key != key else None
     if before is None or not asks_the_same(before.parts, parts):
         return None
@@ -71,10 +73,14 @@ def words_of_keeping(node: Node, key: str, parts: Mapping[str, Json], graph: Gra
     return str(error)
 
 
-def _last(node: Node, graph: Graph, store: Store) -> StageResult | None:
+def last_of_their_kind(graph: Graph, store: Store) -> dict[str, StageResult | None]:
+    """The last results of those stages of a graph whose results no run can make again."""
+    names = [name for name, node in graph.nodes.items() if node.unrepeatable]
+    if not names:
+        return {}
     with suppress(RemoteError, OSError):  # a bucket that cannot be reached just now must not end the run
-        return store.history.last(graph.workflow, [node.name])[node.name].made
-    return None
+        return {name: last.made for name, last in store.history.last(graph.workflow, names).items()}
+    return {}
 
 
 def _behind(name: str, graph: Graph) -> list[str]:

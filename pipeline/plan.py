@@ -124,7 +124,7 @@ class _Planner:
         step = self.missing(node, key, parts, last)
         if key and self.store.is_locked(key):
             return self.running(step, key)
-        refused = refusal(node, key, parts, self.graph, self.store) if key else None
+        refused = refusal(node, key, parts, last.made, self.graph, self.store) if key else None
         return replace(step, state="refused", reasons=(refused,)) if refused else step
 
     def missing(self, node: Node, key: str | None, parts: Mapping[str, Any], last: LastResult) -> Step:

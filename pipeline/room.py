@@ -20,19 +20,12 @@ def lacking_room(nodes: Iterable[Node], store: Store) -> str | None:
     They copy what they take from outside, all or much of it; what else they make nobody knows before.
     """
     free = free_bytes(store.root)
-    copied = sum(map(_bytes_at, {path for node in nodes for path in _outside(node)}))
+    copied = sum(map(_bytes_at, {path for node in nodes for path in node.outside_paths}))
     if free is None or free >= RESULTS + copied:
         return None
     there = f"the disk that holds {store.root} has {size_words(free)} free"
     copies = f", {size_words(copied)} of them copies of photos and other files" if copied else ""
     return f"{there}; this run may take {size_words(RESULTS + copied)}{copies}"
-
-
-def _outside(node: Node) -> list[str]:
-    """The paths of a stage that lead outside the store."""
-    given = [node.arguments.get(name) for name in node.external]
-    paths = [path for value in given for path in (value if isinstance(value, list) else [value])]
-    return [path for path in paths if isinstance(path, str)]
 
 
 def _bytes_at(path: str) -> int:

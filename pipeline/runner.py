@@ -25,7 +25,7 @@ from pipeline.graph import Graph, Node, Source
 from pipeline.history import Journal, StageResult
 from pipeline.interruption import interruptible
 from pipeline.keys import key_of, key_parts
-from pipeline.loss import refusal, words_of_another
+from pipeline.loss import last_of_their_kind, refusal, words_of_another
 from pipeline.provenance import git_commit
 from pipeline.record import Record
 from pipeline.store import Store
@@ -80,6 +80,7 @@ class Run:
         self._urgencies = urgencies(self.graph)
         self._final = frozenset(self.graph.final)
         self._dependents = self.graph.dependents
+        self._before = last_of_their_kind(self.graph, self.store)
 
     def run(self) -> Summary:
         """Runs everything; returns when nothing is left that can be done. Raises CommandError during a `gc`."""
@@ -191,7 +192,7 @@ class Run:
         if key in self._running.values() or (self._running and (node.declaration.alone or self._someone_is_alone())):
             self._held.add(name)  # another stage is just doing the same, or one of them has to be alone
             return False
-        cause = refusal(node, key, parts, self.graph, self.store)
+        cause = refusal(node, key, parts, self._before.get(name), self.graph, self.store)
         if cause:
             self._causes[name] = lasting_cause(node, cause, self.store)
             self._end(StageResult(name, "failed", key, cause=cause))
@@ -269,9 +270,8 @@ class Run:
         if self._executor is None:
             self._commit = git_commit(self.package_folder)
             self._executor = self.make_executor()
-        first_try = not self._failures[node.name]
-        another = words_of_another(node, key, self.graph, self.store) if node.unrepeatable and first_try else None
-        if another:
+        another = words_of_another(node, key, self._before.get(node.name))
+        if another and not self._failures[node.name]:
             self.tell(Noted(another))
         if self._journal:
             self._journal.begin(key)
