@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 from jaxtyping import Float, Int
@@ -73,6 +73,13 @@ class RasterSettings:
             raise ValueError(
                 f"RasterSettings.transmittance_minimum: found {self.transmittance_minimum}, expected 0 or more, under 1"
             )
+
+    def for_fewer_pixels(self, factor: float) -> RasterSettings:
+        """For pictures `factor` times as wide (0 < factor <= 1) that show what some pixels of the whole picture do.
+
+        The low-pass stays as wide as it is there; in as many of the larger pixels it would make Gaussians swell.
+        """
+        return replace(self, low_pass=max(self.low_pass * factor**2, SMALLEST_LOW_PASS))
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from jaxtyping import Bool, Float, Float32
+from torch import Tensor
 
-from stages.hiding.rendering import splat
+from stages.hiding.rendering import AS_TRAINED, splat
 from stages.scene.alignment import best, cameras_in_message_world, candidates, nearest_depth
-from stages.scene.cameras import Cameras, single_cameras
+from stages.scene.cameras import Camera, Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.message_views import LEGAL_COVERAGE
 from stages.scene.scene import Scene
@@ -26,7 +27,7 @@ def place(
 ) -> Similarity:
     """From the message's world into the cover's, so that the cover's cameras see as much of the message as possible.
 
-    Candidates are scored on pictures `search_width` pixels wide; `progress` takes how many of how many are.
+    Candidates are scored on `search_width` pixels of a row; `progress` takes how many of how many are.
     """
     choices = candidates(cover.cameras, message.cameras, message.points, cover_points=cover.points)
     clear_from = clear_depth(message)
@@ -36,8 +37,8 @@ def place(
         nonlocal scored
         scored += 1
         progress(scored, len(choices))
-        seen = shrunken(cameras_in_message_world(cover.cameras, similarity), search_width)
-        return coverage_score(clear_coverage(gaussians, seen, clear_from))
+        seen = cameras_in_message_world(cover.cameras, similarity)
+        return coverage_score(clear_coverage(gaussians, seen, search_width, clear_from))
 
     return best(choices, score)
 
@@ -55,19 +56,35 @@ def shrunken(cameras: Cameras, width: int) -> Cameras:
     return replace(cameras, intrinsics=scaling @ cameras.intrinsics, width=size[0], height=size[1])
 
 
-@torch.no_grad()
-def clear_coverage(gaussians: Gaussians, cameras: Cameras, clear_from: float) -> Float32[np.ndarray, " V"]:
+def clear_coverage(gaussians: Gaussians, cameras: Cameras, width: int, clear_from: float) -> Float32[np.ndarray, " V"]:
     """The share of each camera's picture that Gaussians fill from the depth `clear_from` on, in world units.
 
     A camera inside of things has its picture filled, too, but by what stands so close that no photo shows it so: such
-    Gaussians hide what is behind them and count nothing.
+    Gaussians hide what is behind them and count nothing. Looked at in `width` pixels a row.
     """
+    return coverage(gaussians, cameras, width, lambda camera, depths: depths >= clear_from)
+
+
+Counting = Callable[[Camera, Float[Tensor, " N"]], Bool[Tensor, " N"]]
+"""Which of N Gaussians count, seen from a camera and as far in front of it as their depths say, in world units."""
+
+
+@torch.no_grad()
+def coverage(gaussians: Gaussians, cameras: Cameras, width: int, counts: Counting) -> Float32[np.ndarray, " V"]:
+    """The share of each camera's picture that Gaussians fill which count; the others hide what is behind them.
+
+    Only `width` pixels of a row are looked at, as they are in the whole picture: with the usual low-pass of 0.3 square
+    pixels, of these few, small Gaussians would swell. Of two scenes trained on large pictures 48 of 800 pixels then
+    showed up to 0.09 more than is filled, so up to 0.001.
+    """
+    few = shrunken(cameras, width)
+    settings = AS_TRAINED.for_fewer_pixels(few.width / cameras.width)
     shares = []
-    for camera in single_cameras(cameras):
+    for camera in single_cameras(few):
         towards = camera.world_to_camera[2].to(gaussians.device)
-        depths = gaussians.means @ towards[:3] + towards[3]
-        clear = (depths >= clear_from).to(gaussians.means.dtype)
-        shares.append(float(splat(gaussians, clear[:, None], camera).feature_map.mean()))
+        counted = counts(camera, gaussians.means @ towards[:3] + towards[3])
+        features = counted.to(gaussians.means.dtype)[:, None]
+        shares.append(float(splat(gaussians, features, camera, settings).feature_map.mean()))
     return np.array(shares, np.float32)
 
 

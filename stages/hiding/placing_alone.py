@@ -7,11 +7,10 @@ from itertools import product
 from typing import Literal
 
 import numpy as np
-import torch
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32
+from torch import Tensor
 
-from stages.hiding.placing import coverage_score, shrunken
-from stages.hiding.rendering import splat
+from stages.hiding.placing import coverage, coverage_score
 from stages.scene.alignment import (
     SAMPLED_VIEWS,
     Rig,
@@ -22,7 +21,7 @@ from stages.scene.alignment import (
     rig_of,
     sample,
 )
-from stages.scene.cameras import Cameras, single_cameras
+from stages.scene.cameras import Camera, Cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import Scene
 from stages.scene.similarity import Similarity
@@ -63,28 +62,25 @@ def place_alone(
         nonlocal scored
         scored += 1
         progress(scored, len(tried))
-        seen = shrunken(cameras_in_message_world(few, similarity), search_width)
-        return coverage_score(sharp_coverage(gaussians, seen, CLEAR_RADII * radius))
+        seen = cameras_in_message_world(few, similarity)
+        return coverage_score(sharp_coverage(gaussians, seen, search_width, CLEAR_RADII * radius))
 
     return best([placed(*each) for each in tried], score)
 
 
-@torch.no_grad()
-def sharp_coverage(gaussians: Gaussians, cameras: Cameras, clear_from: float) -> Float32[np.ndarray, " V"]:
+def sharp_coverage(gaussians: Gaussians, cameras: Cameras, width: int, clear_from: float) -> Float32[np.ndarray, " V"]:
     """The share of each picture that small enough Gaussians fill from the depth `clear_from` on, in world units.
 
     Others hide what is behind them and count nothing. Photos would tell which sides of the message were seen; of the
-    others trainings know little, and fill them with few and large Gaussians.
+    others trainings know little, and fill them with few and large Gaussians. Looked at in `width` pixels a row.
     """
     largest = gaussians.scales.max(dim=1).values
-    shares = []
-    for camera in single_cameras(cameras):
-        towards = camera.world_to_camera[2].to(gaussians.device)
-        depths = gaussians.means @ towards[:3] + towards[3]
+
+    def sharp(camera: Camera, depths: Float[Tensor, " N"]) -> Bool[Tensor, " N"]:
         small = largest * camera.intrinsics[0, 0] <= BLURRED * camera.width * depths
-        sharp = (small & (depths >= clear_from)).to(gaussians.means.dtype)
-        shares.append(float(splat(gaussians, sharp[:, None], camera).feature_map.mean()))
-    return np.array(shares, np.float32)
+        return small & (depths >= clear_from)
+
+    return coverage(gaussians, cameras, width, sharp)
 
 
 def ups(up: Up, of_cover: Float[np.ndarray, " 3"]) -> list[Float[np.ndarray, " 3"]]:

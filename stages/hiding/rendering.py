@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from opencl.rasterizer import rasterize
+from opencl.rasterizer import RasterSettings, rasterize
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 from stages.timing.stopwatch import backward_of, part
@@ -15,6 +15,9 @@ from stages.timing.stopwatch import backward_of, part
 ACTIVATIONS = "activations"
 RASTERIZER = "rasterizer"
 """Parts of an iteration, as a stopwatch names them; so are those beside the other methods."""
+
+AS_TRAINED = RasterSettings()
+"""The constants of 3DGS, with which every container is trained and shown."""
 
 COVER = "cover"
 """The name of the cover's picture among the pictures of a rendering; every other name is a message's."""
@@ -36,7 +39,9 @@ class Rendering:
     means2d: Float[Tensor, "N 2"]
 
 
-def splat(gaussians: Gaussians, features: Float[Tensor, "N M"], camera: Camera) -> Rendering:
+def splat(
+    gaussians: Gaussians, features: Float[Tensor, "N M"], camera: Camera, settings: RasterSettings = AS_TRAINED
+) -> Rendering:
     """Blend the features of all Gaussians for one camera (Eq. 3 and 4); `pictures` is still empty.
 
     No Gaussians at all give zeros.
@@ -54,6 +59,7 @@ def splat(gaussians: Gaussians, features: Float[Tensor, "N M"], camera: Camera) 
             camera.intrinsics,
             camera.width,
             camera.height,
+            settings=settings,
         )
     backward_of(RASTERIZER, out.features, out.alphas)
     return Rendering({}, out.features, out.alphas, out.radii, out.means2d)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -55,6 +56,20 @@ def test_settings_reach_the_kernels(settings):
     assert torch.equal(drawn.radii, expected.radii)
     plain = make_scene(count=80, size=0.4).draw()
     assert not torch.equal(drawn.features, plain.features)
+
+
+def test_fewer_pixels_are_some_of_the_whole_picture():
+    whole = make_scene(count=80, width=81, height=60, size=0.1)
+    smaller = torch.diag(torch.tensor([1 / 3, 1 / 3, 1.0], dtype=torch.float64))
+    fewer = replace(
+        whole,
+        intrinsics=smaller @ whole.intrinsics,
+        width=27,
+        height=20,
+        settings=whole.settings.for_fewer_pixels(1 / 3),
+    )
+    torch.testing.assert_close(fewer.draw().features, whole.draw().features[1::3, 1::3], rtol=1e-10, atol=1e-12)
+    assert RasterSettings().for_fewer_pixels(1e-9).low_pass > 0
 
 
 def test_one_gaussian_by_hand():

@@ -47,11 +47,22 @@ def test_a_shrunken_camera_sees_the_same() -> None:
 
 def test_what_stands_too_close_hides_and_counts_nothing() -> None:
     scene = opaque(wall(5.0))
-    far, near = (float(clear_coverage(scene, camera_at(z), clear_from=2.0)[0]) for z in (0.0, 4.0))
+    far, near = (float(clear_coverage(scene, camera_at(z), 32, clear_from=2.0)[0]) for z in (0.0, 4.0))
     assert far > 0.95
     assert near == 0
     behind = opaque(np.concatenate([wall(5.0), wall(9.0)]))
-    assert float(clear_coverage(behind, camera_at(4.0), clear_from=2.0)[0]) < 0.05
+    assert float(clear_coverage(behind, camera_at(4.0), 32, clear_from=2.0)[0]) < 0.05
+
+
+def test_few_pixels_tell_how_much_small_gaussians_fill() -> None:
+    specks = opaque(np.random.default_rng(0).uniform([-3, -2, 5], [3, 2, 6], (20_000, 3)))
+    specks.parameters["log_scales"] = torch.full((len(specks), 3), np.log(2e-3))
+    large = camera_at(0.0)
+    scaling = np.diag([10.0, 10.0, 1.0])
+    large = Cameras(large.names, large.world_to_camera, scaling @ large.intrinsics, 320, 240)
+    whole, few = (clear_coverage(specks, large, width, clear_from=2.0) for width in (320, 40))
+    assert 0.3 < whole[0] < 0.7
+    np.testing.assert_allclose(few, whole, atol=0.03)
 
 
 def test_legal_views_count_before_mean_coverage() -> None:

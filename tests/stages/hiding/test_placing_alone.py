@@ -8,7 +8,6 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from stages.hiding.method import build_method
-from stages.hiding.placing import shrunken
 from stages.hiding.placing_alone import (
     TURNS,
     direction_of,
@@ -64,7 +63,7 @@ def test_a_statue_stands_upright_where_the_cover_looks(axis: str, given: str) ->
     assert (depth > 0).all()
     assert (pixels[:, 0, 1] - pixels[:, 1, 1] > 5).all(), "the column's head is above its foot in every picture"
     assert np.abs(pixels.mean(axis=1) - [48, 36]).max() < 36
-    coverage = sharp_coverage(statue(upwards, foot), shrunken(cameras_in_message_world(cover, placed), 24), 0.0)
+    coverage = sharp_coverage(statue(upwards, foot), cameras_in_message_world(cover, placed), 24, 0.0)
     assert coverage.min() > 0.4
     assert done[-1][0] == done[-1][1] == len(done)
     assert len(done) % TURNS == 0
@@ -111,8 +110,8 @@ def test_blurred_and_near_gaussians_count_nothing_but_hide() -> None:
     across, down = np.meshgrid(np.linspace(-6, 6, 60), np.linspace(-6, 6, 60))
     wall = np.stack([across.ravel(), down.ravel(), np.full(across.size, 5.0)], axis=1)
     gaussians = gaussians_of(wall)
-    assert float(sharp_coverage(gaussians, camera, 1.0)[0]) > 0.95
-    assert float(sharp_coverage(gaussians, camera, 6.0)[0]) == 0
+    assert float(sharp_coverage(gaussians, camera, 32, 1.0)[0]) > 0.95
+    assert float(sharp_coverage(gaussians, camera, 32, 6.0)[0]) == 0
     both = gaussians_of(np.concatenate([wall, [[0.0, 0.0, 3.0]]]), opacity=9.0)
     both.parameters["log_scales"][-1] = 2.0
-    assert float(sharp_coverage(both, camera, 1.0)[0]) < 0.1
+    assert float(sharp_coverage(both, camera, 32, 1.0)[0]) < 0.1
