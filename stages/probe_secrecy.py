@@ -16,6 +16,7 @@ from stages.analysis.secrecy.probing import Probe, SecrecySettings
 from stages.analysis.secrecy.surrogate import SurrogateSettings
 from stages.analysis.seeds import DistinctSeeds
 from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.opening import open_container
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.scene.attributes import strings
 from stages.scene.message_views import read_messages
@@ -63,7 +64,7 @@ def probe_secrecy(context: Context, parameters: ProbeSecrecyParameters) -> None:
     """Read the message by wrong decoders, by surrogates trained on leaked views, and off the features as they are.
 
     `clean` is a container of the same method and cover that hides nothing: what chance correlations come to. All
-    figures are of test views, which nobody has seen.
+    figures are of test views, which nobody has seen. A sealed container is opened for the owner alone.
     """
     torch.set_num_threads(parameters.threads)
     container, secret, clean = context.input("container"), context.input("secret"), context.input_optional("clean")
@@ -81,10 +82,12 @@ def probe_secrecy(context: Context, parameters: ProbeSecrecyParameters) -> None:
     if clean is not None:
         check_method(clean, parameters.method)
     surrogates = SurrogateSettings(parameters.steps, parameters.crop, parameters.rate)
+    gaussians, owner = read_gaussians(container), read_method(container, secret)
     probe = Probe(
-        gaussians=read_gaussians(container),
+        gaussians=gaussians,
+        unsealed=open_container(gaussians, owner, secret),
         public=read_method(container),
-        owner=read_method(container, secret),
+        owner=owner,
         scene=scene,
         messages=messages,
         clean=(read_gaussians(clean), read_method(clean)) if clean is not None else None,

@@ -30,10 +30,10 @@ def key_generator(artifact: Artifact | None, seed: int) -> np.random.Generator:
     return np.random.default_rng(int.from_bytes(key, "little"))
 
 
-APART = ("view", "weights", "building")
+APART = ("view", "weights", "building", "seal")
 """What is drawn from a key apart from its first random numbers: who learns one knows nothing of another."""
 
 
-def generator_apart(artifact: Artifact, use: Literal["view", "weights", "building"]) -> np.random.Generator:
+def generator_apart(artifact: Artifact, use: Literal["view", "weights", "building", "seal"]) -> np.random.Generator:
     """Random numbers of a key for one use, independent of those of `key_generator` and of other uses."""
     return key_generator(artifact, 0).spawn(len(APART))[APART.index(use)]

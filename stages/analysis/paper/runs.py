@@ -22,6 +22,7 @@ SETTINGS = {
     "decoder_width": "decoders {} wide",
     "iterations": "{} iterations",
     "gaussians": "at most {} Gaussians",
+    "sealed": "sealed",
 }
 """Columns of items that tell runs of one method apart, and how a line of a table is called after them."""
 
@@ -285,8 +286,9 @@ def _usual_of_pictures(rows: Sequence[MetricRow], usual: Mapping[str, float]) ->
 def _settings(item: Item, method: str, usual: Mapping[str, float]) -> Settings:
     """What is stated and unusual."""
     names = list(SETTINGS) if method != PLAIN else SETTINGS_OF_PLAIN
-    stated = {name: _value(item.values[name]) for name in names if item.values.get(name) is not None}
-    return tuple((name, value) for name, value in stated.items() if value != usual[name])
+    given = {name: item.values.get(name) for name in names}
+    stated = {name: _value(value) for name, value in given.items() if value is not None and value is not False}
+    return tuple((name, value) for name, value in stated.items() if value != usual.get(name))
 
 
 def _value(value: object) -> float | str:

@@ -13,11 +13,13 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import pad
 
-from stages.analysis.secrecy.conditions import CHANNELS, COMPONENTS, IGNORED, SHOWN, UNEXPLAINED
+from stages.analysis.secrecy.apart import TellsShares, feature_maps_of, hardly_shown, surfaces_of
+from stages.analysis.secrecy.conditions import APART, CHANNELS, COMPONENTS, IGNORED, SHOWN, SURFACES, UNEXPLAINED
 from stages.analysis.secrecy.linear import least_squares, neighbourhoods
 from stages.analysis.secrecy.observing import Observed
 from stages.hiding.coupled import CoupledFeatures
 from stages.hiding.method import Method
+from stages.scene.gaussians import Gaussians
 
 PROBES = 4
 """Random directions of the scene decoder's output for each view, to find what it is sensitive to."""
@@ -28,13 +30,14 @@ SMALLEST_SENSITIVITY = 1e-3
 Maps = list[Float[Tensor, "H W C"]]
 
 
-def blind_readings(public: Method, views: Sequence[Observed], seed: int) -> dict[str, Maps]:
+def blind_readings(gaussians: Gaussians, public: Method, views: Sequence[Observed], seed: int) -> dict[str, Maps]:
     """Three channels of every view, by how they were found; `seed` is that of the scene decoder's probes.
 
     CHANNELS: the first three of the feature map; the paper shows three at random. COMPONENTS: its principal components.
     UNEXPLAINED: those of what is left when the cover's picture, with neighbours, is regressed out. IGNORED, of methods
-    with a scene decoder: directions along which features vary most for how little the scene decoder heeds them. Of
-    fewer than three channels the rest are zero.
+    with a scene decoder: directions along which features vary most for how little the scene decoder heeds them. APART,
+    of methods that say how much of a Gaussian is the cover's: the same of those alone that are hardly the cover's;
+    SURFACES: how far away these are, and how much of a pixel they fill. Of fewer than three channels the rest are zero.
     """
     maps = [seen.rendering.feature_map for seen in views]
     readings = {
@@ -43,7 +46,13 @@ def blind_readings(public: Method, views: Sequence[Observed], seed: int) -> dict
         UNEXPLAINED: _unexplained(maps, [seen.cover for seen in views]),
     }
     if isinstance(public, CoupledFeatures):
-        readings[IGNORED] = _along(maps, ignored_directions(maps, sensitivity(public, views, seed)))
+        heeded = sensitivity(public, views, seed)
+        readings[IGNORED] = _along(maps, ignored_directions(maps, heeded))
+        if isinstance(public, TellsShares):
+            few = hardly_shown(gaussians, public)
+            maps = feature_maps_of(few, public, views)
+            readings[APART] = _along(maps, ignored_directions(maps, heeded))
+            readings[SURFACES] = surfaces_of(few, views)
     return {name: [pad(each, (0, SHOWN - each.shape[-1])) for each in found] for name, found in readings.items()}
 
 

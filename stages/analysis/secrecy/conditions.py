@@ -29,8 +29,11 @@ CHANNELS = "first channels"
 COMPONENTS = "principal components"
 UNEXPLAINED = "what the cover does not explain"
 IGNORED = "what the scene decoder ignores"
+APART = "Gaussians that the cover hardly shows, by themselves"
+SURFACES = "where those stand"
 ALL = "all channels together"
-"""Of the feature map: three channels, as the paper shows it, and as a blind reader finds more in it than the cover."""
+"""Of the feature map: three channels, as the paper shows it, and as a blind reader finds more in it than the cover; and
+of what is rendered of some Gaussians alone."""
 
 CHANNEL, COMPONENT = "channel {}", "principal component {}"
 LINES = (

@@ -74,11 +74,13 @@ class SecrecySettings:
 class Probe:
     """Everything that is known of one container. `public` is its method without the secret, `owner` with it.
 
+    `gaussians` are published; `unsealed` are those that the owner renders, the same where there is no seal.
     `clean` is the control, a container that hides nothing: its Gaussians and its method, where there is one. All of
     these are on the CPU; surrogates learn on `device`.
     """
 
     gaussians: Gaussians
+    unsealed: Gaussians
     public: Method
     owner: Method
     scene: Scene
@@ -95,9 +97,9 @@ class Probe:
         decoded = MESSAGE_DECODER in self.owner.networks
         tick = _Counter(progress, self._amount(decoded)).tick
         views = self._observed(opened or self.public, self.scene.test_names)
-        self._add_pictures(OWNER, self._rendered(self.owner, tuple(self.messages)), views)
+        self._add_pictures(OWNER, self._rendered(self.unsealed, self.owner, tuple(self.messages)), views)
         if opened is not None:
-            self._add_pictures(OPEN, self._rendered(opened, opened.messages), views)
+            self._add_pictures(OPEN, self._rendered(self.gaussians, opened, opened.messages), views)
         # What the scene decoder shows, too, where it is taken for the message decoder.
         self._add_pictures(COVER_ITSELF, self._of_each_message([seen.cover for seen in views]), views)
         self._feature_maps(views)
@@ -118,9 +120,9 @@ class Probe:
         return observe(self.gaussians, method, self.scene, self.messages, names)
 
     @torch.no_grad()
-    def _rendered(self, method: Method, names: Sequence[str]) -> Readings:
+    def _rendered(self, gaussians: Gaussians, method: Method, names: Sequence[str]) -> Readings:
         cameras = single_cameras(self.scene.cameras.select(self.scene.test_names))
-        shown = [method.render(self.gaussians, camera, wanted=names).pictures for camera in cameras]
+        shown = [method.render(gaussians, camera, wanted=names).pictures for camera in cameras]
         return [torch.stack([pictures[name] for name in names]) for pictures in shown]
 
     def _feature_maps(self, views: Sequence[Observed]) -> None:
@@ -136,7 +138,9 @@ class Probe:
             self._add(figures, found.line, views[found.view].view, found.message)
 
     def _blind(self, public: Method, views: Sequence[Observed]) -> None:
-        readings = {name: stretched(maps) for name, maps in blind_readings(public, views, PROBES_SEED).items()}
+        readings = {
+            name: stretched(maps) for name, maps in blind_readings(self.gaussians, public, views, PROBES_SEED).items()
+        }
         for name, maps in readings.items():
             self._show(name, "feature_map", [seen.cover for seen in views], maps)
             self._add_readings(BLIND.format(name), self._of_each_message(maps), views, 0.0)
@@ -146,7 +150,7 @@ class Probe:
         for found in feature_map_correlations(views):
             figures = {"correlation_clean": found.own, "edges_clean": found.edges_own}
             self._add(figures, found.line, views[found.view].view, found.message)
-        for name, maps in blind_readings(method, views, PROBES_SEED).items():
+        for name, maps in blind_readings(gaussians, method, views, PROBES_SEED).items():
             condition = NOTHING_HIDDEN.format(BLIND.format(name))
             self._add_readings(condition, self._of_each_message(stretched(maps)), views, 0.0)
 

@@ -164,6 +164,14 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         features = 0.5 + belongs @ directions + torch.einsum("npc,pcm->nm", centred, colours)
         return {FEATURES: features.clamp(*FEATURE_RANGE).logit()}
 
+    def cover_shares(self, gaussians: Gaussians) -> Float[Tensor, " N"]:
+        """How much of each of N Gaussians is the cover's, about 0 to 1: what the scene decoder has is public."""
+        return (gaussians[FEATURES].sigmoid() - 0.5) @ self.scene_decoder.directions[0] + 0.5
+
+    def rows_read(self) -> Float[Tensor, "R M"]:
+        """u of the cover and the readings of the scene decoder: of centred features it sees nothing else."""
+        return torch.cat([self.scene_decoder.directions, self.scene_decoder.readings.flatten(0, 1)])
+
     def penalty(self, gaussians: Gaussians) -> Float[Tensor, ""] | None:
         """Σ s_k s_l over pairs of pictures, and Σ max(0, |r_k| - s_k / 2) over pictures and readings, as means.
 

@@ -1,0 +1,177 @@
+"""Sealing: what a container's scene decoder does not read of its features is moved between Gaussians, as a key says.
+
+In homogeneous features a Gaussian says how much of it is the cover's. Whoever knows the method renders those alone that
+are not, and sees the messages, in false colours, without their decoder. The scene decoder reads a feature along few of
+its M dimensions. The rest, which holds the messages, goes here to another Gaussian, drawn from all of them: the cover
+stays as it is, and what is rendered of the rest is noise. Where a message's surfaces stand can still be told: means,
+sizes and opacities are not changed.
+
+An activated feature lies in the cube (0, 1)^M, and what is moved has to lie in it with what the scene decoder reads of
+its new Gaussian. So not the rest itself is moved, but its direction and how far it reaches of what room there is: from
+a point inside the cube that follows from what the scene decoder reads.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float64, Int
+from torch import Tensor
+
+from stages.hiding.coupled import FEATURES
+from stages.hiding.stored_features import FARTHEST, stored
+from stages.scene.gaussians import Gaussians
+
+SEAL, PLACES = "seal", "sealed_places"
+"""Facts of a secret: the key of its container's seal, and a hash of where its Gaussians were, in hexadecimal digits."""
+
+INSIDE = (0.45, 0.49, 0.499)
+"""From 0.5, of each channel: how far points of origin lie at most, so that there is room around them: the first where
+there are such points. Where what the scene decoder reads is extreme there may be none that is so far inside."""
+
+ROUNDS = 100
+"""Of projections onto what the scene decoder reads and onto the cube: no Gaussian of the fox or kitchen needed more."""
+
+UNREAD = 1e-3
+"""Of the largest singular value of what the scene decoder reads along: a direction below that is not read."""
+
+
+@runtime_checkable
+class ReadsAlong(Protocol):
+    """A method whose scene decoder reads of a centred feature (activated, less 0.5) its products with a few rows."""
+
+    def rows_read(self) -> Float[Tensor, "R M"]:
+        """These rows; what is at right angles to all of them does not change the cover."""
+        ...
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What the scene decoder does not read of N features: unit directions, and shares in [0, 1] of the room there is.
+
+    `origins` are the points from which both are counted; all are of centred features.
+    """
+
+    origins: Float64[Tensor, "N M"]
+    directions: Float64[Tensor, "N M"]
+    shares: Float64[Tensor, " N"]
+
+    @property
+    def is_cornered(self) -> Bool[Tensor, " N"]:
+        """Whether there is no room around an origin."""
+        return self.origins.abs().amax(dim=1) > FARTHEST
+
+    def moved(self, rows: Int[Tensor, " N"]) -> Rest:
+        """The rests of other Gaussians, at the same origins."""
+        return Rest(self.origins, self.directions[rows], self.shares[rows])
+
+    def features(self) -> Float64[Tensor, "N M"]:
+        """Centred features with these rests."""
+        reach = self.shares * room(self.origins, self.directions)
+        return self.origins + self.directions * reach[:, None]
+
+
+def can_be_sealed(method: object) -> bool:
+    """Whether the scene decoder leaves some dimension of the features unread."""
+    return isinstance(method, ReadsAlong) and read_basis(method).shape[1] < method.rows_read().shape[1]
+
+
+def read_basis(method: ReadsAlong) -> Float64[Tensor, "M R"]:
+    """Orthonormal columns that span what the scene decoder reads."""
+    _, values, rows = torch.linalg.svd(method.rows_read().detach().cpu().double(), full_matrices=False)
+    return rows[values > UNREAD * values.max()].T
+
+
+def places_of(gaussians: Gaussians) -> str:
+    """A hash of where the Gaussians are, in their order."""
+    means = np.ascontiguousarray(gaussians.means.detach().cpu().numpy(), "<f4")
+    return hashlib.sha256(means.tobytes()).hexdigest()
+
+
+def order_of(key: bytes, count: int) -> Int[Tensor, " N"]:
+    """Rows 0 to `count` - 1 in an order that nobody can tell without the key: sorted by what SHAKE-256 makes of it."""
+    stream = hashlib.shake_256(key).digest(8 * count)
+    return torch.from_numpy(np.argsort(np.frombuffer(stream, "<u8"), kind="stable"))
+
+
+def sealed(gaussians: Gaussians, method: ReadsAlong, key: bytes) -> Gaussians:
+    """The container in which each Gaussian has the rest of another, drawn by the key; N = 0 is allowed.
+
+    Features are stored anew, at most `FARTHEST` from 0.5. A Gaussian around whose origin there is no room, its feature
+    being at a corner of the cube, stays as it is; what it should have held is lost. `method` has to be one that
+    `can_be_sealed`.
+    """
+    centred = _centred(gaussians)
+    rest = rest_of(centred, read_basis(method))
+    features = rest.moved(order_of(key, len(gaussians))).features()
+    return _with(gaussians, torch.where(rest.is_cornered[:, None], centred, features))
+
+
+def opened(gaussians: Gaussians, method: ReadsAlong, key: bytes, rows: Int[Tensor, " F"], count: int) -> Gaussians:
+    """Of F Gaussians of a sealed container those that get back their own rest, in the order in which it was sealed.
+
+    `rows`: which of its `count` Gaussians each is; negative for one that is none of them. One whose rest is not among
+    those found is left out, as nothing tells what it shows of a message; so is all but the first of several of one row.
+    """
+    place = torch.full((count,), -1, dtype=torch.long)
+    known = (rows >= 0).nonzero().squeeze(1).flip(0)  # so that the first of several is written last
+    place[rows[known]] = known
+    holder = torch.empty(count, dtype=torch.long)
+    holder[order_of(key, count)] = torch.arange(count)  # of each Gaussian's rest: the row that holds it now
+    own, held = place, place[holder]
+    whole = (own >= 0) & (held >= 0)
+    rest = rest_of(_centred(gaussians), read_basis(method))
+    back = Rest(rest.origins[own[whole]], rest.directions[held[whole]], rest.shares[held[whole]])
+    return _with(
+        Gaussians({name: values[own[whole]] for name, values in gaussians.parameters.items()}), back.features()
+    )
+
+
+def rest_of(features: Float64[Tensor, "N M"], read: Float64[Tensor, "M R"]) -> Rest:
+    """What is not read of centred features; a feature at its origin has the direction 0."""
+    features = features.clamp(-FARTHEST, FARTHEST)
+    origins = _origins((features @ read) @ read.T, read)
+    offsets = features - origins
+    lengths = offsets.norm(dim=1)
+    directions = offsets / lengths.clamp_min(torch.finfo(lengths.dtype).tiny)[:, None]
+    space = room(origins, directions)
+    return Rest(origins, directions, torch.where(space > 0, lengths / space, 0.0).clamp(0, 1))
+
+
+def room(origins: Float64[Tensor, "N M"], directions: Float64[Tensor, "N M"]) -> Float64[Tensor, " N"]:
+    """How far each origin is from the border of the cube along its direction; 0 outside of it, or without one."""
+    ends = torch.where(directions > 0, FARTHEST - origins, FARTHEST + origins) / directions.abs()
+    nearest = torch.where(directions == 0, torch.inf, ends).amin(dim=1)
+    return torch.where(nearest.isfinite(), nearest, 0.0).clamp_min(0)
+
+
+def _origins(read: Float64[Tensor, "N M"], basis: Float64[Tensor, "M R"]) -> Float64[Tensor, "N M"]:
+    """Points of which the scene decoder reads the same, inside the cube, if there are any."""
+    origins = _nearest_inside(read, basis, INSIDE[0])
+    for inside in INSIDE[1:]:
+        outside = origins.abs().amax(dim=1) > FARTHEST
+        origins[outside] = _nearest_inside(read[outside], basis, inside)
+    return origins
+
+
+def _nearest_inside(
+    read: Float64[Tensor, "N M"], basis: Float64[Tensor, "M R"], inside: float
+) -> Float64[Tensor, "N M"]:
+    """By projecting onto the smaller cube and onto what is read, in turn."""
+    points = read
+    for _ in range(ROUNDS):
+        nearer = points.clamp(-inside, inside)
+        points = read + nearer - (nearer @ basis) @ basis.T
+    return points
+
+
+def _centred(gaussians: Gaussians) -> Float64[Tensor, "N M"]:
+    return gaussians[FEATURES].detach().cpu().double().sigmoid() - 0.5
+
+
+def _with(gaussians: Gaussians, centred: Float64[Tensor, "N M"]) -> Gaussians:
+    return Gaussians(gaussians.parameters | {FEATURES: stored(centred + 0.5).to(gaussians.device)})

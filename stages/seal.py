@@ -1,0 +1,55 @@
+"""`seal`: a container as it is published: its messages cannot be read off its Gaussians without the secret."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.key import KEY_BYTES, generator_apart
+from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.sealing import PLACES, SEAL, ReadsAlong, can_be_sealed, places_of, sealed
+from stages.hiding.storage import check_method, read_gaussians, read_method, write_container, write_secret
+from stages.scene.attributes import strings
+
+MESSAGES = "messages"
+
+
+class SealParameters(Parameters):
+    """Whose container it is, and whether at all."""
+
+    method: MethodName = Field("gs_hider", description="The container's method.")
+    sealed: bool = Field(True, description="Whether it is sealed; if not, it stays as it is: for comparisons.")
+
+
+@stage(
+    inputs={"container": Input("container"), "secret": Input("secret"), "key": Input("key")},
+    outputs={"container": Output("container", privacy="public"), "secret": Output("secret", privacy="private")},
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def seal(context: Context, parameters: SealParameters) -> None:
+    """Move what the scene decoder does not read of each Gaussian to another one; the secret says how to undo it.
+
+    The cover stays as it is. A container whose scene decoder reads all of its features (those of other methods than
+    ours, and ours of no more channels than it reads) cannot be sealed and is left as it is, as is one that hides
+    nothing.
+    """
+    container, secret = context.input("container"), context.input("secret")
+    check_method(container, parameters.method)
+    gaussians, method = read_gaussians(container), read_method(container, secret)
+    facts = {name: value for name, value in secret.attributes.items() if name != MESSAGES}
+    if not method.messages or not parameters.sealed:
+        context.log("left as it is: " + ("it is not to be sealed" if method.messages else "nothing is hidden in it"))
+    elif isinstance(method, ReadsAlong) and can_be_sealed(method):
+        key = generator_apart(context.input("key"), "seal").bytes(KEY_BYTES)
+        gaussians = sealed(gaussians, method, key)
+        facts |= {SEAL: key.hex(), PLACES: places_of(gaussians)}
+    else:
+        context.log(
+            "left as it is: its scene decoder reads all of its features; whoever has the container may see messages "
+            "without the secret"
+        )
+    write_container(context.output("container"), gaussians, method)
+    write_secret(context.output("secret"), method, strings(secret, MESSAGES))
+    context.output("secret").attributes |= facts
+    context.record(sealed=SEAL in facts)

@@ -1,0 +1,126 @@
+"""A seal leaves the cover as it is, gives back all that it moved to who has the key, and to nobody else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stages.hiding.coupled import FEATURES
+from stages.hiding.method import build_method
+from stages.hiding.methods.homogeneous import Homogeneous
+from stages.hiding.rendering import COVER
+from stages.hiding.sealing import can_be_sealed, opened, order_of, rest_of, sealed
+from stages.scene.gaussians import Gaussians, gaussians_at
+
+KEY = bytes(range(32))
+
+
+def homogeneous(feature_dim: int = 16, seed: int = 0) -> Homogeneous:
+    chosen = {"feature_dim": feature_dim, "layers": 2, "decoder_width": 8, "kernel_size": 1, "precision": "float32"}
+    method = build_method("homogeneous", {**chosen, "messages": ["message"]})
+    assert isinstance(method, Homogeneous)
+    method.initial_attributes({name: np.full((1, 3), 0.5) for name in (COVER, "message")}, np.random.default_rng(seed))
+    return method
+
+
+def some_gaussians(method: Homogeneous, count: int, spread: float, seed: int = 0) -> Gaussians:
+    generator = torch.Generator().manual_seed(seed)
+    points = torch.randn(count, 3, generator=generator).numpy()
+    features = spread * torch.randn(count, method.feature_dim, generator=generator)
+    return gaussians_at(points, {FEATURES: features})
+
+
+def centred(gaussians: Gaussians) -> torch.Tensor:
+    return gaussians[FEATURES].double().sigmoid() - 0.5
+
+
+@settings(deadline=None)
+@given(
+    count=st.integers(0, 40),
+    spread=st.sampled_from([0.0, 0.1, 1.0]),
+    seed=st.integers(0, 2**32 - 1),
+    key=st.binary(min_size=32, max_size=32),
+)
+def test_the_cover_is_left_and_who_has_the_key_gets_back_everything(
+    count: int, spread: float, seed: int, key: bytes
+) -> None:
+    method = homogeneous(seed=seed)
+    gaussians = some_gaussians(method, count, spread, seed)
+    closed = sealed(gaussians, method, key)
+    read = method.rows_read().double().T
+    torch.testing.assert_close(centred(closed) @ read, centred(gaussians) @ read, rtol=0, atol=1e-5)
+    back = opened(closed, method, key, torch.arange(count), count)
+    torch.testing.assert_close(centred(back), centred(gaussians), rtol=0, atol=1e-5)
+    assert torch.equal(back.means, gaussians.means)
+
+
+def test_saturated_features_leave_the_cover_as_it_is() -> None:
+    """But for what cannot be stored: at a corner of the cube there is no room for what another Gaussian holds."""
+    method = homogeneous()
+    gaussians = some_gaussians(method, 1000, 30.0)
+    closed = sealed(gaussians, method, KEY)
+    read = method.rows_read().double().T
+    torch.testing.assert_close(centred(closed) @ read, centred(gaussians) @ read, rtol=0, atol=1e-3)
+    assert closed[FEATURES].isfinite().all()
+
+
+def test_who_has_another_key_gets_nothing() -> None:
+    method = homogeneous()
+    gaussians = some_gaussians(method, 500, 1.0)
+    closed = sealed(gaussians, method, KEY)
+    for wrong in (closed, opened(closed, method, bytes(32), torch.arange(500), 500)):
+        together = torch.stack([centred(wrong).flatten(), unread(gaussians, method).flatten()])
+        assert abs(torch.corrcoef(together)[0, 1]) < 0.1
+    right = opened(closed, method, KEY, torch.arange(500), 500)
+    together = torch.stack([unread(right, method).flatten(), unread(gaussians, method).flatten()])
+    assert torch.corrcoef(together)[0, 1] > 0.999
+
+
+def unread(gaussians: Gaussians, method: Homogeneous) -> torch.Tensor:
+    read, _ = torch.linalg.qr(method.rows_read().double().T)
+    return centred(gaussians) - centred(gaussians) @ read @ read.T
+
+
+def test_what_is_missing_takes_with_it_what_it_held() -> None:
+    method = homogeneous()
+    gaussians = some_gaussians(method, 300, 1.0)
+    closed = sealed(gaussians, method, KEY)
+    kept = torch.randperm(300, generator=torch.Generator().manual_seed(0))[:200]
+    rows = torch.cat([kept, torch.tensor([-1, -1]), kept[:5]])  # two that are none of them, and five a second time
+    found = Gaussians({name: values[rows.clamp_min(0)] for name, values in closed.parameters.items()})
+    back = opened(found, method, KEY, rows, 300)
+    own = {tuple(mean.tolist()): feature for mean, feature in zip(gaussians.means, centred(gaussians), strict=True)}
+    holder = {int(row): place for place, row in enumerate(order_of(KEY, 300))}
+    assert len(back) == sum(holder[int(row)] in set(kept.tolist()) for row in kept)
+    for mean, feature in zip(back.means, centred(back), strict=True):
+        torch.testing.assert_close(feature, own[tuple(mean.tolist())], rtol=0, atol=1e-6)
+
+
+def test_the_order_is_one_of_all_rows() -> None:
+    assert sorted(order_of(KEY, 1000).tolist()) == list(range(1000))
+    assert not torch.equal(order_of(KEY, 1000), order_of(bytes(32), 1000))
+    assert order_of(KEY, 0).tolist() == []
+
+
+def test_what_reads_everything_cannot_be_sealed() -> None:
+    assert can_be_sealed(homogeneous())
+    assert not can_be_sealed(homogeneous(feature_dim=8))
+    assert not can_be_sealed(build_method("plain", {"sh_degree": 0}))
+
+
+def test_a_feature_outside_of_the_cube_stays_finite() -> None:
+    read, _ = torch.linalg.qr(torch.randn(16, 8, dtype=torch.float64, generator=torch.Generator().manual_seed(0)))
+    rest = rest_of(torch.full((1, 16), 0.5, dtype=torch.float64), read)
+    assert rest.features().isfinite().all()
+    assert 0 <= float(rest.shares) <= 1
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_none_and_one(count: int) -> None:
+    method = homogeneous()
+    gaussians = some_gaussians(method, count, 1.0)
+    back = opened(sealed(gaussians, method, KEY), method, KEY, torch.arange(count), count)
+    torch.testing.assert_close(centred(back), centred(gaussians), rtol=0, atol=1e-6)

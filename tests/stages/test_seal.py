@@ -1,0 +1,156 @@
+"""A container is sealed, published, read back, and opened again; what was pruned since is opened as far as it goes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.artifact import Artifact, create, load
+from pipeline.errors import UserError
+from pipeline.stage import run_stage
+from stages.analysis.measurements import read_measurements
+from stages.analysis.secrecy.conditions import APART, BLIND, OWNER
+from stages.draw_key import DrawKeyParameters, draw_key
+from stages.export_container import ExportContainerParameters, export_container
+from stages.hide_scenes import HideScenesParameters, hide_scenes
+from stages.hiding.coupled import FEATURES
+from stages.hiding.sealing import PLACES, SEAL
+from stages.hiding.storage import read_gaussians, read_method, write_container
+from stages.import_container import ImportContainerParameters, import_container
+from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
+from stages.scene.gaussians import Gaussians
+from stages.seal import SealParameters, seal
+from stages.unseal import UnsealParameters, unseal
+from tests.stages.small import scene
+from tests.stages.test_probe_decoder import SETTINGS, dotted_message
+
+Made = dict[str, Artifact]
+
+
+@pytest.fixture(scope="module")
+def hidden(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Artifact]:
+    """A container of 16 channels, its secret, and what they were made from."""
+    folder = tmp_path_factory.mktemp("hidden")
+    cover = scene(folder / "cover")
+    views = dotted_message(folder / "views", cover)
+    chosen = HideScenesParameters.model_validate({**SETTINGS, "method": "homogeneous", "feature_dim": 16})
+    made = run_stage(hide_scenes, chosen, {"cover": cover, "messages": (views,)}, folder / "made")
+    key = run_stage(draw_key, DrawKeyParameters(seed=3), {}, folder / "key")["key"]
+    return {"container": made["container"], "secret": made["secret"], "cover": cover, "views": views, "key": key}
+
+
+@pytest.fixture(scope="module")
+def closed(hidden: Made, tmp_path_factory: pytest.TempPathFactory) -> Made:
+    return sealed(tmp_path_factory.mktemp("closed"), hidden)
+
+
+def sealed(folder: Path, hidden: Made, method: str = "homogeneous", **chosen: bool) -> Made:
+    given = {name: hidden[name] for name in ("container", "secret", "key")}
+    return run_stage(seal, SealParameters(method=method, **chosen), given, folder)
+
+
+def unsealed(folder: Path, **given: Artifact) -> Artifact:
+    return run_stage(unseal, UnsealParameters(method="homogeneous"), given, folder)["container"]
+
+
+def features(container: Artifact) -> torch.Tensor:
+    return read_gaussians(container)[FEATURES].sigmoid()
+
+
+def test_it_is_published_and_opened_by_whoever_has_the_secret(tmp_path: Path, hidden: Made, closed: Made) -> None:
+    assert (closed["container"].private, closed["secret"].private) == (False, True)
+    assert (features(closed["container"]) - features(hidden["container"])).abs().max() > 0.1
+    bundles = run_stage(export_container, ExportContainerParameters(), closed, tmp_path / "exported")
+    files = {"bundle": bundles["bundle"].path, "secret": bundles["secret_bundle"].path}
+    read = run_stage(
+        import_container, ImportContainerParameters(method="homogeneous", **files), {}, tmp_path / "imported"
+    )
+    opened = unsealed(tmp_path / "opened", container=read["container"], secret=read["secret"])
+    assert opened.private
+    torch.testing.assert_close(features(opened), features(hidden["container"]), rtol=0, atol=2e-4)
+
+
+def test_nothing_of_the_seal_is_in_what_is_published(closed: Made) -> None:
+    key = str(closed["secret"].attributes[SEAL])
+    public = b"".join(file.read_bytes() for file in closed["container"].path.rglob("*") if file.is_file())
+    assert key.encode() not in public
+    assert bytes.fromhex(key) not in public
+
+
+def test_a_seal_follows_from_the_key(tmp_path: Path, hidden: Made, closed: Made) -> None:
+    again = sealed(tmp_path / "again", hidden)
+    assert torch.equal(features(again["container"]), features(closed["container"]))
+    other = run_stage(draw_key, DrawKeyParameters(seed=4), {}, tmp_path / "key")["key"]
+    different = sealed(tmp_path / "other", hidden | {"key": other})
+    assert different["secret"].attributes[SEAL] != again["secret"].attributes[SEAL]
+
+
+def test_without_the_seal_the_message_can_be_looked_at_and_with_it_it_cannot(
+    tmp_path: Path, hidden: Made, closed: Made
+) -> None:
+    def shown(name: str, made: Made) -> tuple[float, float]:
+        given = {"container": made["container"], "secret": made["secret"], "cover": hidden["cover"]}
+        chosen = ProbeSecrecyParameters(method="homogeneous", wrong_decoders=1, shares=())
+        probed = run_stage(probe_secrecy, chosen, {**given, "messages": (hidden["views"],)}, tmp_path / name)
+        rows = read_measurements(probed["measurements"])
+        return tuple(
+            float(np.mean([row.value for row in rows if (row.quantity, row.condition) == figure]))
+            for figure in (("correlation", BLIND.format(APART)), ("psnr_covered", OWNER))
+        )
+
+    open_r, open_psnr = shown("open", hidden)
+    closed_r, closed_psnr = shown("closed", closed)
+    assert closed_r < open_r - 0.02  # where the dots are can still be seen, against black
+    assert closed_psnr == pytest.approx(open_psnr, abs=0.02)
+
+
+def kept(folder: Path, container: Artifact, share: float) -> Artifact:
+    gaussians = read_gaussians(container)
+    rows = torch.arange(len(gaussians)) < share * len(gaussians)
+    with create(folder, "container", private=False) as writer:
+        fewer = Gaussians({name: values[rows] for name, values in gaussians.parameters.items()})
+        write_container(writer, fewer, read_method(container))
+    return load(folder)
+
+
+def test_what_was_pruned_is_opened_by_what_was_published(tmp_path: Path, hidden: Made, closed: Made) -> None:
+    pruned = kept(tmp_path / "pruned", closed["container"], 0.8)
+    with pytest.raises(UserError, match="not as it was sealed"):
+        unsealed(tmp_path / "refused", container=pruned, secret=closed["secret"])
+    given = {"container": pruned, "secret": closed["secret"], "published": closed["container"]}
+    opened = read_gaussians(unsealed(tmp_path / "opened", **given))
+    original = read_gaussians(hidden["container"])
+    own = {tuple(mean.tolist()): row for row, mean in enumerate(original.means)}
+    rows = [own[tuple(mean.tolist())] for mean in opened.means]
+    assert 0.5 < len(rows) / len(original) < 0.75  # both a Gaussian and what holds its rest: 0.8 of 0.8
+    torch.testing.assert_close(opened[FEATURES].sigmoid(), original[FEATURES].sigmoid()[rows], rtol=0, atol=2e-4)
+
+
+def test_a_container_that_cannot_be_sealed_is_left_as_it_is(tmp_path: Path) -> None:
+    cover = scene(tmp_path / "cover")
+    views = dotted_message(tmp_path / "views", cover)
+    chosen = HideScenesParameters.model_validate({**SETTINGS, "method": "gs_hider", "iterations": 1})
+    made = run_stage(hide_scenes, chosen, {"cover": cover, "messages": (views,)}, tmp_path / "made")
+    key = run_stage(draw_key, DrawKeyParameters(seed=3), {}, tmp_path / "key")["key"]
+    left = sealed(tmp_path / "left", made | {"key": key}, "gs_hider")
+    assert torch.equal(features(left["container"]), features(made["container"]))
+    assert SEAL not in left["secret"].attributes
+
+
+def test_it_is_left_as_it_is_where_no_seal_is_wanted(tmp_path: Path, hidden: Made) -> None:
+    left = sealed(tmp_path / "left", hidden, sealed=False)
+    assert torch.equal(features(left["container"]), features(hidden["container"]))
+    opened = unsealed(tmp_path / "opened", container=left["container"], secret=left["secret"])
+    assert torch.equal(features(opened), features(hidden["container"]))
+
+
+def test_a_broken_seal_is_told(tmp_path: Path, closed: Made) -> None:
+    with create(tmp_path / "secret", "secret", private=True) as writer:
+        for name in closed["secret"].names:
+            writer.write(name, closed["secret"].read(name))
+        writer.attributes.update(dict(closed["secret"].attributes) | {SEAL: "no number", PLACES: ""})
+    with pytest.raises(UserError, match="the seal in the secret cannot be used"):
+        unsealed(tmp_path / "opened", container=closed["container"], secret=load(tmp_path / "secret"))
