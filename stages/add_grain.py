@@ -9,6 +9,7 @@ from opencl.device import choose_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import key_generator
 from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.opening import refuse_sealed
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.coins import thrown
 from stages.hiding.watermark.grain import MEASURED_ON, grained
@@ -50,6 +51,7 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     container = context.input("container")
     check_method(container, parameters.method)
     scene = read_scene(context.input("cover"))
+    refuse_sealed(context.input_optional("secret"), "add_grain")
     method = read_method(container, context.input_optional("secret"))
     cameras = scene.cameras.select(scene.train_names[::MEASURED_ON])
     gaussians = read_gaussians(container)

@@ -21,6 +21,7 @@ from stages.analysis.fidelity import Perceptual
 from stages.analysis.measurements import KIND, write_measurements
 from stages.analysis.seeds import DistinctSeeds
 from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.opening import refuse_sealed
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.what_is_hidden import at_least_one_hidden
 from stages.imaging.lpips import load_lpips, networks_for
@@ -78,6 +79,7 @@ def attack(context: Context, parameters: AttackParameters) -> None:
     check_method(container, parameters.method)
     scene = read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
+    refuse_sealed(secret, "attack")
     hidden, device = at_least_one_hidden(messages, secret, "attack"), working_device()
     assay = Assay(
         Target(read_gaussians(container), read_method(container)),

@@ -17,7 +17,8 @@ from stages.analysis.fidelity import Perceptual
 from stages.analysis.public_scores import comparisons_for_the_public, rows_for_the_public
 from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score, views_for_the_public
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.storage import bytes_of, check_method, read_gaussians, read_method
+from stages.hiding.opening import read_container
+from stages.hiding.storage import bytes_of, check_method
 from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
 from stages.imaging.image import filling, read_image
 from stages.imaging.lpips import Lpips, load_lpips, networks_for
@@ -96,8 +97,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
 
         own = splats is container
         decodes = own and bool(messages or image)
-        method = read_method(splats, secret if decodes else None, device)
-        gaussians = read_gaussians(splats, device)
+        gaussians, method = read_container(splats, secret if decodes else None, device)
         shown = parameters.shown_train_views
         scores = score(gaussians, method, name, scene, hidden, perceptual, shown, progress, image if own else None)
         # For the reference, which has never seen a message, this is the control: what chance gives.

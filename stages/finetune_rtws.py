@@ -11,6 +11,7 @@ from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.opening import refuse_sealed
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.storage import read_codec
 from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
@@ -83,6 +84,7 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
         picture_to_tensor(watermark, device),
         parameters.seed,
     )
+    refuse_sealed(secret, "finetune_rtws")
     gaussians, method = read_gaussians(container, device), read_method(container, secret, device)
     refuse_unknown_attributes(gaussians, method, "finetune_rtws")
     terms = hiding_terms([*messages], parameters.lambda_message, parameters.ssim_weight, parameters.ssim_weight)

@@ -19,6 +19,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import key_generator
 from stages.hiding.method import Method
 from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.opening import refuse_sealed
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
@@ -94,6 +95,7 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     check_method(container, parameters.method)
     device = working_device()
     scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec")).to(device)
+    refuse_sealed(secret, "imprint_watermark")
     gaussians, method = read_gaussians(container, device), read_method(container, secret, device)
     refuse_unknown_attributes(gaussians, method, "imprint_watermark")
     pictures = _pictures(context, parameters, scene, gaussians, method)

@@ -12,7 +12,8 @@ from stages.analysis.probes import RawFeatures, probes
 from stages.analysis.probing import probe_rows
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.opening import read_container
+from stages.hiding.storage import check_method, read_gaussians
 from stages.hiding.what_is_hidden import at_least_one_hidden
 from stages.imaging.metric_table import write_rows
 from stages.scene.message_views import read_messages
@@ -48,7 +49,7 @@ def probe_decoder(context: Context, parameters: ProbeDecoderParameters) -> None:
     secret = context.input("secret")
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
     messages = at_least_one_hidden(messages, secret, "probe_decoder")
-    gaussians, method = read_gaussians(container), read_method(container, secret)
+    gaussians, method = read_container(container, secret)
     if FEATURES not in gaussians.parameters:
         raise UserError(
             "this container has no features to probe",

@@ -12,9 +12,10 @@ from stages.analysis.filming import encoded
 from stages.analysis.videos import write_videos
 from stages.hiding.message_names import FEATURE_MAP
 from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.opening import read_container
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import Rendering
-from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.storage import check_method
 from stages.imaging.pictures import Picture, tensor_to_picture
 from stages.imaging.video import enlarged
 from stages.scene.camera_path import Course, camera_path
@@ -39,7 +40,12 @@ class RenderPathParameters(Parameters):
 
 
 @stage(
-    inputs={"container": Input("container"), "cover": Input("scene"), "secret": Input("secret", optional=True)},
+    inputs={
+        "container": Input("container"),
+        "cover": Input("scene"),
+        "secret": Input("secret", optional=True),
+        "published": Input("container", optional=True),
+    },
     outputs={"videos": Output("videos", privacy="private"), "public_videos": Output("videos", privacy="public")},
     version=1,
     modules=lambda parameters: [module_of(parameters.method)],
@@ -52,8 +58,9 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
     container = context.input("container")
     check_method(container, parameters.method)
     device = working_device()
-    gaussians = read_gaussians(container, device)
-    method = read_method(container, context.input_optional("secret"), device)
+    gaussians, method = read_container(
+        container, context.input_optional("secret"), device, context.input_optional("published")
+    )
     path = path_along(read_scene(context.input("cover")), parameters)
     filmed: dict[str, list[Picture]] = {}
     for number, rendering in enumerate(photographs(gaussians, method, path), start=1):

@@ -15,8 +15,9 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
 from stages.analysis.scoring import HiddenImage, score
 from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.opening import read_container
 from stages.hiding.photographs import photographs
-from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.storage import check_method
 from stages.hiding.what_is_hidden import view_of_an_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import Picture, tensor_to_picture
@@ -50,7 +51,8 @@ class RevealParameters(Parameters):
 def reveal(context: Context, parameters: RevealParameters) -> None:
     """Render cover and messages from the cover's cameras: the cover is scored against its photos, and each message
     against what the secret shows of the published container, for the message's own pictures the owner need not have.
-    An image is looked at in the view that hides it, where alone it is defined.
+    An image is looked at in the view that hides it, where alone it is defined. Of a sealed container Gaussians may hold
+    nothing of the messages any more, because another was pruned: they show the cover all the same.
     """
     torch.set_num_threads(parameters.threads)
     container, published, secret = (context.input(name) for name in ("container", "published", "secret"))
@@ -75,9 +77,10 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
     device = working_device()
     messages = _as_published(published, secret, scene, device, lambda done: progress(done, 0))
     image = _image_as_published(messages, view) if view is not None else None
+    gaussians, owner = read_container(container, secret, device, published)
     scores = score(
-        read_gaussians(container, device),
-        read_method(container, secret, device),
+        gaussians,
+        owner,
         parameters.method,
         scene,
         messages if image is None else {},
@@ -86,9 +89,18 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
         lambda done, _: progress(done, views),
         image,
     )
+    if len(gaussians) < container.open("means").shape[0]:
+        whole, public = read_container(container, None, device)
+        scores.take_cover(
+            score(whole, public, parameters.method, scene, {}, {}, parameters.shown_train_views, _quietly)
+        )
     write_rows(context.output("scores"), scores.rows)
     write_comparisons(context.output("pictures"), scores.comparisons(scene))
     context.record(device=describe_drawing(device))
+
+
+def _quietly(done: int, total: int) -> None:
+    """No progress: what it tells of was told before."""
 
 
 def _image_as_published(messages: Mapping[str, MessageViews], view: str) -> HiddenImage:
@@ -100,7 +112,7 @@ def _as_published(
     published: Artifact, secret: Artifact, scene: Scene, device: torch.device, progress: Callable[[int], None]
 ) -> dict[str, MessageViews]:
     """What the secret shows of each message in every view of the cover, all of every picture counting."""
-    gaussians, method = read_gaussians(published, device), read_method(published, secret, device)
+    gaussians, method = read_container(published, secret, device)
     names = strings(secret, "messages")
     shown: dict[str, list[Picture]] = {name: [] for name in names}
     for done, rendering in enumerate(photographs(gaussians, method, scene.cameras), start=1):

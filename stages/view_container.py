@@ -20,9 +20,10 @@ from stages.hiding.bundle import CAMERAS, IMAGE_CAMERA
 from stages.hiding.camera_files import MOST_CAMERAS
 from stages.hiding.image_view import IMAGE_VIEW
 from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.opening import read_container
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
-from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.storage import check_method
 from stages.imaging.pictures import Picture, tensor_to_picture
 from stages.imaging.video import enlarged
 from stages.scene.alignment import sample
@@ -72,7 +73,7 @@ def view_container(context: Context, parameters: ViewContainerParameters) -> Non
     path = _path(context.input("cameras"), parameters)
     hiding = _image_camera(context.input_optional("image_camera"), secret, parameters)
     device = working_device()
-    method, gaussians = read_method(container, secret, device), read_gaussians(container, device)
+    gaussians, method = read_container(container, secret, device)
     filmed: dict[str, list[Picture]] = {}
     for number, rendering in enumerate(photographs(gaussians, method, path), start=1):
         for title, picture in rendering.pictures.items():

@@ -61,6 +61,13 @@ class Scores:
         self.truths.setdefault(picture, []).append(truth)
         self.rendered.setdefault(picture, []).append(tensor_to_picture(rendered))
 
+    def take_cover(self, other: Scores) -> None:
+        """Rows and pictures of the cover as another scoring of the same views has them."""
+        self.rows = [row for row in other.rows if row.message is None] + [
+            row for row in self.rows if row.message is not None
+        ]
+        self.rendered[COVER] = other.rendered[COVER]
+
     def comparisons(self, scene: Scene) -> list[Comparison]:
         """The kept pictures: the cover first, then the messages, the feature map, and the hidden image."""
         return [*self._views(scene), *self._hidden()]

@@ -11,6 +11,7 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from stages.hiding.method import Method
 from stages.hiding.sealing import PLACES, SEAL, ReadsAlong, opened, places_of
+from stages.hiding.storage import read_gaussians, read_method
 from stages.scene.attributes import string
 from stages.scene.gaussians import Gaussians
 from stages.scene.registration import register
@@ -22,6 +23,36 @@ ELSEWHERE = -1
 def is_sealed(secret: Artifact) -> bool:
     """Whether the secret is that of a sealed container."""
     return SEAL in secret.attributes
+
+
+def read_container(
+    container: Artifact,
+    secret: Artifact | None,
+    device: torch.device | str = "cpu",
+    published: Artifact | None = None,
+    seed: int = 0,
+) -> tuple[Gaussians, Method]:
+    """A container as its secret reads it, or without one as it is published; both on a device.
+
+    `published`: as in `open_container`. Raises `UserError` as that and `read_method` do.
+    """
+    gaussians, method = read_gaussians(container), read_method(container, secret, device)
+    if secret is not None:
+        originals = read_gaussians(published) if published is not None and is_sealed(secret) else None
+        gaussians = open_container(gaussians, method, secret, originals, seed)
+    return gaussians.to(device), method
+
+
+def refuse_sealed(secret: Artifact | None, stage: str) -> None:
+    """Raise `UserError` where `stage`, which works on containers before they are sealed, is given a sealed one."""
+    if secret is not None and is_sealed(secret):
+        raise UserError(
+            f"{stage} was given a sealed container",
+            where=str(secret.path),
+            found="a secret with a seal",
+            expected="a container and its secret before they are sealed",
+            remedy=f"give {stage} hide.container and hide.secret, and seal what comes out of it",
+        )
 
 
 def open_container(

@@ -29,11 +29,14 @@ def test_the_report_says_of_every_scene_how_many_photos_were_placed(workflow: st
 
 @pytest.mark.parametrize("workflow", [*HIDING, "batch_pairs"])
 def test_what_is_hidden_can_be_published_as_files(workflow: str) -> None:
-    """With the cover, along whose cameras others look at it."""
+    """Sealed, and with the cover, along whose cameras others look at it; the container without a seal stays private."""
     stages = stages_of(workflow)
-    published, cover = stages["published"], stages["hide"]["in"]["cover"]
+    published, sealed, cover = stages["published"], stages["sealed"], stages["hide"]["in"]["cover"]
     assert published["uses"] == "export_container"
-    assert published["in"] == {"container": "hide.container", "secret": "hide.secret", "cover": cover}
+    assert published["in"] == {"container": "sealed.container", "secret": "sealed.secret", "cover": cover}
+    assert sealed["uses"] == "seal"
+    assert sealed["in"] == {"container": "hide.container", "secret": "hide.secret", "key": "key"}
+    assert stages["hide"]["private"] is True
 
 
 def test_a_traced_scene_is_published_with_a_path_to_look_at_it_from() -> None:

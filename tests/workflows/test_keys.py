@@ -21,7 +21,7 @@ from pipeline.project import open_project
 ROOT = Path(__file__).parents[2]
 WORKFLOWS = ROOT / "workflows"
 RENDERING = {"train_scene", "render_hidden", "hide_scenes", "evaluate", "time_frames", "render_path"}
-HIDING = {"hide_scenes", "evaluate", "time_frames", "render_path"}
+HIDING = {"seal", "hide_scenes", "evaluate", "time_frames", "render_path"}
 
 
 class Copied:

@@ -57,4 +57,4 @@ def test_what_is_published_can_be_received(tmp_path: Path) -> None:
     (tmp_path / "secret").symlink_to(secret.resolve())
     received = run(tmp_path / "importing.yaml", tmp_path / "store")["received"]
     for output in ("container", "secret"):
-        assert received[output].resolve().name == made["hide"][output].resolve().name
+        assert received[output].resolve().name == made["sealed"][output].resolve().name
