@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.analysis.fidelity import COVERED, covered_psnrs
+from stages.analysis.fidelity import COVERED, covered_psnrs, where_seen
 from stages.analysis.leakage import correlation
 from stages.analysis.secrecy.linear import least_squares, multiple_correlations, neighbourhoods
 from stages.analysis.secrecy.observing import Observed
@@ -42,7 +42,8 @@ def picture_readings(
 ) -> Iterator[tuple[int, int, Figures]]:
     """View, message and figures of readings in three channels:
 
-    - `psnr`, `psnr_covered` and, of the best picture of one colour, `psnr_constant`, as in `covered_psnrs`;
+    - `psnr`, NaN where the view shows nothing of the message, and, as in `covered_psnrs`, `psnr_covered` and, of the
+      best picture of one colour, `psnr_constant`;
     - `psnr_coloured`, over covered pixels, of the reading `with_true_colours`;
     - `correlation`: the multiple correlation of the message's luminance with the channels, whatever their colours;
     - `correlation_others`: the mean of the same with the message of the other views, NaN where there is none.
@@ -58,7 +59,7 @@ def picture_readings(
                 view,
                 message,
                 {
-                    "psnr": psnr(picture, truth),
+                    **where_seen({"psnr": psnr(picture, truth)}, truth),
                     **covered_psnrs(picture, truth, coverage),
                     "psnr_coloured": psnr(coloured, truth, coverage >= COVERED),
                     "correlation": own,
