@@ -38,7 +38,7 @@ def no_message(study: Study, tables: Published) -> Chapter:
     """Runs that hide nothing: with the paper's M and decoder, and with larger ones where there are any."""
     runs = study.select(lambda run: not run.messages and not run.hides_image and "iterations" not in dict(run.settings))
     lines: list[Line] = []
-    references = {quantity: of_method(runs, PLAIN, cover(quantity)) for quantity in PICTURE_QUANTITIES}
+    references = {quantity: of_method(usual(runs), PLAIN, cover(quantity)) for quantity in PICTURE_QUANTITIES}
     for method, title, group in blocks(runs, (PLAIN, GS_HIDER)):
         for quantity in PICTURE_QUANTITIES:
             reference = None if method == PLAIN else references[quantity]
@@ -75,7 +75,7 @@ def _relations(runs: tuple[Run, ...], study: Study, tables: Published) -> tuple[
             "difference",
             "at least",
             -MOST_LOST_WITHOUT_A_MESSAGE,
-            bare.minus(of_method(runs, PLAIN, cover("psnr"))),
+            bare.minus(of_method(usual(runs), PLAIN, cover("psnr"))),
             average(tables.no_message["psnr"]) - average(tables.fidelity[PLAIN].cover),
             noise,
         ),

@@ -283,10 +283,10 @@ def _usual_of_pictures(rows: Sequence[MetricRow], usual: Mapping[str, float]) ->
 
 
 def _settings(item: Item, method: str, usual: Mapping[str, float]) -> Settings:
-    """What is stated and unusual."""
+    """What is stated and unusual; whatever is stated where nothing says what is usual."""
     names = list(SETTINGS) if method != PLAIN else SETTINGS_OF_PLAIN
     stated = {name: _value(item.values[name]) for name in names if item.values.get(name) is not None}
-    return tuple((name, value) for name, value in stated.items() if value != usual[name])
+    return tuple((name, value) for name, value in stated.items() if value != usual.get(name))
 
 
 def _value(value: object) -> float | str:
