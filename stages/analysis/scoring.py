@@ -13,7 +13,7 @@ from torch import Tensor
 from stages.analysis.comparisons import Comparison
 from stages.analysis.feature_map import feature_map_picture
 from stages.analysis.fidelity import Perceptual, covered_figures, picture_figures, where_seen
-from stages.analysis.leakage import residual_correlations
+from stages.analysis.leakage import matched_correlations
 from stages.hiding.message_names import FEATURE_MAP
 from stages.hiding.method import Method
 from stages.hiding.photographs import photographs
@@ -182,7 +182,7 @@ def leakage_rows(scores: Scores, messages: Mapping[str, MessageViews]) -> list[M
         index = {view: row for row, view in enumerate(message.view_names)}
         views = list(scores.residuals)
         pictures = [message.pictures[index[view]] for view in views]
-        own, others = residual_correlations([scores.residuals[view] for view in views], pictures)
+        own, others = matched_correlations([scores.residuals[view] for view in views], pictures)
         for view, its_own, with_others in zip(views, own, others, strict=True):
             rows += [
                 MetricRow("residual_correlation", its_own, "", view, "test", message.name, method=scores.method),

@@ -14,7 +14,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from stages.analysis.fidelity import COVERED, covered_psnrs, where_seen
-from stages.analysis.leakage import correlation
 from stages.analysis.secrecy.linear import least_squares, multiple_correlations, neighbourhoods
 from stages.analysis.secrecy.observing import Observed
 from stages.imaging.metric_table import mean_of_known
@@ -81,19 +80,3 @@ def with_true_colours(
         return reading
     regressors = neighbourhoods(reading, 1)
     return (regressors @ least_squares([regressors[mask]], [truth[mask]])).clamp(0, 1)
-
-
-def matched(
-    readings: Sequence[Float[Tensor, "H W"]], truths: Sequence[Float[Tensor, "H W"]]
-) -> list[tuple[float, float]]:
-    """For each view |correlation| of its reading with its own truth, and the mean of those with the other views'.
-
-    The second is the control: what a reading has in common with any picture of the message.
-    """
-    arrays = [(reading.numpy(), truth.numpy()) for reading, truth in zip(readings, truths, strict=True)]
-    found = []
-    for view, (reading, _) in enumerate(arrays):
-        values = [abs(correlation(reading, truth)) for _, truth in arrays]
-        own = values.pop(view)
-        found.append((own, mean_of_known(values)))
-    return found
