@@ -27,7 +27,7 @@ from stages.analysis.paper.grid import (
     without_empty_columns,
 )
 from stages.analysis.paper.measuring import cover, measure
-from stages.analysis.paper.published import PUBLISHED_AS, Published, average
+from stages.analysis.paper.published import Published, average, published_name
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study, usual_settings
 
@@ -59,7 +59,7 @@ def no_message(study: Study, tables: Published) -> Chapter:
 
 def _published_line(method: str, quantity: str, study: Study, tables: Published) -> Line:
     plain = tables.fidelity[PLAIN].cover if quantity == "psnr" else None
-    row = plain if method == PLAIN else tables.no_message.get(PUBLISHED_AS.get(quantity, quantity))
+    row = plain if method == PLAIN else tables.no_message.get(published_name(quantity))
     reference = None if method == PLAIN else plain
     cells = published_cells(quantity, row, reference, study.captures, tables)
     return Line((title_of(method), label(quantity), PAPER), tuple(cells), published=True)
