@@ -37,6 +37,9 @@ def test_round_trip(tmp_path: Path) -> None:
     assert artifact.attributes == {"names": ["x", "y"]}
     np.testing.assert_array_equal(artifact.read("group/array"), array)
     np.testing.assert_array_equal(artifact.open("group/array")[1:, :, 2], array[1:, :, 2])
+    part = artifact.parts("group/array")
+    np.testing.assert_array_equal(part(1), array[1])
+    np.testing.assert_array_equal(part((slice(1, None), 2)), array[1:, 2])
     assert artifact.file("notes/read.txt").read_text() == "hello"
     artifact.verify()
 
