@@ -128,7 +128,14 @@ class Artifact:
         there is looked at once, which takes longer than reading a picture. Raises as `read` does, now and then.
         """
         array = self.open(name)
-        return lambda part: self._part(name, array, part)
+
+        def read(part: object) -> np.ndarray:
+            values = self._part(name, array, part)
+            if not (self.path / MANIFEST).is_file():  # another run has set it aside: zarr returned zeros
+                raise CorruptArtifact(f"{self.path}: gone while array {name!r} was read")
+            return values
+
+        return read
 
     def _part(self, name: str, array: zarr.Array, part: object) -> np.ndarray:
         import numpy as np

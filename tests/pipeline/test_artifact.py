@@ -124,6 +124,15 @@ def test_an_artifact_that_is_set_aside_while_it_is_verified_is_not_sound(
         artifact.verify()
 
 
+def test_parts_of_an_artifact_that_was_set_aside_are_no_zeros(tmp_path: Path) -> None:
+    write(tmp_path / "artifact", np.arange(4))
+    artifact = load(tmp_path / "artifact")
+    part = artifact.parts("group/array")
+    artifact.path.rename(tmp_path / "aside")
+    with pytest.raises(CorruptArtifact, match="gone while"):
+        part(1)
+
+
 def test_what_is_foreign_costs_nothing(tmp_path: Path) -> None:
     """A browser of files leaves its own wherever it looks."""
     write(tmp_path / "artifact", np.arange(4))
