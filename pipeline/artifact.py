@@ -15,7 +15,7 @@ import math
 import os
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
@@ -121,7 +121,21 @@ class Artifact:
 
     def item(self, name: str, index: tuple[int, ...]) -> np.ndarray:
         """The part of the array `name` at `index` along its first axes. Raises as `read` does."""
-        return self._part(name, self.open(name), index)
+        return self.parts(name)(index)
+
+    def parts(self, name: str) -> Callable[[object], np.ndarray]:
+        """What reads parts of the array `name`, each by its index or slices, for many of them: whether the array is
+        there is looked at once, which takes longer than reading a picture. Raises as `read` does, now and then.
+        """
+        array = self.open(name)
+
+        def read(part: object) -> np.ndarray:
+            values = self._part(name, array, part)
+            if not (self.path / MANIFEST).is_file():  # another run has set it aside: zarr returned zeros
+                raise CorruptArtifact(f"{self.path}: gone while array {name!r} was read")
+            return values
+
+        return read
 
     def _part(self, name: str, array: zarr.Array, part: object) -> np.ndarray:
         import numpy as np

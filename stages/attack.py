@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 from typing import Annotated
 
-import numpy as np
 import torch
 from pydantic import Field, field_validator
 
@@ -27,6 +26,7 @@ from stages.hiding.what_is_hidden import at_least_one_hidden
 from stages.imaging.lpips import load_lpips, networks_for
 from stages.imaging.lpips_weights import weights_installed
 from stages.scene.cameras import rig_extent
+from stages.scene.even_spread import evenly_spread
 from stages.scene.message_views import read_messages
 from stages.scene.scene import Scene, read_scene
 from stages.training.views import training_views
@@ -103,8 +103,7 @@ def attack(context: Context, parameters: AttackParameters) -> None:
 def _measured_views(scene: Scene, most: int) -> list[str]:
     """The test views, or so many of them, evenly spread."""
     names = scene.test_names
-    chosen = np.linspace(0, len(names) - 1, min(most, len(names))).round().astype(int)
-    return [names[position] for position in chosen]
+    return [names[position] for position in evenly_spread(len(names), most)]
 
 
 def _perceptual(context: Context, wanted: bool, scene: Scene) -> Perceptual:

@@ -45,16 +45,15 @@ def detect_hidden(context: Context, parameters: DetectHiddenParameters) -> None:
     as of trainings that differ in their seed, each has a number, from 0 on, in the column `seed`.
     """
     torch.set_num_threads(parameters.threads)
-    tested = [each for capture, each in _rows_of(context, parameters) if capture == parameters.capture]
-    others = [each for capture, each in _rows_of(context, parameters) if capture != parameters.capture]
+    rows = _rows_of(context, parameters)
 
     def progress(share: float) -> None:
         context.progress(share, 1)
         context.stop_if_requested()
 
     measured = detection_rows(
-        [_read(each, tuple(each)) for each in tested],
-        [_read(each, (HIDDEN, CLEAN)) for each in others],  # all of it is held at once: gigabytes of large pictures
+        [_read(each, tuple(each)) for capture, each in rows if capture == parameters.capture],
+        [(capture, _read(each, (HIDDEN, CLEAN))) for capture, each in rows if capture != parameters.capture],
         parameters.method,
         parameters.seed,
         parameters.iterations,

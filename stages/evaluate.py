@@ -102,6 +102,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
         scores = score(gaussians, method, name, scene, hidden, perceptual, shown, progress, image if own else None)
         # For the reference, which has never seen a message, this is the control: what chance gives.
         scores.rows += _sizes(splats, name, secret if own else None) + leakage_rows(scores, messages)
+        scores.residuals.clear()  # as large as all test views in float32, and of no further use
         return scores
 
     every = [scored(container, parameters.method, messages, 0)]

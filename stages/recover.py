@@ -56,18 +56,31 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
     _check_alike(found, gaussians, originals)
     recovery = recovered(gaussians, originals, parameters.seed)
     if recovery is None:
-        raise UserError(
-            "not known as yours: nothing of what was published is recognised in it",
-            where=str(found.path),
-            found=f"{len(gaussians)} Gaussians, of which too few are among the {len(originals)} published",
-            expected="the published container, moved, pruned or with other features, and ten of its Gaussians at least",
-            remedy="give as `published` the container that the found one was made from; what was trained anew, or "
-            "changed in places, sizes and opacities at once, cannot be registered",
-        )
+        raise _not_known(found, gaussians, originals)
     _refuse_infinite("what was moved back has values that are not numbers", found, recovery.gaussians)
     context.log(_said(recovery))
     write_container(context.output("container"), recovery.gaussians, read_method(published))
-    facts = {
+    facts = _facts(recovery)
+    verdict = IS_YOURS if recovery.is_certain else MAY_BE_YOURS
+    figures = {verdict: 1, **facts, "gaussians_found": len(gaussians), "gaussians_published": len(originals)}
+    rows = [Measurement(name, float(value), AS_FOUND, method=parameters.method) for name, value in figures.items()]
+    write_measurements(context.output("figures"), rows)
+    context.record(**facts)
+
+
+def _not_known(found: Artifact, gaussians: Gaussians, originals: Gaussians) -> UserError:
+    return UserError(
+        "not known as yours: nothing of what was published is recognised in it",
+        where=str(found.path),
+        found=f"{len(gaussians)} Gaussians, of which too few are among the {len(originals)} published",
+        expected="the published container, moved, pruned or with other features, and ten of its Gaussians at least",
+        remedy="give as `published` the container that the found one was made from; what was trained anew, or "
+        "changed in places, sizes and opacities at once, cannot be registered",
+    )
+
+
+def _facts(recovery: Recovery) -> dict[str, float]:
+    return {
         "degrees": recovery.degrees,
         "shift": recovery.shift,
         "scale": recovery.motion.scale,
@@ -75,11 +88,6 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
         "found_again": recovery.found_again,
         "feature_change": recovery.feature_change,
     }
-    verdict = IS_YOURS if recovery.is_certain else MAY_BE_YOURS
-    figures = {verdict: 1, **facts, "gaussians_found": len(gaussians), "gaussians_published": len(originals)}
-    rows = [Measurement(name, float(value), AS_FOUND, method=parameters.method) for name, value in figures.items()]
-    write_measurements(context.output("figures"), rows)
-    context.record(**facts)
 
 
 def _check_alike(found: Artifact, gaussians: Gaussians, originals: Gaussians) -> None:

@@ -8,6 +8,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import Measurement, write_measurements
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS, stegexpose_rows
 from stages.analysis.renders import read_renders
+from stages.analysis.stored_views import Views
 from stages.hiding.method_names import MethodName
 from stages.scene.scene import read_scene
 
@@ -31,7 +32,7 @@ class SteganalysisParameters(Parameters):
 def steganalysis(context: Context, parameters: SteganalysisParameters) -> None:
     """A row for every detector and picture. Photos are the scene's, undistorted, at training size."""
     scene = read_scene(context.input("cover"))
-    classes = {PHOTOS: (scene.pictures, scene.cameras.names)}
+    classes: dict[str, tuple[Views, tuple[str, ...]]] = {PHOTOS: (scene.pictures, scene.cameras.names)}
     for condition, given in ((HIDDEN, "hidden"), (CLEAN, "clean"), (CLEAN_AGAIN, "clean_again")):
         artifact = context.input_optional(given)
         if artifact is not None:

@@ -41,7 +41,6 @@ def covered_figures(
     return {
         **covered_psnrs(picture, truth, coverage),
         "ssim_covered": _mean_over(ssim_map(picture.clamp(0, 1), truth), coverage >= COVERED),
-        "coverage": float(coverage.mean()),
     }
 
 
@@ -70,6 +69,15 @@ def one_colour_psnr(truth: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | N
     if not shows_something(colors):
         return math.nan
     return psnr(colors.mean(dim=0).expand_as(truth), truth, mask)
+
+
+def where_seen(figures: Mapping[str, float], truth: Float[Tensor, "H W 3"]) -> dict[str, float]:
+    """A message's figures in one view, all NaN where the view shows nothing of it.
+
+    Black is all of it there: a black render would be perfect, and the mean over all views infinite.
+    """
+    seen = shows_something(truth)
+    return {quantity: value if seen else math.nan for quantity, value in figures.items()}
 
 
 def shows_something(colors: Float[Tensor, "*pixels 3"]) -> bool:

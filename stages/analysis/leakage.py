@@ -20,25 +20,28 @@ def correlation(first: Float[np.ndarray, ...], second: Float[np.ndarray, ...]) -
     return float((first * second).sum()) / norm if norm > 0 else math.nan
 
 
-def residual_correlations(
-    residuals: Sequence[Shaped[np.ndarray, "H W 3"]], messages: Sequence[Shaped[np.ndarray, "H W 3"]]
+def matched_correlations(
+    readings: Sequence[Shaped[np.ndarray, ...]], messages: Sequence[Shaped[np.ndarray, ...]]
 ) -> tuple[list[float], list[float]]:
-    """For each view, |correlation| of the cover's residual with the message of that view, and with the other views'.
+    """For each view, |correlation| of a reading, such as the cover's residual, with the message of that view, and with
+    the other views'.
 
-    The second is the matched control: a residual that knows nothing of its own view's message correlates with it no
-    more than with the others. It is the mean over all other views that show something of the message, NaN where there
-    is none. Values may be in any unit, bytes too.
+    The second is the matched control: a reading that knows nothing of its own view's message correlates with it no more
+    than with the others. It is the mean over all other views that show something of the message, NaN where there is
+    none. Values may be in any unit, bytes too; pictures are of one size.
     """
     own, others = [], []
-    shown = np.array([_standardised(message) for message in messages])
-    for view, residual in enumerate(residuals):
-        values = np.abs(shown @ _standardised(residual)).tolist()
+    shown = np.empty((len(messages), messages[0].size if messages else 0), np.float32)
+    for view, message in enumerate(messages):
+        shown[view] = _standardised(message)
+    for view, reading in enumerate(readings):
+        values = np.abs(shown @ _standardised(reading)).tolist()
         own.append(values.pop(view))
         others.append(mean_of_known(values))
     return own, others
 
 
-def _standardised(picture: Shaped[np.ndarray, "H W 3"]) -> Float32[np.ndarray, " K"]:
+def _standardised(picture: Shaped[np.ndarray, ...]) -> Float32[np.ndarray, " K"]:
     """Its values, all of them of mean 0 and together of length 1: two such have their correlation as product.
 
     NaN where they are all one value. Done once for each picture: of T views there are T² pairs.

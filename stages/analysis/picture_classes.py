@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-from jaxtyping import UInt8
-
 from stages.analysis.measurements import Measurement
 from stages.analysis.stegexpose.fusion import stegexpose
+from stages.analysis.stored_views import Views
 
 PHOTOS, HIDDEN, CLEAN, CLEAN_AGAIN = "photos", "hidden", "clean", "clean again"
 """Photos of the cover; renders of the container; of the same method trained without a message; of the same with another
 seed, which tells how far two trainings differ that both hide nothing."""
 
 
-def stegexpose_rows(
-    pictures: UInt8[np.ndarray, "V H W 3"], names: Sequence[str], condition: str, method: str
-) -> Iterator[Measurement]:
+def stegexpose_rows(pictures: Views, names: Sequence[str], condition: str, method: str) -> Iterator[Measurement]:
     """Every detector's value for every picture of a class, NaN where it gives none.
 
     Of an odd side the last line is left out: sample pairs give nothing for odd sides, and a class of odd pictures would

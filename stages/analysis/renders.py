@@ -6,9 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float16, UInt8
+from jaxtyping import UInt8
 
 from pipeline.artifact import Artifact, ArtifactWriter
+from stages.analysis.stored_views import StoredViews, Views
 from stages.hiding.rendering import COVER, Rendering
 from stages.imaging.pictures import tensor_to_picture
 from stages.scene.alignment import sample
@@ -21,7 +22,7 @@ COLORS = 3
 
 @dataclass(frozen=True)
 class Renders:
-    """V pictures of one container along a path, and F_coup of F of its cameras, evenly spread.
+    """V pictures of one container along a path, in bytes, and F_coup of F of its cameras, evenly spread, in float16.
 
     `feature_maps` have the container's M channels; F is 0, as M may be, where the method has no features. `method` is
     the container's.
@@ -29,32 +30,40 @@ class Renders:
 
     method: str
     view_names: tuple[str, ...]
-    pictures: UInt8[np.ndarray, "V H W 3"]
+    pictures: Views
     feature_map_names: tuple[str, ...]
-    feature_maps: Float16[np.ndarray, "F H W M"]
+    feature_maps: Views
 
 
 def collect_renders(
     method: str, view_names: Sequence[str], renderings: Iterable[Rendering], feature_maps: int
 ) -> Renders:
     """Renderings of one container, one a view, in order; no more than `feature_maps` of their maps are kept."""
-    kept = set(sample(len(view_names), feature_maps).tolist())
-    pictures, names, maps = [], [], []
+    kept = sample(len(view_names), feature_maps).tolist()
+    pictures, maps = np.zeros((0, 0, 0, COLORS), np.uint8), np.zeros((0, 0, 0, 0), np.float16)
     for number, rendering in enumerate(renderings):
-        pictures.append(tensor_to_picture(rendering.pictures[COVER]))
-        if number in kept and rendering.feature_map.shape[-1] > COLORS:
-            names.append(view_names[number])
-            maps.append(rendering.feature_map.cpu().numpy().astype(np.float16))
-    height, width, _ = pictures[0].shape
-    none = np.zeros((0, height, width, 0), np.float16)
-    return Renders(method, tuple(view_names), np.stack(pictures), tuple(names), np.stack(maps) if maps else none)
+        if number == 0:
+            pictures, maps = _room(rendering, len(view_names), len(kept))
+        pictures[number] = tensor_to_picture(rendering.pictures[COVER])
+        if number in kept and len(maps):
+            maps[kept.index(number)] = rendering.feature_map.cpu().numpy()
+    names = tuple(view_names[number] for number in kept[: len(maps)])
+    return Renders(method, tuple(view_names), pictures, names, maps)
+
+
+def _room(first: Rendering, views: int, feature_maps: int) -> tuple[UInt8[np.ndarray, "V H W 3"], np.ndarray]:
+    """Where pictures and feature maps of the first one's size go: gigabytes, which stacking would hold twice."""
+    height, width, channels = first.feature_map.shape
+    is_more = channels > COLORS
+    maps = np.empty((feature_maps, height, width, channels) if is_more else (0, height, width, 0), np.float16)
+    return np.empty((views, *first.pictures[COVER].shape), np.uint8), maps
 
 
 def write_renders(writer: ArtifactWriter, renders: Renders) -> None:
     """Write a `renders` artifact."""
-    writer.write("pictures", renders.pictures)
+    writer.write("pictures", np.asarray(renders.pictures))
     if renders.feature_map_names:
-        writer.write("feature_maps", renders.feature_maps)
+        writer.write("feature_maps", np.asarray(renders.feature_maps))
     writer.attributes |= {
         "method": renders.method,
         "names": [*renders.view_names],
@@ -63,9 +72,9 @@ def write_renders(writer: ArtifactWriter, renders: Renders) -> None:
 
 
 def read_renders(artifact: Artifact) -> Renders:
-    """Read a `renders` artifact."""
-    pictures = artifact.read("pictures")
+    """Read a `renders` artifact, of which the views stay on the disk until they are asked for."""
+    pictures = StoredViews(artifact, "pictures")
     names = strings(artifact, "feature_map_names")
     none = np.zeros((0, *pictures.shape[1:3], 0), np.float16)
-    maps = artifact.read("feature_maps") if names else none
+    maps = StoredViews(artifact, "feature_maps") if names else none
     return Renders(string(artifact, "method"), strings(artifact, "names"), pictures, names, maps)

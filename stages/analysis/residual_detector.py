@@ -16,6 +16,8 @@ import torch
 from jaxtyping import Float, Float32
 from torch import Tensor
 
+from stages.analysis import stored_views
+
 TRUNCATION = 3.0
 """In grey levels: what is larger is an edge, of which nothing is to be learnt but that it is one."""
 
@@ -67,18 +69,21 @@ class ResidualDetector(torch.nn.Module):
 class Views:
     """V pictures or feature maps of one container, and by how much each channel of each is multiplied."""
 
-    values: np.ndarray  # [V, H, W, C], bytes or float16
+    values: stored_views.Views  # [V, H, W, C], bytes or float16
     gains: Float32[np.ndarray, "V C"]
 
     def tensor(self, view: int, top: int = 0, left: int = 0, size: int | None = None) -> Float[Tensor, "C H W"]:
         """A view, or a square part of it."""
         rows, columns = (slice(start, None if size is None else start + size) for start in (top, left))
-        values = self.values[view, rows, columns].astype(np.float32) * self.gains[view]
+        values = self.values[view][rows, columns].astype(np.float32) * self.gains[view]
         return torch.from_numpy(np.ascontiguousarray(values.transpose(2, 0, 1)))
 
 
-def views_of(values: np.ndarray) -> Views:
-    """Pictures as they are, in grey levels; the channels of feature maps brought to one contrast."""
+def views_of(values: stored_views.Views) -> Views:
+    """Pictures as they are, in grey levels; the channels of feature maps brought to one contrast.
+
+    Views on the disk are read one at a time, here and whenever they are looked at.
+    """
     if values.dtype == np.uint8:
         return Views(values, np.ones((len(values), values.shape[-1]), np.float32))
     deviations = np.stack([view.astype(np.float32).std(axis=(0, 1)) for view in values])

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from stages.analysis.comparisons import Comparison
 from stages.analysis.feature_map import feature_map_picture
-from stages.analysis.fidelity import Perceptual, covered_figures, picture_figures
-from stages.analysis.leakage import residual_correlations
+from stages.analysis.fidelity import Perceptual, covered_figures, picture_figures, where_seen
+from stages.analysis.leakage import matched_correlations
 from stages.hiding.message_names import FEATURE_MAP
 from stages.hiding.method import Method
 from stages.hiding.photographs import photographs
@@ -154,7 +154,8 @@ def _score_message(
     truth = picture_to_tensor(message.pictures[row], picture.device)
     coverage = torch.from_numpy(message.coverage[row]).to(picture.device)
     figures = picture_figures(picture, truth, perceptual) | covered_figures(picture, truth, coverage)
-    scores.add(message.view_names[row], split, figures | {"legal": float(message.legal[row])}, message.name)
+    seen = {"coverage": float(coverage.mean()), "legal": float(message.legal[row])}
+    scores.add(message.view_names[row], split, where_seen(figures, truth) | seen, message.name)
 
 
 def _score_image(scores: Scores, rendering: Rendering, image: HiddenImage, perceptual: Perceptual) -> None:
@@ -188,7 +189,7 @@ def leakage_rows(scores: Scores, messages: Mapping[str, MessageViews]) -> list[M
         index = {view: row for row, view in enumerate(message.view_names)}
         views = list(scores.residuals)
         pictures = [message.pictures[index[view]] for view in views]
-        own, others = residual_correlations([scores.residuals[view] for view in views], pictures)
+        own, others = matched_correlations([scores.residuals[view] for view in views], pictures)
         for view, its_own, with_others in zip(views, own, others, strict=True):
             rows += [
                 MetricRow("residual_correlation", its_own, "", view, "test", message.name, method=scores.method),

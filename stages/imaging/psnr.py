@@ -16,7 +16,8 @@ def psnr(
     """``-10 log10`` of the mean squared error in decibels, the peak being 1; the picture is clamped to [0, 1] first.
 
     The mean runs over every pixel and channel, or over those pixels where ``mask`` is true. Equal pictures give
-    infinity; a mask without a pixel gives NaN, since there is nothing to measure. Sums run in float64.
+    infinity; a mask without a pixel gives NaN, since there is nothing to measure, and so does a picture with NaN among
+    these pixels, whose rendering failed. Sums run in float64.
     Raises ``ValueError`` if shapes differ.
     """
     if picture.shape != truth.shape or (mask is not None and mask.shape != picture.shape[:-1]):
@@ -28,4 +29,4 @@ def psnr(
     if squared_error.numel() == 0:
         return math.nan
     mean = float(squared_error.mean())
-    return -10 * math.log10(mean) if mean > 0 else math.inf
+    return math.inf if mean == 0 else -10 * math.log10(mean)

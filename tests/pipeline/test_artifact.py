@@ -37,6 +37,9 @@ def test_round_trip(tmp_path: Path) -> None:
     assert artifact.attributes == {"names": ["x", "y"]}
     np.testing.assert_array_equal(artifact.read("group/array"), array)
     np.testing.assert_array_equal(artifact.open("group/array")[1:, :, 2], array[1:, :, 2])
+    part = artifact.parts("group/array")
+    np.testing.assert_array_equal(part(1), array[1])
+    np.testing.assert_array_equal(part((slice(1, None), 2)), array[1:, 2])
     assert artifact.file("notes/read.txt").read_text() == "hello"
     artifact.verify()
 
@@ -119,6 +122,15 @@ def test_an_artifact_that_is_set_aside_while_it_is_verified_is_not_sound(
     monkeypatch.setattr(pipeline.artifact, "digest_of_file", aside_then_read)
     with pytest.raises(CorruptArtifact):
         artifact.verify()
+
+
+def test_parts_of_an_artifact_that_was_set_aside_are_no_zeros(tmp_path: Path) -> None:
+    write(tmp_path / "artifact", np.arange(4))
+    artifact = load(tmp_path / "artifact")
+    part = artifact.parts("group/array")
+    artifact.path.rename(tmp_path / "aside")
+    with pytest.raises(CorruptArtifact, match="gone while"):
+        part(1)
 
 
 def test_what_is_foreign_costs_nothing(tmp_path: Path) -> None:

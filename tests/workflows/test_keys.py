@@ -20,7 +20,7 @@ from pipeline.project import open_project
 
 ROOT = Path(__file__).parents[2]
 WORKFLOWS = ROOT / "workflows"
-RENDERING = {"train_scene", "render_hidden", "hide_scenes", "evaluate", "time_frames", "render_path"}
+RENDERING = {"seal", "train_scene", "render_hidden", "hide_scenes", "evaluate", "time_frames", "render_path"}
 HIDING = {"seal", "hide_scenes", "evaluate", "time_frames", "render_path"}
 
 

@@ -18,13 +18,15 @@ def calibrated(damage: Callable[[float], float], aims: Sequence[float], stronges
     does not reach has it for the last, and further aims none.
 
     Damage is taken to grow with severity, more or less. It is bisected on a logarithmic scale: what one attack does at
-    a millionth of its strongest severity, another does at half. What was looked at for one aim narrows the next.
+    a millionth of its strongest severity, another does at half. What was looked at for one aim narrows the next. Damage
+    of NaN, where no picture could be rendered any more, is larger than every aim.
     """
     looked_at: dict[float, float] = {}
 
     def at(severity: float) -> float:
         if severity not in looked_at:
-            looked_at[severity] = damage(severity)
+            done = damage(severity)
+            looked_at[severity] = math.inf if math.isnan(done) else done
         return looked_at[severity]
 
     found: list[float] = []

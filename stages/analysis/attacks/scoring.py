@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import torch
@@ -12,7 +11,7 @@ from torch import Tensor
 
 from stages.analysis.attacks.catalogue import ONE_COLOUR
 from stages.analysis.attacks.target import ReadsRenders, Target
-from stages.analysis.fidelity import Perceptual, covered_psnrs, one_colour_psnr, picture_figures, shows_something
+from stages.analysis.fidelity import Perceptual, covered_psnrs, one_colour_psnr, picture_figures, where_seen
 from stages.hiding.method import Method, move_networks
 from stages.hiding.networks import PUBLIC_NETWORKS
 from stages.hiding.rendering import COVER
@@ -65,9 +64,8 @@ class Scorer:
                 truth = picture_to_tensor(message.pictures[row])
                 covered = covered_psnrs(shown[name], truth, torch.from_numpy(message.coverage[row]))
                 figures = picture_figures(shown[name], truth, {}) | {"psnr_covered": covered["psnr_covered"]}
-                seen = shows_something(truth)
-                for quantity, value in figures.items():
-                    found.setdefault((name, quantity), []).append(value if seen else math.nan)
+                for quantity, value in where_seen(figures, truth).items():
+                    found.setdefault((name, quantity), []).append(value)
         return {key: mean_of_known(values) for key, values in found.items()}
 
     def one_colour(self) -> Figures:

@@ -12,6 +12,7 @@ from stages.hiding.coupled import FEATURES
 from stages.hiding.rendering import COVER
 from stages.hiding.stored_features import stored
 from stages.scene.cameras import Camera
+from stages.scene.even_spread import evenly_spread
 from stages.scene.gaussians import Gaussians
 
 MOST_VIEWS = 16
@@ -56,7 +57,7 @@ def heeded(target: Target, seed: int, knowledge: Knowledge) -> Float64[Tensor, "
     cameras = knowledge.views.cameras
     channels = target.gaussians[FEATURES].shape[1]
     total = torch.zeros(channels, channels, dtype=torch.float64)
-    for view in torch.linspace(0, len(cameras) - 1, min(MOST_VIEWS, len(cameras))).round().int().tolist():
+    for view in evenly_spread(len(cameras), MOST_VIEWS):
         gradient = _gradient(target, cameras[view], generator)
         total += gradient.T @ gradient
         knowledge.after_each()

@@ -17,6 +17,7 @@ from torch import Tensor
 from stages.analysis.attacks.target import Attacker, Knowledge, Target
 from stages.hiding.rendering import COVER, splat
 from stages.scene.cameras import Camera
+from stages.scene.even_spread import evenly_spread
 from stages.scene.gaussians import Gaussians
 
 CLUSTERS = 128
@@ -68,9 +69,8 @@ def view_weights(target: Target, seed: int, knowledge: Knowledge) -> Weights:
     """
     generator = torch.Generator().manual_seed(seed)
     cameras = knowledge.views.cameras
-    chosen = torch.linspace(0, len(cameras) - 1, min(MOST_VIEWS, len(cameras))).round().int().tolist()
     weight, squares = torch.zeros(len(target.gaussians)), torch.zeros(len(target.gaussians))
-    for view in chosen:
+    for view in evenly_spread(len(cameras), MOST_VIEWS):
         weight += _blending_weights(target.gaussians, cameras[view])
         squares += _squared_influence(target, cameras[view], generator)
         knowledge.after_each()

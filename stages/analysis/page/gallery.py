@@ -13,6 +13,7 @@ from stages.analysis.comparisons import Comparison
 from stages.analysis.page.figures import write_figure
 from stages.imaging.pictures import Picture, encode_jpeg, encode_png, picture_to_tensor, resize_picture
 from stages.imaging.psnr import psnr
+from stages.scene.even_spread import evenly_spread
 
 RESIDUAL_GAIN = 8
 LOSSLESS_PIXELS = 2_500_000  # about 6 MB as PNG inside the page; JPEG beyond
@@ -144,10 +145,7 @@ def chosen_views(comparison: Comparison, count: int) -> list[tuple[str, str]]:
 
 
 def _spread(pairs: list[tuple[str, str]], count: int) -> list[tuple[str, str]]:
-    if count <= 0 or not pairs:
-        return []
-    positions = np.linspace(0, len(pairs) - 1, min(count, len(pairs))).round().astype(int)
-    return [pairs[position] for position in positions]
+    return [pairs[position] for position in evenly_spread(len(pairs), count)]
 
 
 def _rendered(caption: str, comparison: Comparison, name: str) -> Shown:

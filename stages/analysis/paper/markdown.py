@@ -9,7 +9,8 @@ from stages.analysis.paper.drawing import drawing_file
 from stages.analysis.paper.grid import Cell, Grid
 from stages.analysis.paper.page import TablesPage
 
-SPECIAL = re.compile(r"([\\`*_\[\]<>|#&])")
+SPECIAL = re.compile(r"([\\`*_\[\]<>|#&~$]|:(?=//)|(?<=www)\.)")
+"""What GitHub's Markdown makes markup, formulas or links of."""
 
 
 def write_markdown(page: TablesPage) -> str:
@@ -54,5 +55,5 @@ def _row(texts: Sequence[str] | Iterable[str]) -> str:
 
 
 def _text(text: str) -> str:
-    """One line of text, in which nothing means anything to Markdown."""
+    """One line of text, in which nothing means anything to Markdown, and no address of a page is made a link."""
     return SPECIAL.sub(r"\\\1", " ".join(text.split()))

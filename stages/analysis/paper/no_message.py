@@ -27,7 +27,7 @@ from stages.analysis.paper.grid import (
     without_empty_columns,
 )
 from stages.analysis.paper.measuring import cover, measure
-from stages.analysis.paper.published import PUBLISHED_AS, Published, average
+from stages.analysis.paper.published import Published, average, published_name
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study, usual_settings
 
@@ -38,7 +38,7 @@ def no_message(study: Study, tables: Published) -> Chapter:
     """Runs that hide nothing: with the paper's M and decoder, and with larger ones where there are any."""
     runs = study.select(lambda run: not run.messages and not run.hides_image and "iterations" not in dict(run.settings))
     lines: list[Line] = []
-    references = {quantity: of_method(runs, PLAIN, cover(quantity)) for quantity in PICTURE_QUANTITIES}
+    references = {quantity: of_method(usual(runs), PLAIN, cover(quantity)) for quantity in PICTURE_QUANTITIES}
     for method, title, group in blocks(runs, (PLAIN, GS_HIDER)):
         for quantity in PICTURE_QUANTITIES:
             reference = None if method == PLAIN else references[quantity]
@@ -59,7 +59,7 @@ def no_message(study: Study, tables: Published) -> Chapter:
 
 def _published_line(method: str, quantity: str, study: Study, tables: Published) -> Line:
     plain = tables.fidelity[PLAIN].cover if quantity == "psnr" else None
-    row = plain if method == PLAIN else tables.no_message.get(PUBLISHED_AS.get(quantity, quantity))
+    row = plain if method == PLAIN else tables.no_message.get(published_name(quantity))
     reference = None if method == PLAIN else plain
     cells = published_cells(quantity, row, reference, study.captures, tables)
     return Line((title_of(method), label(quantity), PAPER), tuple(cells), published=True)
@@ -75,7 +75,7 @@ def _relations(runs: tuple[Run, ...], study: Study, tables: Published) -> tuple[
             "difference",
             "at least",
             -MOST_LOST_WITHOUT_A_MESSAGE,
-            bare.minus(of_method(runs, PLAIN, cover("psnr"))),
+            bare.minus(of_method(usual(runs), PLAIN, cover("psnr"))),
             average(tables.no_message["psnr"]) - average(tables.fidelity[PLAIN].cover),
             noise,
         ),

@@ -12,7 +12,7 @@ from stages.analysis.paper.attack_curves import at_severity
 from stages.analysis.paper.chapter import title_of
 from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, published_cell
 from stages.analysis.paper.measuring import Measured, MeasuredErrors
-from stages.analysis.paper.published import Published, Variant, average
+from stages.analysis.paper.published import Published, Variant, average, published_name
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Experiment
 from stages.imaging.lpips_weights import HOW_TO_INSTALL
@@ -37,7 +37,7 @@ def pruning_table(by_method: Groups, tables: Published) -> Grid:
     """Averages over captures and seeds; the paper's are over its nine captures, by GS-Hider."""
     lines = _lines("Nothing pruned", by_method, UNATTACKED, None)
     full = tables.all_metrics
-    unpruned = (average(full["message" if message else "cover"].get(_published(name))) for message, name in COLUMNS)
+    unpruned = (average(full["message" if message else "cover"].get(published_name(name))) for message, name in COLUMNS)
     lines.append(_published_line("Nothing pruned", list(unpruned)))
     for kind, (title, attack) in PRUNINGS.items():
         for variant in tables.pruning[kind]:
@@ -138,12 +138,8 @@ def _published_line(name: str, values: Sequence[float]) -> Line:
     return Line((name, title_of(GS_HIDER), PAPER), tuple(cells), published=True)
 
 
-def _published(quantity: str) -> str:
-    return "lpips" if quantity == "lpips_vgg" else quantity
-
-
 def _of(variant: Variant, message: bool, quantity: str) -> float:
-    return (variant.message if message else variant.cover).get(_published(quantity), float("nan"))
+    return (variant.message if message else variant.cover).get(published_name(quantity), float("nan"))
 
 
 def _all(by_method: Groups) -> list[Experiment]:

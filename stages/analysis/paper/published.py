@@ -98,7 +98,12 @@ def row_of(tables: Published, method: str, subject: Subject, quantity: str) -> R
         return entry.cover if subject == "cover" else entry.message
     if method != GS_HIDER:
         return None
-    return tables.all_metrics[subject].get(PUBLISHED_AS.get(quantity, quantity))
+    return tables.all_metrics[subject].get(published_name(quantity))
+
+
+def published_name(quantity: str) -> str:
+    """What the paper calls a quantity of ours."""
+    return PUBLISHED_AS.get(quantity, quantity)
 
 
 def read_published() -> Published:

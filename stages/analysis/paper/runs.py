@@ -284,7 +284,7 @@ def _usual_of_pictures(rows: Sequence[MetricRow], usual: Mapping[str, float]) ->
 
 
 def _settings(item: Item, method: str, usual: Mapping[str, float]) -> Settings:
-    """What is stated and unusual."""
+    """What is stated and unusual; whatever is stated where nothing says what is usual."""
     names = list(SETTINGS) if method != PLAIN else SETTINGS_OF_PLAIN
     given = {name: item.values.get(name) for name in names}
     stated = {name: _value(value) for name, value in given.items() if value is not None and value is not False}

@@ -11,6 +11,7 @@ from stages.analysis.page.material import METHOD_TITLES
 from stages.analysis.paper.measuring import Measured, Spread
 from stages.analysis.paper.runs import Experiment, Settings, Study, capture_title, settings_title
 from stages.analysis.secrecy.conditions import BLIND, NOTHING_HIDDEN, OWNER, SURROGATE
+from stages.imaging.metric_table import mean_of_known
 
 M = "feature_dim"
 
@@ -87,8 +88,7 @@ def rows_of(
 
 def mean_over(rows: Sequence[Measurement]) -> float:
     """Over views, messages and seeds; NaN where nothing was measured."""
-    values = [row.value for row in rows if not math.isnan(row.value)]
-    return math.fsum(values) / len(values) if values else math.nan
+    return mean_of_known(row.value for row in rows)
 
 
 def by_seed(rows: Sequence[Measurement]) -> Spread:

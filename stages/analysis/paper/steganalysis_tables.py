@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 
 from stages.analysis.attribute_histograms import ONLY_THERE
-from stages.analysis.learned_detection import LEARNED, TRAINING_SCENES
+from stages.analysis.learned_detection import LEARNED, TRAINING_PAIRS, TRAINING_SCENES
+from stages.analysis.measurements import Measurement
 from stages.analysis.paper.attribute_tables import widest_divergence
 from stages.analysis.paper.chapter import title_of
 from stages.analysis.paper.detection import (
@@ -164,7 +165,7 @@ def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
         ),
         (
             f"Each detector knows the method, and learnt from {' or '.join(map(str, counts))} other scene(s), of each "
-            "of which it saw one container and one clean training: it may have learnt what sets these few apart, be it "
+            f"of which it saw {_seen_of_each(rows)}: it may have learnt what sets these few apart, be it "
             "the message where they hide the same one, and one that saw hundreds would do better. Of detectors that "
             "differ in their seed the mean counts. An area near 0.5 is no proof of security; one that is far from it, "
             "and farther than that of two clean trainings, is proof of the opposite. Below 0.5: what it learnt "
@@ -172,6 +173,18 @@ def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
             if counts
             else "Not measured: it takes renders of two captures at least, one to learn from and one to be tested on.",
         ),
+    )
+
+
+def _seen_of_each(rows: Sequence[Measurement]) -> str:
+    """What a detector saw of a scene that it learnt from: a pair, or as many as differ in seed or message."""
+    scenes, pairs = (
+        sum(row.value for row in rows if row.quantity == name) for name in (TRAINING_SCENES, TRAINING_PAIRS)
+    )
+    return (
+        "one or more containers and as many clean trainings"
+        if pairs > scenes
+        else "one container and one clean training"
     )
 
 

@@ -15,7 +15,7 @@ from torch.nn.functional import pad
 
 from stages.analysis.secrecy.apart import TellsShares, feature_maps_of, hardly_shown, surfaces_of
 from stages.analysis.secrecy.conditions import APART, CHANNELS, COMPONENTS, IGNORED, SHOWN, SURFACES, UNEXPLAINED
-from stages.analysis.secrecy.linear import least_squares, neighbourhoods
+from stages.analysis.secrecy.linear import covariance, least_squares, neighbourhoods
 from stages.analysis.secrecy.observing import Observed
 from stages.hiding.coupled import CoupledFeatures
 from stages.hiding.method import Method
@@ -54,13 +54,6 @@ def blind_readings(gaussians: Gaussians, public: Method, views: Sequence[Observe
             readings[APART] = _along(maps, ignored_directions(maps, heeded))
             readings[SURFACES] = surfaces_of(few, views)
     return {name: [pad(each, (0, SHOWN - each.shape[-1])) for each in found] for name, found in readings.items()}
-
-
-def covariance(maps: Sequence[Float[Tensor, "H W M"]]) -> Float[Tensor, "M M"]:
-    """Over the pixels of all maps, in float64."""
-    pixels = torch.cat([each.reshape(-1, each.shape[-1]) for each in maps]).double()
-    centred = pixels - pixels.mean(dim=0)
-    return centred.T @ centred / max(len(pixels), 1)
 
 
 def principal_directions(maps: Sequence[Float[Tensor, "H W M"]]) -> Float[Tensor, "M C"]:
@@ -110,9 +103,8 @@ def _along(maps: Sequence[Float[Tensor, "H W M"]], directions: Float[Tensor, "M 
 
 
 def _unexplained(maps: Sequence[Float[Tensor, "H W M"]], covers: Sequence[Float[Tensor, "H W 3"]]) -> Maps:
-    regressors = [neighbourhoods(cover) for cover in covers]
-    explained = least_squares(regressors, maps)
-    rest = [each - given @ explained for each, given in zip(maps, regressors, strict=True)]
+    explained = least_squares(map(neighbourhoods, covers), maps)
+    rest = [each - neighbourhoods(cover) @ explained for each, cover in zip(maps, covers, strict=True)]
     return _along(rest, principal_directions(rest))
 
 

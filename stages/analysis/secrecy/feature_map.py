@@ -8,17 +8,19 @@ and the channels of a container that hides nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from stages.analysis.leakage import correlation, matched_correlations
 from stages.analysis.secrecy.blind import principal_directions
 from stages.analysis.secrecy.conditions import ALL, CHANNEL, CHANNELS, COMPONENT, COMPONENTS, SHOWN
 from stages.analysis.secrecy.linear import multiple_correlations, neighbourhoods
-from stages.analysis.secrecy.measuring import edges, luma, matched
+from stages.analysis.secrecy.measuring import edges, luma
 from stages.analysis.secrecy.observing import Observed
 from stages.imaging.metric_table import mean_of_known
 
@@ -53,10 +55,11 @@ def feature_map_correlations(views: Sequence[Observed]) -> list[Correlated]:
         **{COMPONENT.format(number + 1): [each[..., number] for each in components] for number in _shown(maps[0])},
     }
     several = {CHANNELS: [each[..., :SHOWN] for each in maps], COMPONENTS: components, ALL: maps}
+    with_covers = {line: _with_covers(channels, views) for line, channels in singles.items()}
     found = []
     for message in range(len(views[0].truths)):
         for line, channels in singles.items():
-            found += _of_single(line, channels, views, message)
+            found += _of_single(line, channels, with_covers[line], views, message)
         for line, together in several.items():
             found += _of_several(line, together, views, message)
     return found
@@ -66,22 +69,34 @@ def _shown(feature_map: Float[Tensor, "H W M"]) -> range:
     return range(min(SHOWN, feature_map.shape[-1]))
 
 
+def _with_covers(channels: Sequence[Float[Tensor, "H W"]], views: Sequence[Observed]) -> list[tuple[float, float]]:
+    """For each view |correlation| of a channel with the cover, and of its edges with the cover's."""
+    found = []
+    for channel, seen in zip(channels, views, strict=True):
+        pair = channel, luma(seen.cover)
+        found.append((abs(correlation(*_arrays(pair))), abs(correlation(*_arrays(map(edges, pair))))))
+    return found
+
+
 def _of_single(
-    line: str, channels: Sequence[Float[Tensor, "H W"]], views: Sequence[Observed], message: int
+    line: str,
+    channels: Sequence[Float[Tensor, "H W"]],
+    with_covers: Sequence[tuple[float, float]],
+    views: Sequence[Observed],
+    message: int,
 ) -> list[Correlated]:
-    covers = [luma(seen.cover) for seen in views]
     truths = [luma(seen.truths[message]) for seen in views]
-    outlines = [edges(channel) for channel in channels]
-    with_cover = matched(channels, covers)
-    with_message = matched(channels, truths)
-    edges_cover = matched(outlines, [edges(grey) for grey in covers])
-    edges_message = matched(outlines, [edges(grey) for grey in truths])
+    with_message = matched_correlations(_arrays(channels), _arrays(truths))
+    with_edges = matched_correlations(_arrays(map(edges, channels)), _arrays(map(edges, truths)))
+    figures = zip(with_covers, *with_message, *with_edges, strict=True)
     return [
-        Correlated(
-            line, view, message, with_cover[view][0], *with_message[view], edges_cover[view][0], *edges_message[view]
-        )
-        for view in range(len(views))
+        Correlated(line, view, message, cover, own, others, edges_cover, edges_own, edges_others)
+        for view, ((cover, edges_cover), own, others, edges_own, edges_others) in enumerate(figures)
     ]
+
+
+def _arrays(pictures: Iterable[Float[Tensor, "H W"]]) -> list[Float[np.ndarray, "H W"]]:
+    return [picture.numpy() for picture in pictures]
 
 
 def _of_several(

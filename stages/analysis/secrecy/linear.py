@@ -1,9 +1,13 @@
-"""Least squares between pictures: how much of one a linear map of another explains."""
+"""Least squares between pictures: how much of one a linear map of another explains.
+
+What is summed over views is summed one view after the other: with neighbours, one of the paper's size takes a gigabyte.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import reduce
 
 import torch
 from jaxtyping import Float
@@ -22,23 +26,38 @@ def neighbourhoods(channels: Float[Tensor, "H W C"], size: int = 3) -> Float[Ten
 
 
 def least_squares(
-    regressors: Sequence[Float[Tensor, "*P D"]], targets: Sequence[Float[Tensor, "*P C"]]
+    regressors: Iterable[Float[Tensor, "*P D"]], targets: Iterable[Float[Tensor, "*P C"]]
 ) -> Float[Tensor, "D C"]:
     """The linear map from regressors to targets with the least squared error over all of them; sums run in float64.
 
-    Raises `ValueError` without any.
+    Each is looked at once, in order, so that they can be made as they are asked for. Raises `ValueError` without any.
     """
-    if not regressors:
+    of_views = [_normal_equations(given, wanted) for given, wanted in zip(regressors, targets, strict=True)]
+    if not of_views:
         raise ValueError("least squares of nothing")
-    size, channels = regressors[0].shape[-1], targets[0].shape[-1]
-    products = torch.zeros(size, size, dtype=torch.float64)
-    moments = torch.zeros(size, channels, dtype=torch.float64)
-    for given, wanted in zip(regressors, targets, strict=True):
-        rows = given.reshape(-1, size).double()
-        products += rows.T @ rows
-        moments += rows.T @ wanted.reshape(-1, channels).double()
-    ridge = RIDGE * products.diagonal().mean() * torch.eye(size, dtype=torch.float64)
+    products, moments = (reduce(torch.add, sums) for sums in zip(*of_views, strict=True))
+    ridge = RIDGE * products.diagonal().mean() * torch.eye(len(products), dtype=torch.float64)
     return torch.linalg.solve(products + ridge, moments).float()
+
+
+def _normal_equations(
+    regressors: Float[Tensor, "*P D"], targets: Float[Tensor, "*P C"]
+) -> tuple[Float[Tensor, "D D"], Float[Tensor, "D C"]]:
+    """The sums over one view, in float64."""
+    rows = regressors.reshape(-1, regressors.shape[-1]).double()
+    return rows.T @ rows, rows.T @ targets.reshape(-1, targets.shape[-1]).double()
+
+
+def covariance(maps: Sequence[Float[Tensor, "*P M"]]) -> Float[Tensor, "M M"]:
+    """Over the pixels of all maps, in float64."""
+    size = maps[0].shape[-1]
+    pixels = max(sum(each.numel() // size for each in maps), 1)
+    mean = torch.stack([each.reshape(-1, size).sum(dim=0, dtype=torch.float64) for each in maps]).sum(dim=0) / pixels
+    products = torch.zeros(size, size, dtype=torch.float64)
+    for each in maps:
+        centred = each.reshape(-1, size).double() - mean
+        products += centred.T @ centred
+    return products / pixels
 
 
 def multiple_correlations(regressors: Float[Tensor, "*P D"], targets: Float[Tensor, "*P T"]) -> list[float]:

@@ -18,8 +18,8 @@ def linear_surrogate(seen: Sequence[Observed], views: Sequence[Observed]) -> lis
 
     Raises `ValueError` without any seen view.
     """
-    targets = [_channels(each.truths) for each in seen]
-    weights = least_squares([neighbourhoods(each.rendering.feature_map) for each in seen], targets)
+    targets = (_channels(each.truths) for each in seen)
+    weights = least_squares((neighbourhoods(each.rendering.feature_map) for each in seen), targets)
     shown = [neighbourhoods(each.rendering.feature_map) @ weights for each in views]
     return [torch.stack(channels.split(3, dim=-1)) for channels in shown]
 

@@ -13,8 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.analysis.fidelity import COVERED, covered_psnrs
-from stages.analysis.leakage import correlation
+from stages.analysis.fidelity import COVERED, covered_psnrs, where_seen
 from stages.analysis.secrecy.linear import least_squares, multiple_correlations, neighbourhoods
 from stages.analysis.secrecy.observing import Observed
 from stages.imaging.metric_table import mean_of_known
@@ -42,7 +41,8 @@ def picture_readings(
 ) -> Iterator[tuple[int, int, Figures]]:
     """View, message and figures of readings in three channels:
 
-    - `psnr`, `psnr_covered` and, of the best picture of one colour, `psnr_constant`, as in `covered_psnrs`;
+    - `psnr`, NaN where the view shows nothing of the message, and, as in `covered_psnrs`, `psnr_covered` and, of the
+      best picture of one colour, `psnr_constant`;
     - `psnr_coloured`, over covered pixels, of the reading `with_true_colours`;
     - `correlation`: the multiple correlation of the message's luminance with the channels, whatever their colours;
     - `correlation_others`: the mean of the same with the message of the other views, NaN where there is none.
@@ -58,7 +58,7 @@ def picture_readings(
                 view,
                 message,
                 {
-                    "psnr": psnr(picture, truth),
+                    **where_seen({"psnr": psnr(picture, truth)}, truth),
                     **covered_psnrs(picture, truth, coverage),
                     "psnr_coloured": psnr(coloured, truth, coverage >= COVERED),
                     "correlation": own,
@@ -80,19 +80,3 @@ def with_true_colours(
         return reading
     regressors = neighbourhoods(reading, 1)
     return (regressors @ least_squares([regressors[mask]], [truth[mask]])).clamp(0, 1)
-
-
-def matched(
-    readings: Sequence[Float[Tensor, "H W"]], truths: Sequence[Float[Tensor, "H W"]]
-) -> list[tuple[float, float]]:
-    """For each view |correlation| of its reading with its own truth, and the mean of those with the other views'.
-
-    The second is the control: what a reading has in common with any picture of the message.
-    """
-    arrays = [(reading.numpy(), truth.numpy()) for reading, truth in zip(readings, truths, strict=True)]
-    found = []
-    for view, (reading, _) in enumerate(arrays):
-        values = [abs(correlation(reading, truth)) for _, truth in arrays]
-        own = values.pop(view)
-        found.append((own, mean_of_known(values)))
-    return found

@@ -14,6 +14,7 @@ from stages.hiding.method import Method
 from stages.hiding.rendering import COVER, splat
 from stages.imaging.pictures import Picture, tensor_to_picture
 from stages.scene.cameras import Camera, Cameras, single_cameras
+from stages.scene.even_spread import evenly_spread
 from stages.scene.gaussians import Gaussians
 
 MOST_VIEWS = 48
@@ -64,7 +65,7 @@ def landmarks(gaussians: Gaussians, method: Method, cameras: Cameras) -> Landmar
 
 
 def _turned(cameras: Cameras) -> Cameras:
-    chosen = np.unique(np.linspace(0, len(cameras) - 1, min(MOST_VIEWS, len(cameras))).round().astype(int))
+    chosen = evenly_spread(len(cameras), MOST_VIEWS)
     turns = np.tile(np.eye(4), (len(TURNS), 1, 1))
     turns[:, :3, :3] = Rotation.from_euler("y", np.array(TURNS)[:, None], degrees=True).as_matrix()
     poses = turns[:, None] @ cameras.world_to_camera[chosen]

@@ -33,6 +33,14 @@ def test_an_empty_mask_measures_nothing() -> None:
     assert math.isnan(psnr(truth, truth, torch.zeros(3, 3, dtype=torch.bool)))
 
 
+@pytest.mark.parametrize("broken", [1, 12])
+def test_a_broken_picture_is_not_a_perfect_one(broken: int) -> None:
+    truth = torch.full((2, 2, 3), 0.5)
+    picture = truth.clone()
+    picture.view(-1)[:broken] = math.nan
+    assert math.isnan(psnr(picture, truth))
+
+
 def test_shapes_must_agree() -> None:
     with pytest.raises(ValueError, match="one size"):
         psnr(torch.zeros(2, 2, 3), torch.zeros(2, 3, 3))

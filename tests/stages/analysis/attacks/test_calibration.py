@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -34,6 +36,12 @@ def test_a_jump_is_met_from_its_nearer_side() -> None:
     found = calibrated(lambda severity: 0.0 if severity < 0.3 else 10.0, [1.0], strongest=1.0)
     assert found[0] == pytest.approx(0.3, rel=0.05)
     assert found[0] < 0.3
+
+
+def test_damage_that_cannot_be_measured_is_larger_than_every_aim() -> None:
+    found = calibrated(lambda severity: 8 * severity if severity < 0.6 else math.nan, [1.0, 2.0], strongest=1.0)
+    assert [8 * severity for severity in found] == pytest.approx([1.0, 2.0], rel=TOLERANCE)
+    assert len(calibrated(lambda severity: math.nan, AIMS, strongest=1.0)) == 1
 
 
 def test_every_severity_is_looked_at_once() -> None:

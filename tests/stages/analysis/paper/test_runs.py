@@ -13,6 +13,7 @@ from stages.analysis.paper.ablations import value_of
 from stages.analysis.paper.chapter import usual
 from stages.analysis.paper.fidelity import fidelity
 from stages.analysis.paper.frame_time import frame_time
+from stages.analysis.paper.no_message import no_message
 from stages.analysis.paper.published import read_published
 from stages.analysis.paper.runs import Columns, Experiment, Study, by_method, method_title, read_study
 from stages.imaging.metric_table import MetricRow
@@ -209,6 +210,33 @@ def test_runs_with_fewer_gaussians_are_not_averaged_with_the_others(tmp_path: Pa
         titles[run.capture, run.method].add(method_title(run))
     assert titles["bonsai", "gs_hider"] == {"GS-Hider"}
     assert titles["fox", "gs_hider"] == {"GS-Hider", "GS-Hider, at most 15,000 Gaussians"}
+
+
+@pytest.mark.parametrize("setting", ["gaussians", "iterations"])
+def test_a_number_that_is_stated_as_text_is_a_setting(tmp_path: Path, setting: str) -> None:
+    """The setup names no usual one of these two."""
+    rows = scene_rows("fox", "gs_hider", messages=("reef",))
+    study = read([item(tmp_path, "a", rows, capture="fox", method="gs_hider", **{setting: "many"})])
+    assert [run.settings for run in study.runs if run.method == "gs_hider"] == [((setting, "many"),)]
+
+
+def test_the_reference_without_a_message_has_the_usual_settings(tmp_path: Path) -> None:
+    """Plain 3DGS of fewer Gaussians has a line of its own, and nothing is compared with it."""
+    items = [
+        item(
+            tmp_path,
+            f"{method} {bound}",
+            scene_rows("fox", method, cover=change),
+            capture="fox",
+            method=method,
+            gaussians=bound,
+        )
+        for method, bound, change in (("plain", 60_000, 0.0), ("plain", 15_000, -4.0), ("gs_hider", 60_000, 0.0))
+    ]
+    chapter = no_message(read(items), read_published())
+    lines = {line.names[:2]: line for line in chapter.grids[0].lines if not line.published}
+    assert lines["GS-Hider", "PSNR (dB)"].cells[-1].text == "-1.25"
+    assert chapter.relations[0].measured.average.mean == pytest.approx(-1.25)
 
 
 def test_experiments_go_together_where_they_differ_in_capture_and_seed_alone() -> None:

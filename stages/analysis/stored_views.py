@@ -1,0 +1,35 @@
+"""Views that stay on the disk: of large containers not all pictures and feature maps fit into memory at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Shaped
+
+from pipeline.artifact import Artifact
+
+
+class StoredViews:
+    """V pictures or feature maps, one array of an artifact, each read when it is asked for.
+
+    Raises what `Artifact.read` does.
+    """
+
+    def __init__(self, artifact: Artifact, name: str):
+        self._read = artifact.parts(name)
+        record = artifact.manifest.arrays[name]
+        self.shape, self.dtype = record.shape, np.dtype(record.dtype)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, view: int) -> Shaped[np.ndarray, "H W C"]:
+        return self._read(view)
+
+    def __iter__(self) -> Iterator[Shaped[np.ndarray, "H W C"]]:
+        return map(self._read, range(len(self)))
+
+
+Views = Shaped[np.ndarray, "V H W C"] | StoredViews
+"""In memory or on the disk."""

@@ -1,0 +1,39 @@
+"""Views in which nothing of a message is seen have its coverage and no other figure of it, as under attack."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from stages.analysis.attacks.scoring import Scorer
+from stages.analysis.scoring import score
+from stages.imaging.metric_table import mean_value
+from stages.scene.message_views import MessageViews
+from tests.stages.analysis.attacks.containers import MESSAGE, scene, target_and_owner
+from tests.stages.small import HEIGHT, NAMES, VIEWS, WIDTH, pictures
+
+BLANK = NAMES[1]
+
+
+def message() -> dict[str, MessageViews]:
+    """Of which one view shows nothing."""
+    shown, coverage = pictures(1), np.ones((VIEWS, HEIGHT, WIDTH), np.float32)
+    shown[NAMES.index(BLANK)], coverage[NAMES.index(BLANK)] = 0, 0
+    nothing = np.zeros((0, 3), np.float32)
+    return {MESSAGE: MessageViews(MESSAGE, NAMES, shown, coverage, nothing, nothing.astype(np.uint8))}
+
+
+def test_a_view_that_shows_nothing_of_the_message_does_not_count_for_it() -> None:
+    """A container that is black there as well would have infinitely many decibels on average."""
+    target, owner = target_and_owner("sh")
+    scores = score(target.gaussians, owner, "sh", scene(), message(), {}, 0, lambda done, total: None)
+    rows = [row for row in scores.rows if row.message == MESSAGE]
+    known = {row.quantity for row in rows if row.view == BLANK and not math.isnan(row.value)}
+    assert known == {"coverage", "legal"}
+    assert all(math.isfinite(row.value) for row in rows if row.view != BLANK)
+    attacked = Scorer(owner, scene(), message(), NAMES[:2]).figures(target)
+    for quantity in ("psnr", "ssim", "psnr_covered"):
+        average = mean_value([row for row in rows if row.quantity == quantity and row.split == "test"])
+        assert attacked[MESSAGE, quantity] == pytest.approx(average, abs=1e-6), quantity
