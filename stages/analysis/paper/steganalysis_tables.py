@@ -15,10 +15,12 @@ from stages.analysis.paper.detection import (
     COMPARISONS,
     HIDING,
     RENDERING,
+    UNNOTICED,
     ByMethod,
     Comparison,
     area_cell,
     area_of,
+    by_capture,
     is_inverted,
     scores_of,
     verdict,
@@ -42,6 +44,16 @@ CLASS_TITLES = {
     CLEAN: "renders that hide nothing",
     CLEAN_AGAIN: "the same, other seed",
 }
+
+
+AREA_NOTE = (
+    "0.5: no better than chance; 1: always right. ↓: the detector gives the first class less, and its opposite is "
+    "scored, on each capture by itself. All together: the mean of the captures' areas as they stand, and so it is of "
+    "two that hide nothing, neither of which comes first. Chance lifts such areas a little above 0.5: each is to be "
+    "read beside that of two that hide nothing. Second figures: the 95 % interval, by drawing runs of neighbouring "
+    "views (and captures, under All together: of as few as here that says little)."
+)
+"""Of two-sided areas, wherever they stand."""
 
 
 def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: ByMethod) -> Grid:
@@ -72,10 +84,12 @@ def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: 
             for method in methods
         ),
         (
-            "All captures together. Not told apart: the 95 % interval reaches down to chance; where it does, captures "
-            "are counted on which that of their own is above what two that hide nothing come to. Told apart, but so "
-            "are two that hide nothing: no farther than two clean trainings are from each other, on average over the "
-            "captures, whichever of the two comes first. What no detector here finds may be found by others.",
+            f"By the areas below. On a capture it is told apart where the area is above {UNNOTICED:g} and its 95 % "
+            "interval reaches down neither to chance nor to the area of two that hide nothing. Where that is so on "
+            "none or on all of the captures, all together say: not told apart where their interval reaches chance; "
+            "told apart, but so are two that hide nothing, where it reaches the area of those; hardly told apart up "
+            f"to {UNNOTICED:g}. In opposite directions: on some captures it is the detector's opposite that tells, "
+            "and who does not know where cannot use it. What no detector here finds may be found by others.",
         ),
     )
 
@@ -91,12 +105,9 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
             for comparison in COMPARISONS
         ),
         (
-            "0.5: no better than chance; 1: always right. All together: the mean of the captures. Second figures: the "
-            "95 % interval, by drawing runs of neighbouring views (and captures, under All together: of as few as here "
-            "that says little). ↓: the detector gives the first class less; its opposite is scored, which anyone would "
-            "use. Of all together it is the opposite of all: directions that differ from capture to capture cancel, as "
-            "they do for whoever cannot know them. The curves of all captures together pool them, as the paper's "
-            "figure does; they are this fusion's as it scores: under the diagonal its opposite is better.",
+            AREA_NOTE,
+            "The curves of all captures together pool them, as the paper's figure does; they are this fusion's as it "
+            "scores: under the diagonal its opposite is better.",
             *(_finding(method, experiments) for method, experiments in by_method.items()),
             "The GS-Hider paper compares renders with photos only, and prints a figure without values. KeySS (ICLR "
             "2026) reports 0.45 of itself in the same way, two-sided 0.55.",
@@ -107,7 +118,11 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
 def _finding(method: str, experiments: Sequence[Experiment]) -> str:
     """What a method's areas say in words."""
     photos, rendering = (area_of(experiments, FUSION, comparison) for comparison in (AS_IN_THE_PAPER, RENDERING))
-    is_alike = is_inverted(experiments, FUSION, AS_IN_THE_PAPER) == is_inverted(experiments, FUSION, RENDERING)
+    is_alike = all(
+        is_inverted(own, FUSION, AS_IN_THE_PAPER) == is_inverted(own, FUSION, RENDERING)
+        for own in by_capture(experiments)
+        if area_of(own, FUSION, RENDERING).low > 0.5
+    )
     is_rendering = is_alike and rendering.value > photos.value - 0.05
     seen = "mostly that they are renders" if is_rendering else "more than rendering"
     return (
@@ -139,6 +154,7 @@ def detectors_grid(by_method: ByMethod) -> Grid:
             for method, experiments in by_method.items()
             for detector in DETECTORS
         ),
+        (AREA_NOTE,),
     )
 
 
@@ -152,7 +168,7 @@ def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
     rows = [row for experiments in by_method.values() for each in experiments for row in each.rows]
     counts = sorted({int(row.value) for row in rows if row.quantity == TRAINING_SCENES and row.value > 0})
     return Grid(
-        "A network on noise residuals, trained on the other scenes: area under the ROC curve",
+        "A network on noise residuals, trained on the other scenes: area under the ROC curve, two-sided",
         ("Method", "Looks at", "Told apart"),
         (*map(capture_title, captures), "All together"),
         tuple(
@@ -163,12 +179,13 @@ def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
             if scores_of(experiments, quantity, comparison)
         ),
         (
+            *((AREA_NOTE,) if counts else ()),
             f"Each detector knows the method, and learnt from {' or '.join(map(str, counts))} other scene(s), of each "
             "of which it saw one container and one clean training: it may have learnt what sets these few apart, be it "
             "the message where they hide the same one, and one that saw hundreds would do better. Of detectors that "
             "differ in their seed the mean counts. An area near 0.5 is no proof of security; one that is far from it, "
-            "and farther than that of two clean trainings, is proof of the opposite. Below 0.5: what it learnt "
-            "elsewhere is the other way round here."
+            "and farther than that of two clean trainings, is proof of the opposite. Where its opposite is scored (↓), "
+            "what it learnt elsewhere is the other way round here."
             if counts
             else "Not measured: it takes renders of two captures at least, one to learn from and one to be tested on.",
         ),

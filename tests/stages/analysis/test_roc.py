@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from stages.analysis.roc import Area, DetectorScores, bootstrap_area, roc_curve
+from stages.analysis.roc import Area, DetectorScores, bootstrap_area, is_upside_down, roc_curve, two_sided
 
 VALUES = st.lists(st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0, math.nan]), min_size=1, max_size=8)
 
@@ -68,11 +68,25 @@ def test_numbers_of_views_are_no_evidence() -> None:
 
 
 def test_a_detector_that_is_always_wrong_is_as_good_as_its_opposite() -> None:
-    wrong = bootstrap_area([scores([0.1, 0.2], [0.3, 0.4])], seed=0)
-    assert (wrong.value, wrong.two_sided.value) == (0, 1)
-    unsure = Area(0.45, 0.35, 0.6).two_sided
-    assert (unsure.value, unsure.low, unsure.high) == pytest.approx((0.55, 0.4, 0.65))
-    assert Area(0.7, 0.6, 0.8).two_sided == Area(0.7, 0.6, 0.8)
+    wrong = [scores([0.1, 0.2], [0.3, 0.4])]
+    assert (bootstrap_area(wrong, 0).value, bootstrap_area(two_sided(wrong), 0).value) == (0, 1)
+    values = np.random.default_rng(0).normal(0, 1, (2, 60)) - [[0.1], [0]]
+    unsure = [DetectorScores(*values)]
+    area, turned = bootstrap_area(unsure, 0), bootstrap_area(two_sided(unsure), 0)
+    assert area.low < area.value < 0.5 < area.high
+    expected = (1 - area.value, 1 - area.high, 1 - area.low)
+    assert (turned.value, turned.low, turned.high) == pytest.approx(expected), "chance is still not ruled out"
+    assert bootstrap_area(two_sided([unsure[0].opposite]), 0) == turned
+
+
+def test_each_scene_is_turned_by_itself() -> None:
+    """Of one with two detectors their mean decides; what scored nothing is left out."""
+    right, wrong = scores([1.0] * 4, [0.0] * 4), scores([0.0] * 4, [1.0] * 4)
+    unsure = scores([0.0, 1.0] * 2, [0.5] * 4)
+    of_fox = [replace(each, scene="fox") for each in (wrong, unsure)]
+    assert [is_upside_down(each) for each in ([right], [wrong], of_fox, [])] == [False, True, True, False]
+    both_ways = [right, replace(wrong, scene="bonsai"), *of_fox, scores([math.nan], [1.0])]
+    assert bootstrap_area(two_sided(both_ways), 0).value == pytest.approx((1 + 1 + 0.75) / 3)
 
 
 def test_intervals_cover_the_truth() -> None:
