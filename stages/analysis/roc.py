@@ -50,7 +50,8 @@ class DetectorScores:
 
 @dataclass(frozen=True)
 class Area:
-    """The area under a curve, and the interval in which it lies by resampling scenes and their views.
+    """The area under a curve, or a difference of two, and the interval in which it lies by resampling scenes and their
+    views.
 
     NaN where nothing was scored.
     """
@@ -91,11 +92,42 @@ def bootstrap_area(scores: Sequence[DetectorScores], seed: int, repeats: int = 1
     if not scenes:
         return UNKNOWN
     areas = _mean_areas(list(chain(*scenes)), _drawn(scenes, np.random.default_rng(seed), repeats))
+    return _with_interval(_mean_of_scenes(scenes), areas)
+
+
+def bootstrap_excess(
+    scores: Sequence[DetectorScores], controls: Sequence[DetectorScores], seed: int, repeats: int = 1000
+) -> Area:
+    """By how much the mean area of scores is above that of controls, with its 95 % interval.
+
+    Controls are of the same scenes, detectors and cameras, one for one and all usable: what is drawn of the one is
+    drawn of the other, so that what both share, such as the negatives, does not count twice. Raises `ValueError` for
+    controls of other scenes, or of more or fewer views.
+    """
+    pairs = list(zip(scores, controls, strict=True))
+    if any(_views(own) != _views(control) for own, control in pairs):
+        raise ValueError("controls are of other scenes or views than what they are controls for")
+    scenes, of_controls = _by_scene(scores), _by_scene(controls)
+    if not scenes:
+        return UNKNOWN
+    drawn = _drawn(scenes, np.random.default_rng(seed), repeats)
+    areas, by_chance = (_mean_areas(list(chain(*each)), drawn) for each in (scenes, of_controls))
+    return _with_interval(_mean_of_scenes(scenes) - _mean_of_scenes(of_controls), areas - by_chance)
+
+
+def _views(scores: DetectorScores) -> tuple[str, int, int]:
+    return scores.scene, len(scores.positives), len(scores.negatives)
+
+
+def _with_interval(value: float, resampled: Float64[np.ndarray, " R"]) -> Area:
     tail = (1 - CONFIDENCE) / 2
-    known = areas[~np.isnan(areas)]
+    known = resampled[~np.isnan(resampled)]
     low, high = np.quantile(known, [tail, 1 - tail]) if len(known) else (math.nan, math.nan)
-    value = np.mean([_mean_area(scene) for scene in scenes])
-    return Area(float(value), float(low), float(high))
+    return Area(value, float(low), float(high))
+
+
+def _mean_of_scenes(scenes: Sequence[Sequence[DetectorScores]]) -> float:
+    return float(np.mean([_mean_area(scene) for scene in scenes]))
 
 
 def two_sided(scores: Iterable[DetectorScores]) -> list[DetectorScores]:

@@ -13,7 +13,7 @@ from stages.analysis.paper.grid import Cell
 from stages.analysis.paper.measuring import Spread
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
-from stages.analysis.roc import Area, DetectorScores, bootstrap_area, is_upside_down, two_sided
+from stages.analysis.roc import Area, DetectorScores, bootstrap_area, bootstrap_excess, is_upside_down, two_sided
 
 UNNOTICED = 0.6
 """A detector whose area is larger is right about more than six of ten pairs, and is not called blind."""
@@ -45,8 +45,15 @@ def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comp
 
     Rows of several trainings of one scene, told apart by their seed, are scores of their own.
     """
-    found = []
-    for experiment in experiments:
+    return tuple(_scores_by_training(experiments, quantity, comparison).values())
+
+
+def _scores_by_training(
+    experiments: Iterable[Experiment], quantity: str, comparison: Comparison
+) -> dict[tuple[int, int | None], DetectorScores]:
+    """By the number of the experiment and the seed of its rows."""
+    found = {}
+    for number, experiment in enumerate(experiments):
         rows = [row for row in experiment.rows if row.quantity == quantity]
         for seed in dict.fromkeys(row.seed for row in rows):
             positives, negatives = (
@@ -55,8 +62,8 @@ def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comp
             )
             if len(positives) and len(negatives):
                 is_paired = comparison.paired and len(positives) == len(negatives)
-                found.append(DetectorScores(positives, negatives, is_paired, experiment.capture))
-    return tuple(found)
+                found[number, seed] = DetectorScores(positives, negatives, is_paired, experiment.capture)
+    return found
 
 
 def area_of(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Area:
@@ -69,6 +76,18 @@ def area_of(experiments: Sequence[Experiment], quantity: str, comparison: Compar
     """
     seed = zlib.crc32(f"{quantity}: {comparison.title}".encode())
     return bootstrap_area(two_sided(scores_of(experiments, quantity, comparison)), seed)
+
+
+def excess_of(experiments: Sequence[Experiment], quantity: str) -> Area:
+    """By how much the area of what hides is above that of two that hide nothing; NaN where neither has a control.
+
+    Both share the clean renders, and all three classes the cameras: views are drawn of all three at once.
+    """
+    hiding, chance = (_scores_by_training(experiments, quantity, each) for each in (HIDING, CHANCE))
+    both = [(own, chance[key]) for key, own in hiding.items() if key in chance]
+    pairs = [pair for pair in both if all(each.usable and each.paired for each in pair)]
+    own, controls = (two_sided(each) for each in zip(*pairs, strict=True)) if pairs else ([], [])
+    return bootstrap_excess(own, controls, zlib.crc32(f"{quantity}: above chance".encode()))
 
 
 def is_inverted(capture: Sequence[Experiment], quantity: str, comparison: Comparison) -> bool:
@@ -96,6 +115,14 @@ def area_cell(experiments: Sequence[Experiment], quantity: str, comparison: Comp
     return Cell(f"{shown.value:.2f}", note, Spread(shown.value))
 
 
+def excess_cell(experiments: Sequence[Experiment], quantity: str) -> Cell:
+    """How far what hides is above two that hide nothing, with the interval of that; empty where it was not measured."""
+    excess = excess_of(experiments, quantity)
+    if math.isnan(excess.value):
+        return Cell("")
+    return Cell(f"{excess.value:+.2f}", f"{excess.low:+.2f} to {excess.high:+.2f}", Spread(excess.value))
+
+
 def _arrow(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> str:
     captures = [own for own in by_capture(experiments) if scores_of(own, quantity, comparison)]
     inverted = sum(is_inverted(own, quantity, comparison) for own in captures)
@@ -107,26 +134,29 @@ def _arrow(experiments: Sequence[Experiment], quantity: str, comparison: Compari
 def verdict(experiments: Sequence[Experiment], quantity: str) -> str:
     """In words, whether a detector tells what hides from what does not, beside two trainings that hide nothing.
 
-    On how many captures, where it is some and not all; or else of all together.
+    Of all captures together, and on how many by themselves where it is some and not all.
     """
-    hiding, chance = (area_of(experiments, quantity, each) for each in (HIDING, CHANCE))
+    hiding, excess = area_of(experiments, quantity, HIDING), excess_of(experiments, quantity)
     if math.isnan(hiding.value):
         return "not measured"
-    captures = by_capture(experiments)
+    captures = [own for own in by_capture(experiments) if scores_of(own, quantity, HIDING)]
     told = [own for own in captures if _is_told_apart(own, quantity)]
-    directions = ", in opposite directions" * (len({is_inverted(own, quantity, HIDING) for own in told}) > 1)
-    if 0 < len(told) < len(captures):
-        words = f"told apart on {len(told)} of {len(captures)} captures"
-    elif hiding.low <= 0.5:
-        return "not told apart"
-    elif hiding.low <= chance.value:
-        return "told apart, but so are two that hide nothing"
-    else:
+    some = f"on {len(told)} of {len(captures)} captures" if 0 < len(told) < len(captures) else ""
+    if hiding.low > 0.5 and not excess.low <= 0:
         words = "told apart" if hiding.value > UNNOTICED else "hardly told apart"
-    return words + directions + (", how far chance does it was not measured" if math.isnan(chance.value) else "")
+        words += f" (by itself {some})" if some else ""
+    elif some:
+        words = f"told apart {some} alone"
+    elif hiding.low > 0.5:
+        return "told apart, but not surely farther than two that hide nothing"
+    else:
+        return "not told apart"
+    ways = {is_inverted(own, quantity, HIDING) for own in told}
+    words += ", in opposite directions" if len(ways) > 1 else ""
+    return words + (", how far chance does it was not measured" if math.isnan(excess.value) else "")
 
 
 def _is_told_apart(capture: Sequence[Experiment], quantity: str) -> bool:
     """By itself, and farther than two that hide nothing."""
-    area, chance = (area_of(capture, quantity, each) for each in (HIDING, CHANCE))
-    return area.value > UNNOTICED and area.low > 0.5 and not area.low <= chance.value
+    area = area_of(capture, quantity, HIDING)
+    return area.value > UNNOTICED and area.low > 0.5 and not excess_of(capture, quantity).low <= 0

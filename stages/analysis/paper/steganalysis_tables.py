@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from stages.analysis.attribute_histograms import ONLY_THERE
 from stages.analysis.learned_detection import LEARNED, TRAINING_SCENES
@@ -21,6 +21,7 @@ from stages.analysis.paper.detection import (
     area_cell,
     area_of,
     by_capture,
+    excess_cell,
     is_inverted,
     scores_of,
     verdict,
@@ -46,12 +47,16 @@ CLASS_TITLES = {
 }
 
 
+EXCESS = "the former of these two above the latter"
+"""The line under renders that hide and two that hide nothing."""
+
 AREA_NOTE = (
     "0.5: no better than chance; 1: always right. ↓: the detector gives the first class less, and its opposite is "
     "scored, on each capture by itself. All together: the mean of the captures' areas as they stand, and so it is of "
     "two that hide nothing, neither of which comes first. Chance lifts such areas a little above 0.5: each is to be "
     "read beside that of two that hide nothing. Second figures: the 95 % interval, by drawing runs of neighbouring "
-    "views (and captures, under All together: of as few as here that says little)."
+    "views (and captures, under All together: of as few as here that says little), of differences the same views of "
+    "all."
 )
 """Of two-sided areas, wherever they stand."""
 
@@ -84,12 +89,12 @@ def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: 
             for method in methods
         ),
         (
-            f"By the areas below. On a capture it is told apart where the area is above {UNNOTICED:g} and its 95 % "
-            "interval reaches down neither to chance nor to the area of two that hide nothing. Where that is so on "
-            "none or on all of the captures, all together say: not told apart where their interval reaches chance; "
-            "told apart, but so are two that hide nothing, where it reaches the area of those; hardly told apart up "
-            f"to {UNNOTICED:g}. In opposite directions: on some captures it is the detector's opposite that tells, "
-            "and who does not know where cannot use it. What no detector here finds may be found by others.",
+            "By the areas below. Told apart: the 95 % interval of all together does not reach down to chance, nor "
+            f"that of what it is above two that hide nothing to 0; hardly, where the area is at most {UNNOTICED:g}. "
+            "Not surely farther than two that hide nothing: this difference reaches 0. By itself on some captures, or "
+            f"on these alone: there both hold, and the area is above {UNNOTICED:g}. In opposite directions: on some "
+            "captures it is the detector's opposite that tells, and who does not know where cannot use it. What no "
+            "detector here finds may be found by others.",
         ),
     )
 
@@ -100,9 +105,9 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
         ("Method", "Told apart"),
         (*map(capture_title, captures), "All together"),
         tuple(
-            Line((title_of(method), comparison.title), _cells(experiments, FUSION, comparison, captures))
+            line
             for method, experiments in by_method.items()
-            for comparison in COMPARISONS
+            for line in _lines((title_of(method),), experiments, FUSION, COMPARISONS, captures)
         ),
         (
             AREA_NOTE,
@@ -132,12 +137,21 @@ def _finding(method: str, experiments: Sequence[Experiment]) -> str:
     )
 
 
-def _cells(
-    experiments: Sequence[Experiment], quantity: str, comparison: Comparison, captures: Sequence[str]
-) -> tuple[Cell, ...]:
-    """On each capture, and on all together."""
-    own = [[each for each in experiments if each.capture == capture] for capture in captures]
-    return tuple(area_cell(group, quantity, comparison) for group in (*own, experiments))
+def _lines(
+    names: tuple[str, ...],
+    experiments: Sequence[Experiment],
+    quantity: str,
+    comparisons: Sequence[Comparison],
+    captures: Sequence[str],
+) -> Iterator[Line]:
+    """What was compared, on each capture and on all together, and how far what hides is above two that do not."""
+    groups = [*([each for each in experiments if each.capture == capture] for capture in captures), experiments]
+    for comparison in comparisons:
+        if scores_of(experiments, quantity, comparison):
+            yield Line((*names, comparison.title), tuple(area_cell(own, quantity, comparison) for own in groups))
+    cells = tuple(excess_cell(own, quantity) for own in groups)
+    if any(cell.text for cell in cells):
+        yield Line((*names, EXCESS), cells)
 
 
 def detectors_grid(by_method: ByMethod) -> Grid:
@@ -172,11 +186,10 @@ def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
         ("Method", "Looks at", "Told apart"),
         (*map(capture_title, captures), "All together"),
         tuple(
-            Line((title_of(method), seen, comparison.title), _cells(experiments, quantity, comparison, captures))
+            line
             for method, experiments in by_method.items()
             for quantity, seen in LEARNED.items()
-            for comparison in (HIDING, CHANCE)
-            if scores_of(experiments, quantity, comparison)
+            for line in _lines((title_of(method), seen), experiments, quantity, (HIDING, CHANCE), captures)
         ),
         (
             *((AREA_NOTE,) if counts else ()),

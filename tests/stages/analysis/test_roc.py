@@ -13,7 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from stages.analysis.roc import Area, DetectorScores, bootstrap_area, is_upside_down, roc_curve, two_sided
+from stages.analysis.roc import (
+    Area,
+    DetectorScores,
+    bootstrap_area,
+    bootstrap_excess,
+    is_upside_down,
+    roc_curve,
+    two_sided,
+)
 
 VALUES = st.lists(st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0, math.nan]), min_size=1, max_size=8)
 
@@ -125,6 +133,21 @@ def test_pairs_are_drawn_together() -> None:
     paired, apart = (scores(list(camera + 0.01), list(camera), paired) for paired in (True, False))
     sure, unsure = (bootstrap_area([each], seed=0) for each in (paired, apart))
     assert sure.high - sure.low < 0.3 * (unsure.high - unsure.low)
+
+
+def test_a_difference_of_areas_is_that_of_one_draw() -> None:
+    generator = np.random.default_rng(0)
+    clean, again, noise = generator.normal(0, 1, (3, 80))
+    own, control = (scores(list(values), list(clean), paired=True) for values in (again + 0.5, again))
+    assert bootstrap_excess([own], [own], 0) == Area(0, 0, 0)
+    excess = bootstrap_excess([own], [control], 0)
+    assert excess.value == pytest.approx(counted(own) - counted(control))
+    apart = bootstrap_excess([own], [scores(list(noise), list(clean), paired=True)], 0)
+    assert excess.high - excess.low < 0.6 * (apart.high - apart.low)
+    assert math.isnan(bootstrap_excess([], [], 0).value)
+    for other in (scores([1.0], [0.0]), replace(control, scene="bonsai")):
+        with pytest.raises(ValueError, match="other scenes or views"):
+            bootstrap_excess([own], [other], 0)
 
 
 def test_the_seed_decides() -> None:
