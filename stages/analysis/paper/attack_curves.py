@@ -91,7 +91,7 @@ def curves(
     experiment: Experiment, condition: str, floors: Mapping[str | None, float] = MappingProxyType({})
 ) -> tuple[Curve, ...]:
     """A curve for each seed; none where the attack was not measured. `floors` as in `_point`."""
-    unattacked = _point([row for row in experiment.rows if row.condition == UNATTACKED], 0.0, floors)
+    unattacked = _unattacked(experiment, floors)
     rows = [row for row in experiment.rows if row.condition == condition]
     found = []
     for seed in dict.fromkeys(row.seed for row in rows):
@@ -102,16 +102,38 @@ def curves(
     return tuple(found)
 
 
-def readings(experiment: Experiment, attack: str, reading: Reading) -> tuple[Curve, ...]:
-    """A curve for each seed as the messages are read, none worse than a picture of one colour.
+def readings(experiment: Experiment, attack: str, reading: Reading, is_floored: bool = True) -> tuple[Curve, ...]:
+    """A curve for each seed as the messages are read; where `is_floored` none worse than a picture of one colour.
 
     Where nothing is to be registered, such as a render, the message is read as it was found.
     """
-    of_one_colour = [row for row in experiment.rows if (row.quantity, row.condition) == (ONE_COLOUR, UNATTACKED)]
-    floors = {row.message: row.value for row in of_one_colour}
+    floors = _floors(experiment) if is_floored else {}
     found = curves(experiment, attack, floors)
     again = curves(experiment, restored(attack), floors) if reading == "registered" else ()
     return tuple(each.better_of(other) for each, other in zip(found, again, strict=True)) if again else found
+
+
+def _floors(experiment: Experiment) -> dict[str | None, float]:
+    """The PSNR of a picture of one colour for each message; none of what was measured without."""
+    rows = [row for row in experiment.rows if (row.quantity, row.condition) == (ONE_COLOUR, UNATTACKED)]
+    return {row.message: row.value for row in rows}
+
+
+def most_to_lose(experiments: Iterable[Experiment]) -> Measured:
+    """How far messages are above a picture of one colour before any attack, in dB, by capture.
+
+    Of messages that are none worse than such a picture nothing can be taken beyond this.
+    """
+    found: dict[str, list[Spread]] = {}
+    for experiment in experiments:
+        if floors := _floors(experiment):
+            message = _unattacked(experiment, floors).message
+            found.setdefault(experiment.capture, []).append(Spread(message - mean(floors.values())))
+    return _by_capture(found)
+
+
+def _unattacked(experiment: Experiment, floors: Mapping[str | None, float]) -> Point:
+    return _point([row for row in experiment.rows if row.condition == UNATTACKED], 0.0, floors)
 
 
 def average_curve(experiments: Iterable[Experiment], condition: str) -> Curve | None:
@@ -126,12 +148,16 @@ def average_curve(experiments: Iterable[Experiment], condition: str) -> Curve | 
 
 
 def measured(
-    experiments: Iterable[Experiment], attack: str, reading: Reading, figure: Callable[[Curve], float]
+    experiments: Iterable[Experiment],
+    attack: str,
+    reading: Reading,
+    figure: Callable[[Curve], float],
+    is_floored: bool = True,
 ) -> Measured:
-    """A figure of curves by capture, with its spread over the attack's seeds."""
+    """A figure of curves by capture, with its spread over the attack's seeds; `is_floored` as in `readings`."""
     spreads: dict[str, list[Spread]] = {}
     for experiment in experiments:
-        found = [figure(curve) for curve in readings(experiment, attack, reading)]
+        found = [figure(curve) for curve in readings(experiment, attack, reading, is_floored)]
         known = [value for value in found if not math.isnan(value)]
         if known:
             spreads.setdefault(experiment.capture, []).append(spread(known))
