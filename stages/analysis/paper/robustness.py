@@ -10,7 +10,7 @@ from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.page.figures import MISSING
 from stages.analysis.page.material import DECODER, GS_HIDER, OURS, PLAIN, SECOND_HARMONICS
 from stages.analysis.page.summary import Tile
-from stages.analysis.paper.attack_curves import Curve, Reading, average_curve, measured
+from stages.analysis.paper.attack_curves import POINTS, Reading, average_curve, measured, severities
 from stages.analysis.paper.attacked import COMPARED, Attacked
 from stages.analysis.paper.chapter import Chapter, title_of
 from stages.analysis.paper.grid import Cell, Grid, Line, figure_cell, signed, without_empty_columns
@@ -23,6 +23,8 @@ from stages.analysis.paper.runs import Experiment, Study, by_method
 
 WRITTEN = 0.005
 """dB: differences below it are not seen in the tables."""
+
+POINT_HEADINGS = tuple(f"Point {number}" for number in range(1, POINTS + 1))
 
 CURVE_NOTE = (
     "At each loss of the cover an attacker takes the severity, of those that cost the cover no more, that leaves least "
@@ -194,67 +196,61 @@ def _sentence(attack: AttackName) -> str:
 
 def _points(attacked: Attacked) -> Grid:
     """All that is drawn."""
-    lines, most = [], 0
+    lines = []
     for attack in attacked.attacks:
         for method, group in attacked.by_method.items():
             curve = average_curve(group, attack)
-            for picture, values in _pictures(curve).items():
-                cells = [
-                    Cell(f"{value:.2f}", f"{point.severity:.3g}" if picture == "Cover" else "", Spread(value))
-                    for point, value in values
-                ]
-                lines.append(((ATTACKS[attack].title, f"{title_of(method)} · {picture}"), cells))
-                most = max(most, len(cells))
-    severities = "; ".join(f"{ATTACKS[attack].title} by {ATTACKS[attack].severity}" for attack in attacked.attacks)
+            if curve is not None:
+                title, severe = title_of(method), _range(severities(group, attack))
+                covers, messages = ([point.cover for point in curve.points], [point.message for point in curve.points])
+                for picture, stated, values in (("Cover", severe, covers), ("Message", "", messages)):
+                    cells = [Cell(f"{value:.2f}", "", Spread(value)) for value in values]
+                    names = ATTACKS[attack].title, f"{title} · {picture}"
+                    lines.append(Line(names, (Cell(stated), *_filled(cells))))
+    meanings = "; ".join(f"{ATTACKS[attack].title} by {ATTACKS[attack].severity}" for attack in attacked.attacks)
     return Grid(
         "The points of the curves: PSNR of cover and message (dB)",
         ("Attack", "Picture"),
-        _headings(most),
-        tuple(Line(names, _filled(cells, most)) for names, cells in lines),
+        ("Severities", *POINT_HEADINGS),
+        tuple(lines),
         (
-            "Means over captures and seeds, point by point, of as many points as all have; where a curve has more, its "
-            f"area counts them. Second figures are severities. {severities}.",
+            "Means over captures and seeds at the same losses of each cover, from none to the largest that all of them "
+            "reach, by the lines that areas are under, which join what was measured. Messages as they read, even where "
+            f"that is worse than one colour. Severities: {meanings}.",
         ),
     )
 
 
 def _registered_points(attacked: Attacked) -> Grid:
     """All that was read after registration, better or worse than before."""
-    lines, most = [], 0
+    lines = []
     for attack in attacked.attacks:
         for method, group in attacked.by_method.items():
-            found, registered = average_curve(group, attack), average_curve(group, restored(attack))
+            both = [each for each in group if severities([each], restored(attack))]
+            found, registered = average_curve(both, attack), average_curve(both, attack, restored(attack))
             if found is not None and registered is not None:
                 cells = [
                     Cell(f"{after.message:.2f}", f"from {before.message:.2f}", Spread(after.message))
                     for before, after in zip(found.points, registered.points, strict=True)
                 ]
-                lines.append(((ATTACKS[attack].title, title_of(method)), cells))
-                most = max(most, len(cells))
+                lines.append(Line((ATTACKS[attack].title, title_of(method)), _filled(cells)))
     return Grid(
         f"The message at every point {READINGS['registered']}: PSNR (dB)",
         ("Attack", "Method"),
-        _headings(most),
-        tuple(Line(names, _filled(cells, most)) for names, cells in lines),
-        ("As it was read, worse readings included; second figures are those as found, at the severities above.",),
+        POINT_HEADINGS,
+        tuple(lines),
+        ("As it was read, worse readings included, at the points above; second figures are those as found.",),
     )
 
 
-def _pictures(curve: Curve | None) -> dict[str, list]:
-    if curve is None:
-        return {}
-    return {
-        "Cover": [(point, point.cover) for point in curve.points],
-        "Message": [(point, point.message) for point in curve.points],
-    }
+def _range(found: Sequence[float]) -> str:
+    """From the least to the most."""
+    ends = dict.fromkeys(f"{severity:.3g}" for severity in (*found[:1], *found[-1:]))
+    return " to ".join(ends)
 
 
-def _headings(count: int) -> tuple[str, ...]:
-    return tuple(f"Point {number}" for number in range(1, count + 1))
-
-
-def _filled(cells: Sequence[Cell], count: int) -> tuple[Cell, ...]:
-    return (*cells, *(Cell("") for _ in range(count - len(cells))))
+def _filled(cells: Sequence[Cell]) -> tuple[Cell, ...]:
+    return (*cells, *(Cell("") for _ in range(POINTS - len(cells))))
 
 
 def _relations(attacked: Attacked, reading: Reading) -> list[Relation]:
@@ -292,8 +288,7 @@ def _chart(attacked: Attacked, attack: AttackName) -> Chart | None:
     for method, group in attacked.by_method.items():
         curve = average_curve(group, attack)
         if curve is not None:
-            # Hundredths are what is written: what costs the cover less is drawn as the vertical drop that it is.
-            points = sorted((round(point.cover, 2), point.message) for point in (*curve.points, curve.unattacked))
+            points = sorted((point.cover, point.message) for point in (*curve.points, curve.unattacked))
             series.append(Series(title_of(method), tuple(points)))
     return line_chart(
         ATTACKS[attack].title, series, from_zero=False, axes=("PSNR of the cover (dB)", "PSNR of the message (dB)")

@@ -219,8 +219,15 @@ def test_what_a_floor_leaves_to_gain_is_said_and_gains_without_it_stand_beside()
 
 def test_readings_after_registration_are_there_as_they_were_made(chapter: Chapter) -> None:
     found = written(chapter, f"The message at every point {REGISTERED}")
-    assert found["Unread directions removed", "GS-Hider"]["Point 3"] == "20.00"
-    assert found["Random pruning", "3DGS+SH"]["Point 4"] == "19.70"
+    assert found["Unread directions removed", "GS-Hider"]["Point 5"] == "20.00"
+    assert found["Random pruning", "3DGS+SH"]["Point 5"] == "19.70"
+    assert found["Channels permuted, scene decoder with them", "GS-Hider"]["Point 2"] == "", "it costs no cover"
+
+
+def test_severities_of_curves_are_of_all_that_was_measured(chapter: Chapter) -> None:
+    found = written(chapter, "The points of the curves")
+    assert found["Random pruning", "GS-Hider · Cover"]["Severities"] == "0.05 to 0.25"
+    assert found["Channels permuted, scene decoder with them", "GS-Hider · Cover"]["Severities"] == "16"
 
 
 def test_one_chart_an_attack_and_a_curve_a_method(chapter: Chapter) -> None:
