@@ -8,8 +8,8 @@ scene views differ in the class alone, while what sets scenes apart, such as the
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import NamedTuple
 
@@ -42,10 +42,16 @@ class DetectorScores:
         """Whether anything of both classes was scored."""
         return not (np.isnan(self.positives).all() or np.isnan(self.negatives).all())
 
+    @property
+    def opposite(self) -> DetectorScores:
+        """Of the detector that says the opposite: its area is what is left of 1."""
+        return replace(self, positives=-self.positives, negatives=-self.negatives)
+
 
 @dataclass(frozen=True)
 class Area:
-    """The area under a curve, and the interval in which it lies by resampling scenes and their views.
+    """The area under a curve, or a difference of two, and the interval in which it lies by resampling scenes and their
+    views.
 
     NaN where nothing was scored.
     """
@@ -53,15 +59,6 @@ class Area:
     value: float
     low: float
     high: float
-
-    @property
-    def two_sided(self) -> Area:
-        """Of the better of the detector and its opposite, max(a, 1 − a): whoever knows that an area is 0.29 inverts it.
-
-        The interval is turned with it, and not its ends one by one: it may go on below 0.5, which means that chance is
-        not ruled out.
-        """
-        return self if not self.value < 0.5 else Area(1 - self.value, 1 - self.high, 1 - self.low)
 
 
 UNKNOWN = Area(math.nan, math.nan, math.nan)
@@ -95,11 +92,59 @@ def bootstrap_area(scores: Sequence[DetectorScores], seed: int, repeats: int = 1
     if not scenes:
         return UNKNOWN
     areas = _mean_areas(list(chain(*scenes)), _drawn(scenes, np.random.default_rng(seed), repeats))
+    return _with_interval(_mean_of_scenes(scenes), areas)
+
+
+def bootstrap_excess(
+    scores: Sequence[DetectorScores], controls: Sequence[DetectorScores], seed: int, repeats: int = 1000
+) -> Area:
+    """By how much the mean area of scores is above that of controls, with its 95 % interval.
+
+    Controls are of the same scenes, detectors and cameras, one for one and all usable: what is drawn of the one is
+    drawn of the other, so that what both share, such as the negatives, does not count twice. Raises `ValueError` for
+    controls of other scenes, or of more or fewer views.
+    """
+    pairs = list(zip(scores, controls, strict=True))
+    if any(_views(own) != _views(control) for own, control in pairs):
+        raise ValueError("controls are of other scenes or views than what they are controls for")
+    scenes, of_controls = _by_scene(scores), _by_scene(controls)
+    if not scenes:
+        return UNKNOWN
+    drawn = _drawn(scenes, np.random.default_rng(seed), repeats)
+    areas, by_chance = (_mean_areas(list(chain(*each)), drawn) for each in (scenes, of_controls))
+    return _with_interval(_mean_of_scenes(scenes) - _mean_of_scenes(of_controls), areas - by_chance)
+
+
+def _views(scores: DetectorScores) -> tuple[str, int, int]:
+    return scores.scene, len(scores.positives), len(scores.negatives)
+
+
+def _with_interval(value: float, resampled: Float64[np.ndarray, " R"]) -> Area:
     tail = (1 - CONFIDENCE) / 2
-    known = areas[~np.isnan(areas)]
+    known = resampled[~np.isnan(resampled)]
     low, high = np.quantile(known, [tail, 1 - tail]) if len(known) else (math.nan, math.nan)
-    value = np.mean([np.mean([_area(each) for each in scene]) for scene in scenes])
-    return Area(float(value), float(low), float(high))
+    return Area(value, float(low), float(high))
+
+
+def _mean_of_scenes(scenes: Sequence[Sequence[DetectorScores]]) -> float:
+    return float(np.mean([_mean_area(scene) for scene in scenes]))
+
+
+def two_sided(scores: Iterable[DetectorScores]) -> list[DetectorScores]:
+    """Scene by scene the scores or their opposite, whichever is the better on the scene as it is: max(a, 1 - a).
+
+    Resampled they keep that direction: an interval may go on below 0.5, which means that chance is not ruled out.
+    Scenes without usable scores are left out.
+    """
+    found: list[DetectorScores] = []
+    for scene in _by_scene([each for each in scores if each.usable]):
+        found += [each.opposite for each in scene] if is_upside_down(scene) else scene
+    return found
+
+
+def is_upside_down(scene: Sequence[DetectorScores]) -> bool:
+    """Whether detectors of one scene give its positives less than its negatives, on average; False without scores."""
+    return _mean_area([each for each in scene if each.usable]) < 0.5
 
 
 def _by_scene(scores: Sequence[DetectorScores]) -> list[list[DetectorScores]]:
@@ -129,6 +174,11 @@ def _steps(scene: DetectorScores) -> Float64[np.ndarray, "K 2"]:
     """How much each view adds to both rates, in the order of `_both`."""
     positives, negatives = (int((~np.isnan(values)).sum()) for values in _classes(scene))
     return np.array([(0, 1 / positives)] * positives + [(1 / negatives, 0)] * negatives)
+
+
+def _mean_area(scene: Sequence[DetectorScores]) -> float:
+    """Of the detectors of one scene; NaN without any."""
+    return float(np.mean([_area(each) for each in scene])) if scene else math.nan
 
 
 def _area(scores: DetectorScores) -> float:

@@ -36,6 +36,7 @@ THRESHOLD, DETECTED, TRIALS = "threshold", "detected", "trials"
 FALSE_POSITIVES, BOUND, BOUND_BY_SCENE, SCENES = "false_positives", "upper_bound", "upper_bound_by_scene", "scenes"
 
 THRESHOLD_AT_99, FALSE_POSITIVES_AT_99, BOUND_AT_99 = "threshold_at_99", "false_positives_at_99", "upper_bound_at_99"
+BOUND_BY_SCENE_AT_99 = "upper_bound_by_scene_at_99"
 """The usual point of a ROC curve: by the threshold that 99 % of the clean channel's renders reach, all of them, however
 high it is. Whoever is asked about pictures as they were rendered may have that one; no distorted render reaches it."""
 
@@ -213,9 +214,10 @@ def _rows_at_99(trials: Sequence[tuple[Negative, Shown]], threshold: float) -> I
     yield Measurement(THRESHOLD_AT_99, threshold, CLEAN_CHANNEL)
     for total in (OWN_SCENE, OTHER_SCENES):
         own = [trial for trial in trials if trial[0].total == total]
-        wrong = len(_wrong(own, threshold))
-        yield Measurement(FALSE_POSITIVES_AT_99, wrong, total)
-        yield Measurement(BOUND_AT_99, upper_bound(wrong, len(own)), total)
+        wrong = _wrong(own, threshold)
+        yield Measurement(FALSE_POSITIVES_AT_99, len(wrong), total)
+        yield Measurement(BOUND_AT_99, upper_bound(len(wrong), len(own)), total)
+        yield Measurement(BOUND_BY_SCENE_AT_99, upper_bound_by_group(_scenes(own), wrong), total)
 
 
 def _wrong(trials: Sequence[tuple[Negative, Shown]], threshold: float) -> list[int]:
@@ -223,9 +225,12 @@ def _wrong(trials: Sequence[tuple[Negative, Shown]], threshold: float) -> list[i
     return [position for position, (_, shown) in enumerate(trials) if shown.share >= threshold]
 
 
+def _scenes(trials: Sequence[tuple[Negative, Shown]]) -> list[str]:
+    return [negative.scene for negative, _ in trials]
+
+
 def _bounds(condition: str, trials: Sequence[tuple[Negative, Shown]], threshold: float) -> list[Measurement]:
-    wrong = _wrong(trials, threshold)
-    scenes = [negative.scene for negative, _ in trials]
+    wrong, scenes = _wrong(trials, threshold), _scenes(trials)
     return [
         Measurement(TRIALS, len(trials), condition),
         Measurement(SCENES, len(set(scenes)), condition),

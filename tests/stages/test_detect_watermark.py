@@ -17,6 +17,7 @@ from stages.analysis.detection import upper_bound
 from stages.analysis.measurements import read_measurements
 from stages.analysis.watermark_trials import (
     BOUND_AT_99,
+    BOUND_BY_SCENE_AT_99,
     CLEAN_CHANNEL,
     DETECTED,
     FALSE_POSITIVES,
@@ -146,7 +147,8 @@ def test_false_positives_at_99_percent_are_those_that_outdo_the_worst_renders() 
         return np.full((6, 8, 3), level, np.uint8)
 
     renders = [grey(level) for level in (150, 151, 152, *[200] * 197)]
-    others = [(Negative("photos", str(level), OTHER_SCENES), grey(level)) for level in (0, 149, 151, 152, 180)]
+    scenes = {0: "a", 149: "b", 151: "c", 152: "d", 180: "d"}
+    others = [(Negative("photos", scene, OTHER_SCENES), grey(level)) for level, scene in scenes.items()]
     own = [(Negative("photos", "cover", OWN_SCENE), grey(151))]
     detector = Detector(picture_to_tensor, grey(200))
     positives = Positives([("0.png", renders[0])], renders[1:100], renders[100:])
@@ -155,6 +157,7 @@ def test_false_positives_at_99_percent_are_those_that_outdo_the_worst_renders() 
     assert values[THRESHOLD_AT_99, CLEAN_CHANNEL] == pytest.approx(1 - (48 / 200) ** 2)
     assert values[FALSE_POSITIVES_AT_99, OTHER_SCENES] == 2
     assert values[BOUND_AT_99, OTHER_SCENES] == upper_bound(2, 5)
+    assert values[BOUND_BY_SCENE_AT_99, OTHER_SCENES] == upper_bound(1, 4), "both are of one scene"
     assert values[FALSE_POSITIVES_AT_99, OWN_SCENE] == 0
 
 

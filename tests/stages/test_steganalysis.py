@@ -283,9 +283,6 @@ def test_the_page_tells_rendering_from_hiding(tmp_path: Path) -> None:
     lines = [line for line in text.splitlines() if "renders that hide, against photos" in line]
     assert "1.00 (1.00 to 1.00) | 1.00 (1.00 to 1.00) | 1.00 (1.00 to 1.00)" in lines[0]
     assert "1.00 (1.00 to 1.00 ↓)" in lines[1]
-    assert (
-        "3DGS+Decoder: area by which StegExpose, inverted where that is better, tells what hides from what does not"
-        in text
-    )
+    assert "3DGS+Decoder: two-sided area by which StegExpose tells what hides from what does not" in text
     assert "does not hold" in text
     assert "40 | 40" in text

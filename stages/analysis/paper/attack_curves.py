@@ -17,6 +17,9 @@ from stages.analysis.paper.runs import Experiment
 LEAST_LOSS = 0.05
 """In dB of the cover: what costs it no more than this costs it nothing."""
 
+POINTS = 5
+"""Of a mean curve."""
+
 Reading = Literal["as found", "registered"]
 """Of the message: by the secret alone, or after the owner has registered the container with what he published, and then
 whichever of the two shows more."""
@@ -50,11 +53,16 @@ class Curve:
             (self.unattacked.message - point.message - self.loss(point) for point in self.points), default=math.nan
         )
 
+    def read_as(self, other: Curve) -> Curve:
+        """With the messages of `other`, the same attack read otherwise; of the cover, what the attacker publishes."""
+        messages = {point.severity: point.message for point in other.points}
+        read = (replace(point, message=messages[point.severity]) for point in self.points)
+        return Curve(self.unattacked, tuple(read))
+
     def better_of(self, other: Curve) -> Curve:
         """With the message of `other`, the same attack read otherwise, at each severity at which that shows more."""
-        messages = {point.severity: point.message for point in other.points}
-        best = (replace(point, message=max(point.message, messages[point.severity])) for point in self.points)
-        return Curve(self.unattacked, tuple(best))
+        both = zip(self.points, self.read_as(other).points, strict=True)
+        return Curve(self.unattacked, tuple(max(pair, key=lambda point: point.message) for pair in both))
 
     def loss(self, point: Point) -> float:
         """What the cover loses, in dB; an attack that improves it costs nothing."""
@@ -64,34 +72,72 @@ class Curve:
         """The message's PSNR, averaged over losses of the cover from 0 to `most` dB: the area under the curve, over its
         width.
 
-        At every loss an attacker takes the point, of those that cost no more, that leaves least of the message; between
-        points the line. What kills the message and spares the cover counts over the whole width. Beyond the last point
-        the curve goes on level. Of no more width than `LEAST_LOSS`, what is left for nothing.
+        At every loss what `message_at` says. Of no more width than `LEAST_LOSS`, what is left for nothing.
         """
+        if most <= LEAST_LOSS:
+            return self.message_at(0.0)
+        area = 0.0
+        for (left, high), (right, low) in pairwise(self._line):
+            end = min(right, most)
+            if end > left:
+                area += (end - left) * (high + _between(left, high, right, low, end)) / 2
+        return area / most
+
+    def message_at(self, loss: float) -> float:
+        """The message's PSNR where the cover may lose so much, in dB.
+
+        An attacker takes the point, of those that cost no more, that leaves least of the message; between points the
+        line. What kills the message and spares the cover is a vertical drop. Beyond the last point the curve goes on
+        level.
+        """
+        return next(
+            _between(left, high, right, low, loss)
+            for (left, high), (right, low) in pairwise(self._line)
+            if left <= loss <= right
+        )
+
+    @property
+    def _line(self) -> list[tuple[float, float]]:
+        """Losses of the cover and what is left of the message, from 0 and what is left for nothing to infinity."""
         free = (point.message for point in self.points if self.loss(point) <= LEAST_LOSS)
         lowest = min([self.unattacked.message, *free])
-        if most <= LEAST_LOSS:
-            return lowest
         line = [(0.0, lowest)]
         for loss, message in sorted((self.loss(point), point.message) for point in self.points):
             if loss > LEAST_LOSS:
                 lowest = min(lowest, message)
                 line.append((loss, lowest))
-        line.append((math.inf, lowest))
-        area = 0.0
-        for (left, high), (right, low) in pairwise(line):
-            end = min(right, most)
-            if end > left:
-                at_end = low if math.isinf(right) else high + (low - high) * (end - left) / (right - left)
-                area += (end - left) * (high + at_end) / 2
-        return area / most
+        return [*line, (math.inf, lowest)]
+
+
+def _between(left: float, high: float, right: float, low: float, loss: float) -> float:
+    """On the line from (left, high) to (right, low); level where it has no end."""
+    return low if math.isinf(right) or right == left else high + (low - high) * (loss - left) / (right - left)
+
+
+@dataclass(frozen=True)
+class MeanPoint:
+    """PSNR of cover and message, in dB, at the same loss of each cover; means."""
+
+    cover: float
+    message: float
+
+
+@dataclass(frozen=True)
+class MeanCurve:
+    """Several curves together: before the attack, and at losses of the cover that all of them reach, ascending.
+
+    The first loss is 0: what is left for nothing.
+    """
+
+    unattacked: MeanPoint
+    points: tuple[MeanPoint, ...]
 
 
 def curves(
     experiment: Experiment, condition: str, floors: Mapping[str | None, float] = MappingProxyType({})
 ) -> tuple[Curve, ...]:
     """A curve for each seed; none where the attack was not measured. `floors` as in `_point`."""
-    unattacked = _point([row for row in experiment.rows if row.condition == UNATTACKED], 0.0, floors)
+    unattacked = _unattacked(experiment, floors)
     rows = [row for row in experiment.rows if row.condition == condition]
     found = []
     for seed in dict.fromkeys(row.seed for row in rows):
@@ -102,36 +148,89 @@ def curves(
     return tuple(found)
 
 
-def readings(experiment: Experiment, attack: str, reading: Reading) -> tuple[Curve, ...]:
-    """A curve for each seed as the messages are read, none worse than a picture of one colour.
+def readings(experiment: Experiment, attack: str, reading: Reading, is_floored: bool = True) -> tuple[Curve, ...]:
+    """A curve for each seed as the messages are read; where `is_floored` none worse than a picture of one colour.
 
     Where nothing is to be registered, such as a render, the message is read as it was found.
     """
-    of_one_colour = [row for row in experiment.rows if (row.quantity, row.condition) == (ONE_COLOUR, UNATTACKED)]
-    floors = {row.message: row.value for row in of_one_colour}
+    floors = _floors(experiment) if is_floored else {}
     found = curves(experiment, attack, floors)
     again = curves(experiment, restored(attack), floors) if reading == "registered" else ()
     return tuple(each.better_of(other) for each, other in zip(found, again, strict=True)) if again else found
 
 
-def average_curve(experiments: Iterable[Experiment], condition: str) -> Curve | None:
-    """The mean over captures of the mean over seeds and trainings, point by point; of as many points as all have. None
-    without any.
+def _floors(experiment: Experiment) -> dict[str | None, float]:
+    """The PSNR of a picture of one colour for each message; none of what was measured without."""
+    rows = [row for row in experiment.rows if (row.quantity, row.condition) == (ONE_COLOUR, UNATTACKED)]
+    return {row.message: row.value for row in rows}
+
+
+def most_to_lose(experiments: Iterable[Experiment]) -> Measured:
+    """How far messages are above a picture of one colour before any attack, in dB, by capture.
+
+    Of messages that are none worse than such a picture nothing can be taken beyond this.
+    """
+    found: dict[str, list[Spread]] = {}
+    for experiment in experiments:
+        if floors := _floors(experiment):
+            message = _unattacked(experiment, floors).message
+            found.setdefault(experiment.capture, []).append(Spread(message - mean(floors.values())))
+    return _by_capture(found)
+
+
+def _unattacked(experiment: Experiment, floors: Mapping[str | None, float]) -> Point:
+    return _point([row for row in experiment.rows if row.condition == UNATTACKED], 0.0, floors)
+
+
+def average_curve(experiments: Iterable[Experiment], condition: str, read_as: str = "") -> MeanCurve | None:
+    """The mean over captures of the mean over seeds and trainings, at common losses of the cover. None without any.
+
+    Severities differ from capture to capture where they were found by what they cost the cover, so that curves have no
+    points in common. `read_as`: the condition under which messages were read once more, such as after registration;
+    what was not is left out.
     """
     by_capture: dict[str, list[Curve]] = {}
     for experiment in experiments:
-        by_capture.setdefault(experiment.capture, []).extend(curves(experiment, condition))
-    every = [_mean_curve(found) for found in by_capture.values() if found]
-    return _mean_curve(every) if every else None
+        found = curves(experiment, condition)
+        if read_as:
+            again = curves(experiment, read_as)
+            found = tuple(each.read_as(other) for each, other in zip(found, again, strict=True)) if again else ()
+        if found:
+            by_capture.setdefault(experiment.capture, []).extend(found)
+    if not by_capture:
+        return None
+    groups = [*by_capture.values()]
+    reach = min(curve.reach for group in groups for curve in group)
+    losses = [reach * step / (POINTS - 1) for step in range(POINTS)] if reach > LEAST_LOSS else [0.0]
+
+    def average(figure: Callable[[Curve], float]) -> float:
+        return mean(mean(map(figure, group)) for group in groups)
+
+    def at(loss: float) -> MeanPoint:
+        return MeanPoint(cover - loss, average(lambda curve: curve.message_at(loss)))
+
+    cover = average(lambda curve: curve.unattacked.cover)
+    unattacked = MeanPoint(cover, average(lambda curve: curve.unattacked.message))
+    return MeanCurve(unattacked, tuple(map(at, losses)))
+
+
+def severities(experiments: Iterable[Experiment], condition: str) -> tuple[float, ...]:
+    """All at which the attack was measured, ascending."""
+    found = (each.severity for experiment in experiments for each in experiment.rows if each.condition == condition)
+    return tuple(sorted({severity for severity in found if severity is not None}))
 
 
 def measured(
-    experiments: Iterable[Experiment], attack: str, reading: Reading, figure: Callable[[Curve], float]
+    experiments: Iterable[Experiment],
+    attack: str,
+    reading: Reading,
+    figure: Callable[[Curve], float],
+    is_floored: bool = True,
 ) -> Measured:
-    """A figure of curves by capture, with its spread over the attack's seeds."""
+    """A figure of curves by capture, with its spread over the attack's seeds; `is_floored` as in `readings`."""
     spreads: dict[str, list[Spread]] = {}
     for experiment in experiments:
-        found = [figure(curve) for curve in readings(experiment, attack, reading)]
+        found = [figure(curve) for curve in readings(experiment, attack, reading, is_floored)]
         known = [value for value in found if not math.isnan(value)]
         if known:
             spreads.setdefault(experiment.capture, []).append(spread(known))
@@ -177,16 +276,3 @@ def _point(rows: Sequence[Measurement], severity: float, floors: Mapping[str | N
     cover = mean(found.pop(None, ()))
     messages = (max(mean(values), floors.get(name, -math.inf)) for name, values in found.items())
     return Point(severity, cover, mean(messages))
-
-
-def _mean_curve(every: Sequence[Curve]) -> Curve:
-    points = zip(*(curve.points for curve in every), strict=False)
-    return Curve(_mean([curve.unattacked for curve in every]), tuple(map(_mean, points)))
-
-
-def _mean(points: Sequence[Point]) -> Point:
-    return Point(
-        mean(point.severity for point in points),
-        mean(point.cover for point in points),
-        mean(point.message for point in points),
-    )

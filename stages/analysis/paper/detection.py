@@ -9,12 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.analysis.learned_detection import LEARNED
 from stages.analysis.paper.grid import Cell
 from stages.analysis.paper.measuring import Spread
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
-from stages.analysis.roc import Area, DetectorScores, bootstrap_area
+from stages.analysis.roc import Area, DetectorScores, bootstrap_area, bootstrap_excess, is_upside_down, two_sided
 
 UNNOTICED = 0.6
 """A detector whose area is larger is right about more than six of ten pairs, and is not called blind."""
@@ -46,8 +45,15 @@ def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comp
 
     Rows of several trainings of one scene, told apart by their seed, are scores of their own.
     """
-    found = []
-    for experiment in experiments:
+    return tuple(_scores_by_training(experiments, quantity, comparison).values())
+
+
+def _scores_by_training(
+    experiments: Iterable[Experiment], quantity: str, comparison: Comparison
+) -> dict[tuple[int, int | None], DetectorScores]:
+    """By the number of the experiment and the seed of its rows."""
+    found = {}
+    for number, experiment in enumerate(experiments):
         rows = [row for row in experiment.rows if row.quantity == quantity]
         for seed in dict.fromkeys(row.seed for row in rows):
             positives, negatives = (
@@ -56,79 +62,101 @@ def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comp
             )
             if len(positives) and len(negatives):
                 is_paired = comparison.paired and len(positives) == len(negatives)
-                found.append(DetectorScores(positives, negatives, is_paired, experiment.capture))
-    return tuple(found)
+                found[number, seed] = DetectorScores(positives, negatives, is_paired, experiment.capture)
+    return found
 
 
 def area_of(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Area:
-    """The mean of the scenes' areas, NaN without any.
+    """The mean of the captures' two-sided areas, NaN without any.
 
-    Two-sided: whoever knows that StegExpose gives renders less than photos inverts it. Not so of a learned detector,
-    which has learnt which side is which: if it takes the wrong one it has learnt nothing of this scene.
+    Two-sided, capture by capture: of the detector or its opposite, whichever is the better there. What scores 0.22 on a
+    capture tells as much of it as what scores 0.78, and of two trainings that hide nothing neither comes first. So it
+    is of every detector and every comparison, and chance alone lifts all of them a little: an area is to be read beside
+    that of two that hide nothing. The seed of the interval follows from what it is of.
     """
-    area = _directed_area(experiments, quantity, comparison)
-    return area if quantity in LEARNED else area.two_sided
-
-
-def _directed_area(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Area:
-    """The seed of its interval follows from what it is of."""
     seed = zlib.crc32(f"{quantity}: {comparison.title}".encode())
-    return bootstrap_area(scores_of(experiments, quantity, comparison), seed)
+    return bootstrap_area(two_sided(scores_of(experiments, quantity, comparison)), seed)
 
 
-def is_inverted(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> bool:
-    """Whether the area is that of the detector's opposite."""
-    return area_of(experiments, quantity, comparison) != _directed_area(experiments, quantity, comparison)
+def excess_of(experiments: Sequence[Experiment], quantity: str) -> Area:
+    """By how much the area of what hides is above that of two that hide nothing; NaN where neither has a control.
+
+    Both share the clean renders, and all three classes the cameras: views are drawn of all three at once.
+    """
+    hiding, chance = (_scores_by_training(experiments, quantity, each) for each in (HIDING, CHANCE))
+    both = [(own, chance[key]) for key, own in hiding.items() if key in chance]
+    pairs = [pair for pair in both if all(each.usable and each.paired for each in pair)]
+    own, controls = (two_sided(each) for each in zip(*pairs, strict=True)) if pairs else ([], [])
+    return bootstrap_excess(own, controls, zlib.crc32(f"{quantity}: above chance".encode()))
+
+
+def is_inverted(capture: Sequence[Experiment], quantity: str, comparison: Comparison) -> bool:
+    """Whether the area of a capture is that of the detector's opposite."""
+    return is_upside_down(scores_of(capture, quantity, comparison))
+
+
+def by_capture(experiments: Iterable[Experiment]) -> list[list[Experiment]]:
+    """The experiments of each capture."""
+    found: dict[str, list[Experiment]] = {}
+    for each in experiments:
+        found.setdefault(each.capture, []).append(each)
+    return [*found.values()]
 
 
 def area_cell(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Cell:
-    """The area with its interval, and an arrow where it is that of the opposite; empty where none was measured."""
+    """The area with its interval; an arrow where it is that of the opposite, and of how many of several captures.
+
+    Empty where none was measured.
+    """
     shown = area_of(experiments, quantity, comparison)
     if math.isnan(shown.value):
         return Cell("")
-    note = f"{shown.low:.2f} to {shown.high:.2f}" + (" ↓" if is_inverted(experiments, quantity, comparison) else "")
+    note = f"{shown.low:.2f} to {shown.high:.2f}{_arrow(experiments, quantity, comparison)}"
     return Cell(f"{shown.value:.2f}", note, Spread(shown.value))
 
 
+def excess_cell(experiments: Sequence[Experiment], quantity: str) -> Cell:
+    """How far what hides is above two that hide nothing, with the interval of that; empty where it was not measured."""
+    excess = excess_of(experiments, quantity)
+    if math.isnan(excess.value):
+        return Cell("")
+    return Cell(f"{excess.value:+.2f}", f"{excess.low:+.2f} to {excess.high:+.2f}", Spread(excess.value))
+
+
+def _arrow(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> str:
+    captures = [own for own in by_capture(experiments) if scores_of(own, quantity, comparison)]
+    inverted = sum(is_inverted(own, quantity, comparison) for own in captures)
+    if inverted in (0, len(captures)):
+        return " ↓" if inverted else ""
+    return f" ↓ on {inverted} of {len(captures)}"
+
+
 def verdict(experiments: Sequence[Experiment], quantity: str) -> str:
-    """In words, whether a detector tells what hides from what does not, beside two trainings that hide nothing."""
-    hiding, chance = area_of(experiments, quantity, HIDING), area_by_chance(experiments, quantity)
+    """In words, whether a detector tells what hides from what does not, beside two trainings that hide nothing.
+
+    Of all captures together, and on how many by themselves where it is some and not all.
+    """
+    hiding, excess = area_of(experiments, quantity, HIDING), excess_of(experiments, quantity)
     if math.isnan(hiding.value):
         return "not measured"
-    if hiding.low <= 0.5:
-        return _captures_told_apart(experiments, quantity)
-    if hiding.low <= chance:
-        return "told apart, but so are two that hide nothing"
-    told = "told apart" if hiding.value > UNNOTICED else "hardly told apart"
-    return told + (", how far chance does it was not measured" if math.isnan(chance) else "")
-
-
-def _captures_told_apart(experiments: Sequence[Experiment], quantity: str) -> str:
-    """Of what is not told apart on all captures together: on how many by itself, farther than two that hide nothing."""
-    captures = _by_capture(experiments)
+    captures = [own for own in by_capture(experiments) if scores_of(own, quantity, HIDING)]
     told = [own for own in captures if _is_told_apart(own, quantity)]
-    if not told or len(captures) < 2:
+    some = f"on {len(told)} of {len(captures)} captures" if 0 < len(told) < len(captures) else ""
+    if hiding.low > 0.5 and not excess.low <= 0:
+        words = "told apart" if hiding.value > UNNOTICED else "hardly told apart"
+        words += f" (by itself {some})" if some else ""
+    elif some:
+        words = f"told apart {some} alone"
+    elif hiding.low > 0.5:
+        return "told apart, but not surely farther than two that hide nothing"
+    else:
         return "not told apart"
     ways = {is_inverted(own, quantity, HIDING) for own in told}
-    return f"told apart on {len(told)} of {len(captures)} captures" + (", in opposite directions" * (len(ways) > 1))
+    words += ", in opposite directions" if len(ways) > 1 else ""
+    return words + (", how far chance does it was not measured" if math.isnan(excess.value) else "")
 
 
 def _is_told_apart(capture: Sequence[Experiment], quantity: str) -> bool:
-    area, chance = area_of(capture, quantity, HIDING), area_by_chance(capture, quantity)
-    return area.value > UNNOTICED and area.low > (0.5 if math.isnan(chance) else max(0.5, chance))
-
-
-def _by_capture(experiments: Sequence[Experiment]) -> list[list[Experiment]]:
-    captures = dict.fromkeys(each.capture for each in experiments)
-    return [[each for each in experiments if each.capture == capture] for capture in captures]
-
-
-def area_by_chance(experiments: Sequence[Experiment], quantity: str) -> float:
-    """How far apart two trainings lie that hide nothing: the mean of the captures' two-sided areas, NaN without any.
-
-    Which of the two comes first means nothing, so that a capture where the area is 0.28 is as far from chance as one
-    with 0.72, and the mean of both is no chance.
-    """
-    areas = [area_of(own, quantity, CHANCE).two_sided.value for own in _by_capture(experiments)]
-    measured = [area for area in areas if not math.isnan(area)]
-    return sum(measured) / len(measured) if measured else math.nan
+    """By itself, and farther than two that hide nothing."""
+    area = area_of(capture, quantity, HIDING)
+    return area.value > UNNOTICED and area.low > 0.5 and not excess_of(capture, quantity).low <= 0

@@ -85,6 +85,10 @@ class Measured:
         return Measured(found)
 
 
+UNMEASURED = Measured({})
+"""What was measured on no capture."""
+
+
 @dataclass(frozen=True)
 class MeasuredErrors(Measured):
     """PSNRs, in dB, whose average is that of the mean squared error: a capture without any error, whose PSNR is

@@ -9,7 +9,7 @@ from typing import Literal
 
 from stages.analysis.page.figures import MISSING
 from stages.analysis.paper.grid import AVERAGE, Cell, Grid, Line
-from stages.analysis.paper.measuring import Measured, Spread
+from stages.analysis.paper.measuring import UNMEASURED, Measured, Spread
 from stages.analysis.paper.runs import capture_title
 
 NOISES = 2
@@ -47,6 +47,14 @@ class Relation:
         """The average over the captures; NaN where nothing was measured."""
         return self.measured.average.mean
 
+    def figure(self, capture: str | None) -> float:
+        """On one capture, or of all for None; NaN where it was not measured."""
+        return self.value if capture is None else self.measured.on(capture)
+
+    def beside(self, capture: str | None) -> str:
+        """What is written beside that figure in smaller letters."""
+        return ""
+
     @property
     def captures_that_agree(self) -> int:
         """On how many captures it holds by itself."""
@@ -76,6 +84,40 @@ class Relation:
         return f"{words}, {some}" if self.is_found else f"{words} (by itself {some})"
 
 
+@dataclass(frozen=True)
+class TwiceCounted(Relation):
+    """A relation of rates that are counted by picture, in `measured`, and again by scene, where that was measured.
+
+    Pictures of one scene resemble each other, and few scenes say little, however many pictures they have: it holds
+    where it does by both counts.
+    """
+
+    by_scene: Measured = UNMEASURED
+
+    @property
+    def is_found(self) -> bool:
+        """By both counts."""
+        return all(count.is_found for count in self._counts)
+
+    @property
+    def verdict(self) -> str:
+        """Of either count, where they differ."""
+        by_picture, by_scene = (count.verdict for count in self._counts)
+        return by_picture if by_picture == by_scene else f"by picture: {by_picture}; by scene: {by_scene}"
+
+    def beside(self, capture: str | None) -> str:
+        """The figure by scene."""
+        return f"by scene {_written(self, self._counts[1].figure(capture))}"
+
+    @property
+    def _counts(self) -> tuple[Relation, Relation]:
+        by_picture, by_scene = (
+            Relation(self.text, self.kind, self.sense, self.bound, measured)
+            for measured in (self.measured, self.by_scene)
+        )
+        return by_picture, by_scene
+
+
 def relations_grid(relations: Sequence[tuple[str, Relation]], captures: Sequence[str]) -> Grid:
     """A line for each relation, in order, under the title of what it is about."""
     return Grid(
@@ -87,11 +129,7 @@ def relations_grid(relations: Sequence[tuple[str, Relation]], captures: Sequence
                 (title, each.text),
                 (
                     Cell(f"{each.sense} {_written(each, each.bound, '')}"),
-                    *(
-                        Cell(_written(each, each.measured.on(capture)), "", Spread(each.measured.on(capture)))
-                        for capture in captures
-                    ),
-                    Cell(_written(each, each.value), "", Spread(each.value)),
+                    *(_cell(each, capture) for capture in (*captures, None)),
                     Cell(_published(each), each.source, Spread(each.published)),
                     Cell(each.verdict),
                 ),
@@ -99,6 +137,11 @@ def relations_grid(relations: Sequence[tuple[str, Relation]], captures: Sequence
             for title, each in relations
         ),
     )
+
+
+def _cell(relation: Relation, capture: str | None) -> Cell:
+    figure = relation.figure(capture)
+    return Cell(_written(relation, figure), relation.beside(capture), Spread(figure))
 
 
 def _published(relation: Relation) -> str:

@@ -4,29 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName, restored
 from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.page.figures import MISSING
 from stages.analysis.page.material import DECODER, GS_HIDER, OURS, PLAIN, SECOND_HARMONICS
 from stages.analysis.page.summary import Tile
-from stages.analysis.paper.attack_curves import Curve, Reading, average_curve, curves, measured
+from stages.analysis.paper.attack_curves import POINTS, Reading, average_curve, measured, severities
+from stages.analysis.paper.attacked import COMPARED, Attacked
 from stages.analysis.paper.chapter import Chapter, title_of
-from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, signed, without_empty_columns
+from stages.analysis.paper.grid import Cell, Grid, Line, figure_cell, signed, without_empty_columns
 from stages.analysis.paper.measuring import Measured, Spread
 from stages.analysis.paper.pruning_table import pruning_relations, pruning_table
 from stages.analysis.paper.published import Published
+from stages.analysis.paper.purification import floor_notes, purification
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Experiment, Study, by_method
-
-COMPARED = (OURS, GS_HIDER)
-"""The widths of curves are those that both of these reach."""
 
 WRITTEN = 0.005
 """dB: differences below it are not seen in the tables."""
 
-VIEW_WEIGHTS: tuple[AttackName, AttackName] = ("view_weight_pruning", "view_weight_clustering")
+POINT_HEADINGS = tuple(f"Point {number}" for number in range(1, POINTS + 1))
 
 CURVE_NOTE = (
     "At each loss of the cover an attacker takes the severity, of those that cost the cover no more, that leaves least "
@@ -50,44 +48,6 @@ REGISTERED_NOTE = (
 )
 
 
-@dataclass(frozen=True)
-class Attacked:
-    """The experiments of attacks, as `runs.by_method` groups them, and the attacks that any of them measured."""
-
-    by_method: Mapping[str, tuple[Experiment, ...]]
-    attacks: tuple[AttackName, ...]
-
-    @property
-    def titles(self) -> tuple[str, ...]:
-        """Of the methods."""
-        return tuple(map(title_of, self.by_method))
-
-    def width(self, attack: AttackName) -> float:
-        """Up to which loss of the cover the compared methods' curves reach, or all where neither is there; in dB."""
-        methods = [method for method in COMPARED if self._curves(method, attack)] or list(self.by_method)
-        reaches = [curve.reach for method in methods for curve in self._curves(method, attack)]
-        return min(reaches, default=0.0)
-
-    def message_left(self, method: str, attack: AttackName, reading: Reading) -> Measured:
-        """The area under the method's curve, over its width: the message's mean PSNR, in dB."""
-        width = self.width(attack)
-        return measured(self.by_method.get(method, ()), attack, reading, lambda curve: curve.message_left(width))
-
-    def message_lost(self, method: str, attack: AttackName, reading: Reading) -> Measured:
-        """What `message_left` is under the message as it was before the attack, in dB."""
-        width, experiments = self.width(attack), self.by_method.get(method, ())
-        return measured(
-            experiments, attack, reading, lambda curve: curve.unattacked.message - curve.message_left(width)
-        )
-
-    def gain(self, method: str, attack: AttackName, reading: Reading) -> Measured:
-        """What the attacker gains: the message's loss less the cover's, in dB."""
-        return measured(self.by_method.get(method, ()), attack, reading, lambda curve: curve.gain)
-
-    def _curves(self, method: str, attack: AttackName) -> list[Curve]:
-        return [curve for each in self.by_method.get(method, ()) for curve in curves(each, attack)]
-
-
 def robustness(study: Study, tables: Published) -> Chapter:
     """The measurements of `attack`."""
     attacked = _attacked(study)
@@ -98,7 +58,7 @@ def robustness(study: Study, tables: Published) -> Chapter:
         pruning_table(attacked.by_method, tables),
         *(_areas(attacked, reading, sources) for reading in READINGS),
         *(_gains(attacked, reading) for reading in READINGS),
-        _purification(attacked, tables),
+        purification(attacked, tables),
         _points(attacked),
         _registered_points(attacked),
     )
@@ -197,6 +157,7 @@ def _gains(attacked: Attacked, reading: Reading) -> Grid:
         )
         for attack in attacked.attacks
     ]
+    caps = tuple(_cap(attacked, method) for method in attacked.by_method)
     weakest = [
         f"{title_of(method)} is weakest under {_sentence(attack)} ({gain:.2f} dB): {ATTACKS[attack].hurts}."
         for method in attacked.by_method
@@ -207,13 +168,18 @@ def _gains(attacked: Attacked, reading: Reading) -> Grid:
         f"What attackers gain {READINGS[reading]}: the message's loss less the cover's, at its best severity (dB)",
         ("Attack",),
         attacked.titles,
-        tuple(lines),
+        (Line(("All there is to lose",), caps), *lines),
         (
             *weakest,
             "Above 0 the message suffers more than the cover; below, an attacker loses the cover first.",
+            *floor_notes(attacked),
             *_notes(reading),
         ),
     )
+
+
+def _cap(attacked: Attacked, method: str) -> Cell:
+    return figure_cell("psnr", attacked.most_to_lose(method).average)
 
 
 def _weakest(attacked: Attacked, method: str, reading: Reading) -> tuple[AttackName | None, float]:
@@ -228,93 +194,63 @@ def _sentence(attack: AttackName) -> str:
     return title if title[:2].isupper() else title[0].lower() + title[1:]
 
 
-def _purification(attacked: Attacked, tables: Published) -> Grid:
-    ours = [
-        Line((title_of(method), HERE), tuple(figure_cell("psnr", figure.average) for figure in (alone, together)))
-        for method in attacked.by_method
-        for alone, together in [(attacked.gain(method, attack, "as found") for attack in VIEW_WEIGHTS)]
-        if alone.by_capture or together.by_capture
-    ]
-    theirs = [
-        Line((name, PAPER), (Cell(""), Cell(f"{value:.2f}", "GSPure", Spread(value))), published=True)
-        for name, value in tables.purification.items()
-    ]
-    return Grid(
-        "View-weight pruning: the message's loss less the cover's (dB)",
-        ("Method", "Figures"),
-        ("One by one", "By clusters"),
-        (*ours, *theirs) if ours else (),
-        (
-            "GSPure (AAAI 2026) is known here by its idea alone: Gaussians are clustered by their weight in views, and "
-            "clusters that serve the message are pruned. The weights, the clusters and their order are our own, and so "
-            "are captures and sizes of pictures; less is better for the owner.",
-        ),
-    )
-
-
 def _points(attacked: Attacked) -> Grid:
     """All that is drawn."""
-    lines, most = [], 0
+    lines = []
     for attack in attacked.attacks:
         for method, group in attacked.by_method.items():
             curve = average_curve(group, attack)
-            for picture, values in _pictures(curve).items():
-                cells = [
-                    Cell(f"{value:.2f}", f"{point.severity:.3g}" if picture == "Cover" else "", Spread(value))
-                    for point, value in values
-                ]
-                lines.append(((ATTACKS[attack].title, f"{title_of(method)} · {picture}"), cells))
-                most = max(most, len(cells))
-    severities = "; ".join(f"{ATTACKS[attack].title} by {ATTACKS[attack].severity}" for attack in attacked.attacks)
+            if curve is not None:
+                title, severe = title_of(method), _range(severities(group, attack))
+                covers, messages = ([point.cover for point in curve.points], [point.message for point in curve.points])
+                for picture, stated, values in (("Cover", severe, covers), ("Message", "", messages)):
+                    cells = [Cell(f"{value:.2f}", "", Spread(value)) for value in values]
+                    names = ATTACKS[attack].title, f"{title} · {picture}"
+                    lines.append(Line(names, (Cell(stated), *_filled(cells))))
+    meanings = "; ".join(f"{ATTACKS[attack].title} by {ATTACKS[attack].severity}" for attack in attacked.attacks)
     return Grid(
         "The points of the curves: PSNR of cover and message (dB)",
         ("Attack", "Picture"),
-        _headings(most),
-        tuple(Line(names, _filled(cells, most)) for names, cells in lines),
+        ("Severities", *POINT_HEADINGS),
+        tuple(lines),
         (
-            "Means over captures and seeds, point by point, of as many points as all have; where a curve has more, its "
-            f"area counts them. Second figures are severities. {severities}.",
+            "Means over captures and seeds at the same losses of each cover, from none to the largest that all of them "
+            "reach, by the lines that areas are under, which join what was measured. Messages as they read, even where "
+            f"that is worse than one colour. Severities: {meanings}.",
         ),
     )
 
 
 def _registered_points(attacked: Attacked) -> Grid:
     """All that was read after registration, better or worse than before."""
-    lines, most = [], 0
+    lines = []
     for attack in attacked.attacks:
         for method, group in attacked.by_method.items():
-            found, registered = average_curve(group, attack), average_curve(group, restored(attack))
+            both = [each for each in group if severities([each], restored(attack))]
+            found, registered = average_curve(both, attack), average_curve(both, attack, restored(attack))
             if found is not None and registered is not None:
                 cells = [
                     Cell(f"{after.message:.2f}", f"from {before.message:.2f}", Spread(after.message))
                     for before, after in zip(found.points, registered.points, strict=True)
                 ]
-                lines.append(((ATTACKS[attack].title, title_of(method)), cells))
-                most = max(most, len(cells))
+                lines.append(Line((ATTACKS[attack].title, title_of(method)), _filled(cells)))
     return Grid(
         f"The message at every point {READINGS['registered']}: PSNR (dB)",
         ("Attack", "Method"),
-        _headings(most),
-        tuple(Line(names, _filled(cells, most)) for names, cells in lines),
-        ("As it was read, worse readings included; second figures are those as found, at the severities above.",),
+        POINT_HEADINGS,
+        tuple(lines),
+        ("As it was read, worse readings included, at the points above; second figures are those as found.",),
     )
 
 
-def _pictures(curve: Curve | None) -> dict[str, list]:
-    if curve is None:
-        return {}
-    return {
-        "Cover": [(point, point.cover) for point in curve.points],
-        "Message": [(point, point.message) for point in curve.points],
-    }
+def _range(found: Sequence[float]) -> str:
+    """From the least to the most."""
+    ends = dict.fromkeys(f"{severity:.3g}" for severity in (*found[:1], *found[-1:]))
+    return " to ".join(ends)
 
 
-def _headings(count: int) -> tuple[str, ...]:
-    return tuple(f"Point {number}" for number in range(1, count + 1))
-
-
-def _filled(cells: Sequence[Cell], count: int) -> tuple[Cell, ...]:
-    return (*cells, *(Cell("") for _ in range(count - len(cells))))
+def _filled(cells: Sequence[Cell]) -> tuple[Cell, ...]:
+    return (*cells, *(Cell("") for _ in range(POINTS - len(cells))))
 
 
 def _relations(attacked: Attacked, reading: Reading) -> list[Relation]:
@@ -352,8 +288,7 @@ def _chart(attacked: Attacked, attack: AttackName) -> Chart | None:
     for method, group in attacked.by_method.items():
         curve = average_curve(group, attack)
         if curve is not None:
-            # Hundredths are what is written: what costs the cover less is drawn as the vertical drop that it is.
-            points = sorted((round(point.cover, 2), point.message) for point in (*curve.points, curve.unattacked))
+            points = sorted((point.cover, point.message) for point in (*curve.points, curve.unattacked))
             series.append(Series(title_of(method), tuple(points)))
     return line_chart(
         ATTACKS[attack].title, series, from_zero=False, axes=("PSNR of the cover (dB)", "PSNR of the message (dB)")

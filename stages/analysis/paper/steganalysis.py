@@ -45,7 +45,7 @@ def steganalysis(study: Study, tables: Published) -> Chapter:
         "Can it be detected?",
         tuple(grids),
         (
-            *_relations(by_stegexpose, FUSION, "StegExpose, inverted where that is better,"),
+            *_relations(by_stegexpose, FUSION, "StegExpose"),
             *(
                 relation
                 for quantity, seen in LEARNED.items()
@@ -70,7 +70,7 @@ def _relations(experiments_of: ByMethod, quantity: str, detector: str) -> Iterat
                 areas[capture] = area
         if areas:
             yield Relation(
-                f"{title_of(method)}: area by which {detector} tells what hides from what does not",
+                f"{title_of(method)}: two-sided area by which {detector} tells what hides from what does not",
                 "ratio",
                 "at most",
                 UNNOTICED,

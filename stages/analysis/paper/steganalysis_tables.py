@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from stages.analysis.attribute_histograms import ONLY_THERE
 from stages.analysis.learned_detection import LEARNED, TRAINING_PAIRS, TRAINING_SCENES
@@ -16,10 +16,13 @@ from stages.analysis.paper.detection import (
     COMPARISONS,
     HIDING,
     RENDERING,
+    UNNOTICED,
     ByMethod,
     Comparison,
     area_cell,
     area_of,
+    by_capture,
+    excess_cell,
     is_inverted,
     scores_of,
     verdict,
@@ -43,6 +46,20 @@ CLASS_TITLES = {
     CLEAN: "renders that hide nothing",
     CLEAN_AGAIN: "the same, other seed",
 }
+
+
+EXCESS = "the former of these two above the latter"
+"""The line under renders that hide and two that hide nothing."""
+
+AREA_NOTE = (
+    "0.5: no better than chance; 1: always right. ↓: the detector gives the first class less, and its opposite is "
+    "scored, on each capture by itself. All together: the mean of the captures' areas as they stand, and so it is of "
+    "two that hide nothing, neither of which comes first. Chance lifts such areas a little above 0.5: each is to be "
+    "read beside that of two that hide nothing. Second figures: the 95 % interval, by drawing runs of neighbouring "
+    "views (and captures, under All together: of as few as here that says little), of differences the same views of "
+    "all."
+)
+"""Of two-sided areas, wherever they stand."""
 
 
 def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: ByMethod) -> Grid:
@@ -73,10 +90,12 @@ def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: 
             for method in methods
         ),
         (
-            "All captures together. Not told apart: the 95 % interval reaches down to chance; where it does, captures "
-            "are counted on which that of their own is above what two that hide nothing come to. Told apart, but so "
-            "are two that hide nothing: no farther than two clean trainings are from each other, on average over the "
-            "captures, whichever of the two comes first. What no detector here finds may be found by others.",
+            "By the areas below. Told apart: the 95 % interval of all together does not reach down to chance, nor "
+            f"that of what it is above two that hide nothing to 0; hardly, where the area is at most {UNNOTICED:g}. "
+            "Not surely farther than two that hide nothing: this difference reaches 0. By itself on some captures, or "
+            f"on these alone: there both hold, and the area is above {UNNOTICED:g}. In opposite directions: on some "
+            "captures it is the detector's opposite that tells, and who does not know where cannot use it. What no "
+            "detector here finds may be found by others.",
         ),
     )
 
@@ -87,17 +106,14 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
         ("Method", "Told apart"),
         (*map(capture_title, captures), "All together"),
         tuple(
-            Line((title_of(method), comparison.title), _cells(experiments, FUSION, comparison, captures))
+            line
             for method, experiments in by_method.items()
-            for comparison in COMPARISONS
+            for line in _lines((title_of(method),), experiments, FUSION, COMPARISONS, captures)
         ),
         (
-            "0.5: no better than chance; 1: always right. All together: the mean of the captures. Second figures: the "
-            "95 % interval, by drawing runs of neighbouring views (and captures, under All together: of as few as here "
-            "that says little). ↓: the detector gives the first class less; its opposite is scored, which anyone would "
-            "use. Of all together it is the opposite of all: directions that differ from capture to capture cancel, as "
-            "they do for whoever cannot know them. The curves of all captures together pool them, as the paper's "
-            "figure does; they are this fusion's as it scores: under the diagonal its opposite is better.",
+            AREA_NOTE,
+            "The curves of all captures together pool them, as the paper's figure does; they are this fusion's as it "
+            "scores: under the diagonal its opposite is better.",
             *(_finding(method, experiments) for method, experiments in by_method.items()),
             "The GS-Hider paper compares renders with photos only, and prints a figure without values. KeySS (ICLR "
             "2026) reports 0.45 of itself in the same way, two-sided 0.55.",
@@ -108,7 +124,11 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
 def _finding(method: str, experiments: Sequence[Experiment]) -> str:
     """What a method's areas say in words."""
     photos, rendering = (area_of(experiments, FUSION, comparison) for comparison in (AS_IN_THE_PAPER, RENDERING))
-    is_alike = is_inverted(experiments, FUSION, AS_IN_THE_PAPER) == is_inverted(experiments, FUSION, RENDERING)
+    is_alike = all(
+        is_inverted(own, FUSION, AS_IN_THE_PAPER) == is_inverted(own, FUSION, RENDERING)
+        for own in by_capture(experiments)
+        if area_of(own, FUSION, RENDERING).low > 0.5
+    )
     is_rendering = is_alike and rendering.value > photos.value - 0.05
     seen = "mostly that they are renders" if is_rendering else "more than rendering"
     return (
@@ -118,12 +138,21 @@ def _finding(method: str, experiments: Sequence[Experiment]) -> str:
     )
 
 
-def _cells(
-    experiments: Sequence[Experiment], quantity: str, comparison: Comparison, captures: Sequence[str]
-) -> tuple[Cell, ...]:
-    """On each capture, and on all together."""
-    own = [[each for each in experiments if each.capture == capture] for capture in captures]
-    return tuple(area_cell(group, quantity, comparison) for group in (*own, experiments))
+def _lines(
+    names: tuple[str, ...],
+    experiments: Sequence[Experiment],
+    quantity: str,
+    comparisons: Sequence[Comparison],
+    captures: Sequence[str],
+) -> Iterator[Line]:
+    """What was compared, on each capture and on all together, and how far what hides is above two that do not."""
+    groups = [*([each for each in experiments if each.capture == capture] for capture in captures), experiments]
+    for comparison in comparisons:
+        if scores_of(experiments, quantity, comparison):
+            yield Line((*names, comparison.title), tuple(area_cell(own, quantity, comparison) for own in groups))
+    cells = tuple(excess_cell(own, quantity) for own in groups)
+    if any(cell.text for cell in cells):
+        yield Line((*names, EXCESS), cells)
 
 
 def detectors_grid(by_method: ByMethod) -> Grid:
@@ -140,6 +169,7 @@ def detectors_grid(by_method: ByMethod) -> Grid:
             for method, experiments in by_method.items()
             for detector in DETECTORS
         ),
+        (AREA_NOTE,),
     )
 
 
@@ -153,23 +183,23 @@ def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
     rows = [row for experiments in by_method.values() for each in experiments for row in each.rows]
     counts = sorted({int(row.value) for row in rows if row.quantity == TRAINING_SCENES and row.value > 0})
     return Grid(
-        "A network on noise residuals, trained on the other scenes: area under the ROC curve",
+        "A network on noise residuals, trained on the other scenes: area under the ROC curve, two-sided",
         ("Method", "Looks at", "Told apart"),
         (*map(capture_title, captures), "All together"),
         tuple(
-            Line((title_of(method), seen, comparison.title), _cells(experiments, quantity, comparison, captures))
+            line
             for method, experiments in by_method.items()
             for quantity, seen in LEARNED.items()
-            for comparison in (HIDING, CHANCE)
-            if scores_of(experiments, quantity, comparison)
+            for line in _lines((title_of(method), seen), experiments, quantity, (HIDING, CHANCE), captures)
         ),
         (
+            *((AREA_NOTE,) if counts else ()),
             f"Each detector knows the method, and learnt from {' or '.join(map(str, counts))} other scene(s), of each "
             f"of which it saw {_seen_of_each(rows)}: it may have learnt what sets these few apart, be it "
             "the message where they hide the same one, and one that saw hundreds would do better. Of detectors that "
             "differ in their seed the mean counts. An area near 0.5 is no proof of security; one that is far from it, "
-            "and farther than that of two clean trainings, is proof of the opposite. Below 0.5: what it learnt "
-            "elsewhere is the other way round here."
+            "and farther than that of two clean trainings, is proof of the opposite. Where its opposite is scored (↓), "
+            "what it learnt elsewhere is the other way round here."
             if counts
             else "Not measured: it takes renders of two captures at least, one to learn from and one to be tested on.",
         ),

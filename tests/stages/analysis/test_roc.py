@@ -13,7 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from stages.analysis.roc import Area, DetectorScores, bootstrap_area, roc_curve
+from stages.analysis.roc import (
+    Area,
+    DetectorScores,
+    bootstrap_area,
+    bootstrap_excess,
+    is_upside_down,
+    roc_curve,
+    two_sided,
+)
 
 VALUES = st.lists(st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0, math.nan]), min_size=1, max_size=8)
 
@@ -68,11 +76,25 @@ def test_numbers_of_views_are_no_evidence() -> None:
 
 
 def test_a_detector_that_is_always_wrong_is_as_good_as_its_opposite() -> None:
-    wrong = bootstrap_area([scores([0.1, 0.2], [0.3, 0.4])], seed=0)
-    assert (wrong.value, wrong.two_sided.value) == (0, 1)
-    unsure = Area(0.45, 0.35, 0.6).two_sided
-    assert (unsure.value, unsure.low, unsure.high) == pytest.approx((0.55, 0.4, 0.65))
-    assert Area(0.7, 0.6, 0.8).two_sided == Area(0.7, 0.6, 0.8)
+    wrong = [scores([0.1, 0.2], [0.3, 0.4])]
+    assert (bootstrap_area(wrong, 0).value, bootstrap_area(two_sided(wrong), 0).value) == (0, 1)
+    values = np.random.default_rng(0).normal(0, 1, (2, 60)) - [[0.1], [0]]
+    unsure = [DetectorScores(*values)]
+    area, turned = bootstrap_area(unsure, 0), bootstrap_area(two_sided(unsure), 0)
+    assert area.low < area.value < 0.5 < area.high
+    expected = (1 - area.value, 1 - area.high, 1 - area.low)
+    assert (turned.value, turned.low, turned.high) == pytest.approx(expected), "chance is still not ruled out"
+    assert bootstrap_area(two_sided([unsure[0].opposite]), 0) == turned
+
+
+def test_each_scene_is_turned_by_itself() -> None:
+    """Of one with two detectors their mean decides; what scored nothing is left out."""
+    right, wrong = scores([1.0] * 4, [0.0] * 4), scores([0.0] * 4, [1.0] * 4)
+    unsure = scores([0.0, 1.0] * 2, [0.5] * 4)
+    of_fox = [replace(each, scene="fox") for each in (wrong, unsure)]
+    assert [is_upside_down(each) for each in ([right], [wrong], of_fox, [])] == [False, True, True, False]
+    both_ways = [right, replace(wrong, scene="bonsai"), *of_fox, scores([math.nan], [1.0])]
+    assert bootstrap_area(two_sided(both_ways), 0).value == pytest.approx((1 + 1 + 0.75) / 3)
 
 
 def test_intervals_cover_the_truth() -> None:
@@ -111,6 +133,21 @@ def test_pairs_are_drawn_together() -> None:
     paired, apart = (scores(list(camera + 0.01), list(camera), paired) for paired in (True, False))
     sure, unsure = (bootstrap_area([each], seed=0) for each in (paired, apart))
     assert sure.high - sure.low < 0.3 * (unsure.high - unsure.low)
+
+
+def test_a_difference_of_areas_is_that_of_one_draw() -> None:
+    generator = np.random.default_rng(0)
+    clean, again, noise = generator.normal(0, 1, (3, 80))
+    own, control = (scores(list(values), list(clean), paired=True) for values in (again + 0.5, again))
+    assert bootstrap_excess([own], [own], 0) == Area(0, 0, 0)
+    excess = bootstrap_excess([own], [control], 0)
+    assert excess.value == pytest.approx(counted(own) - counted(control))
+    apart = bootstrap_excess([own], [scores(list(noise), list(clean), paired=True)], 0)
+    assert excess.high - excess.low < 0.6 * (apart.high - apart.low)
+    assert math.isnan(bootstrap_excess([], [], 0).value)
+    for other in (scores([1.0], [0.0]), replace(control, scene="bonsai")):
+        with pytest.raises(ValueError, match="other scenes or views"):
+            bootstrap_excess([own], [other], 0)
 
 
 def test_the_seed_decides() -> None:

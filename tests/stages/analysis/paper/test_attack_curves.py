@@ -13,11 +13,13 @@ from stages.analysis.measurements import Measurement
 from stages.analysis.paper.attack_curves import (
     LEAST_LOSS,
     Curve,
+    MeanPoint,
     Point,
     at_severity,
     average_curve,
     measured,
     readings,
+    severities,
 )
 from stages.analysis.paper.runs import Experiment
 
@@ -44,6 +46,34 @@ def test_captures_weigh_alike_however_often_each_was_trained() -> None:
     assert averaged.unattacked.message == pytest.approx(21)
     assert [point.message for point in averaged.points] == pytest.approx([21])
     assert average_curve([], "noise") is None
+
+
+def test_captures_that_were_attacked_otherwise_are_averaged_where_their_covers_lose_as_much() -> None:
+    """Of lines with slopes 1 and 3 that of slope 2, whatever points were measured, as far as both reach; and to what
+    kills a third of a message for nothing and its cover by and by."""
+
+    def attacked(capture: str, slope: float, losses: list[float], free: float = 0.0) -> Experiment:
+        rows = [Measurement("psnr", COVER, UNATTACKED), Measurement("psnr", MESSAGE, UNATTACKED, message="statue")]
+        for number, loss in enumerate(losses):
+            rows.append(Measurement("psnr", COVER - loss, "noise", number, 0))
+            left = MESSAGE - free - slope * loss
+            rows.append(Measurement("psnr", left, "noise", number, 0, message="statue"))
+            rows.append(Measurement("psnr", left + 1, restored("noise"), number, 0, message="statue"))
+        return Experiment(capture, "gs_hider", "0", tuple(rows), {})
+
+    both = [attacked("fox", 1, [0.1, 0.2, 0.3, 4]), attacked("bonsai", 3, [1, 5])]
+    averaged = average_curve(both, "noise")
+    assert averaged is not None
+    assert averaged.unattacked == MeanPoint(COVER, MESSAGE)
+    assert [point.cover for point in averaged.points] == pytest.approx([30, 29, 28, 27, 26])
+    assert [point.message for point in averaged.points] == pytest.approx([24, 22, 20, 18, 16])
+    registered = average_curve(both, "noise", restored("noise"))
+    assert registered is not None
+    assert registered.points[-1].message == pytest.approx(17)
+    dropping = average_curve([*both, attacked("kitchen", 0, [0, 6], free=9)], "noise")
+    assert dropping is not None
+    assert (dropping.unattacked.message, dropping.points[0].message) == pytest.approx((24, 21))
+    assert severities(both, "noise") == (0, 1, 2, 3)
 
 
 def test_a_straight_line() -> None:

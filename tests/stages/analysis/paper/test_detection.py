@@ -8,11 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stages.analysis.learned_detection import TRAINING_SCENES
 from stages.analysis.measurements import Measurement
-from stages.analysis.paper.detection import HIDING, area_by_chance, area_of, verdict
-from stages.analysis.paper.runs import Experiment
+from stages.analysis.paper.detection import CHANCE, HIDING, area_of, excess_cell, excess_of, verdict
+from stages.analysis.paper.published import read_published
+from stages.analysis.paper.runs import Experiment, Study
+from stages.analysis.paper.steganalysis import steganalysis
+from stages.analysis.paper.steganalysis_tables import AREA_NOTE, EXCESS
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
-from stages.analysis.stegexpose.fusion import FUSION
+from stages.analysis.stegexpose.fusion import DETECTORS, FUSION
 
 LOGIT = "learned_on_renders"
 VIEWS = 60
@@ -34,29 +38,87 @@ def _above(share: float) -> np.ndarray:
 
 def test_controls_on_both_sides_of_chance_are_as_far_from_it() -> None:
     controls = [seen("fox", 0.7, 0.75), seen("bonsai", 0.7, 0.25)]
-    assert area_by_chance(controls, LOGIT) == pytest.approx(0.75)
-    assert verdict(controls, LOGIT) == "told apart, but so are two that hide nothing"
+    assert area_of(controls, LOGIT, CHANCE).value == pytest.approx(0.75)
+    assert verdict(controls, LOGIT) == "told apart, but not surely farther than two that hide nothing"
 
 
 def test_controls_near_chance_do_not_excuse() -> None:
     assert verdict([seen("fox", 0.95, 0.55), seen("bonsai", 0.95, 0.45)], LOGIT) == "told apart"
 
 
+def scored(hiding: np.ndarray, chance: np.ndarray, clean: np.ndarray) -> Experiment:
+    logits = {CLEAN: clean, HIDDEN: hiding, CLEAN_AGAIN: chance}
+    rows = [Measurement(LOGIT, float(value), condition) for condition, each in logits.items() for value in each]
+    return Experiment("fox", "gs_hider", "0", tuple(rows), {})
+
+
+def test_a_control_is_as_unsure_as_what_it_is_a_control_for() -> None:
+    """Alone its area is under the interval of what hides, and views drawn anew could well turn both round."""
+    first, second, clean = np.random.default_rng(0).normal(0, 1, (3, VIEWS))
+    unsure = [scored(first + 0.7, second + 0.4, 0.3 * clean)]
+    hiding, chance = (area_of(unsure, LOGIT, each) for each in (HIDING, CHANCE))
+    assert 0.5 < chance.value < hiding.low
+    assert excess_of(unsure, LOGIT).low < 0 < excess_of(unsure, LOGIT).value
+    assert verdict(unsure, LOGIT) == "told apart, but not surely farther than two that hide nothing"
+
+
+def test_what_both_share_is_drawn_once() -> None:
+    """The same cameras lift what hides above the control, whatever they do to both."""
+    views, clean = np.random.default_rng(0).normal(0, 1, (2, VIEWS))
+    sure = [scored(views + 0.8, views + 0.5, clean)]
+    hiding, chance, excess = area_of(sure, LOGIT, HIDING), area_of(sure, LOGIT, CHANCE), excess_of(sure, LOGIT)
+    assert hiding.low < chance.value
+    assert excess.value == pytest.approx(hiding.value - chance.value)
+    assert excess.low > 0
+    assert verdict(sure, LOGIT) == "told apart"
+    assert excess_cell(sure, LOGIT).text == f"{excess.value:+.2f}"
+    assert excess_cell([seen("fox", 0.95, None)], LOGIT).text == ""
+
+
 def test_chance_that_was_not_measured_is_said() -> None:
     unknown = [seen("fox", 0.95, None)]
-    assert math.isnan(area_by_chance(unknown, LOGIT))
+    assert math.isnan(area_of(unknown, LOGIT, CHANCE).value)
     assert verdict(unknown, LOGIT) == "told apart, how far chance does it was not measured"
     assert verdict([], LOGIT) == "not measured"
     assert verdict([seen("fox", 0.5, 0.5)], LOGIT) == "not told apart"
 
 
 def test_what_is_told_on_some_captures_alone_is_said() -> None:
-    """Together they cancel, or chance is among them; a capture counts that is farther than two that hide nothing."""
+    """Whichever way; a capture counts that is farther than two that hide nothing."""
     both_ways = [seen("fox", 0.95, 0.5), seen("bonsai", 0.05, 0.5), seen("kitchen", 0.5, 0.5)]
-    fused = [replace(each, rows=tuple(replace(row, quantity=FUSION) for row in each.rows)) for each in both_ways]
-    assert verdict(fused, FUSION) == "told apart on 2 of 3 captures, in opposite directions"
-    excused = [seen("fox", 0.75, 0.9), seen("bonsai", 0.2, 0.5)]
-    assert verdict(excused, LOGIT) == "not told apart"
+    assert verdict(both_ways, LOGIT) == "told apart on 2 of 3 captures alone, in opposite directions"
+    assert verdict(both_ways[:2], LOGIT) == "told apart, in opposite directions"
+    mostly = [seen("fox", 0.95, 0.5), seen("bonsai", 0.95, 0.5), seen("kitchen", 0.6, 0.52)]
+    assert verdict(mostly, LOGIT) == "told apart (by itself on 2 of 3 captures)"
+    one = [seen("fox", 0.75, 0.9), seen("bonsai", 0.2, 0.5)]
+    assert verdict(one, LOGIT) == "told apart on 1 of 2 captures alone"
+
+
+@pytest.mark.parametrize("quantity", [FUSION, LOGIT])
+def test_directions_do_not_cancel_and_controls_are_averaged_as_what_they_are_controls_for(quantity: str) -> None:
+    """The same in the table, in the relation, and in words: 0.65 and 0.22 are 0.65 and 0.78, and 0.69 and 0.45 no
+    chance."""
+    logits = [seen("fox", 0.65, 0.69), seen("bonsai", 0.22, 0.45)]
+    quantities = (FUSION, *DETECTORS) if quantity == FUSION else (LOGIT,)
+    given = []
+    for each in logits:
+        rows = [replace(row, quantity=name) for row in each.rows for name in quantities]
+        more = [] if quantity == FUSION else [Measurement(TRAINING_SCENES, 1, HIDDEN)]
+        given.append(replace(each, rows=(*rows, *more)))
+    chapter = steganalysis(Study((), experiments=tuple(given)), read_published())
+    [relation] = chapter.relations
+    assert relation.value == pytest.approx((0.65 + 0.78) / 2, abs=0.01)
+    [grid] = [grid for grid in chapter.grids if "All together" in grid.headings]
+    assert AREA_NOTE in grid.notes
+    lines = {line.names[-1]: line.cells[-1] for line in grid.lines}
+    assert lines[HIDING.title].spread.mean == relation.value
+    assert lines[HIDING.title].note.endswith("↓ on 1 of 2")
+    assert lines[CHANCE.title].spread.mean == pytest.approx((0.69 + 0.55) / 2, abs=0.01)
+    assert lines[EXCESS].spread.mean == pytest.approx((0.65 + 0.78 - 0.69 - 0.55) / 2, abs=0.01)
+    told = "told apart on 1 of 2 captures alone"
+    assert told in [cell.text for cell in chapter.grids[0].lines[0].cells]
+    assert quantity != FUSION or any(f"with and without a message: {told}." in note for note in grid.notes)
+    assert relation.verdict.startswith("does not hold")
 
 
 def test_two_trainings_of_a_scene_are_not_pooled() -> None:

@@ -14,6 +14,7 @@ from stages.analysis.paper.chapter import Chapter
 from stages.analysis.paper.grid import Grid
 from stages.analysis.paper.page import owner_page
 from stages.analysis.paper.published import read_published
+from stages.analysis.paper.purification import VIEW_WEIGHTS
 from stages.analysis.paper.robustness import robustness
 from stages.analysis.paper.runs import Experiment, Study
 
@@ -187,13 +188,46 @@ def test_a_container_of_another_weight_is_no_seed(study: Study) -> None:
 def test_purification(chapter: Chapter) -> None:
     found = written(chapter, "View-weight pruning")
     assert found["Homogeneous GS-Hider", "here"]["One by one"] == "5.00"
-    assert found["GS-Hider", "paper"]["By clusters"] == "10.16"
+    assert found["GS-Hider", "paper"]["By clusters, no floor"] == "10.16"
+    [grid] = [grid for grid in chapter.grids if grid.caption.startswith("View-weight pruning")]
+    assert any("GSPure (AAAI 2026) itself was not reproduced" in note for note in grid.notes)
+
+
+def test_what_a_floor_leaves_to_gain_is_said_and_gains_without_it_stand_beside() -> None:
+    """GS-Hider's message is killed by 20 dB on the fox, of which 11 count; on bonsai it had none to begin with."""
+    killed = []
+    for capture, floor in (("fox", FLOOR), ("bonsai", 24.5)):
+        found = [*rows("gs_hider", UNATTACKED, None, None, 0, 0)]
+        found.append(Measurement(ONE_COLOUR, floor, UNATTACKED, message="statue", method="gs_hider"))
+        for attack in VIEW_WEIGHTS:
+            found += rows("gs_hider", attack, 0.2, 0, 1.0, 20.0)
+        killed.append(Experiment(capture, "gs_hider", "0", tuple(found), {}))
+    chapter = robustness(Study((), experiments=tuple(killed)), read_published())
+    beside = written(chapter, "View-weight pruning")["GS-Hider", "here"]
+    assert beside == {
+        "One by one": "4.50",
+        "By clusters": "4.50",
+        "All there is to lose": "5.50",
+        "One by one, no floor": "19.00",
+        "By clusters, no floor": "19.00",
+    }
+    assert written(chapter, f"What attackers gain {FOUND}")["All there is to lose",]["GS-Hider"] == "5.50"
+    for grid in chapter.grids:
+        if grid.caption.startswith(("View-weight pruning", "What attackers gain")):
+            assert any("GS-Hider shows no more than one colour on bonsai" in note for note in grid.notes)
 
 
 def test_readings_after_registration_are_there_as_they_were_made(chapter: Chapter) -> None:
     found = written(chapter, f"The message at every point {REGISTERED}")
-    assert found["Unread directions removed", "GS-Hider"]["Point 3"] == "20.00"
-    assert found["Random pruning", "3DGS+SH"]["Point 4"] == "19.70"
+    assert found["Unread directions removed", "GS-Hider"]["Point 5"] == "20.00"
+    assert found["Random pruning", "3DGS+SH"]["Point 5"] == "19.70"
+    assert found["Channels permuted, scene decoder with them", "GS-Hider"]["Point 2"] == "", "it costs no cover"
+
+
+def test_severities_of_curves_are_of_all_that_was_measured(chapter: Chapter) -> None:
+    found = written(chapter, "The points of the curves")
+    assert found["Random pruning", "GS-Hider · Cover"]["Severities"] == "0.05 to 0.25"
+    assert found["Channels permuted, scene decoder with them", "GS-Hider · Cover"]["Severities"] == "16"
 
 
 def test_one_chart_an_attack_and_a_curve_a_method(chapter: Chapter) -> None:

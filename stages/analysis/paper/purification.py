@@ -1,0 +1,69 @@
+"""Pruning by weights in views beside GSPure's figures, and what a floor under messages does to gains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from stages.analysis.attacks.catalogue import AttackName
+from stages.analysis.paper.attacked import Attacked
+from stages.analysis.paper.chapter import title_of
+from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell
+from stages.analysis.paper.measuring import Spread
+from stages.analysis.paper.published import Published
+from stages.analysis.paper.runs import capture_title
+
+VIEW_WEIGHTS: tuple[AttackName, AttackName] = ("view_weight_pruning", "view_weight_clustering")
+
+NOT_REPRODUCED = (
+    "GSPure (AAAI 2026) itself was not reproduced. It is known here by its idea alone: Gaussians are clustered by "
+    "their weight in views, and clusters that serve the message are pruned. The weights, the clusters and their order "
+    "are our own, and so are captures and sizes of pictures: what GSPure would do here is not known. Less is better "
+    "for the owner."
+)
+
+
+def purification(attacked: Attacked, tables: Published) -> Grid:
+    """Gains of both attacks, with the floor and without, and what the floor leaves to gain."""
+    ours = []
+    for method in attacked.by_method:
+        floored, raw = (
+            [attacked.gain(method, attack, "as found", is_floored) for attack in VIEW_WEIGHTS]
+            for is_floored in (True, False)
+        )
+        if any(figure.by_capture for figure in floored):
+            figures = (*floored, attacked.most_to_lose(method), *raw)
+            cells = tuple(figure_cell("psnr", figure.average) for figure in figures)
+            ours.append(Line((title_of(method), HERE), cells))
+    theirs = [
+        Line((name, PAPER), (*[Cell("")] * 4, Cell(f"{value:.2f}", "GSPure", Spread(value))), published=True)
+        for name, value in tables.purification.items()
+    ]
+    return Grid(
+        "View-weight pruning: the message's loss less the cover's (dB)",
+        ("Method", "Figures"),
+        ("One by one", "By clusters", "All there is to lose", "One by one, no floor", "By clusters, no floor"),
+        (*ours, *theirs) if ours else (),
+        (
+            NOT_REPRODUCED,
+            *floor_notes(attacked),
+            "No floor: of messages as they read, however much worse than a picture of one colour. GSPure's, of which "
+            "no floor is known, stand beside these.",
+        ),
+    )
+
+
+def floor_notes(attacked: Attacked) -> Iterator[str]:
+    """Why gains are bounded, and who has nothing to lose to begin with; none of what was measured without floors."""
+    if any(attacked.most_to_lose(method).by_capture for method in attacked.by_method):
+        yield (
+            "A message that reads worse than a picture of one colour counts as one: no gain exceeds what the message "
+            "was above that, all there is to lose."
+        )
+    for method in attacked.by_method:
+        most = attacked.most_to_lose(method).by_capture
+        bare = [capture_title(capture) for capture, spread in most.items() if spread.mean <= 0]
+        if bare:
+            yield (
+                f"{title_of(method)} shows no more than one colour on {', '.join(bare)} before any attack: there it "
+                "has nothing to lose, which lowers its averages."
+            )

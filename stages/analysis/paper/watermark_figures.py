@@ -1,0 +1,59 @@
+"""What is read off measurements of watermarks: how containers and decoders are called, and means by capture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from stages.analysis.measurements import Measurement
+from stages.analysis.paper.chapter import title_of
+from stages.analysis.paper.measuring import Measured, Spread, mean
+from stages.analysis.paper.runs import Experiment
+from stages.analysis.watermark_trials import PSNR_WATERMARK
+
+PAPERS, GRAINED, IMPRINTED = "paper", "grain", "imprint"
+VARIANTS = {
+    PAPERS: "RTWS",
+    "clean": "RTWS, clean renders black, too",
+    IMPRINTED: "imprint",
+    GRAINED: "grain, read by its owner",
+}
+"""How a container and its decoder came about, by the items' column `variant`, or by their stage's name."""
+
+STAGES = {"_imprint": IMPRINTED, "_grain": GRAINED}
+"""What names of stages end with that score what is ours, where one container serves all rows of a capture."""
+
+Key = tuple[str, str]
+"""Method and variant."""
+
+EXACT = 99.0
+"""dB that a watermark counts as which is shown to the last bit: infinity has no mean."""
+
+
+def variant_of(stage: str, stated: str) -> str:
+    """The variant that a stage's name tells, or the one that its item states."""
+    name = stage.split("[")[0]
+    return next((variant for ending, variant in STAGES.items() if name.endswith(ending)), stated)
+
+
+def title_of_key(key: Key) -> str:
+    """In tables."""
+    method, variant = key
+    return f"{title_of(method)}, {VARIANTS.get(variant, variant)}"
+
+
+def value_of(rows: Iterable[Measurement], quantity: str, condition: str, severity: float | None = None) -> float:
+    """The mean over what was measured so, PSNR of `EXACT` at most; NaN for nothing."""
+    wanted = (quantity, condition, severity)
+    values = [row.value for row in rows if (row.quantity, row.condition, row.severity) == wanted]
+    return mean(min(value, EXACT) if quantity == PSNR_WATERMARK else value for value in values)
+
+
+def figures_by_capture(detections: Iterable[Experiment], quantity: str, condition: str) -> Measured:
+    """The mean over the seeds of each capture."""
+    found: dict[str, list[float]] = {}
+    for each in detections:
+        value = value_of(each.rows, quantity, condition)
+        if not math.isnan(value):
+            found.setdefault(each.capture, []).append(value)
+    return Measured({capture: Spread(mean(values), count=len(values)) for capture, values in found.items()})
