@@ -17,6 +17,8 @@ from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study, capture_title, method_title
 
 PICTURES = {"cover": "Cover", "message": "Message"}
+VIEWS = {"test": "test views", "train": "training views"}
+"""By splits."""
 
 
 @dataclass(frozen=True)
