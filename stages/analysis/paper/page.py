@@ -10,7 +10,7 @@ from stages.analysis.page.figures import WORDING
 from stages.analysis.page.html import fill, templates_beside
 from stages.analysis.page.summary import Tile
 from stages.analysis.paper.ablations import ablations
-from stages.analysis.paper.chapter import Chapter, Writer
+from stages.analysis.paper.chapter import LPIPS, Chapter, Writer
 from stages.analysis.paper.fidelity import fidelity
 from stages.analysis.paper.frame_time import frame_time
 from stages.analysis.paper.grid import Grid
@@ -150,8 +150,12 @@ def _remarks(study: Study, chapters: Sequence[Chapter], wanted: Sequence[str], t
         ),
     ]
     measured = {row.quantity for run in study.runs for row in run.rows if not math.isnan(row.value)}
-    if "ssim" in measured and "lpips_vgg" not in measured:
-        remarks.append(f"LPIPS (VGG16) was not measured. Where its weights are missing: {HOW_TO_INSTALL}")
+    lacking = [network for quantity, network in LPIPS.items() if quantity not in measured]
+    if "ssim" in measured and lacking:
+        networks = " and ".join(lacking)
+        remarks.append(
+            f"LPIPS ({networks}) was not measured. Where a workflow asks for it, weights are missing: {HOW_TO_INSTALL}"
+        )
     shown = {run for chapter in chapters for run in chapter.runs}
     left = [run for run in (*study.runs, *study.timings) if run not in shown]
     if left:

@@ -8,6 +8,7 @@ from stages.analysis.page.figures import label
 from stages.analysis.page.material import PLAIN
 from stages.analysis.page.tables import PICTURE_QUANTITIES
 from stages.analysis.paper.chapter import (
+    LPIPS,
     PICTURES,
     VIEWS,
     Chapter,
@@ -69,7 +70,8 @@ def _grid(quantity: str, split: str, kinds: Sequence[Kind], study: Study) -> Gri
         for number, picture in _pictures(group).items():
             figure = cover(quantity, split) if number is None else message(quantity, split, number=number)
             reference = plain if number is None and method != PLAIN else None
-            cells = measured_cells(quantity, measure(group, figure), reference, study.captures)
+            expected = quantity in LPIPS
+            cells = measured_cells(quantity, measure(group, figure), reference, study.captures, expected)
             lines.append(Line((title, picture, HERE), (*_size(group, scene, number is None), *cells)))
     notes = ["The paper gives no figures."] if scene else []
     spreads = noises(runs, study, quantity)

@@ -8,6 +8,7 @@ from stages.analysis.page.figures import label
 from stages.analysis.page.material import DECODER, GS_HIDER, PLAIN
 from stages.analysis.page.tables import PICTURE_QUANTITIES, Column, mean_of
 from stages.analysis.paper.chapter import (
+    LPIPS,
     Chapter,
     blocks,
     noise_note,
@@ -70,7 +71,9 @@ def _grid(quantity: str, runs: Sequence[Run], study: Study, tables: Published) -
             own = [run for run in group if run.messages == (image,) or not image]
             for picture, figure in figures.items():
                 reference = plain.get(picture) if method != PLAIN else None
-                cells = measured_cells(quantity, measure(own, figure), reference, captures)
+                by_networks = picture == COVER or (bool(image) and picture == MESSAGE)
+                expected = quantity in LPIPS and by_networks and bool(own)
+                cells = measured_cells(quantity, measure(own, figure), reference, captures, expected)
                 lines.append(Line((title, f"{picture} · {image}" if image else picture, HERE), tuple(cells)))
         if title == title_of(method) and quantity == "psnr":
             lines += _published_lines(method, captures, tables)
