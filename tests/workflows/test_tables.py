@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from stages.imaging.pictures import encode_png, read_picture
 from tests.workflows.test_batch_pairs import photograph
@@ -43,6 +44,24 @@ COPYRIGHTS = [
     {**COPYRIGHT, "variant": "clean", "negatives": "photos_and_clean_renders"},
 ]
 IMAGES = [{"cover": "fox", "method": "gs_hider", "name": "boat", "image": "boat.png", "gaussians": 500, "seed": 0}]
+
+
+@pytest.mark.parametrize("workflow", ["ablations", "several_messages", "probes"])
+def test_tables_of_fewer_captures_say_which_and_why(workflow: str) -> None:
+    text = (REPOSITORY / "workflows" / f"{workflow}.yaml").read_text()
+    written = yaml.safe_load(text)["vars"]
+    covers = dict.fromkeys(str(row["cover"]).replace("${cover}", str(written.get("cover"))) for row in written["rows"])
+    head = " ".join(line.lstrip("# ") for line in text.splitlines() if line.startswith("#"))
+    assert f"n {'the ' if len(covers) == 1 else ''}{' and '.join(covers)} alone, for time" in head
+
+
+def test_ablations_vary_one_value_at_a_time() -> None:
+    """From the middle, the first row, which is there once for each seed; the first lines of the file say so."""
+    text = (REPOSITORY / "workflows" / "ablations.yaml").read_text()
+    middle, *others = yaml.safe_load(text)["vars"]["rows"]
+    assert all(sum(row[name] != middle[name] for name in middle) == 1 for row in others)
+    assert "(λ = 0.5, M = 16, 5 layers)" in text
+    assert [middle[name] for name in ("lambda_message", "feature_dim", "layers")] == [0.5, 16, 5]
 
 
 @pytest.fixture(scope="module")
