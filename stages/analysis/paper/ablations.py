@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from stages.analysis.page.figures import label
 from stages.analysis.page.material import GS_HIDER, METHOD_TITLES
-from stages.analysis.paper.chapter import PICTURES, Chapter, noise_note, noises
+from stages.analysis.paper.chapter import LPIPS, PICTURES, VIEWS, Chapter, noise_note, noises
 from stages.analysis.paper.fidelity import hides_one_scene
 from stages.analysis.paper.grid import (
     HERE,
@@ -21,6 +21,7 @@ from stages.analysis.paper.grid import (
     without_empty_columns,
 )
 from stages.analysis.paper.measuring import Figure, Measured, cover, measure, message
+from stages.analysis.paper.message_tables import CAPTION, Shown, messages_grid
 from stages.analysis.paper.published import PUBLISHED_AS, Ablated, Published, Subject, Variant
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study, usual_settings
@@ -49,12 +50,12 @@ ORDERS: tuple[tuple[Ablated, float, float, Subject], ...] = (
 def ablations(study: Study, tables: Published) -> Chapter:
     """Runs of one method that differ from the paper's settings in one of them alone."""
     hiding = study.select(hides_one_scene)
-    grids, shown = [], list[Run]()
+    grids, shown = list[Grid](), list[Run]()
     for method in dict.fromkeys(run.method for run in hiding):
         for name in TITLES:
             runs = varied([run for run in hiding if run.method == method], name)
             if len({value_of(run, name, tables) for run in runs}) > 1:
-                grids.append(_grid(method, name, runs, study, tables))
+                grids += _grids(method, name, runs, study, tables)
                 shown += runs
     ours = [run for run in hiding if run.method == GS_HIDER]
     relations = [_relation(ours, order, study, tables) for order in ORDERS]
@@ -71,39 +72,73 @@ def value_of(run: Run, name: Ablated, tables: Published) -> float | str:
     return dict(run.settings).get(name, usual_settings(run.method, tables.setup)[name])
 
 
-def _grid(method: str, name: Ablated, runs: Sequence[Run], study: Study, tables: Published) -> Grid:
-    printed = {variant.value: variant for variant in tables.ablations[name]} if method == GS_HIDER else {}
-    values = sorted(
-        {*printed, *(value_of(run, name, tables) for run in runs)}, key=lambda value: (isinstance(value, str), value)
+def _grids(method: str, name: Ablated, runs: Sequence[Run], study: Study, tables: Published) -> tuple[Grid, ...]:
+    """Test views beside the paper's, the messages on legal views and covered pixels, and training views."""
+    own = _by_value(runs, name, tables)
+    grids = (
+        _grid(method, name, "test", own, study, tables),
+        messages_grid(
+            f"{_caption(method, name)}, messages: {CAPTION}",
+            (TITLES[name],),
+            [Shown((_written(value),), group) for value, group in own.items()],
+        ),
+        _grid(method, name, "train", own, study, tables),
     )
+    return tuple(grid for grid in grids if grid.lines)
+
+
+def _caption(method: str, name: Ablated) -> str:
+    return f"{METHOD_TITLES.get(method, method)}: {TITLES[name]}"
+
+
+def _by_value(runs: Sequence[Run], name: Ablated, tables: Published) -> dict[float | str, list[Run]]:
+    """The runs of each value, numbers in their order."""
+    values = sorted({value_of(run, name, tables) for run in runs}, key=_order)
+    return {value: [run for run in runs if value_of(run, name, tables) == value] for value in values}
+
+
+def _order(value: float | str) -> tuple[bool, float | str]:
+    return isinstance(value, str), value
+
+
+def _written(value: float | str) -> str:
+    return f"{value:g}" if isinstance(value, float | int) else value
+
+
+def _grid(
+    method: str, name: Ablated, split: str, own: Mapping[float | str, Sequence[Run]], study: Study, tables: Published
+) -> Grid:
+    """A line for each value; on test views the paper's, which it has of GS-Hider."""
+    is_theirs = method == GS_HIDER and split == "test"
+    printed = {variant.value: variant for variant in tables.ablations[name]} if is_theirs else {}
+    runs = [run for group in own.values() for run in group]
     lines: list[Line] = []
-    for value in values:
-        own = [run for run in runs if value_of(run, name, tables) == value]
-        title = f"{value:g}" if isinstance(value, float | int) else value
-        lines.append(Line((title, HERE), tuple(_cell(own, subject, quantity) for subject, quantity in COLUMNS)))
+    for value in sorted({*printed, *own}, key=_order):
+        cells = tuple(_cell(own.get(value, []), subject, quantity, split) for subject, quantity in COLUMNS)
+        lines.append(Line((_written(value), HERE), cells))
         if isinstance(value, float | int) and value in printed:
-            lines.append(_published_line(title, printed[value]))
-    titles = tuple(f"{PICTURES[subject]} {label(quantity)}" for subject, quantity in COLUMNS)
+            lines.append(_published_line(_written(value), printed[value]))
     captures = len({run.capture for run in runs})
-    note = f"Averages over {captures} capture{'s' if captures > 1 else ''}; the paper's over nine."
+    note = f"Averages over {captures} capture{'s' if captures > 1 else ''}"
+    notes = (f"{note}; the paper's over nine.", noise_note(noises(runs, study))) if split == "test" else (f"{note}.",)
     return without_empty_columns(
         Grid(
-            f"{METHOD_TITLES.get(method, method)}: {TITLES[name]}, test views",
+            f"{_caption(method, name)}, {VIEWS[split]}",
             (TITLES[name], "Figures"),
-            titles,
+            tuple(f"{PICTURES[subject]} {label(quantity)}" for subject, quantity in COLUMNS),
             tuple(lines),
-            (note, noise_note(noises(runs, study))),
+            notes,
         )
     )
 
 
-def _figure(subject: Subject, quantity: str) -> Figure:
-    return cover(quantity) if subject == "cover" else message(quantity)
+def _figure(subject: Subject, quantity: str, split: str = "test") -> Figure:
+    return cover(quantity, split) if subject == "cover" else message(quantity, split)
 
 
-def _cell(runs: Sequence[Run], subject: Subject, quantity: str) -> Cell:
-    average = measure(runs, _figure(subject, quantity)).average
-    if quantity == "lpips_vgg" and subject == "cover" and runs and not average.count:
+def _cell(runs: Sequence[Run], subject: Subject, quantity: str, split: str) -> Cell:
+    average = measure(runs, _figure(subject, quantity, split)).average
+    if quantity in LPIPS and split == "test" and subject == "cover" and runs and not average.count:
         return Cell(NOT_MEASURED)
     return figure_cell(quantity, average)
 

@@ -17,6 +17,10 @@ from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study, capture_title, method_title
 
 PICTURES = {"cover": "Cover", "message": "Message"}
+VIEWS = {"test": "test views", "train": "training views"}
+"""By splits."""
+LPIPS = {"lpips_vgg": "VGG16", "lpips_alex": "AlexNet"}
+"""Quantities that take weights, of these networks: a table says so where they were not measured of test views."""
 
 
 @dataclass(frozen=True)

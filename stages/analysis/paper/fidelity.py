@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from stages.analysis.page.figures import MISSING, label
+from stages.analysis.page.figures import label
 from stages.analysis.page.material import GS_HIDER, OURS, PLAIN
 from stages.analysis.page.summary import Tile
 from stages.analysis.page.tables import PICTURE_QUANTITIES
 from stages.analysis.paper.chapter import (
+    LPIPS,
     PICTURES,
+    VIEWS,
     Chapter,
     blocks,
     noise_note,
@@ -34,7 +36,6 @@ from stages.analysis.paper.grid import (
     without_empty_columns,
 )
 from stages.analysis.paper.measuring import (
-    UNKNOWN,
     Figure,
     Spread,
     cover,
@@ -44,16 +45,18 @@ from stages.analysis.paper.measuring import (
     size,
     total_bytes,
 )
+from stages.analysis.paper.message_tables import CAPTION, Shown, messages_grid
 from stages.analysis.paper.published import Published, Subject, average, row_of
-from stages.analysis.paper.runs import Run, Study, capture_title
-from stages.imaging.metric_table import MetricRow
+from stages.analysis.paper.runs import Run, Study
 
 
 def fidelity(study: Study, tables: Published) -> Chapter:
     """One scene hidden in another, by every method."""
     runs = usual(study.select(lambda run: run.method == PLAIN or hides_one_scene(run)))
     grids = [_grid(quantity, "test", runs, study, tables) for quantity in PICTURE_QUANTITIES]
-    grids += [_message_grid(runs), _grid("psnr", "train", runs, study, None)]
+    shown = [Shown((title,), group) for _, title, group in blocks(runs)]
+    grids.append(messages_grid(f"Messages: {CAPTION}", ("Method",), shown))
+    grids.append(_grid("psnr", "train", runs, study, None))
     return Chapter(
         "One scene hidden in another",
         tuple(grid for grid in grids if any(not line.published for line in grid.lines)),
@@ -88,19 +91,18 @@ def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: 
     for method, title, group in blocks(runs, tables.fidelity if tables else ()):
         for subject, figure in figures:
             compared = reference if subject == "cover" and method != PLAIN else None
-            expected = quantity == "lpips_vgg" and any(subject == "cover" or run.messages for run in group)
+            expected = quantity in LPIPS and any(subject == "cover" or run.messages for run in group)
             cells = measured_cells(quantity, measure(group, figure), compared, captures, expected)
             lead = _scene_cells(group, subject == "cover") if scene else []
             lines.append(Line((title, PICTURES[subject], HERE), (*lead, *cells)))
             if tables is not None and title == title_of(method):
                 lines.append(_published_line(quantity, method, subject, captures, tables, scene))
-    views = {"test": "test views", "train": "training views"}[split]
     notes = [size_note(runs)] if scene else []
     if split == "test" and any(measure(runs, figure).by_capture for _, figure in figures):
         notes.append(noise_note(noises(runs, study, quantity), quantity, " dB" if quantity == "psnr" else ""))
     return without_empty_columns(
         Grid(
-            f"{label(quantity)}, {views}",
+            f"{label(quantity)}, {VIEWS[split]}",
             ("Method", "Picture", "Figures"),
             (*(("Size (MB)", "Gaussians") if scene else ()), *headings(captures)),
             tuple(lines),
@@ -128,48 +130,6 @@ def _published_line(
         megabytes = tables.fidelity[method].megabytes if method in tables.fidelity and subject == "cover" else None
         lead = [Cell(f"{megabytes:.3f}", "", Spread(megabytes)) if megabytes else Cell(""), Cell("")]
     return Line((title_of(method), PICTURES[subject], PAPER), (*lead, *cells), published=True)
-
-
-def _message_grid(runs: Sequence[Run]) -> Grid:
-    """Messages on legal views, and over the pixels that they cover, beside the floor of a picture of one colour."""
-    columns: dict[str, tuple[str, Figure]] = {
-        "PSNR (dB)": ("psnr", message("psnr")),
-        "Legal views": ("legal", message("legal")),
-        "PSNR, legal (dB)": ("psnr", message("psnr", only_legal=True)),
-        "SSIM, legal": ("ssim", message("ssim", only_legal=True)),
-        "PSNR, covered (dB)": ("psnr_covered", message("psnr_covered")),
-        "SSIM, covered": ("ssim_covered", message("ssim_covered")),
-        "One colour (dB)": ("psnr_constant", message("psnr_constant")),
-        "Coverage": ("coverage", message("coverage")),
-        "PSNR, training (dB)": ("psnr", message("psnr", "train")),
-    }
-    lines = []
-    for _, title, group in blocks(runs):
-        for capture in dict.fromkeys(run.capture for run in group):
-            own = [run for run in group if run.capture == capture]
-            cells = tuple(_message_cell(own, quantity, figure) for quantity, figure in columns.values())
-            lines.append(Line((title, capture_title(capture)), cells))
-    grid = Grid(
-        "Messages: legal views and covered pixels, test views", ("Method", "Capture"), tuple(columns), tuple(lines)
-    )
-    return without_empty_columns(grid)
-
-
-def _message_cell(runs: Sequence[Run], quantity: str, figure: Figure) -> Cell:
-    spread = next(iter(measure(runs, figure).by_capture.values()), UNKNOWN)
-    if quantity != "legal":
-        return figure_cell(quantity, spread)
-    flags = [row.value for run in _one_of_each(runs) for row in run.rows if _tells_legal(row)]
-    return Cell(f"{round(sum(flags))} of {len(flags)}" if flags else MISSING, "", spread)
-
-
-def _one_of_each(runs: Sequence[Run]) -> list[Run]:
-    """Which views are legal no seed changes, another message does."""
-    return [*{run.other: run for run in reversed(runs)}.values()][::-1]
-
-
-def _tells_legal(row: MetricRow) -> bool:
-    return row.quantity == "legal" and row.split == "test"
 
 
 def _tiles(runs: Sequence[Run], tables: Published) -> tuple[Tile, ...]:

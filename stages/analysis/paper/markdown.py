@@ -14,7 +14,7 @@ SPECIAL = re.compile(r"([\\`*_\[\]<>|#&~$]|:(?=//)|(?<=www)\.)")
 
 
 def write_markdown(page: TablesPage) -> str:
-    """Title, command, tables, relations, remarks and definitions; names are text and never markup.
+    """Title, command, tables, relations, remarks, definitions and sources; names are text and never markup.
 
     Charts are shown as `drawing_file` calls their file, beside this one.
     """
@@ -30,6 +30,8 @@ def write_markdown(page: TablesPage) -> str:
         parts += ["## What should be seen", *_grid(page.relations)]
     parts += ["## To read this", *map(_text, page.remarks)]
     parts.append("\n".join(f"- {_text(name)}: {_text(definition)}" for name, definition in page.definitions))
+    if page.sources:
+        parts += ["## Where the figures come from", *_grid(page.sources)]
     return "\n\n".join(parts) + "\n"
 
 

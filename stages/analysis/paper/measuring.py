@@ -161,11 +161,20 @@ def cover(quantity: str, split: str | None = "test") -> Figure:
     return lambda run: mean_of([row for row in run.rows if row.message is None], Column(quantity, split))
 
 
-def message(quantity: str, split: str = "test", only_legal: bool = False) -> Figure:
-    """The mean of a quantity over a message's views, or its legal ones; of several messages the mean."""
+def message(quantity: str, split: str = "test", only_legal: bool = False, number: int | None = None) -> Figure:
+    """The mean of a quantity over a message's views, or its legal ones; of several messages the mean, or where a number
+    is given, from 0, of the message with this number alone.
+    """
     return lambda run: mean(
-        value for name in run.messages if not math.isnan(value := of_message(run, name, quantity, split, only_legal))
+        value
+        for name in messages_of(run, number)
+        if not math.isnan(value := of_message(run, name, quantity, split, only_legal))
     )
+
+
+def messages_of(run: Run, number: int | None = None) -> tuple[str, ...]:
+    """The names of all of a run's messages, or of the one with a number."""
+    return run.messages if number is None else run.messages[number : number + 1]
 
 
 def of_message(run: Run, name: str, quantity: str, split: str = "test", only_legal: bool = False) -> float:

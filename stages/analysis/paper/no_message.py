@@ -8,6 +8,7 @@ from stages.analysis.page.figures import label
 from stages.analysis.page.material import GS_HIDER, PLAIN
 from stages.analysis.page.tables import PICTURE_QUANTITIES
 from stages.analysis.paper.chapter import (
+    LPIPS,
     Chapter,
     blocks,
     noise_note,
@@ -42,7 +43,7 @@ def no_message(study: Study, tables: Published) -> Chapter:
     for method, title, group in blocks(runs, (PLAIN, GS_HIDER)):
         for quantity in PICTURE_QUANTITIES:
             reference = None if method == PLAIN else references[quantity]
-            expected = quantity == "lpips_vgg" and bool(group)
+            expected = quantity in LPIPS and bool(group)
             cells = measured_cells(quantity, measure(group, cover(quantity)), reference, study.captures, expected)
             lines.append(Line((title, label(quantity), HERE), tuple(cells)))
             if title == title_of(method):

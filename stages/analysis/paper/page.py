@@ -10,14 +10,14 @@ from stages.analysis.page.figures import WORDING
 from stages.analysis.page.html import fill, templates_beside
 from stages.analysis.page.summary import Tile
 from stages.analysis.paper.ablations import ablations
-from stages.analysis.paper.chapter import Chapter, Writer
+from stages.analysis.paper.chapter import LPIPS, Chapter, Writer
 from stages.analysis.paper.fidelity import fidelity
 from stages.analysis.paper.frame_time import frame_time
 from stages.analysis.paper.grid import Grid
 from stages.analysis.paper.no_message import no_message
 from stages.analysis.paper.plateau import plateau
 from stages.analysis.paper.probes import probes
-from stages.analysis.paper.public import public_chapter, public_study
+from stages.analysis.paper.public import public_chapter, public_sources, public_study
 from stages.analysis.paper.published import Published, wrong_averages
 from stages.analysis.paper.relations import NOISES, Relation, relations_grid
 from stages.analysis.paper.robustness import robustness
@@ -26,6 +26,7 @@ from stages.analysis.paper.runs import Study, capture_title, method_title
 from stages.analysis.paper.secrecy import secrecy
 from stages.analysis.paper.several_messages import several_messages
 from stages.analysis.paper.single_image import single_image
+from stages.analysis.paper.sources import owner_sources
 from stages.analysis.paper.steganalysis import steganalysis
 from stages.imaging.lpips_weights import HOW_TO_INSTALL
 
@@ -59,7 +60,7 @@ DEFINED = ("psnr", "ssim", "lpips_vgg", "lpips_alex", "legal", "psnr_covered", "
 class TablesPage:
     """What is empty is left out, but for a chapter, which says `nothing`.
 
-    `relations` is None where none is asked for; `remarks` stand under all tables.
+    `relations` is None where none is asked for; `remarks` stand under all tables, `sources` at the end.
     """
 
     title: str
@@ -70,11 +71,12 @@ class TablesPage:
     remarks: tuple[str, ...]
     definitions: tuple[tuple[str, str], ...]
     command: str
+    sources: Grid | None
     nothing: str = "Nothing of this was measured."
 
     @property
     def grids(self) -> tuple[Grid, ...]:
-        """Every table, in order."""
+        """Every table of figures, in order."""
         grids = [grid for chapter in self.chapters for grid in chapter.grids]
         return (*grids, *([self.relations] if self.relations else []))
 
@@ -97,6 +99,7 @@ def owner_page(study: Study, wanted: Sequence[str], tables: Published, title: st
         tuple(_remarks(study, chapters, wanted, tables)),
         tuple(WORDING[quantity] for quantity in DEFINED),
         command,
+        owner_sources(study),
     )
 
 
@@ -112,6 +115,7 @@ def public_page(study: Study, private: Study, names_captures: bool) -> TablesPag
         (),
         tuple(WORDING[quantity] for quantity in ("psnr", "ssim", "lpips_vgg", "lpips_alex")),
         "",
+        public_sources(public, private),
     )
 
 
@@ -146,8 +150,12 @@ def _remarks(study: Study, chapters: Sequence[Chapter], wanted: Sequence[str], t
         ),
     ]
     measured = {row.quantity for run in study.runs for row in run.rows if not math.isnan(row.value)}
-    if "ssim" in measured and "lpips_vgg" not in measured:
-        remarks.append(f"LPIPS (VGG16) was not measured. Where its weights are missing: {HOW_TO_INSTALL}")
+    lacking = [network for quantity, network in LPIPS.items() if quantity not in measured]
+    if "ssim" in measured and lacking:
+        networks = " and ".join(lacking)
+        remarks.append(
+            f"LPIPS ({networks}) was not measured. Where a workflow asks for it, weights are missing: {HOW_TO_INSTALL}"
+        )
     shown = {run for chapter in chapters for run in chapter.runs}
     left = [run for run in (*study.runs, *study.timings) if run not in shown]
     if left:

@@ -11,7 +11,8 @@ from stages.analysis.page.tables import PICTURE_QUANTITIES
 from stages.analysis.paper.chapter import Chapter
 from stages.analysis.paper.grid import Grid, Line, headings, measured_cells, without_empty_columns
 from stages.analysis.paper.measuring import Measured, cover, measure
-from stages.analysis.paper.runs import Run, Study
+from stages.analysis.paper.runs import Run, Study, capture_title
+from stages.analysis.paper.sources import HOW_TO_LOOK, sources_grid
 
 
 def public_study(study: Study, names_captures: bool) -> Study:
@@ -36,16 +37,10 @@ def public_chapter(study: Study, private: Study) -> Chapter:
 
     The `private` study alone knows what was hidden, and so which runs are of one kind: nothing else is taken from it.
     """
-    kinds = {(run.method, run.stage): run.kind for run in private.runs}
-    groups: dict[str, list[Run]] = {}
-    for run in study.runs:
-        name = str(kinds.get((run.method, run.stage), run.kind))
-        groups.setdefault(PLAIN if run.method == PLAIN and not run.settings else name, []).append(run)
-    titles = neutral_titles(groups)
     lines = [
-        Line((titles[name], label(quantity)), tuple(measured_cells(quantity, measured, None, study.captures)))
-        for name in sorted(groups, key=lambda name: name != PLAIN)
-        for quantity, measured in _figures(groups[name], study).items()
+        Line((title, label(quantity)), tuple(measured_cells(quantity, measured, None, study.captures)))
+        for title, group in _scenes(study, private).items()
+        for quantity, measured in _figures(group, study).items()
     ]
     if not lines:
         return Chapter("Scenes", ())
@@ -53,12 +48,37 @@ def public_chapter(study: Study, private: Study) -> Chapter:
     return Chapter("Scenes", (without_empty_columns(grid),))
 
 
+def public_sources(study: Study, private: Study) -> Grid | None:
+    """What the figures of `public_chapter` were read from, by its titles: names in the workflow may tell a message."""
+    rows = [
+        (title, capture_title(run.capture), run.digest)
+        for title, group in _scenes(study, private).items()
+        for run in (*group, *_timed(group, study))
+    ]
+    return sources_grid(("Scene", "Capture"), rows, HOW_TO_LOOK)
+
+
+def _scenes(study: Study, private: Study) -> dict[str, list[Run]]:
+    """The runs of each scene by its title, plain 3DGS first."""
+    kinds = {(run.method, run.stage): run.kind for run in private.runs}
+    groups: dict[str, list[Run]] = {}
+    for run in study.runs:
+        name = str(kinds.get((run.method, run.stage), run.kind))
+        groups.setdefault(PLAIN if run.method == PLAIN and not run.settings else name, []).append(run)
+    titles = neutral_titles(groups)
+    return {titles[name]: groups[name] for name in sorted(groups, key=lambda name: name != PLAIN)}
+
+
 def _figures(group: Sequence[Run], study: Study) -> dict[str, Measured]:
-    """Every quantity of a scene; its time where no other scene's method and settings are the same."""
-    alike = [run for run in study.runs if run.kind == group[0].kind]
-    timed = [run for run in study.timings if run.kind == group[0].kind and len(alike) == len(group)]
+    """Every quantity of a scene."""
     return {
         **{quantity: measure(group, cover(quantity)) for quantity in PICTURE_QUANTITIES},
         **{quantity: measure(group, cover(quantity, None)) for quantity in ("container_bytes", "gaussians")},
-        "seconds_per_frame": measure(timed, cover("seconds_per_frame", None)),
+        "seconds_per_frame": measure(_timed(group, study), cover("seconds_per_frame", None)),
     }
+
+
+def _timed(group: Sequence[Run], study: Study) -> list[Run]:
+    """The times of a scene where no other scene's method and settings are the same."""
+    alike = [run for run in study.runs if run.kind == group[0].kind]
+    return [run for run in study.timings if run.kind == group[0].kind and len(alike) == len(group)]

@@ -50,7 +50,8 @@ class Run:
 
     `settings` are those that its item states and that are not the usual ones, in the order of `SETTINGS`, and then such
     numbers as alone tell it from another run; `other` is whatever else the item states, such as the message: runs that
-    differ in their seed alone have the same. `stage` is the name, in the workflow, of the stage that measured it.
+    differ in their seed alone have the same. `stage` is the name, in the workflow, of the stage that measured it,
+    `digest` that of the artifact that says what it measured.
     """
 
     capture: str
@@ -60,6 +61,7 @@ class Run:
     rows: tuple[MetricRow, ...] = field(repr=False)
     other: tuple[str, ...] = ()
     stage: str = ""
+    digest: str = field(default="", repr=False)
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -102,7 +104,8 @@ class Study:
     """Everything that the tables are made of; `failures` are items that were not made, each with its cause.
 
     `iterations` are the usual ones: the fewest that any item states, so that longer runs show how near these are to
-    their plateau; None where no item states any.
+    their plateau; None where no item states any. `sources` are the names in the workflow, each with the digest of its
+    artifact, of all that any of it was read from.
     """
 
     runs: tuple[Run, ...]
@@ -110,6 +113,7 @@ class Study:
     failures: tuple[tuple[str, str], ...] = ()
     iterations: float | None = None
     experiments: tuple[Experiment, ...] = ()
+    sources: tuple[tuple[str, str], ...] = ()
 
     @property
     def captures(self) -> tuple[str, ...]:
@@ -156,6 +160,7 @@ def read_study(
         tuple((item.label, item.cause or "not made") for item in items if item.artifact is None),
         iterations,
         tuple(experiment for item in experiments for experiment in _experiments_of(item, columns, usual_of(item))),
+        tuple(dict.fromkeys((item.stage, item.artifact.digest) for item in items if item.artifact is not None)),
     )
 
 
@@ -244,6 +249,7 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
             tuple(group),
             other if method != PLAIN else (),
             item.stage,
+            item.artifact.digest,
         )
         for method, group in by_method.items()
     ]

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from stages.analysis.page.figures import label
 from stages.analysis.page.material import PLAIN
+from stages.analysis.page.tables import PICTURE_QUANTITIES
 from stages.analysis.paper.chapter import (
+    LPIPS,
+    PICTURES,
+    VIEWS,
     Chapter,
     blocks,
     noise_note,
@@ -23,7 +28,8 @@ from stages.analysis.paper.grid import (
     measured_cells,
     without_empty_columns,
 )
-from stages.analysis.paper.measuring import Figure, Measured, Spread, cover, measure, of_message, size
+from stages.analysis.paper.measuring import Spread, cover, measure, message, size
+from stages.analysis.paper.message_tables import CAPTION, Shown, messages_grid
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.runs import Run, Study, by_kind
 
@@ -34,36 +40,75 @@ def several_messages(study: Study, tables: Published) -> Chapter:
     many = {run.method for run in hiding if len(run.messages) > 1}
     chosen = [run for run in hiding if run.method in many] + list(study.select(lambda run: run.method == PLAIN))
     runs = usual(chosen)
-    plain = of_method(runs, PLAIN, cover("psnr"))
-    lines: list[Line] = []
-    for method, title, group in blocks(runs):
-        for alike in by_kind(group).values():
-            lines += _lines(title, alike, None if method == PLAIN else plain, study.captures)
-    grid = Grid(
-        "Several messages, test views: PSNR (dB)",
-        ("Method", "Picture", "Figures"),
-        ("Size (MB)", *headings(study.captures)),
-        tuple(lines),
-        ("The paper gives no figures.", noise_note(noises(runs, study))),
-    )
-    return Chapter("Several scenes hidden in one", (without_empty_columns(grid),), (), runs)
-
-
-def nth_message(number: int) -> Figure:
-    """The PSNR of the message with this number, from 0, on test views."""
-    return lambda run: of_message(run, run.messages[number], "psnr")
-
-
-def _lines(title: str, runs: Sequence[Run], plain: Measured | None, captures: Sequence[str]) -> list[Line]:
-    count = len(runs[0].messages)
-    name = title if not count else f"{title}, {count} message{'s' if count > 1 else ''}"
-    bytes_ = figure_cell("container_bytes", Spread(measure(runs, size).average.mean))
-    lines = [
-        Line((name, "Cover", HERE), (bytes_, *measured_cells("psnr", measure(runs, cover("psnr")), plain, captures)))
+    kinds = [
+        (method, _title(title, alike), alike)
+        for method, title, group in blocks(runs)
+        for alike in by_kind(group).values()
     ]
-    for number in range(count):
-        names = sorted({run.messages[number] for run in runs})
-        picture = f"Message {number + 1}" + (f" · {names[0]}" if len(names) == 1 else "")
-        cells = measured_cells("psnr", measure(runs, nth_message(number)), None, captures)
-        lines.append(Line((name, picture, HERE), (Cell(""), *cells)))
-    return lines
+    grids = [_grid(quantity, "test", kinds, study) for quantity in PICTURE_QUANTITIES]
+    grids.append(_messages(kinds))
+    grids.append(_grid("psnr", "train", kinds, study))
+    return Chapter("Several scenes hidden in one", tuple(grid for grid in grids if grid.lines), (), runs)
+
+
+Kind = tuple[str, str, Sequence[Run]]
+"""A method, the title of its runs with one number of messages, and these."""
+
+
+def _title(title: str, runs: Sequence[Run]) -> str:
+    count = len(runs[0].messages)
+    return title if not count else f"{title}, {count} message{'s' if count > 1 else ''}"
+
+
+def _grid(quantity: str, split: str, kinds: Sequence[Kind], study: Study) -> Grid:
+    """Cover and messages by captures, with the size where a table is the first."""
+    runs = [run for _, _, group in kinds for run in group]
+    scene = (quantity, split) == ("psnr", "test")
+    plain = of_method(runs, PLAIN, cover(quantity, split))
+    lines: list[Line] = []
+    for method, title, group in kinds:
+        for number, picture in _pictures(group).items():
+            figure = cover(quantity, split) if number is None else message(quantity, split, number=number)
+            reference = plain if number is None and method != PLAIN else None
+            expected = quantity in LPIPS
+            cells = measured_cells(quantity, measure(group, figure), reference, study.captures, expected)
+            lines.append(Line((title, picture, HERE), (*_size(group, scene, number is None), *cells)))
+    notes = ["The paper gives no figures."] if scene else []
+    spreads = noises(runs, study, quantity)
+    if split == "test" and (scene or any(each.count for each in spreads.values())):
+        notes.append(noise_note(spreads, quantity, " dB" if quantity == "psnr" else ""))
+    return without_empty_columns(
+        Grid(
+            f"Several messages, {VIEWS[split]}: {label(quantity)}",
+            ("Method", "Picture", "Figures"),
+            (*(("Size (MB)",) if scene else ()), *headings(study.captures)),
+            tuple(lines),
+            tuple(notes),
+        )
+    )
+
+
+def _pictures(runs: Sequence[Run]) -> dict[int | None, str]:
+    """The cover and each message, by their numbers; a message by its name, too, where that is one in all runs."""
+    pictures: dict[int | None, str] = {None: PICTURES["cover"]}
+    for number in range(len(runs[0].messages)):
+        names = {run.messages[number] for run in runs}
+        pictures[number] = f"Message {number + 1}" + (f" · {names.pop()}" if len(names) == 1 else "")
+    return pictures
+
+
+def _size(runs: Sequence[Run], scene: bool, is_cover: bool) -> list[Cell]:
+    """The average size, beside the cover of the table that tells of scenes."""
+    if not scene:
+        return []
+    return [figure_cell("container_bytes", Spread(measure(runs, size).average.mean)) if is_cover else Cell("")]
+
+
+def _messages(kinds: Sequence[Kind]) -> Grid:
+    shown = [
+        Shown((title, picture), group, number)
+        for _, title, group in kinds
+        for number, picture in _pictures(group).items()
+        if number is not None
+    ]
+    return messages_grid(f"Several messages: {CAPTION}", ("Method", "Message"), shown)

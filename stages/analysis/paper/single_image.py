@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from stages.analysis.page.figures import label
 from stages.analysis.page.material import DECODER, GS_HIDER, PLAIN
-from stages.analysis.page.tables import Column, mean_of
+from stages.analysis.page.tables import PICTURE_QUANTITIES, Column, mean_of
 from stages.analysis.paper.chapter import (
+    LPIPS,
     Chapter,
     blocks,
     noise_note,
@@ -31,66 +33,97 @@ from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study
 from stages.imaging.metric_table import MetricRow, mean_value
 
-COVER, MESSAGE, THERE, ELSEWHERE = "Cover", "Image", "Cover, the view that hides it", "Cover, other training views"
+COVER, TRAINING, MESSAGE = "Cover", "Cover, training views", "Image"
+THERE, ELSEWHERE = "Cover, the view that hides it", "Cover, other training views"
 LEAST_OF_THE_IMAGE = 40.0
 MOST_LOST_ON_THE_COVER = 0.8
-NOTE = "Cover: test views. The image: at the one view that hides it. The paper's image is Boat.png."
+NOTE = (
+    "Cover: test views, unless others are named; training views with the one that hides the image. The image: at that "
+    "one view. The paper's image is Boat.png."
+)
 
 
 def single_image(study: Study, tables: Published) -> Chapter:
     """One image, or several of them one at a time, hidden at one view each."""
     runs = usual(study.select(lambda run: run.method == PLAIN or run.hides_image))
+    grids = [_grid(quantity, runs, study, tables) for quantity in PICTURE_QUANTITIES]
+    return Chapter(
+        "An image hidden at one view",
+        tuple(grid for grid in grids if grid.lines),
+        _relations(runs, study, tables),
+        runs,
+    )
+
+
+def _grid(quantity: str, runs: Sequence[Run], study: Study, tables: Published) -> Grid:
+    """The cover on test and training views, there and elsewhere, and the image; the paper's rows under the PSNR."""
     figures: dict[str, Figure] = {
-        COVER: cover("psnr"),
-        THERE: cover_where_it_hides,
-        ELSEWHERE: cover_elsewhere,
-        MESSAGE: image_psnr,
+        COVER: cover(quantity),
+        TRAINING: cover(quantity, "train"),
+        THERE: cover_where_it_hides(quantity),
+        ELSEWHERE: cover_elsewhere(quantity),
+        MESSAGE: image_figure(quantity),
     }
-    plain = of_method(runs, PLAIN, cover("psnr"))
+    plain = {picture: of_method(runs, PLAIN, figures[picture]) for picture in (COVER, TRAINING)}
     captures, lines = study.captures, list[Line]()
     for method, title, group in blocks(runs, tables.single_image):
         for image in dict.fromkeys(name for run in group for name in run.messages or ("",)):
             own = [run for run in group if run.messages == (image,) or not image]
             for picture, figure in figures.items():
-                reference = plain if picture == COVER and method != PLAIN else None
-                cells = measured_cells("psnr", measure(own, figure), reference, captures)
+                reference = plain.get(picture) if method != PLAIN else None
+                by_networks = picture == COVER or (bool(image) and picture == MESSAGE)
+                expected = quantity in LPIPS and by_networks and bool(own)
+                cells = measured_cells(quantity, measure(own, figure), reference, captures, expected)
                 lines.append(Line((title, f"{picture} · {image}" if image else picture, HERE), tuple(cells)))
-        if title == title_of(method):
+        if title == title_of(method) and quantity == "psnr":
             lines += _published_lines(method, captures, tables)
-    grid = Grid(
-        "One image at one view: PSNR (dB)",
-        ("Method", "Picture", "Figures"),
-        headings(captures),
-        tuple(lines),
-        (NOTE, noise_note({"cover": noises(runs, study)["cover"]})),
+    noise = {"cover": noises(runs, study, quantity)["cover"]}
+    return without_empty_columns(
+        Grid(
+            f"One image at one view: {label(quantity)}",
+            ("Method", "Picture", "Figures"),
+            headings(captures),
+            tuple(lines),
+            (NOTE, noise_note(noise, quantity, " dB" if quantity == "psnr" else "")),
+        )
     )
-    return Chapter("An image hidden at one view", (without_empty_columns(grid),), _relations(runs, study, tables), runs)
 
 
-def cover_where_it_hides(run: Run) -> float:
-    """The cover's PSNR at the very view that hides the image; NaN where none does."""
-    return mean_value([row for row in _cover_rows(run) if row.view in run.hiding_views])
+def cover_where_it_hides(quantity: str) -> Figure:
+    """The cover's figure at the very view that hides the image; NaN where none does."""
+    return lambda run: mean_value([row for row in _cover_rows(run, quantity) if row.view in run.hiding_views])
 
 
-def cover_elsewhere(run: Run) -> float:
-    """The cover's PSNR at the other training views; NaN where no view hides an image."""
-    others = [row for row in _cover_rows(run) if row.view not in run.hiding_views]
-    return mean_of(others if run.hides_image else [], Column("psnr", "train"))
+def cover_elsewhere(quantity: str) -> Figure:
+    """The cover's figure at the other training views; NaN where no view hides an image."""
+
+    def elsewhere(run: Run) -> float:
+        others = [row for row in _cover_rows(run, quantity) if row.view not in run.hiding_views]
+        return mean_of(others if run.hides_image else [], Column(quantity, "train"))
+
+    return elsewhere
+
+
+def image_figure(quantity: str) -> Figure:
+    """The image's figure at the view that hides it."""
+
+    def figure(run: Run) -> float:
+        hidden = [row for row in run.rows if row.quantity == quantity and row.message is not None]
+        return mean_value([row for row in hidden if row.view in run.hiding_views])
+
+    return figure
+
+
+image_psnr = image_figure("psnr")
 
 
 def lost_where_it_hides(run: Run) -> float:
     """The cover's PSNR at the view that hides the image, to that at the other training views."""
-    return cover_where_it_hides(run) - cover_elsewhere(run)
+    return cover_where_it_hides("psnr")(run) - cover_elsewhere("psnr")(run)
 
 
-def image_psnr(run: Run) -> float:
-    """The image's PSNR at the view that hides it."""
-    hidden = [row for row in run.rows if row.quantity == "psnr" and row.message is not None]
-    return mean_value([row for row in hidden if row.view in run.hiding_views])
-
-
-def _cover_rows(run: Run) -> list[MetricRow]:
-    return [row for row in run.rows if row.quantity == "psnr" and row.message is None]
+def _cover_rows(run: Run, quantity: str) -> list[MetricRow]:
+    return [row for row in run.rows if row.quantity == quantity and row.message is None]
 
 
 def _published_lines(method: str, captures: Sequence[str], tables: Published) -> list[Line]:

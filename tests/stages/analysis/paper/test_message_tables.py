@@ -1,0 +1,101 @@
+"""Chapters beside Table 1 show all that was measured: every metric, other views than test views, covered pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from stages.analysis.paper.ablations import ablations
+from stages.analysis.paper.chapter import Chapter
+from stages.analysis.paper.message_tables import Shown, messages_grid
+from stages.analysis.paper.published import read_published
+from stages.analysis.paper.runs import Run, Study
+from stages.analysis.paper.several_messages import several_messages
+from stages.analysis.paper.single_image import single_image
+from stages.imaging.metric_table import MetricRow
+from tests.stages.analysis.paper.synthetic import HIDING_VIEW, image_rows, picture_rows, scene_rows
+
+
+def run(method: str, rows: Sequence[MetricRow], **settings: float) -> Run:
+    return Run("fox", method, tuple(settings.items()), "0", tuple(row for row in rows if row.method == method))
+
+
+def table(chapter: Chapter, caption: str) -> dict[tuple[str, ...], dict[str, str]]:
+    """What is written in a table, by the names of a line and the headings."""
+    [grid] = [grid for grid in chapter.grids if grid.caption == caption]
+    return {
+        line.names: dict(zip(grid.headings, (cell.text for cell in line.cells), strict=True)) for line in grid.lines
+    }
+
+
+def test_several_messages_are_shown_by_every_metric() -> None:
+    """Each message by itself, with its own legal views and covered pixels, and the training views as well."""
+    rows = scene_rows("fox", "gs_hider", messages=["reef", "library"])
+    study = Study((run("gs_hider", rows), run("plain", rows)))
+    chapter = several_messages(study, read_published())
+    name, second = "GS-Hider, 2 messages", "Message 2 · library"
+    assert {grid.caption for grid in chapter.grids} == {
+        *(f"Several messages, test views: {label}" for label in ("PSNR (dB)", "SSIM", "LPIPS", "LPIPS (AlexNet)")),
+        "Several messages: legal views and covered pixels, test views",
+        "Several messages, training views: PSNR (dB)",
+    }
+    assert table(chapter, "Several messages, test views: SSIM")[name, second, "here"]["fox"] == "0.839"
+    assert table(chapter, "Several messages, test views: LPIPS (AlexNet)")[name, "Cover", "here"]["fox"] == "0.231"
+    assert table(chapter, "Several messages, training views: PSNR (dB)")[name, second, "here"]["fox"] == "24.22"
+    found = table(chapter, "Several messages: legal views and covered pixels, test views")
+    assert found[name, "Message 1 · reef", "fox"]["PSNR, covered (dB)"] == "24.42"
+    assert found[name, second, "fox"]["PSNR, covered (dB)"] == "24.02"
+    assert found[name, second, "fox"]["Legal views"] == "1 of 2"
+
+
+def test_a_message_by_itself_has_its_own_legal_views() -> None:
+    """And all messages together have those of all."""
+    legal = {"reef": 1.0, "library": 0.0}
+    rows = [MetricRow("legal", value, "", "0.png", "test", name, None, "gs_hider") for name, value in legal.items()]
+    runs = [run("gs_hider", rows)]
+    grid = messages_grid(
+        "", ("Which",), [Shown(("both",), runs), Shown(("reef",), runs, 0), Shown(("second",), runs, 1)]
+    )
+    assert [line.cells[0].text for line in grid.lines] == ["1 of 2", "1 of 1", "0 of 1"]
+
+
+def test_an_image_is_shown_with_the_covers_training_views_and_every_metric() -> None:
+    """LPIPS where it was measured: of the cover on test views."""
+    rows = image_rows("fox", "gs_hider", "boat")
+    rows.append(MetricRow("ssim", 0.99, "", HIDING_VIEW, "train", "boat", None, "gs_hider"))
+    chapter = single_image(Study((run("gs_hider", rows), run("plain", rows))), read_published())
+    decibels = table(chapter, "One image at one view: PSNR (dB)")
+    assert decibels["GS-Hider", "Cover, training views · boat", "here"]["fox"] == "26.77"
+    assert decibels["3DGS", "Cover, training views", "here"]["fox"] == "27.35"
+    similar = table(chapter, "One image at one view: SSIM")
+    assert similar["GS-Hider", "Image · boat", "here"]["fox"] == "0.990"
+    assert similar["GS-Hider", "Cover, the view that hides it · boat", "here"]["fox"] == "0.881"
+    perceptual = table(chapter, "One image at one view: LPIPS")
+    assert [names[1] for names in perceptual] == ["Cover", "Cover · boat", "Image · boat"]
+    assert perceptual["GS-Hider", "Image · boat", "here"]["Average"] == "not measured"
+    assert not [names for names in similar if "paper" in names]
+
+
+@pytest.fixture
+def ablated() -> Chapter:
+    runs = []
+    for layers, gain in ((5.0, 0.0), (3.0, -1.0)):
+        rows = [*picture_rows("gs_hider", 25 + gain), *picture_rows("gs_hider", 22 + gain, "kitchen")]
+        runs.append(run("gs_hider", rows, **({"layers": layers} if layers != 5 else {})))
+    return ablations(Study(tuple(runs)), read_published())
+
+
+def test_ablations_show_training_views_legal_views_and_covered_pixels(ablated: Chapter) -> None:
+    training = table(ablated, "GS-Hider: Layers, training views")
+    assert training["3", "here"] == {
+        "Cover PSNR (dB)": "24.50",
+        "Cover SSIM": "0.850",
+        "Message PSNR (dB)": "21.50",
+        "Message SSIM": "0.807",
+    }
+    found = table(ablated, "GS-Hider: Layers, messages: legal views and covered pixels, test views")
+    assert found["3", "fox"]["PSNR, covered (dB)"] == "21.30"
+    assert found["5", "fox"]["PSNR, covered (dB)"] == "22.30"
+    assert found["5", "fox"]["Legal views"] == "1 of 2"
+    assert table(ablated, "GS-Hider: Layers, test views")["3", "paper"]["Message PSNR (dB)"]
