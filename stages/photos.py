@@ -16,7 +16,7 @@ from stages.imaging.pictures import encode_png, read_picture
 from stages.scene.camera_checks import refuse_far_poses
 from stages.scene.capture import Capture, KnownPoses, numbered, write_capture
 from stages.scene.colmap import models_beside, photos_in_model
-from stages.scene.given_poses import find_poses, known_poses, photo_finder, poses_at, read_poses
+from stages.scene.given_poses import find_poses, known_points, known_poses, photo_finder, poses_at, read_poses
 from stages.scene.named_frames import find_posed_photos
 from stages.scene.photo_facts import PhotoFacts, read_facts, taken_by
 from stages.scene.photo_folder import (
@@ -43,7 +43,7 @@ class PhotosParameters(Parameters):
 
     folder: ExternalPath = Field(
         description="Folder of photos; a COLMAP model (sparse/0), a transforms.json or a transforms_train.json in it "
-        "is used for the poses."
+        "is used for the poses, and the model's points are kept."
     )
     images: str | None = Field(
         None,
@@ -154,11 +154,14 @@ def _poses(
         return None, tuple(facts)
     sizes = {name: one.size for name, one in facts.items()}
     resized = parameters.images is not None
-    read = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
-    poses, names = known_poses(*read), tuple(photo.name for photo in read[1])
+    source, posed = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
+    points = None if place is None else known_points(place, posed)
+    poses, names = known_poses(source, posed, points), tuple(photo.name for photo in posed)
     refuse_far_poses(poses.world_to_camera, place or parameters.folder)
     came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))
     context.log(f"poses of {len(names)} photos from {came}; {len(facts) - len(names)} photos have none, left out")
+    if points is not None:
+        context.log(f"{len(points.positions)} points came with the poses")
     for other in [] if place is None else models_beside(place):
         context.log(f"model {other.name} beside it poses {photos_in_model(other)} photos, and was left out")
     return poses, names

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -12,6 +13,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, KnownPoses, picture_path, read_capture
 from stages.scene.drawn_depths import drawn_scene
+from stages.scene.known_points import KnownPoints
 from stages.scene.pairing import Matching
 from stages.scene.pose_errors import pose_errors
 from stages.scene.reconstruction_job import Reconstruction
@@ -39,6 +41,11 @@ class SfmParameters(Parameters):
     poses: Literal["auto", "estimate", "given"] = Field(
         "auto", description="auto: given poses are kept, but those of synthetic captures estimated, to be checked."
     )
+    points: Literal["auto", "given", "triangulate"] = Field(
+        "auto",
+        description="auto: where poses are kept, the points of the COLMAP model that they are of, if it has any, as "
+        "3DGS starts from them: no photos are compared; else points are triangulated.",
+    )
     minimum_registered: float = Field(0.5, ge=0, le=1, description="Share of the photos that must be placed.")
     seed: int = Field(0, ge=0, description="Of every random choice.")
 
@@ -51,11 +58,15 @@ class SfmParameters(Parameters):
     remarks="stages.scene.remarks:photos_missing_or_cropped",
 )
 def sfm(context: Context, parameters: SfmParameters) -> None:
-    """Estimate cameras and points, or keep the poses that came with the photos and triangulate points."""
+    """Estimate cameras and points, or keep the poses that came with the photos, and the points with them; without
+    these, triangulate points.
+    """
     artifact = context.input("capture")
     capture = read_capture(artifact)
     poses = poses_to_keep(capture, parameters)
-    settings = Settings(**parameters.model_dump(exclude={"poses"}))
+    points = points_to_keep(poses, parameters)
+    poses = poses and replace(poses, points=points)
+    settings = Settings(**parameters.model_dump(exclude={"poses", "points"}))
     watcher = Watcher(lambda done: context.progress(round(100 * done, 1), 100), context.log, context.stop_requested)
     pictures = {name: picture_path(artifact, name) for name in capture.names}
     scene, result = reconstruct(capture, pictures, poses, settings, context.scratch, watcher)
@@ -73,11 +84,14 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
         pose_source="estimated" if poses is None else poses.source,
         **errors,
     )
+    error = result.mean_reprojection_error
     context.log(
-        f"{len(scene.cameras)} of {len(capture.names)} photos placed, {len(scene.points)} points, "
-        f"reprojection error {result.mean_reprojection_error:.2f} pixels"
+        f"{len(scene.cameras)} of {len(capture.names)} photos placed, {len(scene.points)} points"
+        f"{' that came with them' if points else ''}, reprojection error "
+        f"{'unknown' if error is None else f'{error:.2f} pixels'}"
     )
     context.record(
+        point_source=poses.source if poses and points else "triangulated",
         pycolmap=result.version,
         device="cpu",
         lenses=list(result.lens_parameters),
@@ -113,6 +127,21 @@ def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | N
     if parameters.poses == "estimate" or capture.poses is None:
         return None
     return None if parameters.poses == "auto" and capture.poses.source == "synthetic" else capture.poses
+
+
+def points_to_keep(poses: KnownPoses | None, parameters: SfmParameters) -> KnownPoints | None:
+    """The points that are not to be triangulated. Raises `UserError` where they are to be kept and none came."""
+    points = None if poses is None else poses.points
+    count = 0 if points is None else len(points.positions)
+    if parameters.points == "given" and count < FEWEST_POINTS:
+        raise UserError(
+            "points are to be given, but too few came with the photos",
+            found="poses that are estimated, in a world of their own" if poses is None else f"{count} points",
+            expected=f"at least {FEWEST_POINTS} that photos see, in the points3D.bin or .txt of the COLMAP model whose "
+            "poses are kept",
+            remedy=f"Put that file beside the model's others, or add --set SFM.points=auto to the command, {WHERE}.",
+        )
+    return points if parameters.points != "triangulate" and count >= FEWEST_POINTS else None
 
 
 def errors_against_truth(capture: Capture, scene: Scene) -> dict[str, float]:

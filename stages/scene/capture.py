@@ -14,6 +14,7 @@ from jaxtyping import Float64
 
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
+from stages.scene.known_points import KnownPoints, read_points, write_points
 from stages.scene.lens import Lens
 
 PoseSource = Literal["colmap", "transforms", "synthetic"]
@@ -26,11 +27,15 @@ MOST_OF_A_SEQUENCE = 0.9
 
 @dataclass(frozen=True)
 class KnownPoses:
-    """Poses of V photos that came with them: world to camera, looking down +z, and the lens of each."""
+    """Poses of V photos that came with them: world to camera, looking down +z, and the lens of each.
+
+    `points` are those that came with the poses; None where none did.
+    """
 
     source: PoseSource
     world_to_camera: Float64[np.ndarray, "V 4 4"]
     lenses: tuple[Lens, ...]
+    points: KnownPoints | None = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +77,8 @@ def write_capture(writer: ArtifactWriter, capture: Capture, picture_of: Callable
         writer.attributes["distortion"] = [
             {"model": lens.model, "parameters": list(lens.parameters)} for lens in capture.poses.lenses
         ]
+        if capture.poses.points is not None:
+            write_points(writer, capture.poses.points)
 
 
 def read_capture(artifact: Artifact) -> Capture:
@@ -104,7 +111,7 @@ def _read_poses(
         lenses = tuple(
             Lens(one["model"], tuple(one["parameters"]), *size) for one, size in zip(distortion, sizes, strict=True)
         )
-    return KnownPoses(source, artifact.read("world_to_camera"), lenses)
+    return KnownPoses(source, artifact.read("world_to_camera"), lenses, read_points(artifact))
 
 
 def picture_path(artifact: Artifact, name: str) -> Path:
