@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -93,6 +93,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         ordered=numbered(names) if parameters.order == "auto" else parameters.order == "ordered",
         poses=poses,
         taken_by=taken_by({name: found.photos[name] for name in names}, facts),
+        test_names=held_out_names(names, place, splits, parameters.folder),
     )
     turned = sum(facts[name].turned != UPRIGHT for name in names)
     if turned:
@@ -106,10 +107,8 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         return picture_of(found.photos[name], parameters.background, facts[name].turned)
 
     write_capture(context.output("capture"), capture, kept)
-    held_out = held_out_names(names, place, splits, parameters.folder)
-    if held_out:
-        context.output("capture").attributes["test_names"] = [*held_out]
-        context.log(f"{len(held_out)} photos are test views by the files of poses; the stage hold_out keeps to that")
+    if capture.test_names:
+        context.log(f"{len(capture.test_names)} photos are test views by the files of poses")
     context.record(
         photos=len(names),
         ignored_files=found.ignored,
@@ -227,19 +226,20 @@ def picture_of(path: Path, background: str, turned: int) -> Path | bytes:
     return path if picture is None else encode_png(picture)
 
 
-def held_out_names(names: Iterable[str], place: Path | None, splits: Mapping[str, Path], folder: Path) -> list[str]:
+def held_out_names(
+    names: Sequence[str], place: Path | None, splits: Mapping[str, Path], folder: Path
+) -> tuple[str, ...]:
     """The photos that the files of poses hold out for tests; empty where they say nothing of it.
 
     nerfstudio leaves a transforms.json beside the COLMAP model that it was made from.
     """
     if splits:
-        return [name for name in names if name.startswith(f"{TEST}_")]
+        return tuple(name for name in names if name.startswith(f"{TEST}_"))
     if place is None:
-        return []
+        return ()
     file = folder / FILE if place.is_dir() else place
-    names = list(names)
     held_out = set(map(photo_finder(names, file), _held_out_files(file, needed=not place.is_dir())))
-    return [name for name in names if name in held_out]
+    return tuple(name for name in names if name in held_out)
 
 
 def _held_out_files(file: Path, needed: bool) -> list[str]:

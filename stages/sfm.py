@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -46,6 +47,11 @@ class SfmParameters(Parameters):
         description="auto: where poses are kept, the points of the COLMAP model that they are of, if it has any, as "
         "3DGS starts from them: no photos are compared; else points are triangulated.",
     )
+    test_views: Literal["auto", "every_eighth"] = Field(
+        "auto",
+        description="auto: the views that the capture's files of poses hold out for tests, where they do and some are "
+        "left to train on; else every eighth of the names.",
+    )
     minimum_registered: float = Field(0.5, ge=0, le=1, description="Share of the photos that must be placed.")
     seed: int = Field(0, ge=0, description="Of every random choice.")
 
@@ -66,7 +72,7 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
     poses = poses_to_keep(capture, parameters)
     points = points_to_keep(poses, parameters)
     poses = poses and replace(poses, points=points)
-    settings = Settings(**parameters.model_dump(exclude={"poses", "points"}))
+    settings = Settings(**parameters.model_dump(exclude={"poses", "points", "test_views"}))
     watcher = Watcher(lambda done: context.progress(round(100 * done, 1), 100), context.log, context.stop_requested)
     pictures = {name: picture_path(artifact, name) for name in capture.names}
     scene, result = reconstruct(capture, pictures, poses, settings, context.scratch, watcher)
@@ -74,6 +80,8 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
         scene, factor = drawn_scene(scene)
         if factor != 1:
             context.log(f"the poses' world is small: enlarged {factor:.3g} times, lest it lies nearer than is drawn")
+    if parameters.test_views == "auto" and capture.test_names:
+        scene = with_views_held_out(scene, capture.test_names, context.log)
     errors = errors_against_truth(capture, scene) if poses is None else {}
     write_scene(
         context.output("scene"),
@@ -111,6 +119,19 @@ def photos_without_points(scene: Scene, result: Reconstruction) -> tuple[str, ..
     """The photos that see hardly any of the points: of given poses, those that may be wrong."""
     seen = zip(scene.cameras.names, result.points_seen, strict=True)
     return tuple(name for name, points in seen if points < FEWEST_POINTS)
+
+
+def with_views_held_out(scene: Scene, held_out: Sequence[str], log: Callable[[str], None]) -> Scene:
+    """The scene with the test views that its capture holds out, as far as they were placed; with every eighth, as it
+    is, where that would leave no view for tests or none to train on.
+    """
+    names, given = scene.cameras.names, set(held_out)
+    test_names = tuple(name for name in names if name in given)
+    if not 0 < len(test_names) < len(names):
+        log(f"{len(test_names)} of the {len(names)} views were held out for tests: every eighth is a test view instead")
+        return scene
+    log(f"{len(test_names)} of {len(names)} views are test views, as the files of poses have it")
+    return replace(scene, test_names=test_names)
 
 
 def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | None:

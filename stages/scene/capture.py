@@ -45,6 +45,7 @@ class Capture:
     `names` are file names, `sizes` the width and height of each picture when upright, `focal_pixels` what EXIF says
     of its focal length. `ordered`: the names' numbers count in the order in which the photos were taken.
     `taken_by`: the number of the camera that took each, as far as it is known which differ; empty: nothing says so.
+    `test_names`: those that the files of poses hold out for tests; empty: they say nothing of it.
     """
 
     names: tuple[str, ...]
@@ -53,6 +54,7 @@ class Capture:
     ordered: bool
     poses: KnownPoses | None = None
     taken_by: tuple[int, ...] = ()
+    test_names: tuple[str, ...] = ()
 
 
 def write_capture(writer: ArtifactWriter, capture: Capture, picture_of: Callable[[str], bytes | Path]) -> None:
@@ -71,6 +73,8 @@ def write_capture(writer: ArtifactWriter, capture: Capture, picture_of: Callable
         taken_by=list(capture.taken_by),
         poses="none" if capture.poses is None else capture.poses.source,
     )
+    if capture.test_names:
+        writer.attributes["test_names"] = list(capture.test_names)
     if capture.poses is not None:
         writer.write("world_to_camera", capture.poses.world_to_camera)
         writer.write("intrinsics", np.stack([lens.matrix() for lens in capture.poses.lenses]))
@@ -92,6 +96,7 @@ def read_capture(artifact: Artifact) -> Capture:
         ordered=bool(attributes["ordered"]),
         poses=_read_poses(artifact, attributes, sizes),
         taken_by=tuple(attributes.get("taken_by", ())),
+        test_names=tuple(attributes.get("test_names", ())),
     )
 
 
