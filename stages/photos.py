@@ -57,9 +57,11 @@ class PhotosParameters(Parameters):
         None, description="COLMAP model's folder or transforms.json, where the poses lie outside the folder of photos."
     )
     background: str = Field(
-        WHITE,
+        "black",
         pattern=r"^(white|black|gray|#[0-9a-fA-F]{6})$",
-        description="What transparent pictures are laid over, as Blender renders NeRF's synthetic scenes: a colour.",
+        description="What transparent pictures, as Blender renders NeRF's synthetic scenes, are laid over: a colour. "
+        "Black, as in 3DGS, because everything is trained and rendered over black: around an object any other colour "
+        "would have to be grown from Gaussians where there is nothing. White is what NeRF's tables have.",
     )
     any_pictures: bool = Field(
         False,
