@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -16,7 +16,7 @@ from stages.imaging.pictures import encode_png, read_picture
 from stages.scene.camera_checks import refuse_far_poses
 from stages.scene.capture import Capture, KnownPoses, numbered, write_capture
 from stages.scene.colmap import models_beside, photos_in_model
-from stages.scene.given_poses import find_poses, known_poses, photo_finder, poses_at, read_poses
+from stages.scene.given_poses import find_poses, known_points, known_poses, photo_finder, poses_at, read_poses
 from stages.scene.named_frames import find_posed_photos
 from stages.scene.photo_facts import PhotoFacts, read_facts, taken_by
 from stages.scene.photo_folder import (
@@ -43,7 +43,7 @@ class PhotosParameters(Parameters):
 
     folder: ExternalPath = Field(
         description="Folder of photos; a COLMAP model (sparse/0), a transforms.json or a transforms_train.json in it "
-        "is used for the poses."
+        "is used for the poses, and the model's points are kept."
     )
     images: str | None = Field(
         None,
@@ -57,9 +57,11 @@ class PhotosParameters(Parameters):
         None, description="COLMAP model's folder or transforms.json, where the poses lie outside the folder of photos."
     )
     background: str = Field(
-        WHITE,
+        "black",
         pattern=r"^(white|black|gray|#[0-9a-fA-F]{6})$",
-        description="What transparent pictures are laid over, as Blender renders NeRF's synthetic scenes: a colour.",
+        description="What transparent pictures, as Blender renders NeRF's synthetic scenes, are laid over: a colour. "
+        "Black, as in 3DGS, because everything is trained and rendered over black: around an object any other colour "
+        "would have to be grown from Gaussians where there is nothing. White is what NeRF's tables have.",
     )
     any_pictures: bool = Field(
         False,
@@ -93,6 +95,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         ordered=numbered(names) if parameters.order == "auto" else parameters.order == "ordered",
         poses=poses,
         taken_by=taken_by({name: found.photos[name] for name in names}, facts),
+        test_names=held_out_names(names, place, splits, parameters.folder),
     )
     turned = sum(facts[name].turned != UPRIGHT for name in names)
     if turned:
@@ -106,10 +109,8 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         return picture_of(found.photos[name], parameters.background, facts[name].turned)
 
     write_capture(context.output("capture"), capture, kept)
-    held_out = held_out_names(names, place, splits, parameters.folder)
-    if held_out:
-        context.output("capture").attributes["test_names"] = [*held_out]
-        context.log(f"{len(held_out)} photos are test views by the files of poses; the stage hold_out keeps to that")
+    if capture.test_names:
+        context.log(f"{len(capture.test_names)} photos are test views by the files of poses")
     context.record(
         photos=len(names),
         ignored_files=found.ignored,
@@ -154,11 +155,14 @@ def _poses(
         return None, tuple(facts)
     sizes = {name: one.size for name, one in facts.items()}
     resized = parameters.images is not None
-    read = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
-    poses, names = known_poses(*read), tuple(photo.name for photo in read[1])
+    source, posed = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
+    points = None if place is None else known_points(place, posed)
+    poses, names = known_poses(source, posed, points), tuple(photo.name for photo in posed)
     refuse_far_poses(poses.world_to_camera, place or parameters.folder)
     came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))
     context.log(f"poses of {len(names)} photos from {came}; {len(facts) - len(names)} photos have none, left out")
+    if points is not None:
+        context.log(f"{len(points.positions)} points came with the poses")
     for other in [] if place is None else models_beside(place):
         context.log(f"model {other.name} beside it poses {photos_in_model(other)} photos, and was left out")
     return poses, names
@@ -224,19 +228,20 @@ def picture_of(path: Path, background: str, turned: int) -> Path | bytes:
     return path if picture is None else encode_png(picture)
 
 
-def held_out_names(names: Iterable[str], place: Path | None, splits: Mapping[str, Path], folder: Path) -> list[str]:
+def held_out_names(
+    names: Sequence[str], place: Path | None, splits: Mapping[str, Path], folder: Path
+) -> tuple[str, ...]:
     """The photos that the files of poses hold out for tests; empty where they say nothing of it.
 
     nerfstudio leaves a transforms.json beside the COLMAP model that it was made from.
     """
     if splits:
-        return [name for name in names if name.startswith(f"{TEST}_")]
+        return tuple(name for name in names if name.startswith(f"{TEST}_"))
     if place is None:
-        return []
+        return ()
     file = folder / FILE if place.is_dir() else place
-    names = list(names)
     held_out = set(map(photo_finder(names, file), _held_out_files(file, needed=not place.is_dir())))
-    return [name for name in names if name in held_out]
+    return tuple(name for name in names if name in held_out)
 
 
 def _held_out_files(file: Path, needed: bool) -> list[str]:

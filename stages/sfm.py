@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -12,6 +14,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, KnownPoses, picture_path, read_capture
 from stages.scene.drawn_depths import drawn_scene
+from stages.scene.known_points import KnownPoints
 from stages.scene.pairing import Matching
 from stages.scene.pose_errors import pose_errors
 from stages.scene.reconstruction_job import Reconstruction
@@ -39,6 +42,16 @@ class SfmParameters(Parameters):
     poses: Literal["auto", "estimate", "given"] = Field(
         "auto", description="auto: given poses are kept, but those of synthetic captures estimated, to be checked."
     )
+    points: Literal["auto", "given", "triangulate"] = Field(
+        "auto",
+        description="auto: where poses are kept, the points of the COLMAP model that they are of, if it has any, as "
+        "3DGS starts from them: no photos are compared; else points are triangulated.",
+    )
+    test_views: Literal["auto", "every_eighth"] = Field(
+        "auto",
+        description="auto: the views that the capture's files of poses hold out for tests, where they do and some are "
+        "left to train on; else every eighth of the names.",
+    )
     minimum_registered: float = Field(0.5, ge=0, le=1, description="Share of the photos that must be placed.")
     seed: int = Field(0, ge=0, description="Of every random choice.")
 
@@ -51,11 +64,15 @@ class SfmParameters(Parameters):
     remarks="stages.scene.remarks:photos_missing_or_cropped",
 )
 def sfm(context: Context, parameters: SfmParameters) -> None:
-    """Estimate cameras and points, or keep the poses that came with the photos and triangulate points."""
+    """Estimate cameras and points, or keep the poses that came with the photos, and the points with them; without
+    these, triangulate points.
+    """
     artifact = context.input("capture")
     capture = read_capture(artifact)
     poses = poses_to_keep(capture, parameters)
-    settings = Settings(**parameters.model_dump(exclude={"poses"}))
+    points = points_to_keep(poses, parameters)
+    poses = poses and replace(poses, points=points)
+    settings = Settings(**parameters.model_dump(exclude={"poses", "points", "test_views"}))
     watcher = Watcher(lambda done: context.progress(round(100 * done, 1), 100), context.log, context.stop_requested)
     pictures = {name: picture_path(artifact, name) for name in capture.names}
     scene, result = reconstruct(capture, pictures, poses, settings, context.scratch, watcher)
@@ -63,6 +80,8 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
         scene, factor = drawn_scene(scene)
         if factor != 1:
             context.log(f"the poses' world is small: enlarged {factor:.3g} times, lest it lies nearer than is drawn")
+    if parameters.test_views == "auto" and capture.test_names:
+        scene = with_views_held_out(scene, capture.test_names, context.log)
     errors = errors_against_truth(capture, scene) if poses is None else {}
     write_scene(
         context.output("scene"),
@@ -73,11 +92,14 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
         pose_source="estimated" if poses is None else poses.source,
         **errors,
     )
+    error = result.mean_reprojection_error
     context.log(
-        f"{len(scene.cameras)} of {len(capture.names)} photos placed, {len(scene.points)} points, "
-        f"reprojection error {result.mean_reprojection_error:.2f} pixels"
+        f"{len(scene.cameras)} of {len(capture.names)} photos placed, {len(scene.points)} points"
+        f"{' that came with them' if points else ''}, reprojection error "
+        f"{'unknown' if error is None else f'{error:.2f} pixels'}"
     )
     context.record(
+        point_source=poses.source if poses and points else "triangulated",
         pycolmap=result.version,
         device="cpu",
         lenses=list(result.lens_parameters),
@@ -99,6 +121,19 @@ def photos_without_points(scene: Scene, result: Reconstruction) -> tuple[str, ..
     return tuple(name for name, points in seen if points < FEWEST_POINTS)
 
 
+def with_views_held_out(scene: Scene, held_out: Sequence[str], log: Callable[[str], None]) -> Scene:
+    """The scene with the test views that its capture holds out, as far as they were placed; with every eighth, as it
+    is, where that would leave no view for tests or none to train on.
+    """
+    names, given = scene.cameras.names, set(held_out)
+    test_names = tuple(name for name in names if name in given)
+    if not 0 < len(test_names) < len(names):
+        log(f"{len(test_names)} of the {len(names)} views were held out for tests: every eighth is a test view instead")
+        return scene
+    log(f"{len(test_names)} of {len(names)} views are test views, as the files of poses have it")
+    return replace(scene, test_names=test_names)
+
+
 def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | None:
     """The poses that are not to be estimated. Raises `UserError` where they are to be kept and none came."""
     if parameters.poses == "given" and capture.poses is None:
@@ -113,6 +148,21 @@ def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | N
     if parameters.poses == "estimate" or capture.poses is None:
         return None
     return None if parameters.poses == "auto" and capture.poses.source == "synthetic" else capture.poses
+
+
+def points_to_keep(poses: KnownPoses | None, parameters: SfmParameters) -> KnownPoints | None:
+    """The points that are not to be triangulated. Raises `UserError` where they are to be kept and none came."""
+    points = None if poses is None else poses.points
+    count = 0 if points is None else len(points.positions)
+    if parameters.points == "given" and count < FEWEST_POINTS:
+        raise UserError(
+            "points are to be given, but too few came with the photos",
+            found="poses that are estimated, in a world of their own" if poses is None else f"{count} points",
+            expected=f"at least {FEWEST_POINTS} that photos see, in the points3D.bin or .txt of the COLMAP model whose "
+            "poses are kept",
+            remedy=f"Put that file beside the model's others, or add --set SFM.points=auto to the command, {WHERE}.",
+        )
+    return points if parameters.points != "triangulate" and count >= FEWEST_POINTS else None
 
 
 def errors_against_truth(capture: Capture, scene: Scene) -> dict[str, float]:

@@ -22,5 +22,7 @@ def over_background(path: Path, color: str) -> Picture | None:
             return None
         image.load()
         picture = in_eight_bits(upright(image)).convert("RGBA")
+    if picture.getchannel("A").getextrema()[0] == 255:
+        return None
     background = Image.new("RGBA", picture.size, (*ImageColor.getrgb(color)[:3], 255))
     return np.array(Image.alpha_composite(background, picture).convert("RGB"))

@@ -14,6 +14,7 @@ from jaxtyping import Float64
 
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
+from stages.scene.known_points import KnownPoints, read_points, write_points
 from stages.scene.lens import Lens
 
 PoseSource = Literal["colmap", "transforms", "synthetic"]
@@ -26,11 +27,15 @@ MOST_OF_A_SEQUENCE = 0.9
 
 @dataclass(frozen=True)
 class KnownPoses:
-    """Poses of V photos that came with them: world to camera, looking down +z, and the lens of each."""
+    """Poses of V photos that came with them: world to camera, looking down +z, and the lens of each.
+
+    `points` are those that came with the poses; None where none did.
+    """
 
     source: PoseSource
     world_to_camera: Float64[np.ndarray, "V 4 4"]
     lenses: tuple[Lens, ...]
+    points: KnownPoints | None = None
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,7 @@ class Capture:
     `names` are file names, `sizes` the width and height of each picture when upright, `focal_pixels` what EXIF says
     of its focal length. `ordered`: the names' numbers count in the order in which the photos were taken.
     `taken_by`: the number of the camera that took each, as far as it is known which differ; empty: nothing says so.
+    `test_names`: those that the files of poses hold out for tests; empty: they say nothing of it.
     """
 
     names: tuple[str, ...]
@@ -48,6 +54,7 @@ class Capture:
     ordered: bool
     poses: KnownPoses | None = None
     taken_by: tuple[int, ...] = ()
+    test_names: tuple[str, ...] = ()
 
 
 def write_capture(writer: ArtifactWriter, capture: Capture, picture_of: Callable[[str], bytes | Path]) -> None:
@@ -66,12 +73,16 @@ def write_capture(writer: ArtifactWriter, capture: Capture, picture_of: Callable
         taken_by=list(capture.taken_by),
         poses="none" if capture.poses is None else capture.poses.source,
     )
+    if capture.test_names:
+        writer.attributes["test_names"] = list(capture.test_names)
     if capture.poses is not None:
         writer.write("world_to_camera", capture.poses.world_to_camera)
         writer.write("intrinsics", np.stack([lens.matrix() for lens in capture.poses.lenses]))
         writer.attributes["distortion"] = [
             {"model": lens.model, "parameters": list(lens.parameters)} for lens in capture.poses.lenses
         ]
+        if capture.poses.points is not None:
+            write_points(writer, capture.poses.points)
 
 
 def read_capture(artifact: Artifact) -> Capture:
@@ -85,6 +96,7 @@ def read_capture(artifact: Artifact) -> Capture:
         ordered=bool(attributes["ordered"]),
         poses=_read_poses(artifact, attributes, sizes),
         taken_by=tuple(attributes.get("taken_by", ())),
+        test_names=tuple(attributes.get("test_names", ())),
     )
 
 
@@ -104,7 +116,7 @@ def _read_poses(
         lenses = tuple(
             Lens(one["model"], tuple(one["parameters"]), *size) for one, size in zip(distortion, sizes, strict=True)
         )
-    return KnownPoses(source, artifact.read("world_to_camera"), lenses)
+    return KnownPoses(source, artifact.read("world_to_camera"), lenses, read_points(artifact))
 
 
 def picture_path(artifact: Artifact, name: str) -> Path:

@@ -1,4 +1,4 @@
-"""Reading the cameras and images of a COLMAP model, binary or text; its points are not read."""
+"""Reading the cameras and images of a COLMAP model, binary or text; `colmap_points` reads its points."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import UserError
+from pipeline.plain_text import in_a_line
 from stages.scene.lens import MODELS, Lens
 
 FOLDERS = ("sparse/*", "sparse", "colmap/sparse/*", "colmap/sparse", ".")
@@ -26,11 +27,15 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class PosedPhoto:
-    """A photo that a model names: its pose (world to camera, looking down +z) and its lens."""
+    """A photo that a model names: its pose (world to camera, looking down +z) and its lens.
+
+    `number` is what a COLMAP model's points call it by; files of poses without points have none.
+    """
 
     name: str
     world_to_camera: Float64[np.ndarray, "4 4"]
     lens: Lens
+    number: int | None = None
 
 
 def find_colmap_model(folder: Path) -> Path | None:
@@ -39,7 +44,7 @@ def find_colmap_model(folder: Path) -> Path | None:
     Of several models the one of most photos: COLMAP numbers them as it finds them, and 0 may hold three of hundreds.
     """
     for name in FOLDERS:
-        models = [place for place in _numbered(folder, name) if _suffix_of_model(place) is not None]
+        models = [place for place in _numbered(folder, name) if suffix_of_model(place) is not None]
         if models:
             return models[0] if len(models) == 1 else max(models, key=photos_in_model)
     return None
@@ -57,19 +62,20 @@ def models_beside(place: Path) -> list[Path]:
     """The other models of a reconstruction that came apart: folders called by numbers, as `place` is; not of a file."""
     if not (place.is_dir() and place.name.isdecimal()):
         return []
-    return [other for other in _numbered(place.parent, "*") if other != place and _suffix_of_model(other) is not None]
+    return [other for other in _numbered(place.parent, "*") if other != place and suffix_of_model(other) is not None]
 
 
 def photos_in_model(place: Path) -> int:
     """How many photos a whole model poses; of one that cannot be read 0, as others may be sound."""
-    suffix = _suffix_of_model(place)
+    suffix = suffix_of_model(place)
     try:
         return 0 if suffix is None else len(_READERS[suffix][1](place / f"images{suffix}"))
     except (struct.error, ValueError, OSError):
         return 0
 
 
-def _suffix_of_model(place: Path) -> str | None:
+def suffix_of_model(place: Path) -> str | None:
+    """Whether a model is binary or text, as its files are called: .bin or .txt; None where it is not whole."""
     whole = (suffix for suffix in _READERS if all((place / f"{part}{suffix}").is_file() for part in PARTS))
     return next(whole, None)
 
@@ -79,7 +85,7 @@ def read_colmap_model(folder: Path) -> list[PosedPhoto]:
 
     Raises `UserError` where there is none, and for files that are damaged or not understood.
     """
-    suffix = _suffix_of_model(folder)
+    suffix = suffix_of_model(folder)
     if suffix is None:
         raise UserError(
             "a folder without a COLMAP model", where=folder, expected="cameras.bin and images.bin, or both as .txt"
@@ -90,8 +96,8 @@ def read_colmap_model(folder: Path) -> list[PosedPhoto]:
         lenses = read_lenses(path)
         path = folder / f"images{suffix}"
         photos = [
-            PosedPhoto(name, _pose(name, numbers), _lens_of(lenses, camera, name))
-            for name, numbers, camera in read_images(path)
+            PosedPhoto(name, _pose(name, numbers), _lens_of(lenses, camera, name), number)
+            for number, name, numbers, camera in read_images(path)
         ]
     except (struct.error, ValueError, OSError) as error:
         raise UserError(
@@ -170,13 +176,13 @@ def _binary_lenses(path: Path) -> dict[int, Lens]:
     return lenses
 
 
-def _binary_images(path: Path) -> list[tuple[str, tuple[float, ...], int]]:
+def _binary_images(path: Path) -> list[tuple[int, str, tuple[float, ...], int]]:
     reader, images = _Reader(path), []
     for _ in range(reader.integer("Q")):
-        reader.integer("I")
+        number = reader.integer("I")
         numbers, camera, name = reader.take("7d"), reader.integer("I"), reader.text()
         reader.skip(24 * reader.integer("Q"))  # observations: two float64 and one int64 each
-        images.append((name, numbers, camera))
+        images.append((number, name, numbers, camera))
     return images
 
 
@@ -196,7 +202,7 @@ def _enter(lenses: dict[int, Lens], camera: int, lens: Lens) -> None:
     lenses[camera] = lens
 
 
-def _text_images(path: Path) -> list[tuple[str, tuple[float, ...], int]]:
+def _text_images(path: Path) -> list[tuple[int, str, tuple[float, ...], int]]:
     """As COLMAP reads them: the line after that of an image lists its observations and may be empty."""
     images, lines = [], _lines(path)
     for number, line in lines:
@@ -206,11 +212,19 @@ def _text_images(path: Path) -> list[tuple[str, tuple[float, ...], int]]:
             parts = line.split(maxsplit=NUMBERS_OF_AN_IMAGE - 1)
             if len(parts) < NUMBERS_OF_AN_IMAGE:
                 raise ValueError(f"{len(parts)} of the {NUMBERS_OF_AN_IMAGE} parts of an image")
-            images.append((parts[-1], tuple(map(float, parts[1:8])), int(parts[8])))
+            images.append((_number(parts[0]), parts[-1], tuple(map(float, parts[1:8])), int(parts[8])))
         number, observations = next(lines, (number, ""))
         with _naming_line(number):
             _check_observations(observations)
     return images
+
+
+def _number(written: str) -> int:
+    """A photo's number, which takes four bytes in a binary model."""
+    number = int(written)
+    if not 0 <= number < 2**32:
+        raise ValueError(f"a photo of number {in_a_line(written)}")
+    return number
 
 
 def _check_observations(line: str) -> None:

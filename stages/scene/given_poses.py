@@ -1,9 +1,10 @@
-"""The poses that came with a capture: where they are, and which photo each belongs to."""
+"""The poses that came with a capture, and the points with them: where they are, and which photo each belongs to."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from unicodedata import normalize
 
@@ -13,6 +14,8 @@ from pipeline.errors import UserError
 from pipeline.plain_text import in_a_line
 from stages.scene.capture import KnownPoses, PoseSource
 from stages.scene.colmap import PosedPhoto, find_colmap_model, read_colmap_model
+from stages.scene.colmap_points import points_seen_by, read_colmap_points
+from stages.scene.known_points import KnownPoints
 from stages.scene.lens import Lens
 from stages.scene.photo_folder import what_is_there
 from stages.scene.transforms import FILE, read_transforms
@@ -106,11 +109,11 @@ def read_poses(
             expected=f"the names of the {len(sizes)} photos, such as {min(sizes)}" if sizes else "frames",
             remedy="Put the photos there, or take the poses out of the folder to have them estimated.",
         )
-    renamed = [PosedPhoto(str(matched[each.name]), each.world_to_camera, each.lens) for each in posed]
+    renamed = [replace(each, name=str(matched[each.name])) for each in posed]
     name, times = Counter(each.name for each in renamed).most_common(1)[0]
     if times > 1:
         raise UserError(f"photo {name} is posed twice", where=place, remedy="Keep one pose for every photo.")
-    fitted = [PosedPhoto(p.name, p.world_to_camera, _fitted(place, p, sizes[p.name])) for p in renamed]
+    fitted = [replace(photo, lens=_fitted(place, photo, sizes[photo.name])) for photo in renamed]
     return source, sorted(fitted, key=lambda photo: photo.name)
 
 
@@ -130,8 +133,28 @@ def _fitted(place: Path, photo: PosedPhoto, size: tuple[int, int]) -> Lens:
     return lens.resized(*size)
 
 
-def known_poses(source: PoseSource, posed: list[PosedPhoto]) -> KnownPoses:
+def known_poses(source: PoseSource, posed: Sequence[PosedPhoto], points: KnownPoints | None = None) -> KnownPoses:
     """Poses of the photos in this order."""
-    return KnownPoses(
-        source, np.stack([photo.world_to_camera for photo in posed]), tuple(photo.lens for photo in posed)
-    )
+    poses = np.stack([photo.world_to_camera for photo in posed])
+    return KnownPoses(source, poses, tuple(photo.lens for photo in posed), points)
+
+
+def known_points(place: Path, posed: Sequence[PosedPhoto]) -> KnownPoints | None:
+    """The points of the COLMAP model at `place` that these photos of it see; None where there are none, and for a
+    transforms.json.
+
+    Raises `UserError` for points that cannot be read, and where they cannot tell two photos apart.
+    """
+    points = read_colmap_points(place) if place.is_dir() else None
+    if points is None:
+        return None
+    numbers = [photo.number for photo in posed if photo.number is not None]
+    number, times = Counter(numbers).most_common(1)[0]
+    if times > 1:
+        raise UserError(
+            f"{times} photos of a COLMAP model have the number {number}",
+            where=place,
+            expected="a number for each photo, by which the model's points name those that see them",
+            remedy="Export the model again, or take its points out of the folder to have them triangulated anew.",
+        )
+    return points_seen_by(points, numbers)

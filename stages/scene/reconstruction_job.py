@@ -29,7 +29,7 @@ class Job:
     `lenses` are starting points, or known where `poses` (world to camera) are given; photos with equal lenses share
     one camera where `taken_by` is equal, too. `pairs` are the photos to compare, `pairs_in_need` those to compare as
     well where the first place too few. `width` and `height` are the training size; `photo_size` is the photos' where
-    all have one that is not to be shrunk.
+    all have one that is not to be shrunk. Where `points_known`, only the lenses are looked at: there are no pictures.
     """
 
     folder: Path
@@ -45,6 +45,7 @@ class Job:
     seed: int
     threads: int
     photo_size: tuple[int, int] | None = None
+    points_known: bool = False
 
     def write(self) -> Path:
         """Write it beside the pictures; returns the file."""
@@ -80,8 +81,9 @@ class Reconstruction:
 
     `lens_of` is the lens of each registered photo, the row of `read_corners` and of `lens_shares`: what the pinhole
     shows of the picture that this lens alone would give (see `shares_shown`). `points_seen`: how many of the points
-    each registered photo sees. The reprojection error is in working pixels. Where too few photos registered there may
-    be no points, no lens and no pinhole: there are no corners then.
+    each registered photo sees. The reprojection error is in working pixels; None of points that came with the photos
+    where nothing says it. Where too few photos registered there may be no points, no lens and no pinhole: there are no
+    corners then.
     `folded` are rows that were left out because their lens folds over (see `folded_lenses`), `cropping` those for which
     all others would have been cropped (see `cropping_lenses`).
     """
@@ -94,7 +96,7 @@ class Reconstruction:
     points_seen: tuple[int, ...]
     points: Float32[np.ndarray, "P 3"]
     point_colors: UInt8[np.ndarray, "P 3"]
-    mean_reprojection_error: float
+    mean_reprojection_error: float | None
     lens_parameters: tuple[str, ...]
     folded: tuple[int, ...]
     cropping: tuple[int, ...]

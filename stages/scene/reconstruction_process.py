@@ -48,6 +48,10 @@ def main() -> None:
     if folded:
         nothing(seconds, folded).write(job.folder)
         return
+    if job.points_known:
+        say(phase="lenses", done=0, total=len(job.lenses))
+        describe(job, as_posed(job, np.array(job.poses)), seconds).write(job.folder)
+        return
     with timed(seconds, "features"):
         extract(job)
     model = reconstruct(job, job.pairs, seconds)
@@ -180,6 +184,23 @@ def triangulate(job: Job, poses: Float64[np.ndarray, "V 4 4"]) -> pycolmap.Recon
     )
 
 
+def as_posed(job: Job, poses: Float64[np.ndarray, "V 4 4"]) -> pycolmap.Reconstruction:
+    """The photos with their known poses and lenses, without points."""
+    model, cameras = pycolmap.Reconstruction(), list(zip(job.lenses, job.taken_by, strict=True))
+    numbers = {camera: number for number, camera in enumerate(dict.fromkeys(cameras), start=1)}
+    for (lens, _), number in numbers.items():
+        model.add_camera_with_trivial_rig(camera_of(lens, number))
+    for row, (camera, pose) in enumerate(zip(cameras, poses, strict=True)):
+        image = pycolmap.Image(name=working_name(row), camera_id=numbers[camera], image_id=row + 1)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
+    return model
+
+
+def camera_of(lens: Lens, number: int) -> pycolmap.Camera:
+    parameters = list(lens.parameters)
+    return pycolmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=parameters, camera_id=number)
+
+
 def row_of(name: str) -> int:
     return int(Path(name).stem)
 
@@ -191,10 +212,7 @@ def view_of(camera: pycolmap.Camera) -> LensView:
 def folded_as_given(job: Job) -> tuple[int, ...]:
     """Rows of the photos whose known lens folds over: told before there is any work on them."""
     lenses = list(dict.fromkeys(job.lenses))
-    views = [
-        view_of(pycolmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=list(lens.parameters)))
-        for lens in lenses
-    ]
+    views = [view_of(camera_of(lens, number)) for number, lens in enumerate(lenses, start=1)]
     folded = {lenses[number] for number in folded_lenses(views, job.width, job.height)}
     return tuple(row for row, lens in enumerate(job.lenses) if lens in folded)
 

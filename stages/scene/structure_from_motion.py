@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -17,6 +17,7 @@ from stages.imaging.pictures import read_picture, resize_picture
 from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, KnownPoses, in_order_of_numbers
 from stages.scene.feature_database import drop_damaged_database
+from stages.scene.known_points import KnownPoints
 from stages.scene.lens import MODELS, Lens
 from stages.scene.pairing import Matching, choose_pairs
 from stages.scene.reconstruction_job import (
@@ -43,6 +44,8 @@ SHARES = {
     "undistortion": (0.95, 1.0),
 }
 """From where to where each phase takes the progress of the whole."""
+SHARES_WITH_POINTS = {"lenses": (0.0, 0.1), "undistortion": (0.1, 1.0)}
+"""The same where points came with the photos, so that none is matched."""
 
 WHERE = "where SFM is the stage's name in the workflow, such as cover_scene"
 """What stands for it in a remedy: a stage does not know what a workflow calls it."""
@@ -73,9 +76,10 @@ class Watcher:
     progress: Callable[[float], None]
     log: Callable[[str], None]
     stop_requested: Callable[[], bool]
+    shares: Mapping[str, tuple[float, float]] = field(default_factory=lambda: SHARES)
 
     def phase(self, name: str, done: float, total: float) -> None:
-        start, end = SHARES[name]
+        start, end = self.shares[name]
         self.progress(start + (end - start) * done / max(total, 1))
         if self.stop_requested():
             raise Interrupted(f"stopped while {name} was under way")
@@ -91,10 +95,10 @@ def reconstruct(
 ) -> tuple[Scene, Reconstruction]:
     """The scene of a capture, its photos being at `pictures`, and how the reconstruction went.
 
-    `poses` are kept and only points triangulated; None has cameras estimated. What `scratch` holds of an interrupted
-    run is used again. Raises `UserError` for fewer than three photos, where fewer than `minimum_registered` could be
-    placed, or hardly any point, for given lenses that fold over, and where the process ends otherwise than it should;
-    `Interrupted` where the watcher asks to stop.
+    `poses` are kept, and the points that are with them; without these, points are triangulated. None has cameras
+    estimated. What `scratch` holds of an interrupted run is used again. Raises `UserError` for fewer than three photos,
+    where fewer than `minimum_registered` could be placed, or hardly any point, for given lenses that fold over, and
+    where the process ends otherwise than it should; `Interrupted` where the watcher asks to stop.
     """
     if len(capture.names) < FEWEST_PHOTOS:
         raise UserError(
@@ -105,10 +109,16 @@ def reconstruct(
         )
     folder = scratch / "reconstruction"
     folder.mkdir(parents=True, exist_ok=True)
-    sizes = write_working_pictures(capture, pictures, settings.matching_size, folder, watcher)
+    points = None if poses is None else poses.points
+    if points is None:
+        sizes = write_working_pictures(capture, pictures, settings.matching_size, folder, watcher)
+    else:
+        sizes, watcher = list(capture.sizes), replace(watcher, shares=SHARES_WITH_POINTS)
     job = job_of(capture, sizes, poses, settings, folder)
     run_process(job, watcher)
     result = read_reconstruction(folder)
+    if points is not None:
+        result = with_points(result, points)
     if poses is not None:
         refuse_folded(capture, result)
     refuse_few(capture, result, settings, given=poses is not None)
@@ -143,8 +153,10 @@ def job_of(
     else:
         known = [focal is not None for focal in capture.focal_pixels]
         lenses = [starting_lens(capture, row, size, settings.camera_model) for row, size in enumerate(sizes)]
+    points_known = poses is not None and poses.points is not None
     known_poses = None if poses is None else poses.world_to_camera
-    pairs, in_need = choose_pairs(settings.matching, in_order_of_numbers(capture.names), capture.ordered, known_poses)
+    order = in_order_of_numbers(capture.names)
+    pairs, in_need = choose_pairs(settings.matching, order, capture.ordered, known_poses)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     size, count = Counter(capture.sizes).most_common(1)[0]
     width, height = training_size(size, settings.width)
@@ -155,14 +167,15 @@ def job_of(
         focal_known=tuple(known),
         taken_by=capture.taken_by or (0,) * len(lenses),
         poses=None if poses is None else tuple(tuple(map(tuple, pose)) for pose in poses.world_to_camera.tolist()),
-        pairs=tuple(sorted(pairs)),
-        pairs_in_need=tuple(sorted(in_need)),
+        pairs=() if points_known else tuple(sorted(pairs)),
+        pairs_in_need=() if points_known else tuple(sorted(in_need)),
         max_features=settings.max_features,
         width=width,
         height=height,
         seed=settings.seed,
         threads=min(MOST_THREADS, cores),
         photo_size=size if is_kept else None,
+        points_known=points_known,
     )
 
 
@@ -183,7 +196,7 @@ def run_process(job: Job, watcher: Watcher) -> None:
     damage = drop_damaged_database(job.folder, len(job.lenses))
     if damage is not None:
         watcher.log(f"the features of an interrupted run are damaged and found anew: {damage}")
-    at: tuple[str, float, float] = ("features", 0.0, 1.0)
+    at: tuple[str, float, float] = ("lenses" if job.points_known else "features", 0.0, 1.0)
 
     def heard(said: Said) -> None:
         nonlocal at
@@ -200,6 +213,17 @@ def run_process(job: Job, watcher: Watcher) -> None:
         heard,
         watch=lambda: watcher.phase(*at),
         remedy="Less memory is needed with a smaller matching_size, max_features or width.",
+    )
+
+
+def with_points(result: Reconstruction, points: KnownPoints) -> Reconstruction:
+    """The reconstruction with the points that came with the photos, of which it has some unless their lenses fold."""
+    return replace(
+        result,
+        points=points.positions.astype(np.float32),
+        point_colors=points.colors,
+        points_seen=tuple(int(points.seen[row]) for row in result.rows),
+        mean_reprojection_error=points.error,
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.artifact import Artifact
+from pipeline.artifact import Artifact, load
 from pipeline.canonical import Json
 from pipeline.errors import UserError
 from pipeline.stage import Context, Services, run_stage
@@ -341,14 +341,17 @@ def test_only_what_is_transparent_is_laid_over_another_background(tmp_path: Path
     rendered[:, :32] = [200, 100, 0, 255]
     rendered[:, 32:48] = [200, 100, 0, 51]  # a fifth
     Image.fromarray(rendered).save(folder / "rendered.png")
+    Image.fromarray(rendered | np.array([0, 0, 0, 255], np.uint8)).save(folder / "solid.png")
     shown = {}
     for color in ("white", "black", "#0a1e32"):
         artifact = capture(folder, tmp_path / color, background=color)
         shown[color] = read_picture(picture_path(artifact, "rendered.png"))[0, [0, 40, 63]].tolist()
-        assert picture_path(artifact, "opaque.jpg").read_bytes() == (folder / "opaque.jpg").read_bytes()
+        for name in ("opaque.jpg", "solid.png"):
+            assert picture_path(artifact, name).read_bytes() == (folder / name).read_bytes()
     assert shown["white"] == [[200, 100, 0], [244, 224, 204], [255, 255, 255]]
     assert shown["black"] == [[200, 100, 0], [40, 20, 0], [0, 0, 0]]
     assert shown["#0a1e32"] == [[200, 100, 0], [48, 44, 40], [10, 30, 50]]
+    assert capture(folder, tmp_path / "out").digest == load(tmp_path / "black" / "capture").digest, "as renders are"
     with pytest.raises(ValueError, match="background"):
         PhotosParameters(folder=folder, background="url(x)")
 

@@ -230,12 +230,16 @@ def test_given_lenses_that_fold_over_are_told_with_their_photos_before_any_work(
 
 def test_photos_left_out_for_their_lenses_are_told_where_too_few_are_left(synthetic: Artifact) -> None:
     settings = Settings(100, 960, "auto", 8192, "SIMPLE_RADIAL", minimum_registered=0.5, seed=0)
-    none = np.empty((0, 3))
-    result = Reconstruction((), np.empty((0, 4, 4)), np.eye(3), (), (), (), none, none, 0.0, (), (2, 3), (), {}, "")
+    result = nothing_placed(folded=(2, 3))
     with pytest.raises(
         UserError, match=r"placed 0 of 8 photos; found besides, 2 photos \(02\.png, 03\.png\).*panoramas"
     ):
         refuse_few(read_capture(synthetic), result, settings, given=False)
+
+
+def nothing_placed(folded: tuple[int, ...] = ()) -> Reconstruction:
+    none = np.empty((0, 3))
+    return Reconstruction((), np.empty((0, 4, 4)), np.eye(3), (), (), (), none, none, 0.0, (), folded, (), {}, "")
 
 
 def distances_to_walls(points: np.ndarray) -> np.ndarray:
@@ -294,6 +298,42 @@ def test_a_database_that_a_power_cut_damaged_is_made_anew_and_the_log_says_so(
     log: list[str] = []
     assert run(synthetic, tmp_path / "out", Services(log=log.append)).digest == estimated.digest
     assert any("interrupted run are damaged and found anew: file is not a database" in line for line in log)
+
+
+HELD_OUT = ("07.png", "02.png", "not placed.png")
+
+
+@pytest.mark.parametrize(
+    ("held_out", "parameters", "expected", "said"),
+    [
+        (HELD_OUT, {}, ("02.png", "07.png"), "2 of 8 views are test views, as the files of poses have it"),
+        (HELD_OUT, {"test_views": "every_eighth"}, ("00.png",), None),
+        ((), {}, ("00.png",), None),
+        (("not placed.png",), {}, ("00.png",), "0 of the 8 views were held out for tests: every eighth"),
+        (tuple(f"{view:02d}.png" for view in range(VIEWS)), {}, ("00.png",), "8 of the 8 views were held out"),
+    ],
+)
+def test_the_split_that_came_with_a_capture_is_kept(
+    synthetic: Artifact,
+    estimated: Artifact,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    held_out: tuple[str, ...],
+    parameters: dict[str, str],
+    expected: tuple[str, ...],
+    said: str | None,
+) -> None:
+    """As far as its views were placed, and unless none would be left for tests, or none to train on."""
+    whole = replace(read_capture(synthetic), test_names=held_out)
+    with create(tmp_path / "capture", "capture") as writer:
+        write_capture(writer, whole, lambda name: picture_path(synthetic, name))
+    assert load(tmp_path / "capture").attributes.get("test_names", []) == [*held_out]
+    monkeypatch.setattr("stages.sfm.reconstruct", lambda *arguments: (read_scene(estimated), nothing_placed()))
+    log: list[str] = []
+    scene = read_scene(run(load(tmp_path / "capture"), tmp_path / "out", Services(log=log.append), **parameters))
+    assert scene.test_names == expected
+    assert set(scene.train_names) == {*scene.cameras.names} - {*expected}
+    assert [said in line for line in log if "test" in line] == ([] if said is None else [True])
 
 
 @pytest.mark.slow

@@ -1,0 +1,175 @@
+"""Reading the points of a COLMAP model, binary or text: positions, colours, and which photos see each.
+
+Models have a million points, each of which lists the photos that see it: what is read goes straight into arrays.
+"""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from jaxtyping import Float64, Int64, UInt8
+
+from pipeline.errors import UserError
+from stages.scene.colmap import LARGEST_TRANSLATION, suffix_of_model
+from stages.scene.known_points import KnownPoints
+
+PART = "points3D"
+LARGEST_FILE = 2**31
+"""Bytes, of about ten million points: it is read into as much memory."""
+LONGEST_LINE = 2**20
+"""Bytes of text, of which a point takes fifteen for each of the photos that see it."""
+COUNT = struct.Struct("<Q")
+POINT = np.dtype([("id", "<u8"), ("position", "<f8", 3), ("color", "u1", 3), ("error", "<f8"), ("views", "<u8")])
+"""What comes before the views of a point in a binary model."""
+VIEW = np.dtype([("photo", "<u4"), ("observation", "<u4")])
+NUMBERS_OF_A_POINT = 8  # in a line of text: id, position, colour, error; then two for each view
+
+
+@dataclass(frozen=True)
+class ModelPoints:
+    """P points in the file's order.
+
+    `errors`: how far from where they are seen they are projected on average, in pixels; negative or not finite where
+    the model does not say. `views`: how many views each has, `photos`: the photos' numbers of all of them, point after
+    point.
+    """
+
+    positions: Float64[np.ndarray, "P 3"]
+    colors: UInt8[np.ndarray, "P 3"]
+    errors: Float64[np.ndarray, " P"]
+    views: Int64[np.ndarray, " P"]
+    photos: Int64[np.ndarray, " E"]
+
+
+def read_colmap_points(folder: Path) -> ModelPoints | None:
+    """The points of the model in this very folder, in the form of its cameras and images; None where it has no file
+    of points.
+
+    Raises `UserError` for a file that is damaged, of absurd size, or has points where no scene has any.
+    """
+    suffix = suffix_of_model(folder)
+    path = folder / f"{PART}{suffix}"
+    if suffix is None or not path.is_file():
+        return None
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise ValueError(f"{size} bytes, of which at most {LARGEST_FILE} are read")
+        points = _READERS[suffix](path)
+        _refuse_far(points.positions)
+    except (ValueError, OverflowError, OSError) as error:
+        raise UserError(
+            "the points of a COLMAP model cannot be read",
+            where=path,
+            found=f"{type(error).__name__}: {error}",
+            expected="the points of a COLMAP model, and the photos that see each",
+            remedy="Export the model again, or take this file out of its folder to have points triangulated anew.",
+        ) from error
+    return points
+
+
+def _refuse_far(positions: Float64[np.ndarray, "P 3"]) -> None:
+    near = (np.abs(positions) <= LARGEST_TRANSLATION).all(axis=1)  # NaN is not
+    if not near.all():
+        row = int(np.argmin(near))
+        found = ", ".join(f"{value:g}" for value in positions[row])
+        raise ValueError(f"point {row + 1} of {len(positions)} lies at {found}, not within {LARGEST_TRANSLATION:g}")
+
+
+def _binary_points(path: Path) -> ModelPoints:
+    points, views = bytearray(), bytearray()
+    with path.open("rb") as file:
+        left = path.stat().st_size
+        (count,) = COUNT.unpack(_take(file, COUNT.size, left))
+        left -= COUNT.size
+        if count > left // POINT.itemsize:
+            raise ValueError(f"{count} points in {left} bytes, of which each takes {POINT.itemsize} or more")
+        for _ in range(count):
+            point = _take(file, POINT.itemsize, left)
+            left -= POINT.itemsize
+            size = VIEW.itemsize * COUNT.unpack_from(point, POINT.itemsize - COUNT.size)[0]
+            points += point
+            views += _take(file, size, left)
+            left -= size
+    if left:
+        raise ValueError(f"{left} bytes follow its {count} points")
+    table = np.frombuffer(points, POINT)
+    return ModelPoints(
+        positions=table["position"].astype(np.float64),
+        colors=table["color"].copy(),
+        errors=table["error"].astype(np.float64),
+        views=table["views"].astype(np.int64),
+        photos=np.frombuffer(views, VIEW)["photo"].astype(np.int64),
+    )
+
+
+def _take(file: BinaryIO, size: int, left: int) -> bytes:
+    """So many bytes of a file of which so many are left; raises `ValueError` past the end, before room is made."""
+    taken = file.read(size) if size <= left else b""
+    if len(taken) < size:
+        raise ValueError("the file ends too early")
+    return taken
+
+
+def _text_points(path: Path) -> ModelPoints:
+    positions, errors, colors = array("d"), array("d"), array("B")
+    views, photos = array("q"), array("q")
+    for number, line in _lines(path):
+        parts = line.split()
+        try:
+            if len(parts) < NUMBERS_OF_A_POINT or len(parts) % 2:
+                raise ValueError(f"{len(parts)} numbers; expected {NUMBERS_OF_A_POINT}, and two for each view")
+            positions.extend(map(float, parts[1:4]))
+            colors.extend(map(int, parts[4:7]))
+            errors.append(float(parts[7]))
+            photos.extend(map(int, parts[8::2]))
+        except (ValueError, OverflowError) as error:
+            raise ValueError(f"line {number}: {error}") from error
+        views.append(len(parts) // 2 - NUMBERS_OF_A_POINT // 2)
+    return ModelPoints(
+        positions=np.array(positions, np.float64).reshape(-1, 3),
+        colors=np.array(colors, np.uint8).reshape(-1, 3),
+        errors=np.array(errors, np.float64),
+        views=np.array(views, np.int64),
+        photos=np.array(photos, np.int64),
+    )
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """The lines that say something, with their numbers; raises `ValueError` for one that no point has."""
+    with path.open("rb") as file:
+        for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), b""), start=1):
+            if len(line) > LONGEST_LINE:
+                raise ValueError(f"line {number} is longer than {LONGEST_LINE} bytes")
+            text = line.decode("utf-8-sig").strip()
+            if text and not text.startswith("#"):
+                yield number, text
+
+
+def points_seen_by(points: ModelPoints, photos: Sequence[int]) -> KnownPoints | None:
+    """The points that at least one of these photos sees, by their different numbers; None where they see none."""
+    numbers = np.array(photos, np.int64)
+    ascending = np.argsort(numbers)
+    places = np.searchsorted(numbers, points.photos, sorter=ascending).clip(max=len(numbers) - 1)
+    rows = ascending[places]
+    known = numbers[rows] == points.photos
+    seen = np.repeat(np.arange(len(points.positions)), points.views)[known]
+    views = np.bincount(seen, minlength=len(points.positions))
+    kept = views > 0
+    if not kept.any():
+        return None
+    once = np.unique(seen * len(numbers) + rows[known])  # a photo may see a point in two places
+    measured = kept & np.isfinite(points.errors) & (points.errors >= 0)
+    error = float(np.average(points.errors[measured], weights=views[measured])) if measured.any() else None
+    return KnownPoints(
+        points.positions[kept], points.colors[kept], np.bincount(once % len(numbers), minlength=len(numbers)), error
+    )
+
+
+_READERS = {".bin": _binary_points, ".txt": _text_points}
