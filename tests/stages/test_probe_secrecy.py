@@ -24,6 +24,7 @@ from stages.analysis.secrecy.conditions import (
     OTHER_START,
     OWN_START,
     OWNER,
+    PAINTED,
     RANDOM,
     SURROGATE,
     UNEXPLAINED,
@@ -74,6 +75,7 @@ def test_only_the_owner_and_who_has_views_read_the_message(tmp_path: Path, metho
     assert mean(rows, VIEWS_SEEN, SURROGATE, 1.0) == 7
     assert mean(rows, "psnr_covered", SURROGATE, 1.0) > mean(rows, "psnr_covered", RANDOM) + 1
     assert mean(rows, "psnr_covered", LINEAR, 1.0) > floor
+    assert method != "homogeneous" or mean(rows, "correlation", PAINTED, 1.0) > 0.5
     titles = {comparison.title for comparison in read_comparisons(made["pictures"])}
     assert f"dots: {SURROGATE}, 100%" in titles
     assert {row.split for row in rows if row.view} == {"test"}

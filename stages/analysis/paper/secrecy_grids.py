@@ -40,6 +40,7 @@ from stages.analysis.secrecy.conditions import (
     NOTHING_HIDDEN,
     OPEN,
     OWNER,
+    PAINTED,
     SURROGATE,
     VIEWS_SEEN,
     WRONG,
@@ -118,6 +119,8 @@ def surrogate_grid(found: Found) -> Grid:
                 "several ways to look at three channels of the feature map; of 3DGS+SH, what anyone renders from the "
                 "published attributes. Under one colour stands, in true colours, the cover itself. The paper gives no "
                 "figures.",
+                "Painted onto Gaussians: colours are sought with which those that the cover hardly shows give the "
+                "views that leaked; nothing of what is stored in their features is read.",
                 "Surrogates learn more with more steps: what stands here is what a few minutes of one core buy.",
                 *words_on(found),
             ),
@@ -137,6 +140,7 @@ def _surrogate_lines(kind: Kind, experiments: Sequence[Experiment], every: Seque
         ("decoder, trained", "psnr_covered", SURROGATE),
         ("decoder, trained, in true colours", "psnr_coloured", SURROGATE),
         ("least squares", "psnr_covered", LINEAR),
+        ("painted onto Gaussians, in true colours", "psnr_coloured", PAINTED),
     ):
         coloured = quantity == "psnr_coloured"
         at_nothing = nobody if coloured or (opened and condition == SURROGATE) else None

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from stages.analysis.comparisons import Comparison, Role
 from stages.analysis.measurements import Measurement
+from stages.analysis.secrecy.apart import TellsShares
 from stages.analysis.secrecy.blind import blind_readings, stretched
 from stages.analysis.secrecy.conditions import (
     BLIND,
@@ -21,6 +22,7 @@ from stages.analysis.secrecy.conditions import (
     NOTHING_HIDDEN,
     OPEN,
     OWNER,
+    PAINTED,
     SURROGATE,
     VIEWS_SEEN,
 )
@@ -29,6 +31,7 @@ from stages.analysis.secrecy.linear_surrogate import linear_surrogate
 from stages.analysis.secrecy.measuring import picture_readings
 from stages.analysis.secrecy.observing import Observed, observe
 from stages.analysis.secrecy.open_message import open_reader
+from stages.analysis.secrecy.painting import STEPS, painted_surrogate
 from stages.analysis.secrecy.readers import MESSAGE_DECODER, attackers_reader, read
 from stages.analysis.secrecy.surrogate import SurrogateSettings, seen_views, train_surrogate
 from stages.analysis.secrecy.wrong_decoder import wrong_readings
@@ -52,10 +55,12 @@ LAST_STEPS = 100
 
 @dataclass(frozen=True)
 class Trained:
-    """What surrogates show of the test views: a network, and least squares; `loss` is the network's at its end."""
+    """What surrogates show of the test views: a network, least squares, and, of a method that says which Gaussians are
+    hardly the cover's, these, painted; `loss` is the network's at its end."""
 
     network: Readings
     linear: Readings
+    painted: Readings | None
     loss: float
 
 
@@ -114,7 +119,8 @@ class Probe:
     def _amount(self, decoded: bool) -> int:
         settings = self.settings
         trainings = len(settings.seeds) * sum(share > 0 for share in settings.shares)
-        return 2 * settings.wrong_decoders + 1 + trainings * settings.surrogates.steps if decoded else 1
+        painting = STEPS if isinstance(self.public, TellsShares) else 0
+        return 2 * settings.wrong_decoders + 1 + trainings * (settings.surrogates.steps + painting) if decoded else 1
 
     def _observed(self, method: Method, names: Sequence[str]) -> list[Observed]:
         return observe(self.gaussians, method, self.scene, self.messages, names)
@@ -176,6 +182,8 @@ class Probe:
                 trained = done[len(names)]
                 add(SURROGATE, trained.network, views, share, seed)
                 add(LINEAR, trained.linear, views, share, seed)
+                if trained.painted is not None:
+                    add(PAINTED, trained.painted, views, share, seed)
                 self.rows += [
                     Measurement(quantity, value, SURROGATE, share, seed, method=self.public.name)
                     for quantity, value in ((VIEWS_SEEN, float(len(names))), (LOSS, trained.loss))
@@ -188,7 +196,12 @@ class Probe:
         losses = train_surrogate(reader, seen, self.settings.surrogates, seed, tick)
         with torch.no_grad():
             network = [read(reader, each.to(self.device)).cpu() for each in views]
-        return Trained(network, linear_surrogate(seen, views), float(np.mean(losses[-LAST_STEPS:])))
+        painted = (
+            painted_surrogate(self.gaussians, self.public, seen, views, seed, tick)
+            if isinstance(self.public, TellsShares)
+            else None
+        )
+        return Trained(network, linear_surrogate(seen, views), painted, float(np.mean(losses[-LAST_STEPS:])))
 
     def _add(
         self,

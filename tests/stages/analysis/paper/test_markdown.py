@@ -22,7 +22,7 @@ from stages.analysis.paper.page import TablesPage
 )
 def test_nothing_in_a_name_is_markup(name: str, written: str) -> None:
     grid = Grid("caption", ("Capture",), ("Figure",), (Line((name,), (Cell("1.0"),)),))
-    page = TablesPage(name, "", (), (), grid, (), (), "")
+    page = TablesPage(name, "", (), (), grid, (), (), None, "")
     text = write_markdown(page)
     assert text.startswith(f"# {written}\n")
     assert f"| {written} | 1.0 |" in text

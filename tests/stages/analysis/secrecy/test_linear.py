@@ -13,6 +13,7 @@ from stages.analysis.secrecy import blind, linear_surrogate
 from stages.analysis.secrecy.conditions import UNEXPLAINED
 from stages.analysis.secrecy.linear import covariance, least_squares, neighbourhoods
 from stages.hiding.method import build_method
+from stages.scene.gaussians import Gaussians
 from tests.stages.analysis.secrecy.observations import views
 
 
@@ -43,7 +44,7 @@ def test_neighbourhoods_are_held_of_one_view_or_two(module: ModuleType, monkeypa
     monkeypatch.setattr(module, "neighbourhoods", counted)
     if module is blind:
         public = build_method("sh", {"sh_degree": 0})
-        assert len(blind.blind_readings(public, observed, 0)[UNEXPLAINED]) == 5
+        assert len(blind.blind_readings(Gaussians({}), public, observed, 0)[UNEXPLAINED]) == 5
     else:
         assert len(linear_surrogate.linear_surrogate(observed, observed)) == 5
     assert len(held) == 10
