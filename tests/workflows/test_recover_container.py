@@ -15,11 +15,14 @@ from pipeline.stage import run_stage
 from stages.analysis.comparisons import read_comparisons
 from stages.analysis.measurements import read_measurements
 from stages.analysis.verdicts import IS_YOURS
+from stages.draw_key import DrawKeyParameters, draw_key
 from stages.export_container import ExportContainerParameters, export_container
+from stages.hiding.sealing import SEAL
 from stages.hiding.storage import write_container, write_secret
 from stages.imaging.metric_table import read_rows
 from stages.imaging.pictures import picture_to_tensor
 from stages.imaging.psnr import psnr
+from stages.seal import SealParameters, seal
 from tests.stages import small
 from tests.stages.analysis.attacks.containers import MESSAGE, target_and_owner
 from tests.stages.scene.splat_files.files import write_ply
@@ -38,7 +41,10 @@ def hidden(folder: Path) -> Path:
     with create(made / "secret", "secret", private=True) as writer:
         write_secret(writer, owner, [MESSAGE])
     inputs = {name: load(made / name) for name in ("container", "secret")}
-    run_stage(export_container, ExportContainerParameters(), inputs, made / "published")
+    inputs |= run_stage(draw_key, DrawKeyParameters(seed=0), {}, made / "key")
+    sealed = run_stage(seal, SealParameters(method="homogeneous"), inputs, made / "sealed")
+    assert SEAL in sealed["secret"].attributes
+    run_stage(export_container, ExportContainerParameters(), sealed, made / "published")
     kept = folder / "kept"
     kept.mkdir()
     for name in ("bundle", "secret_bundle"):
@@ -48,7 +54,7 @@ def hidden(folder: Path) -> Path:
 
 
 def stolen(published: Path, place: Path) -> None:
-    """Turned, scaled, shifted, pruned, its channels permuted; by a program of its own order and type of columns."""
+    """A sealed one: turned, scaled, shifted, pruned, its channels permuted; by a program of its own order of columns."""
     rows = plyfile.PlyData.read(str(published / "container.ply"))["vertex"].data
     generator = np.random.default_rng(0)
     kept = generator.permutation(len(rows))[: round(SHARE * len(rows))]
