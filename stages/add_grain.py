@@ -12,6 +12,7 @@ from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.coins import thrown
 from stages.hiding.watermark.grain import MEASURED_ON, grained
+from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import read_scene
 
 
@@ -51,7 +52,7 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     check_method(container, parameters.method)
     scene = read_scene(context.input("cover"))
     method = read_method(container, context.input_optional("secret"))
-    cameras = scene.cameras.select(scene.train_names[::MEASURED_ON])
+    cameras = scene.cameras.select(learnt_names(scene)[::MEASURED_ON])
     gaussians = read_gaussians(container)
     coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.seed))
     changed = grained(gaussians, method, cameras, parameters.level, coins)

@@ -32,6 +32,7 @@ from stages.imaging.pictures import Picture, picture_to_tensor, tensor_to_pictur
 from stages.imaging.shipped_photos import SAMPLES_LEARNT_FROM, ShippedPhotos, longest_for
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
+from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import Scene, read_scene
 from stages.training.codec_photos import learnt_photos
 from stages.training.feature_tuning import refuse_unknown_attributes
@@ -113,7 +114,7 @@ def _pictures(
 ) -> ImprintPictures:
     cameras = scene.cameras
     longest = longest_for(cameras.width, cameras.height)
-    before = _views(gaussians, method, cameras.select(scene.train_names), context.stop_if_requested)
+    before = _views(gaussians, method, cameras.select(learnt_names(scene)), context.stop_if_requested)
     view = view_of_an_image(context.input_optional("secret"), scene, "imprint_watermark")
     image = None
     if view is not None:

@@ -21,6 +21,7 @@ from stages.imaging.frames import without_frame
 from stages.imaging.pictures import Picture, resize_picture
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
+from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import Scene
 
 CERTAIN = 6.0
@@ -91,7 +92,10 @@ def is_colorless(picture: Picture) -> bool:
 
 
 def owners_reader(before: Artifact, scene: Scene, key: Artifact | None, seed: int) -> GrainReader:
-    """Of the container from before the grain, with the key, or else the seed, that `add_grain` had."""
+    """Of the container from before the grain, with the key, or else the seed, that `add_grain` had.
+
+    Raises `UserError` for a scene without training views.
+    """
     gaussians = read_gaussians(before)
     throws = with_decoys(len(gaussians), key_generator(key, seed))
-    return GrainReader(gaussians, read_method(before), scene.cameras.select(scene.train_names), throws)
+    return GrainReader(gaussians, read_method(before), scene.cameras.select(learnt_names(scene)), throws)
