@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import fields
 from itertools import chain
 
-import numpy as np
 import torch
 from pydantic import Field
 
@@ -123,7 +122,7 @@ def _pictures(
         before = _only(before, cover=True)
     return ImprintPictures(
         before,
-        [*scene.pictures[scene.rows(scene.train_names)]],
+        [scene.pictures[row] for row in scene.rows(scene.train_names)],
         filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height),
         [*chain(*learnt_photos(context.input_many("photos"), parameters.shipped_photos, longest))],
         image,
@@ -136,7 +135,7 @@ def _views(gaussians: Gaussians, method: Method, cameras: Cameras, after_each: C
     for rendering in photographs(gaussians, method, cameras):
         shown.append({name: tensor_to_picture(picture) for name, picture in rendering.pictures.items()})
         after_each()
-    pictures = {name: torch.from_numpy(np.stack([each[name] for each in shown])) for name in shown[0]}
+    pictures = {name: [torch.from_numpy(each[name]) for each in shown] for name in shown[0]}
     return TrainingViews(single_cameras(cameras), pictures)
 
 

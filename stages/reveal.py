@@ -114,9 +114,9 @@ def _as_published(
             name,
             scene.cameras.names,
             np.stack(pictures),
-            everywhere,
             nowhere.astype(np.float32),
             nowhere.astype(np.uint8),
+            everywhere,
         )
         for name, pictures in shown.items()
     }

@@ -30,7 +30,7 @@ def half_watermarked(
     count = len(views.cameras)
     chosen = np.random.default_rng(seed).permutation(count)[: count // 2]
     rows = tuple(sorted(int(row) for row in chosen))
-    pictures = views.pictures[COVER].clone()
+    pictures = [*views.pictures[COVER]]
     for row in rows:
         marked = watermarked(pictures[row].to(watermark.device).float() / 255, codec, watermark)
         pictures[row] = marked.mul(255).round().to(torch.uint8).cpu()

@@ -29,7 +29,7 @@ from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
-from stages.scene.message_views import MessageViews
+from stages.scene.message_views import MessagePictures
 from stages.scene.scene import Scene
 from stages.training.loop import Training, TrainingViews
 from stages.training.objectives import FixedView, PictureTerm
@@ -150,7 +150,7 @@ def hiding_training(
     views: TrainingViews,
     terms: Sequence[PictureTerm],
     key: Artifact | None,
-    placed: Mapping[str, MessageViews] | None = None,
+    placed: Mapping[str, MessagePictures] | None = None,
     message_points: int = 0,
     fixed: Sequence[FixedView] = (),
 ) -> Training:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.analysis.comparisons import read_comparisons
@@ -43,6 +44,16 @@ def test_views_that_were_held_out_are_the_test_views(tmp_path: Path) -> None:
         split: {row.view for row in read_rows(made["scores"]) if row.split == split} for split in ("test", "train")
     }
     assert views == {"test": set(NAMES[:3]), "train": set(NAMES[3:])}
+
+
+def test_what_a_message_covers_is_not_read_to_hide_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of many large pictures it would be gigabytes."""
+    whole, arrays = Artifact.read, list[str]()
+    monkeypatch.setattr(Artifact, "read", lambda artifact, name: (arrays.append(name), whole(artifact, name))[1])
+    inputs = {"cover": scene(tmp_path / "cover"), "messages": (message_views(tmp_path / "views"),)}
+    run_stage(hide_scenes, HideScenesParameters.model_validate(SETTINGS), inputs, tmp_path / "made")
+    assert arrays.count("pictures") == 2
+    assert "coverage" not in arrays
 
 
 @pytest.mark.parametrize("given", [0, 1])
