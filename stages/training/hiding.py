@@ -18,6 +18,7 @@ from stages.hiding.coupled import FEATURES
 from stages.hiding.key import generator_apart, key_generator
 from stages.hiding.method import (
     LARGEST_SETTING,
+    DrawsDirections,
     Method,
     build_method,
     is_setting,
@@ -207,4 +208,6 @@ def _initial_attributes(
             found=f"method: {method.name}, initial_features: zeros",
             remedy="leave initial_features out, or choose gs_hider",
         )
+    if isinstance(method, DrawsDirections):
+        method.draw_directions(key_generator(key, parameters.seed))
     return {FEATURES: torch.zeros(len(points), *shapes[FEATURES])}

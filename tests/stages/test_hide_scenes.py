@@ -81,6 +81,15 @@ def test_the_released_codes_start_is_grey_and_random(tmp_path: Path) -> None:
     assert abs(made["container"].read("raw_features")).max() < 1e-6
 
 
+def test_features_of_zeros_are_learnt_by_every_method_that_has_some(tmp_path: Path) -> None:
+    """Decoders that read along no direction at all would be a saddle: nothing of the features would ever move."""
+    inputs = {"cover": scene(tmp_path / "cover"), "messages": (message_views(tmp_path / "views"),)}
+    for method in ("gs_hider", "homogeneous"):
+        settings = {**SETTINGS, "iterations": 1, "method": method, "initial_features": "zeros"}
+        made = run_stage(hide_scenes, HideScenesParameters.model_validate(settings), inputs, tmp_path / method)
+        assert abs(made["container"].read("raw_features")).max() > 1e-3
+
+
 @pytest.mark.parametrize(
     ("method", "feature_dim", "roles"),
     [
