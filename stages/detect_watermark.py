@@ -176,7 +176,8 @@ def _detector(
                 remedy="give detect_watermark the input codec, or set reader: grain for a container with grain",
             )
         return Detector(shown_by_decoder(read_codec(codec).to(working_device())), watermark, seen=seen)
-    reader = owners_reader(context.input("before"), scene, context.input_optional("key"), parameters.grain_seed)
+    key = context.input_optional("key")
+    reader = owners_reader(context.input("before"), scene, key, parameters.grain_seed, working_device())
     return Detector(shown_by_grain(reader, watermark), watermark, FOUND_SHARE, seen)
 
 
