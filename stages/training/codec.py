@@ -86,6 +86,6 @@ def batch_of(pictures: Sequence[Picture]) -> Pictures:
     return picture_to_tensor(np.stack(pictures)).permute(0, 3, 1, 2).contiguous()
 
 
-def rounded(pictures: Pictures) -> Pictures:
+def rounded(pictures: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     """As files hold them, clamped and in 256 steps; gradients pass as if nothing had been done to the pictures."""
     return pictures + ((pictures.clamp(0, 1) * 255).round() / 255 - pictures).detach()
