@@ -32,7 +32,7 @@ from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
 from stages.scene.message_views import MessagePictures
 from stages.scene.scene import Scene
-from stages.training.loop import Training, TrainingViews
+from stages.training.loop import Training, TrainingSettings, TrainingViews
 from stages.training.objectives import FixedView, PictureTerm
 from stages.training.parameters import TrainingParameters
 from stages.training.starting_points import GREY, Points, starting_points
@@ -91,7 +91,7 @@ class HidingParameters(TrainingParameters):
     feature_rate: float = Field(
         5e-2, gt=0, description="Learning rate of features. Released code: 2.5e-3, with 50,000 iterations."
     )
-    network_rate: float = Field(1e-3, gt=0, description="Learning rate of the decoders.")
+    network_rate: float = Field(TrainingSettings.network_rate, gt=0, description="Learning rate of the decoders.")
     final_rate_share: float = Field(
         0.1, gt=0, le=1, description="Share of both rates that is left at the end. Released code: 1."
     )

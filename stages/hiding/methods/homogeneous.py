@@ -176,8 +176,8 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         """
         count = 1 + len(self.messages)
         mixture = orthonormal_rows((1 + READINGS) * count, self.feature_dim, generator)
-        directions, colors, others = mixture.split([count, COLORS * count, (READINGS - COLORS) * count])
-        readings = [rows.reshape(count, -1, self.feature_dim) for rows in (colors, others)]
+        directions, of_colors, others = mixture.split([count, COLORS * count, (READINGS - COLORS) * count])
+        readings = [rows.reshape(count, -1, self.feature_dim) for rows in (of_colors, others)]
         return directions, torch.cat(readings, dim=1)
 
     def _rows(self) -> list[tuple[HomogeneousDecoder, slice]]:
