@@ -26,6 +26,8 @@ def half_watermarked(
 
     Of an odd number of views, the smaller half. The rest, messages among it, is shared with `views`. The codec is where
     the watermark is, pictures stay on the CPU.
+
+    The paper mixes photos with and without the watermark "in a 50% ratio"; both of every view would fit that as well.
     """
     count = len(views.cameras)
     chosen = np.random.default_rng(seed).permutation(count)[: count // 2]

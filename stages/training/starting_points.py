@@ -30,7 +30,7 @@ kitchen's are left among the bonsai's cameras, which stand all around it; with 0
 
 DEPTH_PERCENTILES = (1, 99)
 NEARER, FARTHER = 0.7, 2.0
-"""Random points may lie this much nearer and farther than the sparse points that a camera sees."""
+"""Random points may lie this much nearer and farther than the sparse points in front of a camera, seen or not."""
 
 Points = Float[np.ndarray, "N 3"]
 
