@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import key_generator
 from stages.hiding.method_names import MethodName, module_of
@@ -13,6 +13,7 @@ from stages.hiding.opening import refuse_sealed
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.coins import thrown
 from stages.hiding.watermark.grain import MEASURED_ON, grained
+from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import read_scene
 
 
@@ -50,12 +51,12 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
     check_method(container, parameters.method)
-    scene = read_scene(context.input("cover"))
     refuse_sealed(context.input_optional("secret"), "add_grain")
-    method = read_method(container, context.input_optional("secret"))
-    cameras = scene.cameras.select(scene.train_names[::MEASURED_ON])
-    gaussians = read_gaussians(container)
+    device, scene = working_device(), read_scene(context.input("cover"))
+    method = read_method(container, context.input_optional("secret"), device)
+    cameras = scene.cameras.select(learnt_names(scene)[::MEASURED_ON])
+    gaussians = read_gaussians(container, device)
     coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.seed))
     changed = grained(gaussians, method, cameras, parameters.level, coins)
     write_container(context.output("container"), changed, method)
-    context.record(device=choose_device().describe())
+    context.record(device=describe_drawing(device))

@@ -50,6 +50,7 @@ from stages.scene.camera_path import camera_path
 from stages.scene.cameras import Cameras
 from stages.scene.scene import Scene, read_scene
 from stages.training.codec_photos import read_photos
+from stages.training.libraries import LIBRARIES
 
 COVER_SCENE = "the cover"
 OTHER_METHOD = "plain"
@@ -61,9 +62,6 @@ NOISY_PHOTOS = "photos of other things, noise of 5 levels"
 """Counted apart. What is hidden in pictures is a faint noise, and decoders may take one for the other."""
 
 NOISE = noisy(5.0)
-
-LIBRARIES = ("torch", "numpy", "opencv-contrib-python-headless")
-"""Whose versions may change what is seen."""
 
 SEEN = "seen"
 """The array of a checkpoint that holds what was seen, a row for each picture."""
@@ -176,7 +174,8 @@ def _detector(
                 remedy="give detect_watermark the input codec, or set reader: grain for a container with grain",
             )
         return Detector(shown_by_decoder(read_codec(codec).to(working_device())), watermark, seen=seen)
-    reader = owners_reader(context.input("before"), scene, context.input_optional("key"), parameters.grain_seed)
+    key = context.input_optional("key")
+    reader = owners_reader(context.input("before"), scene, key, parameters.grain_seed, working_device())
     return Detector(shown_by_grain(reader, watermark), watermark, FOUND_SHARE, seen)
 
 

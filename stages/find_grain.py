@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from pydantic import Field
 
-from opencl.device import choose_device
+from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import KIND, Measurement, write_measurements
 from stages.hiding.method_names import MethodName, module_of
@@ -48,8 +48,8 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
     torch.set_num_threads(parameters.threads)
     before = context.input("before")
     check_method(before, parameters.method)
-    scene, key = read_scene(context.input("cover")), context.input_optional("key")
-    reader = owners_reader(before, scene, key, parameters.grain_seed)
+    scene, key, device = read_scene(context.input("cover")), context.input_optional("key"), working_device()
+    reader = owners_reader(before, scene, key, parameters.grain_seed, device)
     capture = context.input("pictures")
     names = read_capture(capture).names
     rows = []
@@ -62,7 +62,7 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
         for quantity, value in ((SCORE, score), (FOUND, float(score >= CERTAIN))):
             rows.append(Measurement(quantity, value, "picture", view=name, method=parameters.method))
     write_measurements(context.output("scores"), rows)
-    context.record(device=choose_device().describe())
+    context.record(device=describe_drawing(device))
 
 
 def _told(picture: Picture, score: float) -> str:

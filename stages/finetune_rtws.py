@@ -19,7 +19,7 @@ from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import picture_to_tensor
 from stages.scene.cameras import single_cameras
-from stages.scene.message_views import read_messages
+from stages.scene.message_views import read_message_pictures
 from stages.scene.scene import Scene, read_scene
 from stages.training.feature_tuning import (
     FeatureRates,
@@ -77,7 +77,7 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     device = working_device()
     scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec")).to(device)
     watermark = filling(read_image(context.input("watermark"))[1], scene.cameras.width, scene.cameras.height)
-    messages = hidden_messages(read_messages(context.input_many("messages"), scene.cameras.names), secret)
+    messages = hidden_messages(read_message_pictures(context.input_many("messages"), scene.cameras.names), secret)
     views, marked = half_watermarked(
         training_views(scene, {name: message.pictures for name, message in messages.items()}),
         codec,

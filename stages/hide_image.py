@@ -15,6 +15,7 @@ from stages.hiding.storage import write_container, write_secret
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.scene.cameras import single_cameras
+from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import Scene, read_scene
 from stages.training.hiding import HidingParameters, hiding_training
 from stages.training.objectives import FixedView, PictureTerm, cover_term
@@ -74,9 +75,10 @@ def hide_image(context: Context, parameters: HideImageParameters) -> None:
 def chosen_view(cover: Scene, wanted: str | None, key: Artifact | None) -> str:
     """The training view that hides the image: the one that is wanted, else the key's choice, else the middle one.
 
-    The key's choice is drawn apart from what the training draws. Raises `UserError` for a name that is not one of them.
+    The key's choice is drawn apart from what the training draws. Raises `UserError` for a name that is not one of them,
+    and where there are none.
     """
-    names = cover.train_names
+    names = learnt_names(cover)
     if wanted is None and key is not None:
         return names[generator_apart(key, "view").integers(len(names))]
     if wanted is None:

@@ -13,7 +13,7 @@ from pipeline.stage import Context, Input, Output, stage
 from stages.hiding.method_names import module_of
 from stages.hiding.storage import write_container, write_secret
 from stages.imaging.metric_table import write_rows
-from stages.scene.message_views import read_messages
+from stages.scene.message_views import read_message_pictures
 from stages.scene.scene import read_scene
 from stages.training.hiding import HidingParameters, hiding_training
 from stages.training.objectives import hiding_terms
@@ -54,7 +54,7 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
     cover = read_scene(context.input("cover"))
     given = context.input_many("messages")
     _refuse_too_few(parameters.hidden, len(given))
-    messages = read_messages(given[: parameters.hidden], cover.cameras.names)
+    messages = read_message_pictures(given[: parameters.hidden], cover.cameras.names)
     training = hiding_training(
         parameters,
         cover,

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import fields
 from itertools import chain
 
-import numpy as np
 import torch
 from pydantic import Field
 
@@ -33,6 +32,7 @@ from stages.imaging.pictures import Picture, picture_to_tensor, tensor_to_pictur
 from stages.imaging.shipped_photos import SAMPLES_LEARNT_FROM, ShippedPhotos, longest_for
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
+from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import Scene, read_scene
 from stages.training.codec_photos import learnt_photos
 from stages.training.feature_tuning import refuse_unknown_attributes
@@ -115,7 +115,7 @@ def _pictures(
 ) -> ImprintPictures:
     cameras = scene.cameras
     longest = longest_for(cameras.width, cameras.height)
-    before = _views(gaussians, method, cameras.select(scene.train_names), context.stop_if_requested)
+    before = _views(gaussians, method, cameras.select(learnt_names(scene)), context.stop_if_requested)
     view = view_of_an_image(context.input_optional("secret"), scene, "imprint_watermark")
     image = None
     if view is not None:
@@ -124,7 +124,7 @@ def _pictures(
         before = _only(before, cover=True)
     return ImprintPictures(
         before,
-        [*scene.pictures[scene.rows(scene.train_names)]],
+        [scene.pictures[row] for row in scene.rows(scene.train_names)],
         filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height),
         [*chain(*learnt_photos(context.input_many("photos"), parameters.shipped_photos, longest))],
         image,
@@ -137,7 +137,7 @@ def _views(gaussians: Gaussians, method: Method, cameras: Cameras, after_each: C
     for rendering in photographs(gaussians, method, cameras):
         shown.append({name: tensor_to_picture(picture) for name, picture in rendering.pictures.items()})
         after_each()
-    pictures = {name: torch.from_numpy(np.stack([each[name] for each in shown])) for name in shown[0]}
+    pictures = {name: [torch.from_numpy(each[name]) for each in shown] for name in shown[0]}
     return TrainingViews(single_cameras(cameras), pictures)
 
 

@@ -78,7 +78,7 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
     pictures, coverage = photograph_message(gaussians, method, seen, context.stop_if_requested)
     points, colors = visible_points(gaussians, parameters.seed)
     points = placed.points(points.astype(np.float64)).astype(np.float32)
-    views = MessageViews(parameters.name, seen.names, pictures, coverage, points, colors)
+    views = MessageViews(parameters.name, seen.names, pictures, points, colors, coverage)
     write_message_views(context.output("views"), views)
     context.log(
         f"{int(views.legal.sum())} of {len(views.view_names)} views are legal (coverage {LEGAL_COVERAGE} or more)"

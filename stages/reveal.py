@@ -20,10 +20,11 @@ from stages.hiding.photographs import photographs
 from stages.hiding.storage import check_method
 from stages.hiding.what_is_hidden import view_of_an_image
 from stages.imaging.metric_table import write_rows
-from stages.imaging.pictures import Picture, tensor_to_picture
+from stages.imaging.pictures import tensor_to_picture
 from stages.scene.attributes import strings
+from stages.scene.cameras import Cameras
 from stages.scene.message_views import MessageViews
-from stages.scene.scene import Scene, read_scene
+from stages.scene.scene import read_scene
 
 
 class RevealParameters(Parameters):
@@ -58,36 +59,27 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
     container, published, secret = (context.input(name) for name in ("container", "published", "secret"))
     for each in (container, published):
         check_method(each, parameters.method)
-    if not strings(secret, "messages"):
-        raise UserError(
-            "nothing can be revealed",
-            where=str(secret.path),
-            found="a secret of no message",
-            expected="that of a container that hides something",
-            remedy="give import_container the folder of the secret, which holds secret.json",
-        )
-    scene = read_scene(context.input("cover"))
-    views = len(scene.cameras)
+    _refuse_no_message(secret)
+    scene, device = read_scene(context.input("cover")), working_device()
     view = view_of_an_image(secret, scene, "reveal")
+    looked_at = scene.cameras if view is None else scene.cameras.select([view])
 
-    def progress(done: int, before: int) -> None:
-        context.progress(before + done, 2 * views)
+    def progress(done: int) -> None:
+        context.progress(done, len(looked_at) + len(scene.cameras))
         context.stop_if_requested()
 
-    device = working_device()
-    messages = _as_published(published, secret, scene, device, lambda done: progress(done, 0))
-    image = _image_as_published(messages, view) if view is not None else None
+    messages = _as_published(published, secret, looked_at, device, progress)
     gaussians, owner = read_container(container, secret, device, published)
     scores = score(
         gaussians,
         owner,
         parameters.method,
         scene,
-        messages if image is None else {},
+        messages if view is None else {},
         {},
         parameters.shown_train_views,
-        lambda done, _: progress(done, views),
-        image,
+        lambda done, _: progress(len(looked_at) + done),
+        _image(messages, view) if view is not None else None,
     )
     if len(gaussians) < container.open("means").shape[0]:
         whole, public = read_container(container, None, device)
@@ -99,36 +91,41 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
     context.record(device=describe_drawing(device))
 
 
+def _refuse_no_message(secret: Artifact) -> None:
+    if not strings(secret, "messages"):
+        raise UserError(
+            "nothing can be revealed",
+            where=str(secret.path),
+            found="a secret of no message",
+            expected="that of a container that hides something",
+            remedy="give import_container the folder of the secret, which holds secret.json",
+        )
+
+
 def _quietly(done: int, total: int) -> None:
     """No progress: what it tells of was told before."""
 
 
-def _image_as_published(messages: Mapping[str, MessageViews], view: str) -> HiddenImage:
-    [image] = messages.values()
-    return HiddenImage(image.name, view, image.pictures[image.view_names.index(view)])
+def _image(messages: Mapping[str, MessageViews], view: str) -> HiddenImage:
+    """The only message, of which one view was looked at."""
+    [message] = messages.values()
+    return HiddenImage(message.name, view, message.pictures[0])
 
 
 def _as_published(
-    published: Artifact, secret: Artifact, scene: Scene, device: torch.device, progress: Callable[[int], None]
+    published: Artifact, secret: Artifact, cameras: Cameras, device: torch.device, progress: Callable[[int], None]
 ) -> dict[str, MessageViews]:
-    """What the secret shows of each message in every view of the cover, all of every picture counting."""
+    """What the secret shows of each message from these cameras, all of every picture counting."""
     gaussians, method = read_container(published, secret, device)
-    names = strings(secret, "messages")
-    shown: dict[str, list[Picture]] = {name: [] for name in names}
-    for done, rendering in enumerate(photographs(gaussians, method, scene.cameras), start=1):
-        for name in names:
-            shown[name].append(tensor_to_picture(rendering.pictures[name]))
-        progress(done)
-    everywhere = np.ones(scene.pictures.shape[:3], np.float32)
-    nowhere = np.empty((0, 3))
+    size = (len(cameras), cameras.height, cameras.width)
+    shown = {name: np.empty((*size, 3), np.uint8) for name in strings(secret, "messages")}
+    for row, rendering in enumerate(photographs(gaussians, method, cameras)):
+        for name, pictures in shown.items():
+            pictures[row] = tensor_to_picture(rendering.pictures[name])
+        progress(row + 1)
+    everywhere = torch.ones(()).expand(size).numpy()  # one number in memory
+    no_points, no_colors = np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8)
     return {
-        name: MessageViews(
-            name,
-            scene.cameras.names,
-            np.stack(pictures),
-            everywhere,
-            nowhere.astype(np.float32),
-            nowhere.astype(np.uint8),
-        )
+        name: MessageViews(name, cameras.names, pictures, no_points, no_colors, everywhere)
         for name, pictures in shown.items()
     }

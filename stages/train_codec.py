@@ -16,9 +16,8 @@ from stages.imaging.image import read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.photo_digests import HELD_OUT, SAMPLES
 from stages.imaging.shipped_photos import HOW_TO_INSTALL, ShippedPhotos, read_photo
-from stages.scene.scene import TEST_VIEW_EVERY
 from stages.training.codec import CodecSettings, CodecTraining
-from stages.training.codec_photos import read_photos
+from stages.training.codec_photos import parted, read_photos
 from stages.training.network import train_network
 
 
@@ -57,12 +56,12 @@ def train_codec(context: Context, parameters: TrainCodecParameters) -> None:
     photo of the training shows.
     """
     torch.set_num_threads(parameters.threads)
-    captures = [read_photos(artifact) for artifact in context.input_many("photos")]
+    captures = [parted(read_photos(artifact)) for artifact in context.input_many("photos")]
     shipped = {name: read_photo(name) for name in parameters.shipped_photos}
     if not shipped:
         context.log(f"no shipped photos are installed: the codec learns from captures alone. {HOW_TO_INSTALL}")
     trained_on = [photo for name, photo in shipped.items() if name not in HELD_OUT]
-    trained_on += [photo for photos in captures for row, photo in enumerate(photos) if row % TEST_VIEW_EVERY]
+    trained_on += [photo for learnt, _ in captures for photo in learnt]
     if not trained_on:
         raise UserError("there are no photos to train on", found="no capture", remedy=HOW_TO_INSTALL)
     watermarks = [picture for _, picture in map(read_image, context.input_many("watermarks"))]
@@ -75,7 +74,7 @@ def train_codec(context: Context, parameters: TrainCodecParameters) -> None:
     write_rows(context.output("curves"), curves)
     held_out = {
         "photos of other things": [shipped[name] for name in HELD_OUT if name in shipped],
-        "other photos of the captures": [photo for photos in captures for photo in photos[::TEST_VIEW_EVERY]],
+        "other photos of the captures": [photo for _, others in captures for photo in others],
     }
     write_measurements(context.output("scores"), quality(codec, held_out, watermarks, parameters.seed))
     context.record(

@@ -24,6 +24,7 @@ from stages.imaging.pictures import picture_to_tensor
 from stages.imaging.shipped_photos import ShippedPhotos, longest_for
 from stages.scene.between import cameras_between
 from stages.scene.cameras import Cameras
+from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import read_scene
 from stages.training.codec_photos import learnt_photos
 from stages.training.decoder_tuning import CLEAN, PHOTOS, RENDERS, DecoderTuning, TuningSettings
@@ -98,7 +99,7 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     """
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("cover"))
-    cameras = scene.cameras.select(scene.train_names)
+    cameras = scene.cameras.select(learnt_names(scene))
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
     device = working_device()
     between = cameras_between(cameras, parameters.between, np.random.default_rng(parameters.seed))

@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Protocol, cast
+from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 import torch
@@ -69,6 +69,17 @@ class Method(Protocol):
     def penalty(self, gaussians: Gaussians) -> Float[Tensor, ""] | None:
         """What a training adds to the loss of all its views together, as a prior is: a step, which sees one view, adds
         its share. The fewer photos there are, the more it counts. None: nothing, as in the paper.
+        """
+
+
+@runtime_checkable
+class DrawsDirections(Protocol):
+    """A method whose decoders read features along directions that torch draws no weights for; see `homogeneous`."""
+
+    def draw_directions(self, generator: np.random.Generator) -> None:
+        """Have the decoders read along random directions, for features that start with zeros.
+
+        In place of `initial_attributes`; as there, what is random is drawn from `generator`.
         """
 
 

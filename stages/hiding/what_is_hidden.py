@@ -6,22 +6,25 @@ Errors name neither messages nor images: they are printed and logged.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TypeVar
 
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from stages.hiding.image_view import IMAGE_VIEW
 from stages.scene.attributes import string, strings
-from stages.scene.message_views import MessageViews
+from stages.scene.message_views import MessagePictures
 from stages.scene.scene import Scene
 
+Views = TypeVar("Views", bound=MessagePictures)
 
-def hidden_messages(given: Mapping[str, MessageViews], secret: Artifact | None) -> dict[str, MessageViews]:
+
+def hidden_messages(given: Mapping[str, Views], secret: Artifact | None) -> dict[str, Views]:
     """Those of the messages that the container hides: a workflow may give more. None are, without a secret."""
     hidden = strings(secret, "messages") if secret is not None else ()
     return {name: views for name, views in given.items() if name in hidden}
 
 
-def at_least_one_hidden(given: Mapping[str, MessageViews], secret: Artifact, stage: str) -> dict[str, MessageViews]:
+def at_least_one_hidden(given: Mapping[str, Views], secret: Artifact, stage: str) -> dict[str, Views]:
     """The same for `stage`, which can do nothing without a message. Raises `UserError` where there is none."""
     hidden = hidden_messages(given, secret)
     if not hidden:

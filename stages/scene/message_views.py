@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,8 +18,8 @@ LEGAL_COVERAGE = 0.9
 
 
 @dataclass(frozen=True)
-class MessageViews:
-    """One message seen by V cameras of the cover: pictures over black, and how much of each pixel it fills.
+class MessagePictures:
+    """One message seen by V cameras of the cover, over black: all that a training learns from.
 
     `points` lie on its surfaces where it was placed, in the cover's world, with their sRGB colours, in an order of
     which any first few are a fair sample.
@@ -28,9 +28,15 @@ class MessageViews:
     name: str
     view_names: tuple[str, ...]
     pictures: UInt8[np.ndarray, "V H W 3"]
-    coverage: Float32[np.ndarray, "V H W"]
     points: Float32[np.ndarray, "P 3"]
     point_colors: UInt8[np.ndarray, "P 3"]
+
+
+@dataclass(frozen=True)
+class MessageViews(MessagePictures):
+    """The same, and how much of each pixel the message fills: more bytes than the pictures have."""
+
+    coverage: Float32[np.ndarray, "V H W"]
 
     @cached_property
     def mean_coverage(self) -> Float32[np.ndarray, " V"]:
@@ -55,22 +61,42 @@ def write_message_views(writer: ArtifactWriter, views: MessageViews) -> None:
     )
 
 
-def read_messages(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> dict[str, MessageViews]:
+def read_message_pictures(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> dict[str, MessagePictures]:
     """Messages by name, each with its views in the order of the cover's names, paired by name and never by position.
 
     Raises `UserError` where a message lacks a view of the cover, or two messages have one name; it does not say which,
     for errors are printed and logged.
     """
-    messages: dict[str, MessageViews] = {}
+    return {
+        name: MessagePictures(
+            name, tuple(cover_names), _rows(artifact, "pictures", rows), *map(artifact.read, ("points", "point_colors"))
+        )
+        for name, artifact, rows in _paired(artifacts, cover_names)
+    }
+
+
+def read_messages(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> dict[str, MessageViews]:
+    """The same with the coverage. Raises as `read_message_pictures` does."""
+    messages = read_message_pictures(artifacts, cover_names)
+    return {
+        name: MessageViews(**vars(messages[name]), coverage=_rows(artifact, "coverage", rows))
+        for name, artifact, rows in _paired(artifacts, cover_names)
+    }
+
+
+def _paired(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> Iterator[tuple[str, Artifact, list[int]]]:
+    """Each message's name, and its rows in the order of the cover's names."""
+    found: list[str] = []
     for artifact in artifacts:
         name = string(artifact, "message")
-        if name in messages:
+        if name in found:
             raise UserError(
                 "two messages have the same name",
                 where=str(artifact.path),
-                found=f"the name of message {list(messages).index(name) + 1} of {len(artifacts)} again",
+                found=f"the name of message {found.index(name) + 1} of {len(artifacts)} again",
                 remedy="give each render_hidden a name of its own",
             )
+        found.append(name)
         index = {view: row for row, view in enumerate(strings(artifact, "names"))}
         missing = [view for view in cover_names if view not in index]
         if missing:
@@ -81,13 +107,10 @@ def read_messages(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> 
                 expected=f"{len(cover_names)} views with the cover's names",
                 remedy="render the message from this very cover",
             )
-        rows = [index[view] for view in cover_names]
-        messages[name] = MessageViews(
-            name,
-            tuple(cover_names),
-            artifact.read("pictures")[rows],
-            artifact.read("coverage")[rows],
-            artifact.read("points"),
-            artifact.read("point_colors"),
-        )
-    return messages
+        yield name, artifact, [index[view] for view in cover_names]
+
+
+def _rows(artifact: Artifact, name: str, rows: Sequence[int]) -> np.ndarray:
+    """These rows of an array, which is not copied where they are all of it in their order."""
+    values = artifact.read(name)
+    return values if [*rows] == [*range(len(values))] else values[rows]

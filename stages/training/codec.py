@@ -21,6 +21,9 @@ Pictures = Float[Tensor, "B 3 H W"]
 MARKED, FOUND = "watermarked picture", "watermark"
 """The two errors: of the watermarked picture beside the picture, and of the watermark that is found in it."""
 
+RATE, FINAL_RATE = 1e-3, 1e-4
+"""Of Adam, at first and at last."""
+
 
 @dataclass(frozen=True)
 class CodecSettings:
@@ -38,8 +41,6 @@ class CodecSettings:
     fidelity_weight: float = 2.0
     given_share: float = 0.25
     largest_noise: float = 0.01
-    rate: float = 1e-3
-    final_rate: float = 1e-4
 
 
 class CodecTraining(NetworkTraining):
@@ -50,7 +51,7 @@ class CodecTraining(NetworkTraining):
         self, codec: WatermarkCodec, photos: Sequence[Picture], watermarks: Sequence[Picture], settings: CodecSettings
     ):
         weights = {MARKED: settings.fidelity_weight, FOUND: 1.0}
-        super().__init__(codec, weights, settings.iterations, settings.rate, settings.final_rate)
+        super().__init__(codec, weights, settings.iterations, RATE, FINAL_RATE)
         self.codec, self.photos, self.watermarks, self.settings = codec, photos, watermarks, settings
 
     def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
@@ -85,6 +86,6 @@ def batch_of(pictures: Sequence[Picture]) -> Pictures:
     return picture_to_tensor(np.stack(pictures)).permute(0, 3, 1, 2).contiguous()
 
 
-def rounded(pictures: Pictures) -> Pictures:
+def rounded(pictures: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     """As files hold them, clamped and in 256 steps; gradients pass as if nothing had been done to the pictures."""
     return pictures + ((pictures.clamp(0, 1) * 255).round() / 255 - pictures).detach()

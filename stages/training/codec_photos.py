@@ -17,15 +17,17 @@ def read_photos(capture: Artifact, among: Collection[str] | None = None, longest
     return [no_larger(read_picture(picture_path(capture, name)), longest) for name in names]
 
 
+def parted(photos: Sequence[Picture]) -> tuple[list[Picture], list[Picture]]:
+    """A capture's photos: those to learn from, and every eighth, the first among them, which is held out."""
+    return [photo for row, photo in enumerate(photos) if row % TEST_VIEW_EVERY], [*photos[::TEST_VIEW_EVERY]]
+
+
 def learnt_photos(
     captures: Sequence[Artifact], shipped: Sequence[str], longest: int = LONGEST_SIDE
 ) -> list[list[Picture]]:
-    """The captures' photos but every eighth, which is held out, and those that packages ship, by their names.
+    """The captures' photos but those that are held out, and those that packages ship, by their names.
 
     A list for each scene: a capture is one, and so is a shipped photo.
     """
-    of_captures = [
-        [photo for row, photo in enumerate(read_photos(capture, longest=longest)) if row % TEST_VIEW_EVERY]
-        for capture in captures
-    ]
+    of_captures = [parted(read_photos(capture, longest=longest))[0] for capture in captures]
     return of_captures + [[read_photo(name, longest)] for name in shipped]

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from stages.imaging.metric_table import MetricRow
 from stages.training.objectives import PictureTerm
+from stages.training.stretches import decibels_of, stretch_of
 
-POINTS = 100
 LOSS = "loss"
 
 
@@ -28,7 +27,7 @@ class Curves:
 
     def __init__(self, iterations: int, terms: Sequence[PictureTerm], method: str):
         self.iterations = iterations
-        self.every = max(1, iterations // POINTS)
+        self.every = stretch_of(iterations)
         self.pictures = tuple(term.picture for term in terms)
         self.method = method
         self.points: list[Point] = []
@@ -51,8 +50,7 @@ class Curves:
 
     def _point(self, iteration: int, gaussians: int) -> Point:
         means = {name: sum(step[name] for step in self.stretch) / len(self.stretch) for name in (LOSS, *self.pictures)}
-        decibels = {name: -10 * math.log10(max(means[name], 1e-10)) for name in self.pictures}
-        return Point(iteration, gaussians, means[LOSS], decibels)
+        return Point(iteration, gaussians, means[LOSS], {name: decibels_of(means[name]) for name in self.pictures})
 
     def _rows(self, point: Point) -> list[MetricRow]:
         return [

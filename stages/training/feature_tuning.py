@@ -26,11 +26,13 @@ def half_watermarked(
 
     Of an odd number of views, the smaller half. The rest, messages among it, is shared with `views`. The codec is where
     the watermark is, pictures stay on the CPU.
+
+    The paper mixes photos with and without the watermark "in a 50% ratio"; both of every view would fit that as well.
     """
     count = len(views.cameras)
     chosen = np.random.default_rng(seed).permutation(count)[: count // 2]
     rows = tuple(sorted(int(row) for row in chosen))
-    pictures = views.pictures[COVER].clone()
+    pictures = [*views.pictures[COVER]]
     for row in rows:
         marked = watermarked(pictures[row].to(watermark.device).float() / 255, codec, watermark)
         pictures[row] = marked.mul(255).round().to(torch.uint8).cpu()

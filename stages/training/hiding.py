@@ -18,6 +18,7 @@ from stages.hiding.coupled import FEATURES
 from stages.hiding.key import generator_apart, key_generator
 from stages.hiding.method import (
     LARGEST_SETTING,
+    DrawsDirections,
     Method,
     build_method,
     is_setting,
@@ -29,9 +30,9 @@ from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
-from stages.scene.message_views import MessageViews
+from stages.scene.message_views import MessagePictures
 from stages.scene.scene import Scene
-from stages.training.loop import Training, TrainingViews
+from stages.training.loop import Training, TrainingSettings, TrainingViews
 from stages.training.objectives import FixedView, PictureTerm
 from stages.training.parameters import TrainingParameters
 from stages.training.starting_points import GREY, Points, starting_points
@@ -90,7 +91,7 @@ class HidingParameters(TrainingParameters):
     feature_rate: float = Field(
         5e-2, gt=0, description="Learning rate of features. Released code: 2.5e-3, with 50,000 iterations."
     )
-    network_rate: float = Field(1e-3, gt=0, description="Learning rate of the decoders.")
+    network_rate: float = Field(TrainingSettings.network_rate, gt=0, description="Learning rate of the decoders.")
     final_rate_share: float = Field(
         0.1, gt=0, le=1, description="Share of both rates that is left at the end. Released code: 1."
     )
@@ -150,7 +151,7 @@ def hiding_training(
     views: TrainingViews,
     terms: Sequence[PictureTerm],
     key: Artifact | None,
-    placed: Mapping[str, MessageViews] | None = None,
+    placed: Mapping[str, MessagePictures] | None = None,
     message_points: int = 0,
     fixed: Sequence[FixedView] = (),
 ) -> Training:
@@ -207,4 +208,6 @@ def _initial_attributes(
             found=f"method: {method.name}, initial_features: zeros",
             remedy="leave initial_features out, or choose gs_hider",
         )
+    if isinstance(method, DrawsDirections):
+        method.draw_directions(key_generator(key, parameters.seed))
     return {FEATURES: torch.zeros(len(points), *shapes[FEATURES])}

@@ -25,6 +25,7 @@ from stages.imaging.distortions import random_distortion
 from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture, tensor_to_picture
 from stages.imaging.windows import random_window
 from stages.scene.gaussians import Gaussians
+from stages.training.codec import rounded
 from stages.training.decoder_tuning import CLEAN, OTHERS, PHOTOS, RENDERS, tinted
 from stages.training.feature_tuning import attribute_rates
 from stages.training.loop import TrainingViews
@@ -188,9 +189,7 @@ class Imprinting(NetworkTraining):
         Gradients pass as if nothing had been done but the tint.
         """
         picture = tinted(picture, generator)
-        written = tensor_to_picture(picture)
-        if self.settings.distorted:
-            written = random_distortion(written, generator)
-        if written.shape != picture.shape:
-            return picture_to_tensor(written, self.device)
-        return picture + (picture_to_tensor(written, self.device) - picture).detach()
+        if not self.settings.distorted:
+            return rounded(picture)
+        distorted = picture_to_tensor(random_distortion(tensor_to_picture(picture), generator), self.device)
+        return picture + (distorted - picture).detach() if distorted.shape == picture.shape else distorted

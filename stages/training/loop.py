@@ -32,13 +32,14 @@ LOSS = "loss"
 
 @dataclass(frozen=True)
 class TrainingViews:
-    """T views to learn from: a camera each, and a picture each for every name that the objective compares.
+    """T views to learn from: a camera each, and T pictures for every name that the objective compares.
 
-    All on the CPU, wherever the training is: of large pictures only those of one view need room on a GPU.
+    All on the CPU, wherever the training is: of large pictures only those of one view need room on a GPU. They may
+    share the memory of what they were read from.
     """
 
     cameras: tuple[Camera, ...]
-    pictures: Mapping[str, UInt8[Tensor, "T H W 3"]]
+    pictures: Mapping[str, Sequence[UInt8[Tensor, "H W 3"]]]
 
     def truths(self, view: int, device: torch.device | str = "cpu") -> dict[str, Tensor]:
         """The pictures of one view on a device, float32 in [0, 1]. They go there as bytes, a quarter as many."""

@@ -6,7 +6,6 @@ from the number of the step, so that no generator is part of the state.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any
@@ -23,16 +22,13 @@ from pipeline.stage import Context
 from stages.imaging.metric_table import MetricRow
 from stages.training.backward import in_one_thread
 from stages.training.divergence import refuse_divergence
+from stages.training.libraries import LIBRARIES
+from stages.training.moments import moments_of, set_moments
 from stages.training.schedules import decayed
+from stages.training.stretches import POINTS, decibels_of, stretch_of
 
 LARGEST_GRADIENT = 1.0
 """Norm above which a gradient is shortened: the scales of couplings and their inverses are exponentials."""
-
-POINTS = 100
-"""Of each curve."""
-
-LIBRARIES = ("torch", "numpy")
-"""Whose versions may change a training's bits."""
 
 
 class NetworkTraining(ABC):
@@ -87,11 +83,11 @@ class NetworkTraining(ABC):
     def decibels(self, first: int, last: int) -> dict[str, float]:
         """The PSNR over steps `first` + 1 to `last` by the names of the errors; at least one step."""
         means = np.mean(self.history[first:last], axis=0)
-        return {name: -10 * math.log10(max(mean, 1e-10)) for name, mean in zip(self.weights, means, strict=True)}
+        return {name: decibels_of(mean) for name, mean in zip(self.weights, means, strict=True)}
 
     def curves(self) -> list[MetricRow]:
         """About a hundred points of each error's curve, as PSNR; the error's name stands for a method's."""
-        every = max(1, self.iterations // POINTS)
+        every = stretch_of(self.iterations)
         return [
             MetricRow("psnr", value, "dB", split="train", iteration=last, method=name)
             for last in range(every, self.iteration + 1, every)
@@ -101,9 +97,7 @@ class NetworkTraining(ABC):
     def state(self) -> State:
         """All that changes. Arrays may share their memory with the training: save them before it goes on."""
         tensors = {f"weights/{name}": tensor for name, tensor in self.network.state_dict().items()}
-        for name, parameter in self.network.named_parameters():
-            moments = self.adam.state.get(parameter, {})
-            tensors |= {f"moments/{name}/{moment}": tensor for moment, tensor in moments.items()}
+        tensors |= moments_of(self.adam, self._learnt())
         arrays = {name: tensor.detach().contiguous().cpu().numpy() for name, tensor in tensors.items()}
         return State({**arrays, "history": np.array(self.history, float).reshape(-1, len(self.weights))}, {})
 
@@ -111,12 +105,12 @@ class NetworkTraining(ABC):
         """Go on from a state of a training with the same inputs and settings, on the device that the network is on."""
         arrays = dict(state.arrays)
         self.history = arrays.pop("history").tolist()
-        tensors = {name: torch.from_numpy(array).clone() for name, array in arrays.items()}
-        self.network.load_state_dict(_under("weights/", tensors))
-        for name, parameter in self.network.named_parameters():
-            moments = _under(f"moments/{name}/", tensors)
-            if moments:
-                self.adam.state[parameter] = {each: tensor.to(parameter.device) for each, tensor in moments.items()}
+        tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
+        self.network.load_state_dict({name: tensors[f"weights/{name}"] for name in self.network.state_dict()})
+        set_moments(self.adam, self._learnt(), tensors)
+
+    def _learnt(self) -> dict[str, Tensor]:
+        return {f"moments/{name}": parameter for name, parameter in self.network.named_parameters()}
 
 
 def train_network(context: Context, training: NetworkTraining) -> list[MetricRow]:
@@ -139,7 +133,3 @@ def train_network(context: Context, training: NetworkTraining) -> list[MetricRow
         if stops:
             raise Interrupted(f"stopped after step {last} of {training.iterations}")
     return training.curves()
-
-
-def _under(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}

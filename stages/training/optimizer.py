@@ -56,19 +56,20 @@ class GaussianOptimizer:
             self._replace(name, torch.cat([old.detach()[kept], new_rows]), partial(_extended, kept, len(new_rows)))
 
     def overwrite(self, name: str, values: Tensor) -> None:
-        """Replace a parameter's values and forget its moments: 3DGS's opacity reset."""
-        self._replace(name, values.detach(), torch.zeros_like)
+        """Replace a parameter's values by a copy of these and forget its moments: 3DGS's opacity reset."""
+        self._replace(name, values.detach().clone(), torch.zeros_like)
 
     def replace_all(self, values: Mapping[str, Tensor]) -> None:
         """Copies of `values` in place of every parameter, any number of rows, and no moments."""
         for name in list(self.gaussians.parameters):
-            self._replace(name, values[name], torch.zeros_like)
+            self._replace(name, values[name].clone(), torch.zeros_like)
         self.adam.state.clear()
 
     def _replace(self, name: str, values: Tensor, transform: Callable[[Tensor], Tensor]) -> None:
+        """`values`, which nobody else holds, become the parameter."""
         group = self._group(name)
         state = self.adam.state.pop(group["params"][0], None)
-        parameter = values.clone().requires_grad_()
+        parameter = values.requires_grad_()
         if state is not None:
             state.update({moment: transform(state[moment]) for moment in MOMENTS})
             self.adam.state[parameter] = state

@@ -43,11 +43,17 @@ class TrainingParameters(Parameters):
         "networks' first weights and of where messages lie in features.",
     )
     threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
-    position_rate: float = Field(1.6e-4, gt=0, description="First learning rate of positions, times the rig's extent.")
-    final_position_rate: float = Field(1.6e-6, gt=0, description="Last learning rate of positions, likewise.")
-    densify_gradient: float = Field(2e-4, gt=0, description="Mean screen-space gradient above which one is refined.")
+    position_rate: float = Field(
+        TrainingSettings.position_rate, gt=0, description="First learning rate of positions, times the rig's extent."
+    )
+    final_position_rate: float = Field(
+        TrainingSettings.final_position_rate, gt=0, description="Last learning rate of positions, likewise."
+    )
+    densify_gradient: float = Field(
+        DensitySettings.gradient_threshold, gt=0, description="Mean screen-space gradient above which one is refined."
+    )
     maximum_gaussians: int = Field(
-        1_000_000,
+        DensitySettings.maximum_gaussians,
         ge=1,
         description="Density control adds none beyond these, for want of memory; the log says when that first limits "
         "it. 3DGS and the paper: no bound.",

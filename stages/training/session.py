@@ -12,14 +12,12 @@ from pipeline.stage import Context
 from stages.hiding.rendering import COVER
 from stages.imaging.metric_table import MetricRow
 from stages.timing.stopwatch import Stopwatch, part, watching
+from stages.training.libraries import LIBRARIES
 from stages.training.loop import Training
 from stages.training.state import set_state, state_of
 
 CHECKPOINTS = "checkpoints"
 """Part of an iteration, as the stopwatch names it."""
-
-LIBRARIES = ("torch", "numpy", "pyopencl")
-"""Whose versions may change a training's bits, beside the device that draws."""
 
 
 def train(context: Context, training: Training, checkpoints: Checkpoints | None = None) -> list[MetricRow]:

@@ -17,7 +17,7 @@ from pipeline.errors import UserError
 from stages.hiding.rendering import COVER
 from stages.scene.alignment import nearest_depth
 from stages.scene.cameras import Cameras
-from stages.scene.message_views import MessageViews
+from stages.scene.message_views import MessagePictures
 from stages.scene.scene import Scene
 
 GREY = 0.5
@@ -30,7 +30,7 @@ kitchen's are left among the bonsai's cameras, which stand all around it; with 0
 
 DEPTH_PERCENTILES = (1, 99)
 NEARER, FARTHER = 0.7, 2.0
-"""Random points may lie this much nearer and farther than the sparse points that a camera sees."""
+"""Random points may lie this much nearer and farther than the sparse points in front of a camera, seen or not."""
 
 Points = Float[np.ndarray, "N 3"]
 
@@ -48,7 +48,7 @@ class Start:
 
 
 def starting_points(
-    scene: Scene, messages: Mapping[str, MessageViews], start: Start
+    scene: Scene, messages: Mapping[str, MessagePictures], start: Start
 ) -> tuple[Points, dict[str, Points]]:
     """Positions [N, 3] in world units of the first Gaussians, and their colour [N, 3] in every picture, by its name.
 

@@ -7,7 +7,7 @@ draw from torch's or NumPy's global generators.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from pipeline.checkpoint import State
 from stages.training.curves import Curves, Point
 from stages.training.density_control import DensityControl
 from stages.training.loop import Training
+from stages.training.moments import moments_of, set_moments
 
 Arrays = dict[str, np.ndarray]
 STATISTICS = ("gradient_sums", "views_seen")
@@ -27,9 +28,9 @@ def state_of(training: Training) -> State:
     """The state between two iterations. Its arrays may share the training's memory: save them before the next."""
     tensors: dict[str, Tensor] = {
         **{f"gaussians/{name}": tensor for name, tensor in training.gaussians.parameters.items()},
-        **_moments(training.optimizer.adam, _gaussian_parameters(training)),
+        **moments_of(training.optimizer.adam, _gaussian_parameters(training)),
         **{f"networks/{name}": tensor for name, tensor in _network_values(training)},
-        **_moments(training.network_optimizer, _network_parameters(training)),
+        **moments_of(training.network_optimizer, _network_parameters(training)),
         **{f"density/{name}": getattr(training.density, name) for name in STATISTICS if training.density is not None},
         **{f"averages/{name}": tensor for name, tensor in training.averages.values.items()},
         "generators/views": training.sampler.generator.get_state(),
@@ -57,11 +58,11 @@ def set_state(training: Training, state: State) -> None:
     training.optimizer.replace_all(
         {name: tensors[f"gaussians/{name}"].to(training.device) for name in training.gaussians.parameters}
     )
-    _set_moments(training.optimizer.adam, _gaussian_parameters(training), tensors)
+    set_moments(training.optimizer.adam, _gaussian_parameters(training), tensors)
     with torch.no_grad():
         for name, tensor in _network_values(training):
             tensor.copy_(tensors[f"networks/{name}"])  # into place: their layout in memory stays what it was
-    _set_moments(training.network_optimizer, _network_parameters(training), tensors)
+    set_moments(training.network_optimizer, _network_parameters(training), tensors)
     training.averages.values = {
         name.removeprefix("averages/"): tensor.to(training.device, copy=True)
         for name, tensor in tensors.items()
@@ -90,37 +91,6 @@ def _network_values(training: Training) -> Iterator[tuple[str, Tensor]]:
     for name, network in training.method.networks.items():
         for value, tensor in network.state_dict().items():
             yield f"{name}/{value}", tensor
-
-
-def _moments(adam: torch.optim.Adam | None, parameters: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Both moments and the count of steps of every parameter that has taken one."""
-    return {
-        f"{name}/{moment}": tensor
-        for name, parameter in parameters.items()
-        if adam is not None
-        for moment, tensor in adam.state.get(parameter, {}).items()
-    }
-
-
-def _set_moments(
-    adam: torch.optim.Adam | None, parameters: Mapping[str, Tensor], tensors: Mapping[str, Tensor]
-) -> None:
-    for name, parameter in parameters.items():
-        found = {key.rpartition("/")[2]: tensors[key] for key in _under(name, tensors)}
-        if adam is not None and found:
-            adam.state[parameter] = {moment: _laid_out_as(parameter, tensor) for moment, tensor in found.items()}
-
-
-def _under(name: str, names: Iterable[str]) -> list[str]:
-    return [other for other in names if other.rpartition("/")[0] == name]
-
-
-def _laid_out_as(parameter: Tensor, tensor: Tensor) -> Tensor:
-    """A copy on the parameter's device and with its layout in memory, as Adam makes its moments; the count of steps,
-    which fused Adam wants there, too, has no layout."""
-    if tensor.shape != parameter.shape:
-        return tensor.to(parameter.device, copy=True)
-    return torch.empty_like(parameter, requires_grad=False).copy_(tensor)
 
 
 def _set_statistics(density: DensityControl | None, tensors: Mapping[str, Tensor]) -> None:

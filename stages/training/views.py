@@ -10,15 +10,20 @@ from jaxtyping import UInt8
 
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import single_cameras
+from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import Scene
 from stages.training.loop import TrainingViews
 
 
 def training_views(scene: Scene, messages: Mapping[str, UInt8[np.ndarray, "V H W 3"]] | None = None) -> TrainingViews:
-    """The scene's training views; `messages` are pictures of each message from all of the scene's cameras, in order."""
-    rows = scene.rows(scene.train_names)
+    """The scene's training views; `messages` are pictures of each message from all of the scene's cameras, in order.
+
+    No picture is copied: all of them may be gigabytes. Raises `UserError` for a scene without training views.
+    """
+    names = learnt_names(scene)
+    rows = scene.rows(names)
     pictures = {COVER: scene.pictures, **(messages or {})}
     return TrainingViews(
-        single_cameras(scene.cameras.select(scene.train_names)),
-        {name: torch.from_numpy(np.ascontiguousarray(values[rows])) for name, values in pictures.items()},
+        single_cameras(scene.cameras.select(names)),
+        {name: [torch.from_numpy(values[row]) for row in rows] for name, values in pictures.items()},
     )

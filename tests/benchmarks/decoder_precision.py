@@ -28,7 +28,7 @@ from stages.hiding.storage import read_gaussians, read_method
 from stages.imaging.metric_table import read_rows
 from stages.imaging.pictures import picture_to_tensor
 from stages.imaging.psnr import psnr
-from stages.scene.message_views import read_messages
+from stages.scene.message_views import read_message_pictures
 from stages.scene.scene import read_scene
 
 Precision = Literal["float32", "bfloat16"]
@@ -40,7 +40,7 @@ def decibels_on_test_views(cover: Artifact, message: Artifact, made: Mapping[str
     """Mean PSNR of the cover and of the message over the views that training never saw."""
     scene = read_scene(cover)
     truths = {COVER: scene.pictures}
-    truths |= {name: views.pictures for name, views in read_messages([message], scene.cameras.names).items()}
+    truths |= {name: views.pictures for name, views in read_message_pictures([message], scene.cameras.names).items()}
     gaussians, method = read_gaussians(made["container"]), read_method(made["container"], made["secret"])
     decibels: dict[str, list[float]] = {name: [] for name in truths}
     rows = scene.rows(scene.test_names)

@@ -42,7 +42,7 @@ from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import GEOMETRY, Gaussians
-from stages.scene.message_views import read_messages
+from stages.scene.message_views import read_message_pictures
 from stages.scene.scene import read_scene
 from stages.timing.stopwatch import Stopwatch, watching
 from stages.training.density_control import DensitySettings
@@ -76,7 +76,7 @@ def clock_of(device: torch.device) -> Callable[[], float]:
 def prepared(arguments: argparse.Namespace, device: torch.device) -> Training:
     """A training on Gaussians that have been trained already, on a device."""
     scene = read_scene(load(arguments.scene))
-    messages = read_messages([load(folder) for folder in arguments.views], scene.cameras.names)
+    messages = read_message_pictures([load(folder) for folder in arguments.views], scene.cameras.names)
     stored = read_gaussians(load(arguments.splats))
     settings: dict[str, object] = {"sh_degree": 3}
     if arguments.method != "plain":

@@ -25,11 +25,13 @@ routes.working_device = lambda: working_on[0]  # before stages import it
 
 from pipeline.artifact import Artifact  # noqa: E402
 from pipeline.stage import Parameters, Stage, run_stage  # noqa: E402
+from stages.add_grain import AddGrainParameters, add_grain  # noqa: E402
 from stages.analysis.measurements import read_measurements  # noqa: E402
 from stages.analysis.residual_detector import Views, detector_scores, train_detector, views_of  # noqa: E402
 from stages.attack import AttackParameters, attack  # noqa: E402
 from stages.detect_watermark import DetectWatermarkParameters, detect_watermark  # noqa: E402
 from stages.evaluate import EvaluateParameters, evaluate  # noqa: E402
+from stages.find_grain import FindGrainParameters, find_grain  # noqa: E402
 from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws  # noqa: E402
 from stages.hide_image import HideImageParameters, hide_image  # noqa: E402
 from stages.hide_scenes import HideScenesParameters, hide_scenes  # noqa: E402
@@ -55,6 +57,7 @@ from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_w
 from tests.benchmarks import nvidia_checks, nvidia_timing, nvidia_training, training_iteration  # noqa: E402
 from tests.opencl.test_nvidia_script import SMALL, few_inputs  # noqa: E402
 from tests.stages import small, watermarks  # noqa: E402
+from tests.stages.hiding.relocalisation import scenes  # noqa: E402
 from tests.stages.training.trainings import prepared  # noqa: E402
 
 HEAVY = {
@@ -173,6 +176,8 @@ JOBS = {
         ),
         {**TRIED, "codec": "codec", "photos": "photos"},
     ),
+    "grained": Job(add_grain, AddGrainParameters(method="homogeneous"), SECRET_SCENE),
+    "grain_found": Job(find_grain, FindGrainParameters(), {"before": "cloud", "cover": "clouds", "pictures": "copies"}),
     "secrecy": Job(
         probe_secrecy,
         ProbeSecrecyParameters(method="homogeneous", wrong_decoders=1, shares=(0.2,), seeds=(0,), steps=4, crop=8),
@@ -190,6 +195,11 @@ FILES: dict[str, Callable[[Path], Artifact]] = {
     "emblem": watermarks.emblem,
     "codec": watermarks.codec,
     "photos": watermarks.capture,
+    "cloud": lambda folder: watermarks.stored_splats(folder, *scenes.cloud()),
+    "clouds": lambda folder: watermarks.stored_scene(folder, *scenes.cloud(), scenes.rig(views=12)),
+    "copies": lambda folder: watermarks.stored_capture(
+        folder, {"copy.png": scenes.photograph(*scenes.cloud(), scenes.beside(scenes.rig(views=12)))}
+    ),
 }
 
 

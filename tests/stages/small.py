@@ -48,7 +48,7 @@ def message_views(folder: Path, name: str = "statue") -> Artifact:
     coverage = np.ones((VIEWS, HEIGHT, WIDTH), np.float32)
     colors = np.full((60, 3), 200, np.uint8)
     with create(folder, "views", private=True) as writer:
-        write_message_views(writer, MessageViews(name, NAMES, pictures(1), coverage, points() / 2, colors))
+        write_message_views(writer, MessageViews(name, NAMES, pictures(1), points() / 2, colors, coverage))
     return load(folder)
 
 

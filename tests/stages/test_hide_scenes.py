@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.analysis.comparisons import read_comparisons
@@ -45,6 +46,16 @@ def test_views_that_were_held_out_are_the_test_views(tmp_path: Path) -> None:
     assert views == {"test": set(NAMES[:3]), "train": set(NAMES[3:])}
 
 
+def test_what_a_message_covers_is_not_read_to_hide_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of many large pictures it would be gigabytes."""
+    whole, arrays = Artifact.read, list[str]()
+    monkeypatch.setattr(Artifact, "read", lambda artifact, name: (arrays.append(name), whole(artifact, name))[1])
+    inputs = {"cover": scene(tmp_path / "cover"), "messages": (message_views(tmp_path / "views"),)}
+    run_stage(hide_scenes, HideScenesParameters.model_validate(SETTINGS), inputs, tmp_path / "made")
+    assert arrays.count("pictures") == 2
+    assert "coverage" not in arrays
+
+
 @pytest.mark.parametrize("given", [0, 1])
 def test_more_messages_than_there_are_cannot_be_hidden(tmp_path: Path, given: int) -> None:
     inputs = {"cover": scene(tmp_path / "cover"), "messages": (message_views(tmp_path / "views"),)[:given]}
@@ -68,6 +79,15 @@ def test_the_released_codes_start_is_grey_and_random(tmp_path: Path) -> None:
         tmp_path / "made",
     )
     assert abs(made["container"].read("raw_features")).max() < 1e-6
+
+
+def test_features_of_zeros_are_learnt_by_every_method_that_has_some(tmp_path: Path) -> None:
+    """Decoders that read along no direction at all would be a saddle: nothing of the features would ever move."""
+    inputs = {"cover": scene(tmp_path / "cover"), "messages": (message_views(tmp_path / "views"),)}
+    for method in ("gs_hider", "homogeneous"):
+        settings = {**SETTINGS, "iterations": 1, "method": method, "initial_features": "zeros"}
+        made = run_stage(hide_scenes, HideScenesParameters.model_validate(settings), inputs, tmp_path / method)
+        assert abs(made["container"].read("raw_features")).max() > 1e-3
 
 
 @pytest.mark.parametrize(

@@ -139,6 +139,12 @@ def test_the_grain_of_what_no_view_shows_fades_too(inputs: Inputs) -> None:
     assert training.gaussians["sh_base"][0].detach() - before[0] == pytest.approx(0.1, abs=1e-6)
 
 
+def test_what_is_not_distorted_is_rounded_where_it_is(inputs: Inputs, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a GPU each picture, read on the CPU, would hold up all that was asked for before it."""
+    monkeypatch.setattr("stages.training.imprinting.tensor_to_picture", None)
+    imprinting(inputs, ImprintSettings(8, 0, level=2)).step()
+
+
 def test_it_goes_on_where_it_was_stopped(tmp_path: Path, inputs: Inputs) -> None:
     wanted = parameters(iterations=12, distorted=True)
     undisturbed = run_stage(imprint_watermark, wanted, inputs, tmp_path / "whole")

@@ -38,7 +38,7 @@ def dotted_message(folder: Path, cover: Artifact) -> Artifact:
     shown = (colors * 255).astype(np.uint8)
     with create(folder, "views", private=True) as writer:
         write_message_views(
-            writer, MessageViews("dots", cameras.names, pictures, coverage, points.astype(np.float32), shown)
+            writer, MessageViews("dots", cameras.names, pictures, points.astype(np.float32), shown, coverage)
         )
     return load(folder)
 

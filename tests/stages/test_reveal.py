@@ -10,7 +10,7 @@ import torch
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
+from pipeline.stage import Services, run_stage
 from stages.analysis.attacks.features import channel_permutation
 from stages.analysis.comparisons import read_comparisons
 from stages.hiding.rendering import COVER
@@ -60,7 +60,11 @@ def test_an_image_is_looked_at_where_it_is_hidden(tmp_path: Path) -> None:
     view = inputs["cover"].attributes["names"][3]
     with create(tmp_path / "secret of an image", "secret", private=True) as writer:
         write_secret(writer, target_and_owner("homogeneous")[1], (MESSAGE,), view)
-    outputs = revealed(tmp_path / "outputs", "homogeneous", {**inputs, "secret": load(tmp_path / "secret of an image")})
+    inputs["secret"], looks = load(tmp_path / "secret of an image"), list[float]()
+    services = Services(progress=lambda done, total, figures: looks.append(total))
+    parameters = RevealParameters(method="homogeneous", threads=1)
+    outputs = run_stage(reveal, parameters, inputs, tmp_path / "outputs", services=services)
+    assert looks == [1 + small.VIEWS] * (1 + small.VIEWS), "of what was published one view is rendered"
     [found] = [row for row in read_rows(outputs["scores"]) if row.message == MESSAGE and row.quantity == "psnr"]
     assert found.view == view
     [shown] = [each for each in read_comparisons(outputs["pictures"]) if each.title == MESSAGE]

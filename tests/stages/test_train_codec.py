@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.artifact import Artifact
+from pipeline.artifact import Artifact, load
 from pipeline.errors import Interrupted, UserError
 from pipeline.stage import Services, run_stage
 from stages.analysis.codec_quality import FOUND, GIVEN, MARKED
@@ -46,6 +46,9 @@ def test_what_was_stopped_goes_on_to_the_same_bits(tmp_path: Path, inputs: dict)
     services = Services(stop_requested=lambda: next(looks, False), log=lines.append)
     with pytest.raises(Interrupted, match="after step 5 of 12"):
         run_stage(train_codec, parameters, inputs, tmp_path / "first", services=services)
+    made_with = load(tmp_path / "first" / ".scratch" / "checkpoint-1").attributes["made_with"]
+    assert isinstance(made_with, dict)
+    assert {"device", "pyopencl", "opencv-contrib-python-headless"} <= made_with.keys(), "what others may change bits"
     (tmp_path / "parts").mkdir()
     (tmp_path / "first" / ".scratch").rename(tmp_path / "parts" / ".scratch")
     parts = run_stage(train_codec, parameters, inputs, tmp_path / "parts", services=services)

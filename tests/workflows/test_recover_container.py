@@ -54,7 +54,7 @@ def hidden(folder: Path) -> Path:
 
 
 def stolen(published: Path, place: Path) -> None:
-    """A sealed one: turned, scaled, shifted, pruned, its channels permuted; by a program of its own order of columns."""
+    """A sealed one: turned, scaled, shifted, pruned, its channels permuted; by a program with its own columns."""
     rows = plyfile.PlyData.read(str(published / "container.ply"))["vertex"].data
     generator = np.random.default_rng(0)
     kept = generator.permutation(len(rows))[: round(SHARE * len(rows))]

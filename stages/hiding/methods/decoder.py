@@ -63,9 +63,6 @@ class PlainWithDecoder(Plain):
         backward_of(DECODERS, decoded)
         return dict(zip(self.messages, decoded.split(3, dim=-1), strict=True))
 
-    def penalty(self, gaussians: Gaussians) -> None:
-        """None, as in the paper."""
-
 
 def build(settings: Mapping[str, object]) -> PlainWithDecoder:
     """The method from its settings; `messages` may be absent where the secret is not at hand."""

@@ -73,8 +73,9 @@ class HomogeneousDecoder(torch.nn.Module):
     """Features read along a few directions, divided by the share of the picture they belong to, then convolutions.
 
     `directions [P, M]` are u_k of the P pictures that this decoder shows, `readings [P, R, M]` what it reads of each.
-    The convolutions see for each picture its divided readings and the share itself, without which nothing would tell
-    black from grey, and 8 harmonics of the direction of view.
+    Both are zeros until they are told, and learn nothing from there. The convolutions see for each picture its divided
+    readings and the share itself, without which nothing would tell black from grey, and 8 harmonics of the direction of
+    view.
     """
 
     reads_centred = True
@@ -94,9 +95,13 @@ class HomogeneousDecoder(torch.nn.Module):
             first = picture * (READINGS + 1)
             taps[picture, :, first : first + COLORS] = torch.eye(COLORS)
         self.convolutions.pass_through(taps.flatten(0, 1), neutral=0.0)
-        with torch.no_grad():
-            self.directions.copy_(directions)
-            self.readings.copy_(readings)
+        self.look_along(directions, readings)
+
+    @torch.no_grad()
+    def look_along(self, directions: Float[Tensor, "P M"], readings: Float[Tensor, "P R M"]) -> None:
+        """Find each picture's share along its direction, and read it along its readings."""
+        self.directions.copy_(directions)
+        self.readings.copy_(readings)
 
     @torch.no_grad()
     def read_along(self, back: Float64[Tensor, "M M"]) -> None:
@@ -145,24 +150,39 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
     ) -> dict[str, Float[Tensor, "N ..."]]:
         """Features that the decoders show as the points' colours; a point belongs to the pictures where it is not grey.
 
-        One that is grey everywhere belongs to all by half. Random directions for each picture, its share's and its
-        readings', all at right angles while there is room for them: shares and colours have it first. Those of the
-        messages follow from `generator`, that is, from the key.
+        One that is grey everywhere belongs to all by half. Where that lies in features is drawn from `generator`, that
+        is, from the key.
         """
         pictures = (COVER, *self.messages)
-        count = len(pictures)
-        mixture = orthonormal_rows((1 + READINGS) * count, self.feature_dim, generator)
-        directions, colours, others = mixture.split([count, COLORS * count, (READINGS - COLORS) * count])
-        colours, others = (rows.reshape(count, -1, self.feature_dim) for rows in (colours, others))
-        readings = torch.cat([colours, others], dim=1)
-        self.scene_decoder.start(directions[:1], readings[:1])
-        if self.messages:
-            self.message_decoder.start(directions[1:], readings[1:])
+        directions, readings = self._drawn(generator)
+        for decoder, rows in self._rows():
+            decoder.start(directions[rows], readings[rows])
         centred = torch.stack([torch.as_tensor(colors[name]).float() - 0.5 for name in pictures], dim=1)
         known = (centred != 0).any(dim=-1)
         belongs = torch.where(known, BELONGING, -BELONGING) * known.any(dim=-1, keepdim=True)
-        features = 0.5 + belongs @ directions + torch.einsum("npc,pcm->nm", centred, colours)
+        features = 0.5 + belongs @ directions + torch.einsum("npc,pcm->nm", centred, readings[:, :COLORS])
         return {FEATURES: features.clamp(*FEATURE_RANGE).logit()}
+
+    def draw_directions(self, generator: np.random.Generator) -> None:
+        """Give the decoders directions without the colours: features are to start with zeros."""
+        directions, readings = self._drawn(generator)
+        for decoder, rows in self._rows():
+            decoder.look_along(directions[rows], readings[rows])
+
+    def _drawn(self, generator: np.random.Generator) -> tuple[Float[Tensor, "P M"], Float[Tensor, "P R M"]]:
+        """Random directions for each picture, its share's and its readings'.
+
+        All are at right angles while there is room for them: shares and colours have it first.
+        """
+        count = 1 + len(self.messages)
+        mixture = orthonormal_rows((1 + READINGS) * count, self.feature_dim, generator)
+        directions, of_colors, others = mixture.split([count, COLORS * count, (READINGS - COLORS) * count])
+        readings = [rows.reshape(count, -1, self.feature_dim) for rows in (of_colors, others)]
+        return directions, torch.cat(readings, dim=1)
+
+    def _rows(self) -> list[tuple[HomogeneousDecoder, slice]]:
+        """Each decoder, and which of all pictures it shows."""
+        return [*zip(self.decoders, (slice(1), slice(1, None)), strict=False)]
 
     def cover_shares(self, gaussians: Gaussians) -> Float[Tensor, " N"]:
         """How much of each of N Gaussians is the cover's, about 0 to 1: what the scene decoder has is public."""

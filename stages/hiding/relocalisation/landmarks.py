@@ -97,10 +97,11 @@ def described(picture: Picture, most: int) -> tuple[Float64[np.ndarray, "K 2"], 
 @torch.no_grad()
 def depths(gaussians: Gaussians, camera: Camera) -> tuple[Float[np.ndarray, "H W"], Float[np.ndarray, "H W"]]:
     """Depth along the optical axis, blended and divided by the blended opacity, and that opacity."""
-    along = gaussians.means @ camera.world_to_camera[2, :3] + camera.world_to_camera[2, 3]
+    towards = camera.world_to_camera[2].to(gaussians.device)
+    along = gaussians.means @ towards[:3] + towards[3]
     rendering = splat(gaussians, along[:, None].contiguous(), camera)
-    alphas = rendering.alphas
-    return (rendering.feature_map[..., 0] / alphas.clamp_min(1e-6)).numpy(), alphas.numpy()
+    alphas = rendering.alphas.cpu()
+    return (rendering.feature_map[..., 0].cpu() / alphas.clamp_min(1e-6)).numpy(), alphas.numpy()
 
 
 def _lifted(

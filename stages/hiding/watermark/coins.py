@@ -80,7 +80,7 @@ def standard_score(
 @torch.no_grad()
 def _left(picture: Picture, gaussians: Gaussians, method: Method, camera: Camera) -> Float64[np.ndarray, "H W"]:
     """The picture less the render, whose brightness and contrast are fitted, in the grain's colour."""
-    render = method.render(gaussians, camera, wanted=[COVER]).pictures[COVER].double().numpy()
+    render = method.render(gaussians, camera, wanted=[COVER]).pictures[COVER].cpu().double().numpy()
     values = picture / 255
     told = np.stack([render.ravel(), np.ones(render.size)], axis=1)
     gain, offset = np.linalg.lstsq(told, values.ravel(), rcond=None)[0]
@@ -90,7 +90,7 @@ def _left(picture: Picture, gaussians: Gaussians, method: Method, camera: Camera
 @torch.no_grad()
 def _seen(gaussians: Gaussians, camera: Camera, throws: Float[Tensor, "N K"]) -> Float64[np.ndarray, "H W K"]:
     """The throws, blended as colours are."""
-    return splat(gaussians, throws, camera).feature_map.double().numpy()
+    return splat(gaussians, throws, camera).feature_map.cpu().double().numpy()
 
 
 def _bands(values: Float64[np.ndarray, "H W *K"]) -> Iterator[Float64[np.ndarray, "H W *K"]]:

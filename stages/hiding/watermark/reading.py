@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -21,6 +22,7 @@ from stages.imaging.frames import without_frame
 from stages.imaging.pictures import Picture, resize_picture
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
+from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import Scene
 
 CERTAIN = 6.0
@@ -35,7 +37,8 @@ class GrainReader:
     """Finds the camera of a picture, and how far the picture follows the coins.
 
     `gaussians` and `method` are the container without grain, `throws` the coins of its Gaussians, then the decoys,
-    `cameras` a rig that looks at it, at least one: what a picture shows must be seen by some of them.
+    `cameras` a rig that looks at it, at least one: what a picture shows must be seen by some of them. Gaussians, throws
+    and the method's networks are on one device.
     """
 
     def __init__(self, gaussians: Gaussians, method: Method, cameras: Cameras, throws: Float[Tensor, "N K"]):
@@ -90,8 +93,13 @@ def is_colorless(picture: Picture) -> bool:
     return bool((picture == picture[..., :1]).all())
 
 
-def owners_reader(before: Artifact, scene: Scene, key: Artifact | None, seed: int) -> GrainReader:
-    """Of the container from before the grain, with the key, or else the seed, that `add_grain` had."""
-    gaussians = read_gaussians(before)
-    throws = with_decoys(len(gaussians), key_generator(key, seed))
-    return GrainReader(gaussians, read_method(before), scene.cameras.select(scene.train_names), throws)
+def owners_reader(
+    before: Artifact, scene: Scene, key: Artifact | None, seed: int, device: torch.device | str = "cpu"
+) -> GrainReader:
+    """Of the container from before the grain, with the key, or else the seed, that `add_grain` had, on a device.
+
+    Raises `UserError` for a scene without training views.
+    """
+    gaussians = read_gaussians(before, device)
+    throws = with_decoys(len(gaussians), key_generator(key, seed)).to(device)
+    return GrainReader(gaussians, read_method(before, device=device), scene.cameras.select(learnt_names(scene)), throws)

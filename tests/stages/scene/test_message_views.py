@@ -34,7 +34,7 @@ def test_views_are_paired_by_name(tmp_path: Path) -> None:
     coverage = np.array([0, 0.5, 1], np.float32)[:, None, None]
     points, colors = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
     with create(tmp_path / "views", "views", private=True) as writer:
-        write_message_views(writer, MessageViews(MESSAGE, ("a", "b", "c"), pictures, coverage, points, colors))
+        write_message_views(writer, MessageViews(MESSAGE, ("a", "b", "c"), pictures, points, colors, coverage))
     views = read_messages([load(tmp_path / "views")], ["c", "a"])[MESSAGE]
     assert views.view_names == ("c", "a")
     assert views.pictures[:, 0, 0, 0].tolist() == [2, 0]

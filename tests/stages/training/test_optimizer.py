@@ -61,6 +61,18 @@ def test_everything_can_go() -> None:
     assert len(optimizer.gaussians) == 0
 
 
+def test_rearranging_copies_once_and_what_overwrites_stays_its_owners(monkeypatch: pytest.MonkeyPatch) -> None:
+    optimizer, logits = stepped_optimizer(), torch.zeros(5)
+    optimizer.overwrite("logit_opacities", logits)
+    logits += 1
+    assert not optimizer.gaussians["logit_opacities"].detach().any()
+    monkeypatch.setattr(torch.Tensor, "clone", None)
+    optimizer.rearrange(
+        torch.tensor([3, 0]), {name: tensor[:1] for name, tensor in optimizer.gaussians.parameters.items()}
+    )
+    assert all(tensor.is_leaf and tensor.requires_grad for tensor in optimizer.gaussians.parameters.values())
+
+
 def test_overwriting_forgets_the_moments() -> None:
     optimizer = stepped_optimizer()
     optimizer.overwrite("logit_opacities", torch.zeros(5))

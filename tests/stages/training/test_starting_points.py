@@ -10,7 +10,7 @@ import pytest
 from pipeline.errors import UserError
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import Cameras
-from stages.scene.message_views import MessageViews
+from stages.scene.message_views import MessagePictures
 from stages.scene.scene import Scene
 from stages.training.starting_points import (
     FARTHER,
@@ -59,9 +59,9 @@ def test_sparse_points_come_first_with_their_colors() -> None:
 
 def test_points_of_a_message_have_its_colors_and_are_grey_in_the_cover() -> None:
     scene = scene_with(cloud())
-    pictures, coverage = np.zeros((3, 24, 32, 3), np.uint8), np.ones((3, 24, 32), np.float32)
+    pictures = np.zeros((3, 24, 32, 3), np.uint8)
     far = (cloud() + 9).astype(np.float32)
-    message = MessageViews("m", ("a", "b", "c"), pictures, coverage, far, np.full((200, 3), 51, np.uint8))
+    message = MessagePictures("m", ("a", "b", "c"), pictures, far, np.full((200, 3), 51, np.uint8))
     points, colors = starting_points(scene, {"m": message}, Start(True, 30, 0, seed=0))
     assert len(points) == 230
     assert {tuple(point) for point in points[200:].tolist()} <= {tuple(point) for point in far.astype(float).tolist()}
@@ -72,10 +72,10 @@ def test_points_of_a_message_have_its_colors_and_are_grey_in_the_cover() -> None
 
 def test_each_point_of_a_message_has_its_own_color_where_others_were_too_near() -> None:
     scene = scene_with(cloud())
-    pictures, coverage = np.zeros((3, 24, 32, 3), np.uint8), np.ones((3, 24, 32), np.float32)
+    pictures = np.zeros((3, 24, 32, 3), np.uint8)
     points = np.concatenate([[[0.0, 0, 0.5]], cloud()[:30] + 9]).astype(np.float32)
     shades = np.arange(31, dtype=np.uint8)[:, None].repeat(3, 1)
-    message = MessageViews("m", ("a", "b", "c"), pictures, coverage, points, shades)
+    message = MessagePictures("m", ("a", "b", "c"), pictures, points, shades)
     found, colors = starting_points(scene, {"m": message}, Start(True, 30, 0, seed=0))
     np.testing.assert_allclose(found[200:], points[1:])
     np.testing.assert_allclose(colors["m"][200:, 0] * 255, np.arange(1, 31))

@@ -27,7 +27,7 @@ from tests.stages.small import HEIGHT, NAMES, VIEWS, WIDTH, pictures
 def views() -> dict[str, MessageViews]:
     coverage = np.ones((VIEWS, HEIGHT, WIDTH), np.float32)
     nothing = np.zeros((0, 3), np.float32)
-    return {MESSAGE: MessageViews(MESSAGE, NAMES, pictures(1), coverage, nothing, nothing.astype(np.uint8))}
+    return {MESSAGE: MessageViews(MESSAGE, NAMES, pictures(1), nothing, nothing.astype(np.uint8), coverage)}
 
 
 def assay(method: str, **changes: object) -> Assay:
