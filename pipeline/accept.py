@@ -152,12 +152,12 @@ def _misfits(node: Node, record: Record | None, store: Store, digests: Mapping[S
         yield f"its outputs are {', '.join(declared) or 'none'} now; its result has {', '.join(made) or 'none'}"
         return
     given = [digests[source] for sources in node.sources.values() for source in sources]
-    inherited = node.private or any(store.artifact(digest).private for digest in given if digest)
+    from_input = any(store.artifact(digest).private for digest in given if digest)
     for name, output in declared.items():
         artifact = store.artifact(made[name])
         if artifact.kind != output.kind:
             yield f"its output {name} is of kind {output.kind} now; its result is of kind {artifact.kind}"
-        if artifact.private != output_is_private(output, inherited):
+        if artifact.private != output_is_private(output, from_input, node.private):
             now, then = ("public", "private") if artifact.private else ("private", "public")
             yield f"its output {name} is {now} now; its result is {then}"
 

@@ -237,7 +237,7 @@ class _Action:
         check_completed(declared, parameters, cast(Mapping[str, Json], job.parts["parameters"]))
         inputs = self.inputs(declared)
         writers = {
-            name: ArtifactWriter(work / name, output.kind, output_is_private(output, self.private))
+            name: ArtifactWriter(work / name, output.kind, output_is_private(output, self.private, job.private))
             for name, output in declared.outputs.items()
         }
         progress, saved = partial(self.progress, tell), partial(self.saved, tell)

@@ -59,7 +59,7 @@ app = typer.Typer(
     python -m pipeline run workflows/hide_multi.yaml                  do it, or what is missing of it
     python -m pipeline status workflows/hide_multi.yaml               what is done, and what would run
     python -m pipeline explain workflows/hide_multi.yaml hide         why a stage would run
-    python -m pipeline show hide_multi/hide.container                 what came out, and how it was made
+    python -m pipeline show hide_multi/sealed.container               what came out, and how it was made
     python -m pipeline show hide_multi/cover.scene --pictures seen    its pictures as PNG files
     python -m pipeline gc --dry-run                                   what nobody needs any more
 

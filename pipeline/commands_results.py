@@ -31,7 +31,7 @@ def show(
     """Says what is in an artifact and how it was made, and writes its pictures to files.
 
     \b
-    python -m pipeline show hide_multi/hide.container
+    python -m pipeline show hide_multi/sealed.container
     python -m pipeline show scores.public_scores --all       STAGE.OUTPUT: there is only one of that name
     python -m pipeline show 3fa9c1d2                         the start of a digest, as `show` prints them
     python -m pipeline show hide_multi/cover.scene --pictures seen --limit 4
@@ -75,8 +75,8 @@ def export(
     """Copies an artifact out of the store, every byte of it checked: a folder, or one .zip file of the same layout.
 
     \b
-    python -m pipeline export hide_multi/hide.container container
-    python -m pipeline export hide_multi/hide.container container.zip
+    python -m pipeline export hide_multi/sealed.container container
+    python -m pipeline export hide_multi/sealed.container container.zip
     mkdir -m 700 ~/secrets && python -m pipeline export hide_multi/hide.secret ~/secrets/reef
 
     `pipeline.artifact.load` opens the folder, and `show` shows it. A private artifact is copied, for your eyes only,

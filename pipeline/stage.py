@@ -69,8 +69,8 @@ class Input:
 class Output:
     """An artifact that a stage makes.
 
-    `inherit`: private where an input is, or where the workflow says `private: true`. `public`: declared safe to
-    publish by the stage's author, whatever the inputs were.
+    `inherit`: private where an input is. `public`: declared safe to publish by the stage's author, whatever the inputs
+    were. Where the workflow says `private: true` of the stage, all are private.
     """
 
     kind: str
@@ -334,9 +334,9 @@ def _parameters_of(function: StageFunction) -> type[Parameters]:
     return model
 
 
-def output_is_private(output: Output, inherited: bool) -> bool:
-    """Whether an output is private, given that an input is or the workflow says so (`inherited`)."""
-    return output.privacy == "private" or (output.privacy == "inherit" and inherited)
+def output_is_private(output: Output, from_input: bool, said: bool) -> bool:
+    """Whether an output is private, given that an input is (`from_input`), or the workflow says so (`said`)."""
+    return said or output.privacy == "private" or (output.privacy == "inherit" and from_input)
 
 
 def run_stage(
@@ -356,9 +356,9 @@ def run_stage(
     Raises what the stage raises, and TypeError where the inputs are not those that it declares.
     """
     values = bind_inputs(declared, inputs)
-    inherited = private or any(artifact.private for artifact in _artifacts(values))
+    from_input = any(artifact.private for artifact in _artifacts(values))
     writers = {
-        name: ArtifactWriter(directory / f".{name}", output.kind, output_is_private(output, inherited))
+        name: ArtifactWriter(directory / f".{name}", output.kind, output_is_private(output, from_input, private))
         for name, output in declared.outputs.items()
     }
     scratch = directory / ".scratch"

@@ -106,7 +106,7 @@ def fill(folder: Path, table: Path) -> int:
     for number, node in enumerate(project.graph.nodes.values()):
         parts = key_parts(node, digests)
         outputs = {
-            name: make_up(store, output.kind, output_is_private(output, node.private), f"{number} {name}")
+            name: make_up(store, output.kind, output_is_private(output, False, node.private), f"{number} {name}")
             for name, output in node.declaration.outputs.items()
         }
         digests |= {Source(node.name, name): digest for name, digest in outputs.items()}

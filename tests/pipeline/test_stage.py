@@ -54,6 +54,12 @@ def test_privacy_of_outputs(tmp_path: Path, private: bool) -> None:
     }
 
 
+def test_where_the_workflow_says_private_nothing_is_public(tmp_path: Path) -> None:
+    given = {"numbers": numbers(tmp_path / "in")}
+    outputs = run_stage(scale, ScaleParameters(), given, tmp_path / "out", private=True)
+    assert all(output.private for output in outputs.values())
+
+
 def test_inputs_are_checked(tmp_path: Path) -> None:
     with pytest.raises(TypeError, match="'numbers' is missing"):
         run_stage(scale, ScaleParameters(), {}, tmp_path / "out")

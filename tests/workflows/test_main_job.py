@@ -17,6 +17,7 @@ import pytest
 from pipeline.artifact import load
 from pipeline.stage import run_stage
 from stages.export_container import ExportContainerParameters, export_container
+from stages.hiding.sealing import SEAL
 from tests.workflows.secret_windows import SecretWindows, everything_in, open_to_others, pieces_of
 
 REPOSITORY = Path(__file__).parents[2]
@@ -86,7 +87,7 @@ def test_a_second_run_executes_nothing(store: Path) -> None:
 def test_another_lambda_reruns_exactly_what_depends_on_it(store: Path) -> None:
     _, events, _ = run(store, "--serial", **{"hide.lambda_message": 1.0})
     ran = {event["name"] for event in events if event["event"] == "stage" and event["state"] == "ran"}
-    assert ran == {"hide", "published", "scores", "timings", "path", "report"}
+    assert ran == {"hide", "sealed", "published", "scores", "timings", "path", "report"}
 
 
 def test_the_owner_sees_the_messages_and_the_public_does_not(store: Path) -> None:
@@ -101,7 +102,7 @@ def test_the_owner_sees_the_messages_and_the_public_does_not(store: Path) -> Non
 
 
 def test_what_is_private_is_closed_to_others(store: Path) -> None:
-    for name in ("hide.secret", "key.key", "report.owner", "message_views[workshop].views"):
+    for name in ("hide.container", "sealed.secret", "key.key", "report.owner", "message_views[workshop].views"):
         matches = [path for path in (store / "latest" / "hide_multi").iterdir() if path.name == name]
         assert matches, f"{name} is not among the results"
         folder = matches[0].resolve()
@@ -110,7 +111,7 @@ def test_what_is_private_is_closed_to_others(store: Path) -> None:
 
 
 def test_the_container_names_no_message(store: Path) -> None:
-    folder = latest(store, "hide.container").resolve()
+    folder = latest(store, "sealed.container").resolve()
     content = b"".join(path.read_bytes() for path in folder.rglob("*") if path.is_file())
     for word in (b"workshop", b"reef", b"message"):
         assert word not in content
@@ -119,17 +120,19 @@ def test_the_container_names_no_message(store: Path) -> None:
 def test_nothing_public_holds_a_piece_of_a_secret(store: Path, tmp_path: Path) -> None:
     """Not the container, the reports, the bundle, the logs, even private ones, nor what the run printed."""
     container, secret, key = (
-        load(latest(store, name).resolve()) for name in ("hide.container", "hide.secret", "key.key")
+        load(latest(store, name).resolve()) for name in ("sealed.container", "sealed.secret", "key.key")
     )
     bundles = run_stage(
         export_container, ExportContainerParameters(), {"container": container, "secret": secret}, tmp_path
     )
-    windows = SecretWindows(piece for artifact in (secret, key) for piece in pieces_of(artifact))
+    seal = str(secret.attributes[SEAL])
+    pieces = [piece for artifact in (secret, key) for piece in pieces_of(artifact)]
+    windows = SecretWindows([*pieces, seal.encode(), bytes.fromhex(seal)])
     searched = {**dict(open_to_others(store)), **dict(everything_in(bundles["bundle"]))}
     searched["printed"] = store.with_suffix(".printed").read_bytes()
     assert searched["printed"]
     assert {name: place for name, data in searched.items() if (place := windows.first_in(data)) is not None} == {}
-    for name in ("hide.container", "report.public", "scores.public_pictures", "path.public_videos"):
+    for name in ("sealed.container", "report.public", "scores.public_pictures", "path.public_videos"):
         assert any(each.startswith(str(latest(store, name).resolve())) for each in searched), name
     for part in ("logs", "actions", "runs"):
         assert any(each.startswith(str(store / part)) for each in searched), part
