@@ -8,7 +8,6 @@ from stages.analysis.paper.published import Published
 from stages.analysis.paper.runs import Study
 from stages.analysis.paper.secrecy_figures import (
     Found,
-    Kind,
     all_shares,
     behind_owner,
     best_blind,
@@ -64,9 +63,9 @@ def _size_chart(share: float, found: Found) -> Chart | None:
     """How far a surrogate stays behind the owner's decoder, over M; None where M does not vary."""
     series = []
     for method in dict.fromkeys(kind.method for kind in found):
-        for sizes in by_size(method, found):
+        for name, sizes in by_size(method, found).items():
             points = tuple((size, behind_owner(each, share).average.mean) for size, each in sizes.items())
             if len(points) > 1:
-                series.append(Series(Kind(method, None).title, points))
+                series.append(Series(name, points))
     title = f"Does small M leak more? A surrogate with {share:.0%} of the views"
     return line_chart(title, series, axes=("M", "dB to the owner's decoder")) if series else None

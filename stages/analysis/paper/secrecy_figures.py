@@ -65,13 +65,13 @@ def kinds(study: Study) -> Found:
     return {kind: found[kind] for kind in sorted(found, key=position)}
 
 
-def by_size(method: str, found: Found) -> list[dict[float, Sequence[Experiment]]]:
-    """The experiments of a method by M, of containers that differ in nothing else together."""
-    groups: dict[Settings, dict[float, Sequence[Experiment]]] = {}
+def by_size(method: str, found: Found) -> dict[str, dict[float, Sequence[Experiment]]]:
+    """The experiments of a method by M, of containers that differ in nothing else together, by their title."""
+    groups: dict[str, dict[float, Sequence[Experiment]]] = {}
     for kind, experiments in found.items():
         if kind.method == method and kind.feature_dim is not None:
-            groups.setdefault(kind.settings, {})[kind.feature_dim] = experiments
-    return [*groups.values()]
+            groups.setdefault(Kind(method, None, kind.settings).title, {})[kind.feature_dim] = experiments
+    return groups
 
 
 def rows_of(

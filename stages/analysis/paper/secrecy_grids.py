@@ -146,7 +146,8 @@ def _surrogate_lines(kind: Kind, experiments: Sequence[Experiment], every: Seque
         at_nothing = nobody if coloured or (opened and condition == SURROGATE) else None
         readings = [(at_nothing, None), *((condition, share) for share in every), (OWNER, None)]
         cells = [_reading_cell(experiments, quantity, *reading, related=coloured) for reading in readings]
-        if any(cell.text for cell in cells[:-1]):
+        measured = condition != PAINTED or any(cell.text for cell in cells[1:-1])
+        if measured and any(cell.text for cell in cells[:-1]):
             lines.append(Line((kind.title, words), (*cells, floors[coloured])))
     return lines
 

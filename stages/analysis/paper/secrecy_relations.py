@@ -76,12 +76,12 @@ def _small_features(method: str, found: Found) -> list[Relation]:
 
     The paper says that small M "may result in hidden messages being more easily leaked", and gives no figure.
     """
-    return [relation for sizes in by_size(method, found) if len(sizes) > 1 for relation in _of_sizes(method, sizes)]
+    groups = by_size(method, found).items()
+    return [relation for title, sizes in groups if len(sizes) > 1 for relation in _of_sizes(title, sizes)]
 
 
-def _of_sizes(method: str, own: Mapping[float, Sequence[Experiment]]) -> list[Relation]:
+def _of_sizes(title: str, own: Mapping[float, Sequence[Experiment]]) -> list[Relation]:
     small, large = own[min(own)], own[max(own)]
-    title = Kind(method, None).title
     return [
         Relation(
             f"{title}: M = {min(own):g} leaks more than {max(own):g}, by the surrogate's loss on the owner's decoder, "
