@@ -254,13 +254,16 @@ def _filled(cells: Sequence[Cell]) -> tuple[Cell, ...]:
 
 
 def _relations(attacked: Attacked, reading: Reading) -> list[Relation]:
-    """Ours is not worse than GS-Hider in the area under any curve by more than the spread over seeds."""
+    """Ours is not worse than GS-Hider in the area under any curve by more than the spread over seeds.
+
+    What stands under a relation is the average over the captures, and so is the spread: that of the average.
+    """
     found = []
     for attack in attacked.attacks:
         ours, hider = (attacked.message_left(method, attack, reading) for method in COMPARED)
         deviations = [each.deviation for area in (ours, hider) for each in area.by_capture.values()]
         known = [deviation for deviation in deviations if not math.isnan(deviation)]
-        allowed = math.hypot(*known) / math.sqrt(max(1, len(ours.by_capture))) if known else 0.0
+        allowed = math.hypot(*known) / max(1, len(ours.by_capture)) if known else 0.0
         if ours.minus(hider).by_capture:
             found.append(
                 Relation(

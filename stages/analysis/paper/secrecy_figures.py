@@ -122,6 +122,17 @@ def measured(
     return Measured(found)
 
 
+def best_decoder(experiments: Sequence[Experiment], condition: str) -> Measured:
+    """On each capture the one of several wrong decoders that shows most of the message; none where there is but one."""
+    found = {}
+    for capture in dict.fromkeys(each.capture for each in experiments):
+        rows = rows_of([each for each in experiments if each.capture == capture], "psnr_covered", condition)
+        means = [mean_over([row for row in rows if row.seed == seed]) for seed in {row.seed for row in rows}]
+        if len(means) > 1:
+            found[capture] = Spread(max(means))
+    return Measured(found)
+
+
 def deviation_of_one(spreads: Measured) -> float:
     """The standard deviation from one seed to the next, pooled over the captures; NaN where one has a single seed."""
     variances = [spread.deviation**2 for spread in spreads.by_capture.values()]

@@ -15,7 +15,7 @@ from stages.analysis.paper.grid import (
     figure_cell,
     without_empty_columns,
 )
-from stages.analysis.paper.measuring import UNKNOWN, Spread, mean
+from stages.analysis.paper.measuring import UNKNOWN, Spread
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.paper.secrecy_figures import (
     Found,
@@ -23,10 +23,10 @@ from stages.analysis.paper.secrecy_figures import (
     all_of,
     all_shares,
     best_blind,
+    best_decoder,
     blind_conditions,
     captures_of,
     figure,
-    mean_over,
     rows_of,
 )
 from stages.analysis.paper.secrecy_words import words_on
@@ -64,7 +64,7 @@ def wrong_grid(found: Found) -> Grid:
                     (
                         figure_cell("psnr", shown),
                         difference_cell("psnr", shown.mean - floor),
-                        figure_cell("psnr", Spread(_best(experiments, reader))),
+                        figure_cell("psnr", Spread(best_decoder(experiments, reader).average.mean)),
                         figure_cell(CORRELATION, figure(experiments, "correlation", reader)),
                         figure_cell(CORRELATION, Spread(figure(experiments, "correlation_others", reader).mean)),
                     ),
@@ -89,16 +89,6 @@ def wrong_grid(found: Found) -> Grid:
             "say how much the secret is worth.",
         ),
     )
-
-
-def _best(experiments: Sequence[Experiment], reader: str) -> float:
-    """Of the decoder that shows most of each capture, on average over the captures."""
-    best = []
-    for capture in dict.fromkeys(each.capture for each in experiments):
-        rows = rows_of([each for each in experiments if each.capture == capture], "psnr_covered", reader)
-        means = [mean_over([row for row in rows if row.seed == seed]) for seed in {row.seed for row in rows}]
-        best.append(max(means) if len(means) > 1 else math.nan)
-    return mean(best)
 
 
 def surrogate_grid(found: Found) -> Grid:

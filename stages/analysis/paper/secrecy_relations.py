@@ -13,6 +13,7 @@ from stages.analysis.paper.secrecy_figures import (
     Kind,
     behind_owner,
     best_blind,
+    best_decoder,
     by_size,
     deviation_of_one,
     measured,
@@ -24,7 +25,7 @@ MOST_OVER_ONE_COLOUR = 1.0
 """In dB: whoever lacks the secret may show no more of the message than this above what needs no container: the best
 picture of one colour."""
 
-READERS = ((RANDOM, "a random decoder"), (OTHER_START, "a decoder started with another key"))
+READERS = ((RANDOM, "the best random decoder"), (OTHER_START, "the best decoder started with another key"))
 
 
 def secrecy_relations(found: Found) -> list[Relation]:
@@ -44,7 +45,7 @@ def _of_kind(kind: Kind, experiments: Sequence[Experiment]) -> list[Relation]:
     relations = [
         _over_one_colour(f"{kind.title}: message over one colour, {words}", shown, experiments)
         for condition, words in READERS
-        if (shown := measured(experiments, "psnr_covered", condition)).by_capture
+        if (shown := best_decoder(experiments, condition)).by_capture
     ]
     blind = best_blind(experiments)
     if blind is not None:

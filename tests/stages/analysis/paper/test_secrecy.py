@@ -156,7 +156,7 @@ def test_verdicts_can_fail(made: dict[str, Artifact]) -> None:
     verdicts = {name: cells["Verdict"] for name, cells in found.items()}
     over = "message over one colour"
     assert verdicts[f"3DGS+SH: {over}, public attributes"] == "does not hold"
-    assert verdicts[f"GS-Hider, M = 8: {over}, a random decoder"] == "holds"
+    assert verdicts[f"GS-Hider, M = 8: {over}, the best random decoder"] == "holds"
     assert verdicts[f"GS-Hider, M = 8: {over}, a surrogate with 20% of the views"] == "does not hold"
     assert verdicts[f"GS-Hider, M = 32: {over}, a surrogate with 1% of the views"] == "holds, within noise"
     small = "GS-Hider: M = 8 leaks more than 32, by the surrogate's loss on the owner's decoder, 20% of the views"
