@@ -22,7 +22,7 @@ def message() -> dict[str, MessageViews]:
     shown, coverage = pictures(1), np.ones((VIEWS, HEIGHT, WIDTH), np.float32)
     shown[NAMES.index(BLANK)], coverage[NAMES.index(BLANK)] = 0, 0
     nothing = np.zeros((0, 3), np.float32)
-    return {MESSAGE: MessageViews(MESSAGE, NAMES, shown, coverage, nothing, nothing.astype(np.uint8))}
+    return {MESSAGE: MessageViews(MESSAGE, NAMES, shown, nothing, nothing.astype(np.uint8), coverage)}
 
 
 def test_a_view_that_shows_nothing_of_the_message_does_not_count_for_it() -> None:
