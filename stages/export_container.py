@@ -57,7 +57,7 @@ def export_container(context: Context, parameters: ExportContainerParameters) ->
             where=str(container.path),
             found="a container that the workflow declares private",
             expected="one that may be given to anyone",
-            remedy="take `private: true` from the stage that made it, or the export from the workflow",
+            remedy="give it what `seal` makes of the container and its secret, or take the export from the workflow",
         )
     bundle = container_bundle(container)
     write_container_bundle(context.output("bundle"), bundle)

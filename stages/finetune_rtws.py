@@ -73,6 +73,7 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
+    refuse_sealed(secret, "finetune_rtws")
     check_method(container, parameters.method)
     device = working_device()
     scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec")).to(device)
@@ -84,7 +85,6 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
         picture_to_tensor(watermark, device),
         parameters.seed,
     )
-    refuse_sealed(secret, "finetune_rtws")
     gaussians, method = read_gaussians(container, device), read_method(container, secret, device)
     refuse_unknown_attributes(gaussians, method, "finetune_rtws")
     terms = hiding_terms([*messages], parameters.lambda_message, parameters.ssim_weight, parameters.ssim_weight)

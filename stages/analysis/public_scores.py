@@ -29,8 +29,11 @@ def rows_for_the_public(rows: Iterable[MetricRow], private_cover: bool) -> list[
 def comparisons_for_the_public(
     pictures: Iterable[Comparison], views: Collection[str], private_cover: bool
 ) -> list[Comparison]:
-    """The cover and the feature map of `views`; where the cover is private, without its photos and under numbers."""
-    public = [picture.of_views(views) for picture in pictures if picture.role != "message"]
+    """The cover of `views`; where it is private, without its photos and under numbers.
+
+    Not the feature map: of a sealed container it was rendered after the secret had opened it.
+    """
+    public = [picture.of_views(views) for picture in pictures if picture.role == "cover"]
     shown = [picture for picture in public if picture.names]
     return [_without_photos(picture) for picture in shown] if private_cover else shown
 

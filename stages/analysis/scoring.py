@@ -62,11 +62,13 @@ class Scores:
         self.rendered.setdefault(picture, []).append(tensor_to_picture(rendered))
 
     def take_cover(self, other: Scores) -> None:
-        """Rows and pictures of the cover as another scoring of the same views has them."""
+        """Rows and pictures of the cover as another scoring of the same scene has them, in the views that both show."""
         self.rows = [row for row in other.rows if row.message is None] + [
             row for row in self.rows if row.message is not None
         ]
-        self.rendered[COVER] = other.rendered[COVER]
+        taken = dict(zip(other.shown, other.rendered[COVER], strict=True))
+        own = zip(self.shown, self.rendered[COVER], strict=True)
+        self.rendered[COVER] = [taken.get(view, picture) for view, picture in own]
 
     def comparisons(self, scene: Scene) -> list[Comparison]:
         """The kept pictures: the cover first, then the messages, the feature map, and the hidden image."""

@@ -72,7 +72,14 @@ def open_container(
     if not isinstance(method, ReadsAlong):
         raise _broken(secret, f"the seal of a container of {method.name}")
     if published is not None:
-        return opened(gaussians, method, key, rows_of(gaussians, published, seed), len(published))
+        rows = rows_of(gaussians, published, seed)
+        if not (rows >= 0).any():
+            raise UserError(
+                "a sealed container cannot be opened: none of its Gaussians is known",
+                found=f"{len(gaussians)} Gaussians, none at the place of one of the {len(published)} published",
+                expected="the published container, moved back as `recover` does, and some of its Gaussians",
+            )
+        return opened(gaussians, method, key, rows, len(published))
     if places_of(gaussians) != string(secret, PLACES):
         raise UserError(
             "the container is not as it was sealed: which Gaussian holds what of the messages cannot be told",

@@ -116,19 +116,22 @@ def opened(gaussians: Gaussians, method: ReadsAlong, key: bytes, rows: Int[Tenso
 
     `rows`: which of its `count` Gaussians each is; negative for one that is none of them. One whose rest is not among
     those found is left out, as nothing tells what it shows of a message; so is all but the first of several of one row.
+    Those at a corner of the cube are as they were.
     """
     place = torch.full((count,), -1, dtype=torch.long)
     known = (rows >= 0).nonzero().squeeze(1).flip(0)  # so that the first of several is written last
     place[rows[known]] = known
     holder = torch.empty(count, dtype=torch.long)
     holder[order_of(key, count)] = torch.arange(count)  # of each Gaussian's rest: the row that holds it now
-    own, held = place, place[holder]
-    whole = (own >= 0) & (held >= 0)
-    rest = rest_of(_centred(gaussians), read_basis(method))
-    back = Rest(rest.origins[own[whole]], rest.directions[held[whole]], rest.shares[held[whole]])
-    return _with(
-        Gaussians({name: values[own[whole]] for name, values in gaussians.parameters.items()}), back.features()
-    )
+    centred = _centred(gaussians)
+    rest = rest_of(centred, read_basis(method))
+    found, stayed = place >= 0, torch.zeros(count, dtype=torch.bool)
+    stayed[found] = rest.is_cornered[place[found]]
+    whole = found & (stayed | found[holder])
+    own, held = place[whole], place[holder][whole]
+    back = Rest(rest.origins[own], rest.directions[held], rest.shares[held])
+    features = torch.where(stayed[whole][:, None], centred[own], back.features())
+    return _with(Gaussians({name: values[own] for name, values in gaussians.parameters.items()}), features)
 
 
 def rest_of(features: Float64[Tensor, "N M"], read: Float64[Tensor, "M R"]) -> Rest:

@@ -65,6 +65,8 @@ def test_saturated_features_leave_the_cover_as_it_is() -> None:
     read = method.rows_read().double().T
     torch.testing.assert_close(centred(closed) @ read, centred(gaussians) @ read, rtol=0, atol=1e-3)
     assert closed[FEATURES].isfinite().all()
+    back = opened(closed, method, KEY, torch.arange(1000), 1000)
+    torch.testing.assert_close(centred(back) @ read, centred(gaussians) @ read, rtol=0, atol=1e-3)
 
 
 def test_who_has_another_key_gets_nothing() -> None:
