@@ -16,6 +16,7 @@ import pytest
 
 from pipeline.artifact import load
 from pipeline.stage import run_stage
+from stages.analysis.comparisons import read_comparisons
 from stages.export_container import ExportContainerParameters, export_container
 from stages.hiding.sealing import SEAL
 from tests.workflows.secret_windows import SecretWindows, everything_in, open_to_others, pieces_of
@@ -108,6 +109,12 @@ def test_what_is_private_is_closed_to_others(store: Path) -> None:
         folder = matches[0].resolve()
         assert folder.stat().st_mode & 0o077 == 0
         assert all(path.stat().st_mode & 0o077 == 0 for path in folder.rglob("*"))
+
+
+def test_public_pictures_show_the_cover_alone(store: Path) -> None:
+    """The feature map was rendered of a container that the secret had opened."""
+    public = read_comparisons(load(latest(store, "scores.public_pictures").resolve()))
+    assert {picture.role for picture in public} == {"cover"}
 
 
 def test_the_container_names_no_message(store: Path) -> None:
