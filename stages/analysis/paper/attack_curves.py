@@ -268,11 +268,11 @@ def spread(values: Sequence[float]) -> Spread:
 
 
 def _point(rows: Sequence[Measurement], severity: float, floors: Mapping[str | None, float]) -> Point:
-    """The mean of the messages, each no worse than its floor in dB where it has one."""
+    """The mean of the messages that views show anything of, each no worse than its floor in dB where it has one."""
     found: dict[str | None, list[float]] = {}
     for row in rows:
         if row.quantity == "psnr":
             found.setdefault(row.message, []).append(row.value)
     cover = mean(found.pop(None, ()))
-    messages = (max(mean(values), floors.get(name, -math.inf)) for name, values in found.items())
-    return Point(severity, cover, mean(messages))
+    shown = {name: value for name, values in found.items() if not math.isnan(value := mean(values))}
+    return Point(severity, cover, mean(max(value, floors.get(name, -math.inf)) for name, value in shown.items()))

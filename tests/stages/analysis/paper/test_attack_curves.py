@@ -161,6 +161,11 @@ def test_each_message_that_reads_worse_than_one_colour_reads_as_one() -> None:
     assert (without.unattacked.message, without.points[0].message) == (10.0, 2.0)
 
 
+def test_a_message_that_no_view_shows_hides_no_other() -> None:
+    [curve] = readings(pruned({"statue": (25.0, 20.0), "reef": (math.nan, math.nan)}, {}), "cloning", "as found")
+    assert (curve.unattacked.message, [point.message for point in curve.points]) == (25.0, [20.0])
+
+
 def test_how_far_trainings_lie_apart_is_no_spread_of_an_attacks_seeds() -> None:
     seeds = {0: -0.1, 1: 0.1}
     both = [pruned({"statue": (25.0, after)}, {}, seeds) for after in (19.0, 25.0)]
