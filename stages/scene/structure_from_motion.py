@@ -50,9 +50,8 @@ SHARES_WITH_POINTS = {"lenses": (0.0, 0.1), "undistortion": (0.1, 1.0)}
 WHERE = "where SFM is the stage's name in the workflow, such as cover_scene"
 """What stands for it in a remedy: a stage does not know what a workflow calls it."""
 FEWEST_PHOTOS, FEWEST_POINTS = 3, 10
-MOST_NAMED = 5
+MOST_NAMED = 5  # photos, by an error
 MOST_THREADS = 8  # each extracts features of a photo of its own: of 1.6 megapixels half a gibibyte, by estimate
-"""Photos that an error names."""
 GUESSED_FOCAL_LENGTH = 1.2  # of the longer side, COLMAP's own guess where EXIF says nothing
 
 
