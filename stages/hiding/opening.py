@@ -78,6 +78,7 @@ def open_container(
                 "a sealed container cannot be opened: none of its Gaussians is known",
                 found=f"{len(gaussians)} Gaussians, none at the place of one of the {len(published)} published",
                 expected="the published container, moved back as `recover` does, and some of its Gaussians",
+                remedy="Give what `recover` makes of the found container, as workflows/recover_container.yaml does.",
             )
         return opened(gaussians, method, key, rows, len(published))
     if places_of(gaussians) != string(secret, PLACES):

@@ -25,6 +25,7 @@ from torch import Tensor
 from stages.hiding.coupled import FEATURES
 from stages.hiding.stored_features import FARTHEST, stored
 from stages.scene.gaussians import Gaussians
+from stages.scene.moved_splats import chosen
 
 SEAL, PLACES = "seal", "sealed_places"
 """Facts of a secret: the key of its container's seal, and a hash of where its Gaussians were, in hexadecimal digits."""
@@ -131,7 +132,7 @@ def opened(gaussians: Gaussians, method: ReadsAlong, key: bytes, rows: Int[Tenso
     own, held = place[whole], place[holder][whole]
     back = Rest(rest.origins[own], rest.directions[held], rest.shares[held])
     features = torch.where(stayed[whole][:, None], centred[own], back.features())
-    return _with(Gaussians({name: values[own] for name, values in gaussians.parameters.items()}), features)
+    return _with(chosen(gaussians, own), features)
 
 
 def rest_of(features: Float64[Tensor, "N M"], read: Float64[Tensor, "M R"]) -> Rest:

@@ -14,6 +14,7 @@ from torch import Tensor
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import Method
 from stages.scene.gaussians import Gaussians
+from stages.scene.moved_splats import chosen
 from stages.scene.similarity import Similarity
 from stages.training.loop import TrainingViews
 
@@ -83,7 +84,7 @@ class Target:
 
     def keeping(self, rows: Int[Tensor, " K"]) -> Target:
         """The same with these Gaussians alone."""
-        return self.with_parameters({name: values[rows] for name, values in self.gaussians.parameters.items()})
+        return replace(self, gaussians=chosen(self.gaussians, rows))
 
     def with_parameters(self, changed: Mapping[str, Tensor]) -> Target:
         """The same with other values of some parameters; the Gaussians of this one stay as they are."""

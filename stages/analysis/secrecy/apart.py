@@ -17,6 +17,7 @@ from stages.analysis.secrecy.observing import Observed
 from stages.hiding.method import Method
 from stages.hiding.rendering import COVER, splat
 from stages.scene.gaussians import Gaussians
+from stages.scene.moved_splats import chosen
 
 HARDLY = 0.1
 """Of the cover. With 0.25 and 0.5 the fox's message showed less: r = 0.82 and 0.70 instead of 0.84."""
@@ -38,8 +39,7 @@ class TellsShares(Protocol):
 
 def hardly_shown(gaussians: Gaussians, public: TellsShares) -> Gaussians:
     """Those of which less than `HARDLY` is the cover's."""
-    few = public.cover_shares(gaussians) < HARDLY
-    return Gaussians({name: values[few] for name, values in gaussians.parameters.items()})
+    return chosen(gaussians, public.cover_shares(gaussians) < HARDLY)
 
 
 @torch.no_grad()
