@@ -17,7 +17,7 @@ from PIL import Image
 from pipeline.artifact import Artifact, create, load
 from pipeline.canonical import Json
 from pipeline.errors import Interrupted, UserError
-from pipeline.stage import Context, Services, run_stage
+from pipeline.stage import Services, run_stage
 from stages.photos import PhotosParameters, photos
 from stages.scene.alignment import nearest_depth, project
 from stages.scene.cameras import Cameras
@@ -66,14 +66,6 @@ def photograph(cameras: Cameras) -> list[np.ndarray]:
             picture = np.where(seen > 127, cv2.warpPerspective(paper, homography, SIZE), picture)
         pictures.append(picture)
     return pictures
-
-
-@pytest.fixture
-def recorded(monkeypatch: pytest.MonkeyPatch) -> dict[str, Json]:
-    """What the stage says of itself while a test runs."""
-    facts: dict[str, Json] = {}
-    monkeypatch.setattr(Context, "record", lambda context, **given: facts.update(given))
-    return facts
 
 
 @pytest.fixture(scope="module")

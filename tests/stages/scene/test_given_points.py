@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.artifact import Artifact, create, load
 from pipeline.canonical import Json
 from pipeline.errors import UserError
-from pipeline.stage import Context, Services, run_stage
+from pipeline.stage import Services, run_stage
 from stages.imaging.pictures import encode_png
 from stages.photos import PhotosParameters, photos
 from stages.scene.alignment import nearest_depth, project
@@ -38,14 +38,6 @@ from tests.stages.test_sfm import (
 NAMES = [f"{view:02d}.png" for view in range(VIEWS)]
 LEFT_OUT = 90
 """The number of a photo that is not in the model."""
-
-
-@pytest.fixture
-def recorded(monkeypatch: pytest.MonkeyPatch) -> dict[str, Json]:
-    """What the stage says of itself while a test runs."""
-    facts: dict[str, Json] = {}
-    monkeypatch.setattr(Context, "record", lambda context, **told: facts.update(told))
-    return facts
 
 
 @pytest.fixture(scope="module")
