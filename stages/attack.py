@@ -20,7 +20,7 @@ from stages.analysis.fidelity import Perceptual
 from stages.analysis.measurements import KIND, write_measurements
 from stages.analysis.seeds import DistinctSeeds
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.opening import refuse_sealed
+from stages.hiding.opening import open_what_is_known
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.what_is_hidden import at_least_one_hidden
 from stages.imaging.lpips import load_lpips, networks_for
@@ -72,18 +72,20 @@ def attack(context: Context, parameters: AttackParameters) -> None:
     """Attack the container in every way that is asked for, and measure cover and messages on test views.
 
     The message is read as the attack leaves it, and again after the owner has registered what he finds with the
-    container, as `recover` does.
+    container, as `recover` does. A sealed one is attacked as it is published, and the owner opens what is left of it
+    beside the published one, both times.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input("secret")
     check_method(container, parameters.method)
     scene = read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
-    refuse_sealed(secret, "attack")
     hidden, device = at_least_one_hidden(messages, secret, "attack"), working_device()
+    target, owner = Target(read_gaussians(container), read_method(container)), read_method(container, secret)
+    opened = partial(open_what_is_known, method=target.method, secret=secret, published=target.gaussians)
     assay = Assay(
-        Target(read_gaussians(container), read_method(container)),
-        Scorer(read_method(container, secret), scene, hidden, _measured_views(scene, parameters.test_views), device),
+        target,
+        Scorer(owner, scene, hidden, _measured_views(scene, parameters.test_views), device, opened),
         Knowledge(training_views(scene), rig_extent(scene.cameras), context.stop_if_requested, device),
         parameters.method,
         parameters.cover_losses,

@@ -68,9 +68,7 @@ def open_container(
     """
     if not is_sealed(secret):
         return gaussians
-    key = _key_of(secret)
-    if not isinstance(method, ReadsAlong):
-        raise _broken(secret, f"the seal of a container of {method.name}")
+    key, method = _seal_of(secret, method)
     if published is not None:
         rows = rows_of(gaussians, published, seed)
         if not (rows >= 0).any():
@@ -91,6 +89,21 @@ def open_container(
     return opened(gaussians, method, key, torch.arange(len(gaussians)), len(gaussians))
 
 
+def open_what_is_known(
+    gaussians: Gaussians, method: Method, secret: Artifact, published: Gaussians, seed: int = 0
+) -> Gaussians:
+    """The same beside what was published, but where none of them is known they are left as they are, sealed.
+
+    For what was done to them to be measured, however much it was. Raises `UserError` for a seal that is none of this
+    method.
+    """
+    if not is_sealed(secret):
+        return gaussians
+    key, method = _seal_of(secret, method)
+    rows = rows_of(gaussians, published, seed)
+    return opened(gaussians, method, key, rows, len(published)) if (rows >= 0).any() else gaussians
+
+
 def rows_of(gaussians: Gaussians, published: Gaussians, seed: int) -> Int[Tensor, " F"]:
     """Which published Gaussian each is, by places; `ELSEWHERE` for one that is none, or where places tell nothing."""
     rows = torch.full((len(gaussians),), ELSEWHERE, dtype=torch.long)
@@ -100,11 +113,15 @@ def rows_of(gaussians: Gaussians, published: Gaussians, seed: int) -> Int[Tensor
     return rows
 
 
-def _key_of(secret: Artifact) -> bytes:
+def _seal_of(secret: Artifact, method: Method) -> tuple[bytes, ReadsAlong]:
+    """The key, and the method as one whose containers can be sealed."""
     try:
-        return bytes.fromhex(string(secret, SEAL))
+        key = bytes.fromhex(string(secret, SEAL))
     except ValueError as error:
         raise _broken(secret, "a key that is no hexadecimal number") from error
+    if not isinstance(method, ReadsAlong):
+        raise _broken(secret, f"the seal of a container of {method.name}")
+    return key, method
 
 
 def _broken(secret: Artifact, found: str) -> UserError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,10 @@ import torch
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
+from stages.analysis.attacks.catalogue import UNATTACKED, restored
 from stages.analysis.measurements import read_measurements
 from stages.analysis.secrecy.conditions import APART, BLIND, OWNER
+from stages.attack import AttackParameters, attack
 from stages.draw_key import DrawKeyParameters, draw_key
 from stages.export_container import ExportContainerParameters, export_container
 from stages.hide_scenes import HideScenesParameters, hide_scenes
@@ -111,6 +114,27 @@ def kept(folder: Path, container: Artifact, share: float) -> Artifact:
     return load(folder)
 
 
+def test_it_is_attacked_as_it_is_published_and_opened_beside_it(tmp_path: Path, hidden: Made, closed: Made) -> None:
+    chosen = AttackParameters.model_validate(
+        {"method": "homogeneous", "attacks": ("random_pruning", "rigid_motion"), "cover_losses": (1,), "seeds": (0,)}
+        | {"lpips": False}
+    )
+
+    def measured(name: str, made: Made) -> Mapping[tuple[str, float | None, bool], float]:
+        given = {"container": made["container"], "secret": made["secret"], "cover": hidden["cover"]}
+        rows = run_stage(attack, chosen, given | {"messages": (hidden["views"],)}, tmp_path / name)["measurements"]
+        of_psnr = (row for row in read_measurements(rows) if row.quantity == "psnr")
+        return {(row.condition, row.severity, row.message is None): row.value for row in of_psnr}
+
+    unsealed, attacked = measured("unsealed", hidden), measured("attacked", closed)
+    assert attacked.keys() == unsealed.keys()
+    for (condition, severity, of_cover), value in unsealed.items():
+        found = attacked[condition, severity, of_cover]
+        if of_cover or condition in (UNATTACKED, restored("rigid_motion")):
+            assert found == pytest.approx(value, abs=0.05)
+    assert attacked["random_pruning", 0.25, False] != pytest.approx(unsealed["random_pruning", 0.25, False], abs=0.01)
+
+
 def test_what_was_pruned_is_opened_by_what_was_published(tmp_path: Path, hidden: Made, closed: Made) -> None:
     pruned = kept(tmp_path / "pruned", closed["container"], 0.8)
     with pytest.raises(UserError, match="not as it was sealed"):
@@ -151,5 +175,5 @@ def test_a_broken_seal_is_told(tmp_path: Path, closed: Made) -> None:
 
 
 def test_what_changes_containers_takes_none_that_is_sealed(closed: Made) -> None:
-    with pytest.raises(UserError, match="attack was given a sealed container"):
-        refuse_sealed(closed["secret"], "attack")
+    with pytest.raises(UserError, match="add_grain was given a sealed container"):
+        refuse_sealed(closed["secret"], "add_grain")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 import torch
 from jaxtyping import Float
@@ -19,6 +19,7 @@ from stages.imaging.metric_table import mean_of_known
 from stages.imaging.pictures import picture_to_tensor
 from stages.imaging.psnr import psnr
 from stages.scene.cameras import single_cameras
+from stages.scene.gaussians import Gaussians
 from stages.scene.message_views import MessageViews
 from stages.scene.scene import Scene
 
@@ -29,7 +30,8 @@ Figures = Mapping[tuple[str | None, str], float]
 class Scorer:
     """Measures on some views of the scene; `owner` is the method with the secret, which no attacker has.
 
-    It renders on `device`; targets, and all pictures, are on the CPU.
+    `opened`: what the owner makes of the Gaussians of a sealed container before messages are read; the cover is
+    rendered of what was found. It renders on `device`; targets, and all pictures, are on the CPU.
     """
 
     def __init__(
@@ -39,7 +41,9 @@ class Scorer:
         messages: Mapping[str, MessageViews],
         views: Sequence[str],
         device: torch.device | str = "cpu",
+        opened: Callable[[Gaussians], Gaussians] = lambda gaussians: gaussians,
     ):
+        self.opened = opened
         self.owner, self.scene, self.messages, self.device = copy.deepcopy(owner), scene, messages, device
         move_networks(self.owner, device)
         self.views, self.rows = tuple(views), scene.rows(views)
@@ -86,16 +90,22 @@ class Scorer:
             if name in self.owner.networks:
                 self.owner.networks[name].load_state_dict(attacked.method.networks[name].state_dict())
         cameras = self.scene.cameras.select(self.views)
-        gaussians = attacked.gaussians.to(self.device)
+        for_messages = [name for name in wanted if name != COVER]
+        found = attacked.gaussians
+        opened = self.opened(found) if for_messages else found
+        shares = [(wanted, found)] if opened is found else [([COVER], found), (for_messages, opened)]
+        shares = [(names, gaussians.to(self.device)) for names, gaussians in shares]
         moved = attacked.motion.world_to_camera(cameras.world_to_camera)
         for camera in single_cameras(
             type(cameras)(cameras.names, moved, cameras.intrinsics, cameras.width, cameras.height)
         ):
-            rendered = self.owner.render(gaussians, camera, wanted=tuple(wanted)).pictures
-            pictures = {name: picture.cpu() for name, picture in rendered.items()}
+            pictures: dict[str, Float[Tensor, "H W 3"]] = {}
+            for names, gaussians in shares:
+                rendered = self.owner.render(gaussians, camera, wanted=tuple(names)).pictures
+                pictures |= {name: rendered[name].cpu() for name in names}
             if attacked.on_pictures is not None:
                 pictures[COVER] = attacked.on_pictures(pictures[COVER].clamp(0, 1))
-                if isinstance(self.owner, ReadsRenders) and len(wanted) > 1:
+                if isinstance(self.owner, ReadsRenders) and for_messages:
                     read = self.owner.read_off(pictures[COVER].to(self.device))
                     pictures |= {name: picture.cpu() for name, picture in read.items()}
             yield pictures
