@@ -68,7 +68,7 @@ def open_container(
     """
     if not is_sealed(secret):
         return gaussians
-    key, method = _seal_of(secret, method)
+    key, reads = _seal_of(secret, method)
     if published is not None:
         rows = rows_of(gaussians, published, seed)
         if not (rows >= 0).any():
@@ -78,7 +78,7 @@ def open_container(
                 expected="the published container, moved back as `recover` does, and some of its Gaussians",
                 remedy="Give what `recover` makes of the found container, as workflows/recover_container.yaml does.",
             )
-        return opened(gaussians, method, key, rows, len(published))
+        return opened(gaussians, reads, key, rows, len(published))
     if places_of(gaussians) != string(secret, PLACES):
         raise UserError(
             "the container is not as it was sealed: which Gaussian holds what of the messages cannot be told",
@@ -86,7 +86,7 @@ def open_container(
             expected="the container for which the secret was made",
             remedy="Give `published`, the container as it was published, as workflows/recover_container.yaml does.",
         )
-    return opened(gaussians, method, key, torch.arange(len(gaussians)), len(gaussians))
+    return opened(gaussians, reads, key, torch.arange(len(gaussians)), len(gaussians))
 
 
 def open_what_is_known(
@@ -99,9 +99,9 @@ def open_what_is_known(
     """
     if not is_sealed(secret):
         return gaussians
-    key, method = _seal_of(secret, method)
+    key, reads = _seal_of(secret, method)
     rows = rows_of(gaussians, published, seed)
-    return opened(gaussians, method, key, rows, len(published)) if (rows >= 0).any() else gaussians
+    return opened(gaussians, reads, key, rows, len(published)) if (rows >= 0).any() else gaussians
 
 
 def rows_of(gaussians: Gaussians, published: Gaussians, seed: int) -> Int[Tensor, " F"]:

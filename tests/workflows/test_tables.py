@@ -39,7 +39,10 @@ PROBED = [
     {**PAIR, "method": name, "feature_dim": feature_dim, "decoder_width": 12, "rate": 1e-3}
     for name, feature_dim in (("sh", 16), ("gs_hider", 8), ("gs_hider", 16))
 ]
-ATTACKED = [{**PAIR, "hidden": 1, "method": name} for name in ("homogeneous", "gs_hider")]
+ATTACKED = [
+    {**PAIR, "hidden": 1, "method": name, "sealed": sealed}
+    for name, sealed in (("homogeneous", False), ("homogeneous", True), ("gs_hider", False))
+]
 COPYRIGHT = {"cover": "fox", "stranger": "kitchen", "gaussians": 500, "stranger_gaussians": 500, "seed": 0}
 COPYRIGHTS = [
     {**COPYRIGHT, "variant": "paper", "negatives": "photos"},
@@ -161,6 +164,7 @@ def test_attacks(photos: Path) -> None:
     written = {row["line"] for row in figures(ended)}
     assert any("Random, 25 %" in line for line in written), written
     assert any("Channel dropping" in line for line in written), written
+    assert any("Homogeneous GS-Hider, sealed" in line for line in written), written
 
 
 @pytest.mark.slow

@@ -15,6 +15,9 @@ from stages.analysis.paper.runs import Experiment
 COMPARED = (OURS, GS_HIDER)
 """The widths of curves are those that both of these reach."""
 
+SEALED = "sealed"
+"""The setting of a container that is attacked as it is published; see `stages.seal`."""
+
 
 @dataclass(frozen=True)
 class Attacked:
@@ -27,6 +30,16 @@ class Attacked:
     def titles(self) -> tuple[str, ...]:
         """Of the methods."""
         return tuple(map(title_of, self.by_method))
+
+    @property
+    def ours(self) -> tuple[str, ...]:
+        """The methods, with their settings, that are ours."""
+        return tuple(method for method, group in self.by_method.items() if group[0].method == OURS)
+
+    @property
+    def is_any_sealed(self) -> bool:
+        """Whether containers among them were sealed before they were attacked."""
+        return any(SEALED in dict(group[0].settings) for group in self.by_method.values())
 
     def width(self, attack: AttackName) -> float:
         """Up to which loss of the cover the compared methods' curves reach, or all where neither is there; in dB."""

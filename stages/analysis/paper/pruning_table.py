@@ -54,10 +54,11 @@ def pruning_table(by_method: Groups, tables: Published) -> Grid:
 
 
 def pruning_relations(by_method: Groups, tables: Published) -> list[Relation]:
-    """The paper's findings, of its own method and of ours."""
+    """The paper's findings, of its own method and of ours, sealed or not."""
     found = []
+    methods = [method for method, group in by_method.items() if group[0].method in (GS_HIDER, OURS)]
     unpruned = {False: average(tables.fidelity[GS_HIDER].cover), True: average(tables.fidelity[GS_HIDER].message)}
-    for method in (GS_HIDER, OURS):
+    for method in methods:
         for kind, percent, text in (("sequential", 15, "15 % sequential"), ("random", 25, "25 % at random")):
             variant = next(each for each in tables.pruning[kind] if each.value == percent)
             for message in (False, True):
@@ -69,16 +70,13 @@ def pruning_relations(by_method: Groups, tables: Published) -> list[Relation]:
                         "difference",
                         "at least",
                         -bound,
-                        _change(by_method.get(method, ()), PRUNINGS[kind][1], percent / 100, message),
+                        _change(by_method[method], PRUNINGS[kind][1], percent / 100, message),
                         difference,
                         source="" if method == GS_HIDER else "of GS-Hider",
                     )
                 )
-    for method in (GS_HIDER, OURS):
-        found += [
-            _addition(method, by_method.get(method, ()), tables, unpruned[message], message)
-            for message in (False, True)
-        ]
+    for method in methods:
+        found += [_addition(method, by_method[method], tables, unpruned[message], message) for message in (False, True)]
     return [relation for relation in found if relation.measured.by_capture]
 
 

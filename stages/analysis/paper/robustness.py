@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName, restored
 from stages.analysis.page.chart import Chart, Series, line_chart
@@ -11,7 +11,7 @@ from stages.analysis.page.figures import MISSING
 from stages.analysis.page.material import DECODER, GS_HIDER, OURS, PLAIN, SECOND_HARMONICS
 from stages.analysis.page.summary import Tile
 from stages.analysis.paper.attack_curves import POINTS, Reading, average_curve, measured, severities
-from stages.analysis.paper.attacked import COMPARED, Attacked
+from stages.analysis.paper.attacked import Attacked
 from stages.analysis.paper.chapter import Chapter, title_of
 from stages.analysis.paper.grid import Cell, Grid, Line, figure_cell, signed, without_empty_columns
 from stages.analysis.paper.measuring import Measured, Spread
@@ -45,6 +45,11 @@ REGISTERED_NOTE = (
     "The owner, who is not told the attack, looks for a motion of the world and a map of the features that bring the "
     "found container back to the published one, undoes both, and reads once more. At every point he keeps the better "
     "of both readings: he knows what he hid. Of renders nothing can be registered."
+)
+
+SEALED_NOTE = (
+    "Sealed: attacked as it is published. The owner opens what is left of it beside what was published, before "
+    "registration, too: a Gaussian whose share of the message went with another one shows nothing any more."
 )
 
 
@@ -105,24 +110,31 @@ def _areas(attacked: Attacked, reading: Reading, sources: str) -> Grid:
             "Second figures: to what was read before the attack. Who begins with a better message can lose more of it "
             "and still have more left.",
             *_lost_by_ours(attacked, reading),
-            *_notes(reading),
+            *_notes(attacked, reading),
             f"All figures: means over test views, from the measurements of {sources}.",
         ),
     )
 
 
-def _notes(reading: Reading) -> tuple[str, ...]:
-    return (REGISTERED_NOTE,) if reading == "registered" else ()
+def _notes(attacked: Attacked, reading: Reading) -> Iterator[str]:
+    if reading == "registered":
+        yield REGISTERED_NOTE
+    if attacked.is_any_sealed:
+        yield SEALED_NOTE
 
 
-def _lost_by_ours(attacked: Attacked, reading: Reading) -> tuple[str, ...]:
+def _lost_by_ours(attacked: Attacked, reading: Reading) -> list[str]:
     """Under how many attacks our message loses more of itself than GS-Hider's, by more than is written."""
-    both = [[attacked.message_lost(method, attack, reading) for method in COMPARED] for attack in attacked.attacks]
-    excess = [ours.minus(hider).average.mean for ours, hider in both if ours.minus(hider).by_capture]
-    if not excess:
-        return ()
-    more = sum(each > WRITTEN for each in excess)
-    return (f"Of what it was, {title_of(OURS)} loses more than {title_of(GS_HIDER)} under {more} of {len(excess)}.",)
+    found = []
+    for method in attacked.ours:
+        lost = [
+            [attacked.message_lost(each, attack, reading) for each in (method, GS_HIDER)] for attack in attacked.attacks
+        ]
+        excess = [ours.minus(hider).average.mean for ours, hider in lost if ours.minus(hider).by_capture]
+        count = f"{sum(each > WRITTEN for each in excess)} of {len(excess)}"
+        if excess:
+            found.append(f"Of what it was, {title_of(method)} loses more than {title_of(GS_HIDER)} under {count}.")
+    return found
 
 
 def _unattacked(experiments: Sequence[Experiment]) -> Spread:
@@ -173,7 +185,7 @@ def _gains(attacked: Attacked, reading: Reading) -> Grid:
             *weakest,
             "Above 0 the message suffers more than the cover; below, an attacker loses the cover first.",
             *floor_notes(attacked),
-            *_notes(reading),
+            *_notes(attacked, reading),
         ),
     )
 
@@ -254,28 +266,24 @@ def _filled(cells: Sequence[Cell]) -> tuple[Cell, ...]:
 
 
 def _relations(attacked: Attacked, reading: Reading) -> list[Relation]:
-    """Ours is not worse than GS-Hider in the area under any curve by more than the spread over seeds.
+    """Ours, sealed or not, is not worse than GS-Hider in the area under any curve by more than seeds spread."""
+    found = (_not_worse(attacked, method, attack, reading) for attack in attacked.attacks for method in attacked.ours)
+    return [relation for relation in found if relation.measured.by_capture]
 
-    What stands under a relation is the average over the captures, and so is the spread: that of the average.
-    """
-    found = []
-    for attack in attacked.attacks:
-        ours, hider = (attacked.message_left(method, attack, reading) for method in COMPARED)
-        deviations = [each.deviation for area in (ours, hider) for each in area.by_capture.values()]
-        known = [deviation for deviation in deviations if not math.isnan(deviation)]
-        allowed = math.hypot(*known) / max(1, len(ours.by_capture)) if known else 0.0
-        if ours.minus(hider).by_capture:
-            found.append(
-                Relation(
-                    f"{title_of(OURS)} not under {title_of(GS_HIDER)} by more than the spread, "
-                    f"{reading}: {_sentence(attack)}",
-                    "difference",
-                    "at least",
-                    -allowed,
-                    ours.minus(hider),
-                )
-            )
-    return found
+
+def _not_worse(attacked: Attacked, method: str, attack: AttackName, reading: Reading) -> Relation:
+    """What stands under a relation is the average over the captures, and so is the spread: that of the average."""
+    ours, hider = (attacked.message_left(each, attack, reading) for each in (method, GS_HIDER))
+    deviations = [each.deviation for area in (ours, hider) for each in area.by_capture.values()]
+    known = [deviation for deviation in deviations if not math.isnan(deviation)]
+    allowed = math.hypot(*known) / max(1, len(ours.by_capture)) if known else 0.0
+    return Relation(
+        f"{title_of(method)} not under {title_of(GS_HIDER)} by more than the spread, {reading}: {_sentence(attack)}",
+        "difference",
+        "at least",
+        -allowed,
+        ours.minus(hider),
+    )
 
 
 def _tiles(attacked: Attacked, reading: Reading) -> tuple[Tile, ...]:

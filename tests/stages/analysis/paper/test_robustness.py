@@ -189,6 +189,28 @@ def test_a_container_of_another_weight_is_no_seed(study: Study) -> None:
         assert "Homogeneous GS-Hider, λ = 0.3" in found[attack]
 
 
+def test_a_sealed_container_stands_beside_the_same_unsealed_and_is_held_to_the_same_bars(study: Study) -> None:
+    sealed = tuple(
+        replace(experiment(capture, "homogeneous"), settings=(("sealed", "True"),)) for capture in ("fox", "bonsai")
+    )
+    chapter = robustness(replace(study, experiments=(*study.experiments, *sealed)), read_published())
+    for caption in ("Pruned Gaussians", f"What is left of the message {FOUND}", f"What attackers gain {FOUND}"):
+        [grid] = [grid for grid in chapter.grids if grid.caption.startswith(caption)]
+        shown = {*grid.headings, *(name for line in grid.lines for name in line.names)}
+        assert {"Homogeneous GS-Hider", "Homogeneous GS-Hider, sealed"} <= shown
+    [note] = {note for grid in chapter.grids for note in grid.notes if note.startswith("Sealed:")}
+    assert "opens what is left of it beside what was published" in note
+    texts = [relation.text for relation in chapter.relations]
+    of_sealed = [text for text in texts if text.startswith("Homogeneous GS-Hider, sealed")]
+    assert [text.replace(", sealed", "") for text in of_sealed] == [
+        text for text in texts if text.startswith("Homogeneous GS-Hider") and text not in of_sealed
+    ]
+
+
+def test_without_a_sealed_container_nothing_is_said_of_seals(chapter: Chapter) -> None:
+    assert not [note for grid in chapter.grids for note in grid.notes if "ealed" in note]
+
+
 def test_purification(chapter: Chapter) -> None:
     found = written(chapter, "View-weight pruning")
     assert found["Homogeneous GS-Hider", "here"]["One by one"] == "5.00"
