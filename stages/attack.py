@@ -20,7 +20,7 @@ from stages.analysis.fidelity import Perceptual
 from stages.analysis.measurements import KIND, write_measurements
 from stages.analysis.seeds import DistinctSeeds
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.opening import open_what_is_known
+from stages.hiding.opening import opener
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.what_is_hidden import at_least_one_hidden
 from stages.imaging.lpips import load_lpips, networks_for
@@ -82,7 +82,7 @@ def attack(context: Context, parameters: AttackParameters) -> None:
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
     hidden, device = at_least_one_hidden(messages, secret, "attack"), working_device()
     target, owner = Target(read_gaussians(container), read_method(container)), read_method(container, secret)
-    opened = partial(open_what_is_known, method=target.method, secret=secret, published=target.gaussians)
+    opened = opener(target.method, secret, target.gaussians)
     assay = Assay(
         target,
         Scorer(owner, scene, hidden, _measured_views(scene, parameters.test_views), device, opened),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Int
 from torch import Tensor
@@ -10,14 +11,11 @@ from torch import Tensor
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from stages.hiding.method import Method
-from stages.hiding.sealing import PLACES, SEAL, ReadsAlong, opened, places_of
+from stages.hiding.sealing import PLACES, SEAL, ReadsAlong, Seal, places_of
 from stages.hiding.storage import read_gaussians, read_method
 from stages.scene.attributes import string
 from stages.scene.gaussians import Gaussians
-from stages.scene.registration import register
-
-ELSEWHERE = -1
-"""For the row of a Gaussian that is none of those that were published."""
+from stages.scene.identification import identified
 
 
 def is_sealed(secret: Artifact) -> bool:
@@ -61,67 +59,66 @@ def open_container(
     """The Gaussians with the messages where they were hidden; as they are, if their secret is of no seal.
 
     Without `published` they must be those that were sealed, at their places. With it they may be some of these and
-    others, each a little moved, as `recover` gives them: they are paired by places (`register`, whose `seed` it is).
-    Others are left out, and those whose share of a message is not there (`opened`).
+    others, each a little moved, as `recover` gives them (`identified`, whose `seed` it is). Others are left out, and
+    those whose share of a message is not there (`opened`).
 
     Raises `UserError` where they are not those that were sealed, and for a seal that is none of this method.
     """
     if not is_sealed(secret):
         return gaussians
-    key, reads = _seal_of(secret, method)
-    if published is not None:
-        rows = rows_of(gaussians, published, seed)
-        if not (rows >= 0).any():
+    if published is None:
+        seal = _seal_of(secret, method, gaussians)
+        if places_of(gaussians) != string(secret, PLACES):
             raise UserError(
-                "a sealed container cannot be opened: none of its Gaussians is known",
-                found=f"{len(gaussians)} Gaussians, none at the place of one of the {len(published)} published",
-                expected="the published container, moved back as `recover` does, and some of its Gaussians",
-                remedy="Give what `recover` makes of the found container, as workflows/recover_container.yaml does.",
+                "the container is not as it was sealed: which Gaussian holds what of the messages cannot be told",
+                found=f"{len(gaussians)} Gaussians, some of them missing, added or moved",
+                expected="the container for which the secret was made",
+                remedy="Give `published`, the container as it was published, as workflows/recover_container.yaml does.",
             )
-        return opened(gaussians, reads, key, rows, len(published))
-    if places_of(gaussians) != string(secret, PLACES):
+        return seal.opened(gaussians, torch.arange(len(gaussians)))
+    seal = _seal_of(secret, method, published)
+    rows = rows_of(gaussians, seal, seed)
+    if not (rows >= 0).any():
         raise UserError(
-            "the container is not as it was sealed: which Gaussian holds what of the messages cannot be told",
-            found=f"{len(gaussians)} Gaussians, some of them missing, added or moved",
-            expected="the container for which the secret was made",
-            remedy="Give `published`, the container as it was published, as workflows/recover_container.yaml does.",
+            "a sealed container cannot be opened: none of its Gaussians is known",
+            found=f"{len(gaussians)} Gaussians, none of them one of the {len(published)} published",
+            expected="the published container, moved back as `recover` does, and some of its Gaussians",
+            remedy="Give what `recover` makes of the found container, as workflows/recover_container.yaml does.",
         )
-    return opened(gaussians, reads, key, torch.arange(len(gaussians)), len(gaussians))
+    return seal.opened(gaussians, rows)
 
 
-def open_what_is_known(
-    gaussians: Gaussians, method: Method, secret: Artifact, published: Gaussians, seed: int = 0
-) -> Gaussians:
-    """The same beside what was published, but where none of them is known they are left as they are, sealed.
+def opener(method: Method, secret: Artifact, published: Gaussians, seed: int = 0) -> Callable[[Gaussians], Gaussians]:
+    """`open_container` beside what was published, for many that were found; where none is known they are left sealed.
 
     For what was done to them to be measured, however much it was. Raises `UserError` for a seal that is none of this
     method.
     """
     if not is_sealed(secret):
-        return gaussians
-    key, reads = _seal_of(secret, method)
-    rows = rows_of(gaussians, published, seed)
-    return opened(gaussians, reads, key, rows, len(published)) if (rows >= 0).any() else gaussians
+        return lambda gaussians: gaussians
+    seal = _seal_of(secret, method, published)
+
+    def opened(gaussians: Gaussians) -> Gaussians:
+        rows = rows_of(gaussians, seal, seed)
+        return seal.opened(gaussians, rows) if (rows >= 0).any() else gaussians
+
+    return opened
 
 
-def rows_of(gaussians: Gaussians, published: Gaussians, seed: int) -> Int[Tensor, " F"]:
-    """Which published Gaussian each is, by places; `ELSEWHERE` for one that is none, or where places tell nothing."""
-    rows = torch.full((len(gaussians),), ELSEWHERE, dtype=torch.long)
-    pairs = register(gaussians, published, seed)
-    if pairs is not None:
-        rows[torch.from_numpy(np.asarray(pairs.found))] = torch.from_numpy(np.asarray(pairs.published))
-    return rows
+def rows_of(gaussians: Gaussians, seal: Seal, seed: int) -> Int[Tensor, " N"]:
+    """Which of the Gaussians each published one is (`identified`); negative for one that is not among them."""
+    told = seal.told(gaussians).numpy(), seal.told(seal.published).numpy()
+    return torch.from_numpy(identified(gaussians, seal.published, seed, [told]))
 
 
-def _seal_of(secret: Artifact, method: Method) -> tuple[bytes, ReadsAlong]:
-    """The key, and the method as one whose containers can be sealed."""
+def _seal_of(secret: Artifact, method: Method, published: Gaussians) -> Seal:
     try:
         key = bytes.fromhex(string(secret, SEAL))
     except ValueError as error:
         raise _broken(secret, "a key that is no hexadecimal number") from error
     if not isinstance(method, ReadsAlong):
         raise _broken(secret, f"the seal of a container of {method.name}")
-    return key, method
+    return Seal.of(published, method, key)
 
 
 def _broken(secret: Artifact, found: str) -> UserError:

@@ -61,11 +61,6 @@ class Rest:
     directions: Float64[Tensor, "N M"]
     shares: Float64[Tensor, " N"]
 
-    @property
-    def is_cornered(self) -> Bool[Tensor, " N"]:
-        """Whether there is no room around an origin."""
-        return self.origins.abs().amax(dim=1) > FARTHEST
-
     def moved(self, rows: Int[Tensor, " N"]) -> Rest:
         """The rests of other Gaussians, at the same origins."""
         return Rest(self.origins, self.directions[rows], self.shares[rows])
@@ -109,41 +104,71 @@ def sealed(gaussians: Gaussians, method: ReadsAlong, key: bytes) -> Gaussians:
     centred = _centred(gaussians)
     rest = rest_of(centred, read_basis(method))
     features = rest.moved(order_of(key, len(gaussians))).features()
-    return _with(gaussians, torch.where(rest.is_cornered[:, None], centred, features))
+    return _with(gaussians, torch.where(is_cornered(rest.origins)[:, None], centred, features))
 
 
-def opened(gaussians: Gaussians, method: ReadsAlong, key: bytes, rows: Int[Tensor, " F"], count: int) -> Gaussians:
-    """Of F Gaussians of a sealed container those that get back their own rest, in the order in which it was sealed.
+@dataclass(frozen=True)
+class Seal:
+    """A sealed container as it was published, and its key: what is found of it later is opened by it.
 
-    `rows`: which of its `count` Gaussians each is; negative for one that is none of them. One whose rest is not among
-    those found is left out, as nothing tells what it shows of a message; so is all but the first of several of one row.
-    Those at a corner of the cube are as they were.
+    What follows from both alone is made once. `basis` spans what the scene decoder reads, `origins` are those of the
+    published Gaussians, and `holders` the rows of those that hold each one's rest.
     """
-    place = torch.full((count,), -1, dtype=torch.long)
-    known = (rows >= 0).nonzero().squeeze(1).flip(0)  # so that the first of several is written last
-    place[rows[known]] = known
-    holder = torch.empty(count, dtype=torch.long)
-    holder[order_of(key, count)] = torch.arange(count)  # of each Gaussian's rest: the row that holds it now
-    centred = _centred(gaussians)
-    rest = rest_of(centred, read_basis(method))
-    found, stayed = place >= 0, torch.zeros(count, dtype=torch.bool)
-    stayed[found] = rest.is_cornered[place[found]]
-    whole = found & (stayed | found[holder])
-    own, held = place[whole], place[holder][whole]
-    back = Rest(rest.origins[own], rest.directions[held], rest.shares[held])
-    features = torch.where(stayed[whole][:, None], centred[own], back.features())
-    return _with(chosen(gaussians, own), features)
+
+    published: Gaussians
+    basis: Float64[Tensor, "M R"]
+    origins: Float64[Tensor, "N M"]
+    holders: Int[Tensor, " N"]
+
+    @classmethod
+    def of(cls, published: Gaussians, method: ReadsAlong, key: bytes) -> Seal:
+        """The seal of `published`, of which N = 0 is allowed."""
+        basis = read_basis(method)
+        holders = torch.empty(len(published), dtype=torch.long)
+        holders[order_of(key, len(published))] = torch.arange(len(published))
+        return cls(published, basis, rest_of(_centred(published), basis).origins, holders)
+
+    def opened(self, found: Gaussians, rows: Int[Tensor, " N"]) -> Gaussians:
+        """Of F Gaussians that were found those that get back their own rest, in the order in which they were sealed.
+
+        `rows`: which of the found ones each published one is, negative for one that is missing. One whose rest is not
+        among those found is left out, as nothing tells what it shows of a message. Those at a corner of the cube are as
+        they were found. Of what the scene decoder reads nothing is taken from those found: what was done to it would
+        come between a rest and where it belongs.
+        """
+        there, centred = rows >= 0, _centred(found)
+        stayed = is_cornered(self.origins)
+        whole = there & (stayed | there[self.holders])
+        own, holders = rows[whole], self.holders[whole]
+        held = rest_from(self.origins[holders], centred[rows[holders]], self.basis)
+        back = Rest(self.origins[whole], held.directions, held.shares)
+        features = torch.where(stayed[whole][:, None], centred[own], back.features())
+        return _with(chosen(found, own), features)
+
+    def told(self, gaussians: Gaussians) -> Float64[Tensor, "N R"]:
+        """What the scene decoder reads of each Gaussian, which a seal leaves as it is: it tells which one it is."""
+        return _centred(gaussians) @ self.basis
 
 
 def rest_of(features: Float64[Tensor, "N M"], read: Float64[Tensor, "M R"]) -> Rest:
     """What is not read of centred features; a feature at its origin has the direction 0."""
     features = features.clamp(-FARTHEST, FARTHEST)
-    origins = _origins((features @ read) @ read.T, read)
-    offsets = features - origins
+    return rest_from(_origins((features @ read) @ read.T, read), features, read)
+
+
+def rest_from(origins: Float64[Tensor, "N M"], features: Float64[Tensor, "N M"], read: Float64[Tensor, "M R"]) -> Rest:
+    """What is not read of centred features, from these origins, which need not be of what is read of them."""
+    offsets = features.clamp(-FARTHEST, FARTHEST) - origins
+    offsets = offsets - (offsets @ read) @ read.T
     lengths = offsets.norm(dim=1)
     directions = offsets / lengths.clamp_min(torch.finfo(lengths.dtype).tiny)[:, None]
     space = room(origins, directions)
     return Rest(origins, directions, torch.where(space > 0, lengths / space, 0.0).clamp(0, 1))
+
+
+def is_cornered(origins: Float64[Tensor, "N M"]) -> Bool[Tensor, " N"]:
+    """Whether there is no room around an origin."""
+    return origins.abs().amax(dim=1) > FARTHEST
 
 
 def room(origins: Float64[Tensor, "N M"], directions: Float64[Tensor, "N M"]) -> Float64[Tensor, " N"]:

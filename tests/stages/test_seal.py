@@ -20,11 +20,12 @@ from stages.draw_key import DrawKeyParameters, draw_key
 from stages.export_container import ExportContainerParameters, export_container
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.coupled import FEATURES
-from stages.hiding.opening import read_container, refuse_sealed
+from stages.hiding.opening import opener, read_container, refuse_sealed
 from stages.hiding.sealing import PLACES, SEAL
 from stages.hiding.storage import read_gaussians, read_method, write_container
 from stages.import_container import ImportContainerParameters, import_container
 from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
+from stages.scene import moved_splats
 from stages.scene.gaussians import Gaussians
 from stages.seal import SealParameters, seal
 from tests.stages.small import scene
@@ -145,6 +146,39 @@ def test_what_was_pruned_is_opened_by_what_was_published(tmp_path: Path, hidden:
     rows = [own[tuple(mean.tolist())] for mean in opened.means]
     assert 0.5 < len(rows) / len(original) < 0.75  # both a Gaussian and what holds its rest: 0.8 of 0.8
     torch.testing.assert_close(opened[FEATURES].sigmoid(), original[FEATURES].sigmoid()[rows], rtol=0, atol=2e-4)
+
+
+def changed_as(name: str, gaussians: Gaussians) -> Gaussians:
+    """What a thief makes of all Gaussians, at next to no cost of the cover."""
+    generator = torch.Generator().manual_seed(0)
+    if name == "decoys":
+        decoys = gaussians.parameters | {
+            FEATURES: torch.zeros_like(gaussians[FEATURES]),
+            "logit_opacities": torch.full_like(gaussians["logit_opacities"], -9.0),
+        }
+        return Gaussians({each: torch.cat([decoys[each], values]) for each, values in gaussians.parameters.items()})
+    if name == "clones":
+        return Gaussians({each: torch.cat([values, values]) for each, values in gaussians.parameters.items()})
+    noise = 0.01 * gaussians.means.std(dim=0) * torch.randn(gaussians.means.shape, generator=generator)
+    order = torch.randperm(len(gaussians), generator=generator)
+    return moved_splats.chosen(Gaussians(gaussians.parameters | {"means": gaussians.means + noise}), order)
+
+
+@pytest.mark.parametrize("name", ["decoys", "clones", "noise on positions"])
+def test_each_gaussian_is_told_whatever_was_done_to_all(name: str, hidden: Made, closed: Made) -> None:
+    published, original = read_gaussians(closed["container"]), read_gaussians(hidden["container"])
+    opened = opener(read_method(closed["container"]), closed["secret"], published)(changed_as(name, published))
+    assert len(opened) == len(original)
+    torch.testing.assert_close(opened[FEATURES].sigmoid(), original[FEATURES].sigmoid(), rtol=0, atol=2e-4)
+
+
+def test_what_is_not_known_at_all_is_left_as_it_is(closed: Made) -> None:
+    published = read_gaussians(closed["container"])
+    stranger = Gaussians(published.parameters | {"means": published.means.flip(0) * 7 + 3})
+    opened = opener(read_method(closed["container"]), closed["secret"], published)(
+        moved_splats.chosen(stranger, torch.arange(5))
+    )
+    assert torch.equal(opened[FEATURES], stranger[FEATURES][:5])
 
 
 def test_a_container_that_cannot_be_sealed_is_left_as_it_is(tmp_path: Path) -> None:

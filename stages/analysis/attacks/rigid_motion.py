@@ -28,7 +28,8 @@ def rigid_motion(target: Target, degrees: float, generator: torch.Generator) -> 
     axis = torch.randn(3, generator=generator, dtype=torch.float64)
     turn = torch.nn.functional.normalize(axis, dim=0).numpy() * np.deg2rad(degrees)
     rotation = Rotation.from_rotvec(turn).as_matrix()
-    centre = target.gaussians.means.median(dim=0).values.double().numpy()
+    means = target.gaussians.means
+    centre = (means.median(dim=0).values if len(means) else means.new_zeros(3)).double().numpy()
     return _moved(target, Similarity(1.0, rotation, centre - rotation @ centre))
 
 

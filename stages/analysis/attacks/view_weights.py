@@ -90,8 +90,10 @@ def pruning_order(weights: Weights, labels: Int[Tensor, " N"]) -> Int[Tensor, " 
 
 
 def clusters(weights: Weights, seed: int) -> Int[Tensor, " N"]:
-    """A label for each Gaussian, at most `CLUSTERS` of them; empty clusters are no harm."""
+    """A label for each Gaussian, at most `CLUSTERS` of them; empty clusters are no harm, nor are fewer than two."""
     values = torch.stack([weights.weight, weights.influence], dim=1).clamp_min(SMALLEST).log().double()
+    if len(values) < 2:
+        return torch.zeros(len(values), dtype=torch.long)
     standardised = ((values - values.mean(dim=0)) / values.std(dim=0).clamp_min(SMALLEST)).numpy()
     count = min(CLUSTERS, len(np.unique(standardised, axis=0)))
     _, labels = kmeans2(standardised, count, minit="++", seed=np.random.default_rng(seed), missing="warn")

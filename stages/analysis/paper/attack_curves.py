@@ -13,6 +13,7 @@ from stages.analysis.attacks.catalogue import ONE_COLOUR, UNATTACKED, restored
 from stages.analysis.measurements import Measurement
 from stages.analysis.paper.measuring import Measured, Spread, mean, together
 from stages.analysis.paper.runs import Experiment
+from stages.imaging.metric_table import mean_of_known
 
 LEAST_LOSS = 0.05
 """In dB of the cover: what costs it no more than this costs it nothing."""
@@ -42,15 +43,21 @@ class Curve:
     points: tuple[Point, ...]
 
     @property
+    def publishable(self) -> tuple[Point, ...]:
+        """The points but for those at which no picture of the cover could be rendered any more: NaN."""
+        return tuple(point for point in self.points if not math.isnan(point.cover))
+
+    @property
     def reach(self) -> float:
         """The largest loss of the cover, in dB; not negative."""
-        return max((self.loss(point) for point in self.points), default=0.0)
+        return max((self.loss(point) for point in self.publishable), default=0.0)
 
     @property
     def gain(self) -> float:
         """The most that the message loses beyond what the cover does, in dB: what GSPure is scored by."""
         return max(
-            (self.unattacked.message - point.message - self.loss(point) for point in self.points), default=math.nan
+            (self.unattacked.message - point.message - self.loss(point) for point in self.publishable),
+            default=math.nan,
         )
 
     def read_as(self, other: Curve) -> Curve:
@@ -99,10 +106,10 @@ class Curve:
     @property
     def _line(self) -> list[tuple[float, float]]:
         """Losses of the cover and what is left of the message, from 0 and what is left for nothing to infinity."""
-        free = (point.message for point in self.points if self.loss(point) <= LEAST_LOSS)
+        free = (point.message for point in self.publishable if self.loss(point) <= LEAST_LOSS)
         lowest = min([self.unattacked.message, *free])
         line = [(0.0, lowest)]
-        for loss, message in sorted((self.loss(point), point.message) for point in self.points):
+        for loss, message in sorted((self.loss(point), point.message) for point in self.publishable):
             if loss > LEAST_LOSS:
                 lowest = min(lowest, message)
                 line.append((loss, lowest))
@@ -173,8 +180,8 @@ def most_to_lose(experiments: Iterable[Experiment]) -> Measured:
     found: dict[str, list[Spread]] = {}
     for experiment in experiments:
         if floors := _floors(experiment):
-            message = _unattacked(experiment, floors).message
-            found.setdefault(experiment.capture, []).append(Spread(message - mean(floors.values())))
+            message, one_colour = _unattacked(experiment, floors).message, mean_of_known(floors.values())
+            found.setdefault(experiment.capture, []).append(Spread(message - one_colour))
     return _by_capture(found)
 
 
@@ -246,7 +253,7 @@ def at_severity(
         values: dict[int | None, list[float]] = {}
         for row in experiment.rows:
             found = (row.condition, row.severity, row.quantity, row.message is not None)
-            if found == (condition, severity, quantity, message):
+            if found == (condition, severity, quantity, message) and not math.isnan(row.value):
                 values.setdefault(row.seed, []).append(row.value)
         if values:
             spreads.setdefault(experiment.capture, []).append(spread([mean(each) for each in values.values()]))

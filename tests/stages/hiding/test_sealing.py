@@ -12,15 +12,17 @@ from stages.hiding.coupled import FEATURES
 from stages.hiding.method import build_method
 from stages.hiding.methods.homogeneous import Homogeneous
 from stages.hiding.rendering import COVER
-from stages.hiding.sealing import can_be_sealed, opened, order_of, rest_of, sealed
+from stages.hiding.sealing import Seal, can_be_sealed, order_of, rest_of, sealed
+from stages.hiding.stored_features import stored
 from stages.scene.gaussians import Gaussians, gaussians_at
+from stages.scene.moved_splats import chosen
 
 KEY = bytes(range(32))
 
 
 def homogeneous(feature_dim: int = 16, seed: int = 0) -> Homogeneous:
-    chosen = {"feature_dim": feature_dim, "layers": 2, "decoder_width": 8, "kernel_size": 1, "precision": "float32"}
-    method = build_method("homogeneous", {**chosen, "messages": ["message"]})
+    usual = {"feature_dim": feature_dim, "layers": 2, "decoder_width": 8, "kernel_size": 1, "precision": "float32"}
+    method = build_method("homogeneous", {**usual, "messages": ["message"]})
     assert isinstance(method, Homogeneous)
     method.initial_attributes({name: np.full((1, 3), 0.5) for name in (COVER, "message")}, np.random.default_rng(seed))
     return method
@@ -52,7 +54,7 @@ def test_the_cover_is_left_and_who_has_the_key_gets_back_everything(
     closed = sealed(gaussians, method, key)
     read = method.rows_read().double().T
     torch.testing.assert_close(centred(closed) @ read, centred(gaussians) @ read, rtol=0, atol=1e-5)
-    back = opened(closed, method, key, torch.arange(count), count)
+    back = Seal.of(closed, method, key).opened(closed, torch.arange(count))
     torch.testing.assert_close(centred(back), centred(gaussians), rtol=0, atol=1e-5)
     assert torch.equal(back.means, gaussians.means)
 
@@ -65,7 +67,7 @@ def test_saturated_features_leave_the_cover_as_it_is() -> None:
     read = method.rows_read().double().T
     torch.testing.assert_close(centred(closed) @ read, centred(gaussians) @ read, rtol=0, atol=1e-3)
     assert closed[FEATURES].isfinite().all()
-    back = opened(closed, method, KEY, torch.arange(1000), 1000)
+    back = Seal.of(closed, method, KEY).opened(closed, torch.arange(1000))
     torch.testing.assert_close(centred(back) @ read, centred(gaussians) @ read, rtol=0, atol=1e-3)
 
 
@@ -73,10 +75,10 @@ def test_who_has_another_key_gets_nothing() -> None:
     method = homogeneous()
     gaussians = some_gaussians(method, 500, 1.0)
     closed = sealed(gaussians, method, KEY)
-    for wrong in (closed, opened(closed, method, bytes(32), torch.arange(500), 500)):
+    for wrong in (closed, Seal.of(closed, method, bytes(32)).opened(closed, torch.arange(500))):
         together = torch.stack([centred(wrong).flatten(), unread(gaussians, method).flatten()])
         assert abs(torch.corrcoef(together)[0, 1]) < 0.1
-    right = opened(closed, method, KEY, torch.arange(500), 500)
+    right = Seal.of(closed, method, KEY).opened(closed, torch.arange(500))
     together = torch.stack([unread(right, method).flatten(), unread(gaussians, method).flatten()])
     assert torch.corrcoef(together)[0, 1] > 0.999
 
@@ -91,14 +93,26 @@ def test_what_is_missing_takes_with_it_what_it_held() -> None:
     gaussians = some_gaussians(method, 300, 1.0)
     closed = sealed(gaussians, method, KEY)
     kept = torch.randperm(300, generator=torch.Generator().manual_seed(0))[:200]
-    rows = torch.cat([kept, torch.tensor([-1, -1]), kept[:5]])  # two that are none of them, and five a second time
-    found = Gaussians({name: values[rows.clamp_min(0)] for name, values in closed.parameters.items()})
-    back = opened(found, method, KEY, rows, 300)
+    found = chosen(closed, kept)
+    rows = torch.full((300,), -1)
+    rows[kept] = torch.arange(200)
+    back = Seal.of(closed, method, KEY).opened(found, rows)
     own = {tuple(mean.tolist()): feature for mean, feature in zip(gaussians.means, centred(gaussians), strict=True)}
     holder = {int(row): place for place, row in enumerate(order_of(KEY, 300))}
     assert len(back) == sum(holder[int(row)] in set(kept.tolist()) for row in kept)
     for mean, feature in zip(back.means, centred(back), strict=True):
         torch.testing.assert_close(feature, own[tuple(mean.tolist())], rtol=0, atol=1e-6)
+
+
+def test_what_is_done_to_what_the_scene_decoder_reads_does_not_come_between() -> None:
+    method = homogeneous()
+    gaussians = some_gaussians(method, 300, 0.5)
+    closed = sealed(gaussians, method, KEY)
+    read, _ = torch.linalg.qr(method.rows_read().double().T)
+    noise = 0.02 * torch.randn(300, read.shape[1], generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    found = Gaussians(closed.parameters | {FEATURES: stored(0.5 + centred(closed) + noise @ read.T)})
+    back = Seal.of(closed, method, KEY).opened(found, torch.arange(300))
+    torch.testing.assert_close(unread(back, method), unread(gaussians, method), rtol=0, atol=1e-5)
 
 
 def test_the_order_is_one_of_all_rows() -> None:
@@ -124,5 +138,6 @@ def test_a_feature_outside_of_the_cube_stays_finite() -> None:
 def test_none_and_one(count: int) -> None:
     method = homogeneous()
     gaussians = some_gaussians(method, count, 1.0)
-    back = opened(sealed(gaussians, method, KEY), method, KEY, torch.arange(count), count)
+    closed = sealed(gaussians, method, KEY)
+    back = Seal.of(closed, method, KEY).opened(closed, torch.arange(count))
     torch.testing.assert_close(centred(back), centred(gaussians), rtol=0, atol=1e-6)

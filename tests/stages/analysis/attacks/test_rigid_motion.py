@@ -26,3 +26,8 @@ def test_the_cover_stays_and_so_does_the_message_unless_it_is_told_directions(me
     assert (cover - before[COVER]).abs().max() < SAME
     change = float((shown(attacked, owner)[MESSAGE] - before[MESSAGE]).abs().max())
     assert (change > SAME) == (method == "homogeneous")
+
+
+def test_a_world_without_gaussians_turns_too() -> None:
+    target, _ = target_and_owner("gs_hider", 0)
+    assert len(rigid_motion(target, 15.0, generator()).gaussians) == 0

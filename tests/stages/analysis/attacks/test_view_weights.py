@@ -75,3 +75,10 @@ def test_a_share_is_pruned_and_the_same_each_time(attack: Callable[[Target, int,
     kept = [attack(target, 1, knowledge())(0.25).gaussians.means for _ in range(2)]
     assert len(kept[0]) == 150
     assert torch.equal(kept[0], kept[1])
+
+
+@pytest.mark.parametrize("attack", [view_weight_pruning, view_weight_clustering])
+@pytest.mark.parametrize("count", [0, 1])
+def test_none_and_one(attack: Callable[[Target, int, Knowledge], Attacker], count: int) -> None:
+    target, _ = target_and_owner("gs_hider", count)
+    assert len(attack(target, 0, one_view())(0.5).gaussians) == count

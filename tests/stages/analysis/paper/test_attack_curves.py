@@ -18,6 +18,7 @@ from stages.analysis.paper.attack_curves import (
     at_severity,
     average_curve,
     measured,
+    most_to_lose,
     readings,
     severities,
 )
@@ -198,3 +199,27 @@ def test_readings_of_an_experiment() -> None:
     assert [point.message for point in registered.points] == [23.0, 12.0]
     assert readings(experiment, "jpeg", "registered") == readings(experiment, "jpeg", "as found") != ()
     assert readings(experiment, "cropping", "registered") == ()
+
+
+def test_where_no_cover_can_be_rendered_any_more_nothing_is_gained() -> None:
+    lost = Curve(Point(0, COVER, MESSAGE), (Point(1, COVER - 1, MESSAGE - 2), Point(2, math.nan, MESSAGE - 9)))
+    assert (lost.reach, lost.gain) == (1, 1)
+    assert lost.message_at(5.0) == MESSAGE - 2
+    assert lost.message_left(1.0) == pytest.approx(MESSAGE - 1)
+
+
+def test_a_message_that_no_measured_view_shows_counts_for_nothing() -> None:
+    rows = [
+        Measurement(quantity, math.nan if name == "reef" else value, condition, severity, 0, message=name)
+        for condition, severity in ((UNATTACKED, None), ("random_pruning", 0.25))
+        for name, value, quantity in (
+            (None, COVER, "psnr"),
+            ("statue", MESSAGE, "psnr"),
+            ("reef", MESSAGE, "psnr"),
+            ("statue", 14.0, ONE_COLOUR),
+            ("reef", 14.0, ONE_COLOUR),
+        )
+    ]
+    two = [Experiment("fox", "gs_hider", "0", tuple(rows), {})]
+    assert most_to_lose(two).average.mean == MESSAGE - 14
+    assert at_severity(two, "random_pruning", 0.25, True, "psnr").average.mean == MESSAGE

@@ -1,0 +1,113 @@
+"""Identification: which found Gaussian each published one is, by its place, its shape, and what else is told of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
+
+from stages.scene.gaussians import Gaussians
+from stages.scene.registration import Registration, register
+from stages.scene.similarity import Similarity
+
+MISSING = -1
+"""For the row of a published Gaussian that was not found."""
+
+ALIKE = 0.1
+"""Of the distance at which published Gaussians typically have the next one, of a kind of values: what is so near to one
+is alike. By chance one in a thousand is, of three values."""
+
+RESIDUALS = 3.0
+"""Medians of how far values of a kind are apart in pairs that are known: what was done to all of them is forgiven."""
+
+ROUNDING = 1e-6
+"""Of the spread of values of a kind: single precision."""
+
+CANDIDATES = 4
+"""Found Gaussians that are looked at for each published one, of the nearest by place, by shape, and by everything."""
+
+SURE = 0.5
+"""So unlike, as a sum over kinds of squares that are at most 1, may one be for none that is more alike to be sought."""
+
+SAMPLED = 2000
+
+Kind = tuple[Float[np.ndarray, "F D"], Float[np.ndarray, "N D"]]
+"""Values of one kind, of the found Gaussians and of the published ones."""
+
+
+def identified(found: Gaussians, published: Gaussians, seed: int, others: Sequence[Kind] = ()) -> Int[np.ndarray, " N"]:
+    """For each published Gaussian the row of the found one that is it, or `MISSING`; no two are the same.
+
+    Found ones may be moved as a whole (`register`, whose `seed` it is), missing, doubled, added, in any order, and each
+    changed a little. Four kinds of values or more are compared: places, sizes, opacities and `others`. One that is
+    alike in all but fewer than half of them is taken, and of several the one that is most alike: a thief who shifts
+    every Gaussian a little leaves their shapes, and who puts decoys in their places cannot give these all that they
+    have, or the cover would change. All values are to be finite; either may have no Gaussians.
+    """
+    rows = np.full(len(published), MISSING, dtype=np.int64)
+    registration = register(found, published, seed)
+    if registration is None:
+        return rows
+    kinds = [*_geometry(found, published, registration.motion), *others]
+    kinds = [(own / unit, known / unit) for own, known in kinds for unit in [_unit(own, known, registration)]]
+    best = np.full(len(published), len(kinds) / 2)
+    places, sizes, opacities, *_ = kinds
+    for compared in ([places], [sizes, opacities], kinds):
+        [unsure] = np.nonzero(best > SURE)
+        for candidates in _nearest(compared, unsure):
+            cost = sum(np.minimum(1.0, np.square(own[candidates] - known[unsure]).sum(axis=1)) for own, known in kinds)
+            better = cost < best[unsure]
+            rows[unsure[better]], best[unsure[better]] = candidates[better], cost[better]
+    return _each_once(rows, best)
+
+
+def _geometry(found: Gaussians, published: Gaussians, motion: Similarity) -> Iterator[Kind]:
+    """Places before the motion, logarithmic sizes in ascending order, and logits of opacities."""
+    yield motion.inverse().points(_values(found, "means")), _values(published, "means")
+    yield _sizes(found) - np.log(motion.scale), _sizes(published)
+    yield _values(found, "logit_opacities")[:, None], _values(published, "logit_opacities")[:, None]
+
+
+def _unit(own: Float[np.ndarray, "F D"], known: Float[np.ndarray, "N D"], registration: Registration) -> float:
+    """Within which values are alike. Of several found ones that are paired with one the nearest counts: others may be
+    decoys."""
+    apart = np.linalg.norm(own[registration.found] - known[registration.published], axis=1)
+    nearest = np.full(len(known), np.inf)
+    np.minimum.at(nearest, registration.published, apart)
+    residual = float(np.median(nearest[np.isfinite(nearest)]))
+    return max(ALIKE * _typical_distance(known), RESIDUALS * residual, ROUNDING * float(known.std())) or 1.0
+
+
+def _nearest(kinds: Sequence[Kind], rows: Int[np.ndarray, " K"]) -> Iterator[Int[np.ndarray, " K"]]:
+    """For these published ones the rows of found ones, the nearest of all and then the next."""
+    if len(rows):
+        own, known = (np.concatenate(values, axis=1) for values in zip(*kinds, strict=True))
+        _, nearest = cKDTree(own).query(known[rows], k=range(1, min(CANDIDATES, len(own)) + 1))
+        yield from nearest.T
+
+
+def _each_once(rows: Int[np.ndarray, " N"], costs: Float[np.ndarray, " N"]) -> Int[np.ndarray, " N"]:
+    """Of several published ones that are the same found one, the one that is most alike has it."""
+    order = np.lexsort([costs, rows])
+    again = np.zeros(len(rows), dtype=bool)
+    again[order[1:]] = rows[order[1:]] == rows[order[:-1]]
+    return np.where(again, MISSING, rows)
+
+
+def _typical_distance(values: Float[np.ndarray, "N D"]) -> float:
+    """The median distance to the next other one, of at most so many of them as are `SAMPLED`; 0 for a lone one."""
+    if len(values) < 2:
+        return 0.0
+    distances, _ = cKDTree(values).query(values[:: math.ceil(len(values) / SAMPLED)], k=2)
+    return float(np.median(distances[:, 1]))
+
+
+def _sizes(gaussians: Gaussians) -> Float[np.ndarray, "N 3"]:
+    return np.sort(_values(gaussians, "log_scales"), axis=1)
+
+
+def _values(gaussians: Gaussians, name: str) -> Float[np.ndarray, "N ..."]:
+    return gaussians[name].detach().cpu().double().numpy()
