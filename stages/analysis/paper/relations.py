@@ -85,6 +85,23 @@ class Relation:
 
 
 @dataclass(frozen=True)
+class OnEachCapture(Relation):
+    """What asks for security: who is found out on one capture is not secure, whatever the average is."""
+
+    @property
+    def is_found(self) -> bool:
+        """Whether it holds on each capture."""
+        return 0 < self.captures_that_agree == len(self.measured.by_capture)
+
+    @property
+    def within_noise(self) -> bool:
+        """Whether another seed could well change the verdict, which is that of the worst capture."""
+        sign = 1 if self.sense in ("at most", "less than") else -1
+        worst = max(self.measured.by_capture.values(), key=lambda each: sign * each.mean)
+        return abs(worst.mean - self.bound) < NOISES * self.noise / math.sqrt(worst.worth)
+
+
+@dataclass(frozen=True)
 class TwiceCounted(Relation):
     """A relation of rates that are counted by picture, in `measured`, and again by scene, where that was measured.
 

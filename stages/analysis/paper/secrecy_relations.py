@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from stages.analysis.paper.measuring import Measured
-from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.relations import OnEachCapture, Relation
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.paper.secrecy_figures import (
     Found,
@@ -62,14 +62,16 @@ def _over_one_colour(
     text: str, shown: Measured, experiments: Sequence[Experiment], noise: float = math.nan
 ) -> Relation:
     floor = measured(experiments, "psnr_constant", OWNER)
-    return Relation(text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(floor.certain), math.nan, noise)
+    return OnEachCapture(
+        text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(floor.certain), math.nan, noise
+    )
 
 
 def _blind_relation(kind: Kind, experiments: Sequence[Experiment], blind: str) -> Relation:
     """Against the cover itself, as both are given the true colours."""
     shown, control = (measured(experiments, "psnr_coloured", condition) for condition in (blind, COVER_ITSELF))
     text = f"{kind.title}: message over the cover taken for it, both in true colours, the best blind reading"
-    return Relation(text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(control))
+    return OnEachCapture(text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(control))
 
 
 def _small_features(method: str, found: Found) -> list[Relation]:

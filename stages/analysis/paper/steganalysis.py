@@ -12,7 +12,7 @@ from stages.analysis.paper.chapter import Chapter, title_of
 from stages.analysis.paper.detection import HIDING, UNNOTICED, ByMethod, area_of
 from stages.analysis.paper.measuring import Measured, Spread
 from stages.analysis.paper.published import Published
-from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.relations import OnEachCapture, Relation
 from stages.analysis.paper.roc_charts import roc_charts
 from stages.analysis.paper.runs import Study, by_method
 from stages.analysis.paper.steganalysis_tables import (
@@ -69,7 +69,7 @@ def _relations(experiments_of: ByMethod, quantity: str, detector: str) -> Iterat
             if not math.isnan(area.value):
                 areas[capture] = area
         if areas:
-            yield Relation(
+            yield OnEachCapture(
                 f"{title_of(method)}: two-sided area by which {detector} tells what hides from what does not",
                 "ratio",
                 "at most",

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from stages.analysis.paper.measuring import Measured, MeasuredErrors, Spread, cover, measure, message, noise
-from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.relations import OnEachCapture, Relation
 from stages.analysis.paper.runs import Run
 from stages.imaging.metric_table import MetricRow
 
@@ -130,6 +130,23 @@ def relation(values: list[float], bound: float = 0.0, noise: float = math.nan, s
 )
 def test_verdicts(found: Relation, verdict: str) -> None:
     assert found.verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("values", "noise", "verdict"),
+    [
+        ([], 0.01, "not measured"),
+        ([0.5, 0.5], 0.01, "holds"),
+        ([0.5, 0.59], 0.01, "holds, within noise"),
+        ([0.4, 0.5, 0.63], 0.01, "holds on average alone (by itself on 2 of 3 captures)"),
+        ([0.4, 0.5, 0.61], 0.01, "holds on average alone, within noise (by itself on 2 of 3 captures)"),
+        ([0.59, 1.0], 0.01, "does not hold (by itself on 1 of 2 captures)"),
+        ([0.7, 1.0], 0.01, "does not hold"),
+    ],
+)
+def test_what_is_not_secure_on_one_capture_is_not_secure(values: list[float], noise: float, verdict: str) -> None:
+    measured = Measured({str(number): Spread(value) for number, value in enumerate(values)})
+    assert OnEachCapture("", "ratio", "at most", 0.6, measured, noise=noise).verdict == verdict
 
 
 def test_noise_of_what_is_compared_follows_from_how_many_runs_it_is_made_of() -> None:
