@@ -10,9 +10,7 @@ import pyopencl
 import torch
 from torch import Tensor
 
-from opencl.pool import empty
-
-WAY_OUT = "Take a smaller picture, fewer features or, where they are drawn, fewer Gaussians."
+from opencl.pool import WAY_OUT, empty
 
 _SMALL = 4096
 """Bytes that are copied once more in less time than a device is waited for: a camera, a background."""

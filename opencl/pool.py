@@ -14,11 +14,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from opencl.free_memory import free_memory
+
 _NUMPY = {torch.float32: np.float32, torch.float64: np.float64, torch.int32: np.int32, torch.int64: np.int64}
+WAY_OUT = "Take a smaller picture, fewer features or, where they are drawn, fewer Gaussians."
+
 _SMALLEST = 2**18
 """Bytes below which torch's own allocation does as well."""
 _KEPT = 2**29
 """Bytes that are kept for later at most."""
+_LARGE = 2**29
+"""Bytes from which it is asked whether there is room: what is not there the operating system promises all the same, and
+ends the process at the first touch."""
 _ALIGNMENT = 64
 """Bytes of a cache line: vectors that begin with one are read and written in one step."""
 
@@ -41,6 +48,7 @@ class _Pool:
                 if size <= block.nbytes <= size + size // 4:
                     self._remove(block)
                     return block
+        _check_room(size)
         unaligned = np.empty(size + _ALIGNMENT, np.uint8)
         return unaligned[-unaligned.ctypes.data % _ALIGNMENT :][:size]
 
@@ -54,11 +62,20 @@ class _Pool:
         self._blocks = [block for block in tuple(self._blocks) if block is not wanted]
 
 
+def _check_room(size: int) -> None:
+    free = free_memory() if size >= _LARGE else None
+    if free is not None and size > free:
+        raise RuntimeError(f"no room for {size / 2**30:.2f} GiB: {free / 2**30:.2f} are free. {WAY_OUT}")
+
+
 _pool = _Pool()
 
 
 def empty(*shape: int, dtype: torch.dtype) -> Tensor:
-    """An uninitialised, contiguous CPU tensor whose memory returns to the pool when no tensor uses it any more."""
+    """An uninitialised, contiguous CPU tensor whose memory returns to the pool when no tensor uses it any more.
+
+    Raises `RuntimeError` with a way out where it is large and there is no room for it.
+    """
     size = math.prod(shape) * dtype.itemsize
     if size < _SMALLEST:
         return torch.empty(shape, dtype=dtype)
