@@ -42,8 +42,8 @@ def identified(found: Gaussians, published: Gaussians, seed: int, others: Sequen
     """For each published Gaussian the row of the found one that is it, or `MISSING`; no two are the same.
 
     Found ones may be moved as a whole (`register`, whose `seed` it is), missing, doubled, added, in any order, and each
-    changed a little. Four kinds of values or more are compared: places, sizes, opacities and `others`. One that is
-    alike in all but fewer than half of them is taken, and of several the one that is most alike: a thief who shifts
+    changed a little. Places, sizes, opacities and `others` are compared. One that is alike in more than half of these
+    kinds of values is taken, and of several the one that is most alike: a thief who shifts
     every Gaussian a little leaves their shapes, and who puts decoys in their places cannot give these all that they
     have, or the cover would change. All values are to be finite; either may have no Gaussians.
     """
