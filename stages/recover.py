@@ -40,13 +40,14 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
     made from it fails.
 
     `figures` say so in a row, `is_yours`: of the found Gaussians, or of the published ones, if these are fewer, a
-    quarter at least are paired at their places. So it is of a fragment, and whatever was added to the container. Or
-    `may_be_yours`, where it was registered by the shapes of Gaussians alone: each was shifted by much, or both much was
-    left out and more was added, or it is another training from the same photos: of 3,000 iterations such were up to
-    22 % `matched`, of the fox after 300 23 %. (Of 40, which hardly leave the points that they begin with, 72 %: those
-    are told from each other by nothing here.) The other rows: how far the scene was turned, moved and scaled, what
-    share of the found Gaussians are published ones (`matched`), and of the published ones were found (`found_again`),
-    by how much features were changed back, and how many there were and are.
+    quarter at least are paired at their places, or by their very shapes, where each was shifted. So it is of a
+    fragment, and whatever was added to the container. Or `may_be_yours`, where it was registered by shapes that are
+    only similar: either each was shifted and changed, or both much was left out and more was added, or it is another
+    training from the same photos: of 3,000 iterations such were up to 22 % `matched`, of the fox after 300 23 %, none
+    by their shapes. (Of 40, which hardly leave the points that they begin with, 72 %: those are told from each other by
+    nothing here.) The other rows: how far the scene was turned, moved and scaled, what share of the found Gaussians are
+    published ones (`matched`), and of the published ones were found (`found_again`), by how much features were changed
+    back, and how many there were and are.
     """
     torch.set_num_threads(parameters.threads)
     found, published = context.input("found"), context.input("published")
@@ -126,6 +127,6 @@ def _said(recovery: Recovery) -> str:
     features = f"changed back by {recovery.feature_change:.4f}" if recovery.feature_change else "left as they are"
     return (
         f"{made} what was published: turned by {recovery.degrees:.3f} degrees, moved by {recovery.shift:.4g}, "
-        f"scaled by {recovery.motion.scale:.6g}; {recovery.matched:.1%} of the Gaussians lie where published ones do, "
+        f"scaled by {recovery.motion.scale:.6g}; {recovery.matched:.1%} of the Gaussians are published ones, "
         f"{recovery.found_again:.1%} of the published ones are there; features {features}"
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -11,14 +10,11 @@ from scipy.spatial import cKDTree
 
 from stages.scene.gaussians import Gaussians
 from stages.scene.registration import Registration, register
+from stages.scene.shape_pairs import ALIKE, typical_distance
 from stages.scene.similarity import Similarity
 
 MISSING = -1
 """For the row of a published Gaussian that was not found."""
-
-ALIKE = 0.1
-"""Of the distance at which published Gaussians typically have the next one, of a kind of values: what is so near to one
-is alike. By chance one in a thousand is, of three values."""
 
 RESIDUALS = 3.0
 """Medians of how far values of a kind are apart in pairs that are known: what was done to all of them is forgiven."""
@@ -31,8 +27,6 @@ CANDIDATES = 4
 
 SURE = 0.5
 """So unlike, as a sum over kinds of squares that are at most 1, may one be for none that is more alike to be sought."""
-
-SAMPLED = 2000
 
 Kind = tuple[Float[np.ndarray, "F D"], Float[np.ndarray, "N D"]]
 """Values of one kind, of the found Gaussians and of the published ones."""
@@ -78,7 +72,7 @@ def _unit(own: Float[np.ndarray, "F D"], known: Float[np.ndarray, "N D"], regist
     nearest = np.full(len(known), np.inf)
     np.minimum.at(nearest, registration.published, apart)
     residual = float(np.median(nearest[np.isfinite(nearest)]))
-    return max(ALIKE * _typical_distance(known), RESIDUALS * residual, ROUNDING * float(known.std())) or 1.0
+    return max(ALIKE * typical_distance(known), RESIDUALS * residual, ROUNDING * float(known.std())) or 1.0
 
 
 def _nearest(kinds: Sequence[Kind], rows: Int[np.ndarray, " K"]) -> Iterator[Int[np.ndarray, " K"]]:
@@ -95,14 +89,6 @@ def _each_once(rows: Int[np.ndarray, " N"], costs: Float[np.ndarray, " N"]) -> I
     again = np.zeros(len(rows), dtype=bool)
     again[order[1:]] = rows[order[1:]] == rows[order[:-1]]
     return np.where(again, MISSING, rows)
-
-
-def _typical_distance(values: Float[np.ndarray, "N D"]) -> float:
-    """The median distance to the next other one, of at most so many of them as are `SAMPLED`; 0 for a lone one."""
-    if len(values) < 2:
-        return 0.0
-    distances, _ = cKDTree(values).query(values[:: math.ceil(len(values) / SAMPLED)], k=2)
-    return float(np.median(distances[:, 1]))
 
 
 def _sizes(gaussians: Gaussians) -> Float[np.ndarray, "N 3"]:

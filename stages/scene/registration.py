@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from stages.scene.gaussians import Gaussians
-from stages.scene.shape_pairs import FEWEST, agreeing, pairs_by_shape
+from stages.scene.shape_pairs import FEWEST, SAMPLED, agreeing, pairs_by_shape
 from stages.scene.similarity import Similarity, fit_similarity
 
 NEAR = 0.1
@@ -46,8 +46,9 @@ class Registration:
 
     `found` and `published` are the rows of P pairs, each one Gaussian as it was found and as it was published; found
     ones may share a partner. `matched` is the share of the found Gaussians that lie where a published one does,
-    `found_again` that of the published ones at which a found one lies. `is_certain` where these are enough for places
-    to tell; if not, the pairs are by shape.
+    `found_again` that of the published ones at which a found one lies, or the share that has the shape of one, where
+    places tell less (as of those that were looked at). `is_certain` where either is enough (`ENOUGH`) to tell; the
+    pairs are by shape where places do not.
     """
 
     motion: Similarity
@@ -64,8 +65,9 @@ def register(found: Gaussians, published: Gaussians, seed: int) -> Registration 
     If the found ones lie where published ones do, there is next to no motion. Else Gaussians are paired by what none
     changes, their sizes and opacities, and motions are tried that three pairs at a time ask for; the one that most
     pairs agree on is taken. Closest points make it exact. Where single Gaussians were shifted by so much that places
-    tell nothing, the pairs are those by shape that agree. Simple motions are preferred: none at all, then one without
-    scale, unless another is closer than chance can explain.
+    tell nothing, the pairs are those by shape that agree; if enough of them have the very shape of a published one,
+    they are known for certain all the same. Simple motions are preferred: none at all, then one without scale, unless
+    another is closer than chance can explain.
 
     None where no motion is agreed on, and where either has no Gaussians; it takes ten pairs at least.
     `seed`: of the Gaussians and triples that are tried. All values are to be finite.
@@ -82,7 +84,11 @@ def register(found: Gaussians, published: Gaussians, seed: int) -> Registration 
             by_place = places.partners(points, by_shape.motion)
             if by_place.is_certain:
                 return _by_closest_points(points, places, by_place)
-            return replace(by_place, found=by_shape.found, published=by_shape.published)
+            return replace(
+                by_shape,
+                matched=max(by_place.matched, by_shape.matched),
+                found_again=max(by_place.found_again, by_shape.found_again),
+            )
     return None
 
 
@@ -116,13 +122,16 @@ def _by_closest_points(points: Float[np.ndarray, "F 3"], places: _Places, start:
 
 
 def _by_shape(found: Gaussians, published: Gaussians, any_scale: bool, seed: int) -> Registration | None:
-    rows, partners = pairs_by_shape(found, published, any_scale, seed)
+    rows, partners, alike = pairs_by_shape(found, published, any_scale, seed)
     source, target = _means(published)[partners], _means(found)[rows]
     pairs = agreeing(source, target, seed)
     if pairs is None:
         return None
     motion = _simplest(source[pairs], target[pairs], Similarity.identity())
-    return Registration(motion, rows[pairs], partners[pairs], 0.0, 0.0, False)
+    matched = float(np.count_nonzero(alike & pairs)) / min(len(found), SAMPLED)
+    known, needed = matched * len(found), max(FEWEST, ENOUGH * min(len(found), len(published)))
+    found_again = min(1.0, known / len(published))
+    return Registration(motion, rows[pairs], partners[pairs], matched, found_again, known >= needed)
 
 
 def _simplest(source: Float[np.ndarray, "P 3"], target: Float[np.ndarray, "P 3"], without: Similarity) -> Similarity:

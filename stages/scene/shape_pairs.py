@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,6 +11,10 @@ from scipy.spatial import cKDTree
 
 from stages.scene.gaussians import Gaussians
 from stages.scene.similarity import Similarity, fit_similarity
+
+ALIKE = 0.1
+"""Of the distance at which published Gaussians typically have the next one, of a kind of values: what is so near to one
+is alike. By chance one in a thousand is, of three values, and of four one in ten thousand."""
 
 SAMPLED = 6000
 """Of the found Gaussians that partners are looked for."""
@@ -43,8 +48,9 @@ ROUNDING = 1e-4
 
 def pairs_by_shape(
     found: Gaussians, published: Gaussians, any_scale: bool, seed: int
-) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"]]:
-    """Rows of found and of published Gaussians that are nearest to each other in their sizes and opacities.
+) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"], Bool[np.ndarray, " P"]]:
+    """Rows of found and of published Gaussians that are nearest to each other in their sizes and opacities, and which
+    of these are `ALIKE`.
 
     Sizes are the three logarithmic scales, sorted, as they are stored, or the proportions alone of `any_scale`;
     opacities are logits. Many pairs may be wrong. At most `SAMPLED` found Gaussians are looked at, drawn by `seed`.
@@ -55,10 +61,18 @@ def pairs_by_shape(
     spread[spread == 0] = 1.0
     shapes, known = shapes / spread, known / spread
     chosen = np.random.default_rng(seed).permutation(len(shapes))[:SAMPLED]
-    _, partners = cKDTree(known).query(shapes[chosen])
+    apart, partners = cKDTree(known).query(shapes[chosen])
     _, back = cKDTree(shapes).query(known[partners])
-    mutual = back == chosen
-    return chosen[mutual], partners[mutual]
+    mutual, alike = back == chosen, apart <= ALIKE * typical_distance(known)
+    return chosen[mutual], partners[mutual], alike[mutual]
+
+
+def typical_distance(values: Float[np.ndarray, "N D"]) -> float:
+    """The median distance to the next other one, of at most `SAMPLED` of them; 0 for a lone one."""
+    if len(values) < 2:
+        return 0.0
+    distances, _ = cKDTree(values).query(values[:: math.ceil(len(values) / SAMPLED)], k=2)
+    return float(np.median(distances[:, 1]))
 
 
 def agreeing(

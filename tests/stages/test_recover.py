@@ -107,7 +107,7 @@ def test_it_says_what_was_found(tmp_path: Path) -> None:
         run_stage(recover, RecoverParameters(method="homogeneous"), inputs, tmp_path / name, services=services)
     first, second = asking.lines
     assert "turned by 90.000 degrees" in first
-    assert "100.0% of the Gaussians lie where published ones do, 75.0% of the published ones are there" in first
+    assert "100.0% of the Gaussians are published ones, 75.0% of the published ones are there" in first
     assert "features changed back by 0." in first
     assert "turned by 0.000 degrees, moved by 0, scaled by 1;" in second
     assert "features left as they are" in second
@@ -119,9 +119,11 @@ def test_the_figures_say_whose_it_is_and_what_was_undone(tmp_path: Path) -> None
     published = stored(tmp_path / "published", target)
     places = target.gaussians.means
     noise = 0.025 * torch.randn(places.shape, generator=generator())
+    shaken = changed(target, "means", lambda means: means + noise)
     for name, found, verdict, matched, again in (
         ("attacked", attacked(target), IS_YOURS, 1, 0.75),
-        ("shaken", changed(target, "means", lambda means: means + noise), MAY_BE_YOURS, 0.1, 0.1),
+        ("shaken", shaken, IS_YOURS, 0.3, 0.3),  # sizes are all alike, so that opacities alone tell
+        ("its shapes too", changed(shaken, "log_scales", lambda sizes: sizes + noise), MAY_BE_YOURS, 0.1, 0.1),
         ("flooded", with_invisible(target, 4), IS_YOURS, 0.2, 1),
         ("a flooded fragment", with_invisible(target.keeping(torch.arange(30)), 7), MAY_BE_YOURS, 0.125, 0.15),
     ):

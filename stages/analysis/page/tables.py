@@ -47,7 +47,7 @@ FOUND_HEADINGS = ("Turn (degrees)", "Shift", "Scale", "Features", "Published", "
 FOUND_WORDING = (
     ("Shift", "How far the centre was moved, in units of the published scene."),
     ("Features", "By how much features in [0, 1] were changed back, root mean square."),
-    ("Matched", "How many of the found Gaussians lie where published ones do, once moved back."),
+    ("Matched", "How many of the found Gaussians are published ones, by place once moved back, or by shape."),
     ("Again", "How many of the published Gaussians were found there."),
 )
 
