@@ -7,7 +7,7 @@ from pydantic import Field
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import KEY_BYTES, generator_apart
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.sealing import PLACES, SEAL, ReadsAlong, can_be_sealed, places_of, sealed
+from stages.hiding.sealing import BANDS, SEAL, SEALED, ReadsAlong, bands_for, can_be_sealed, hash_of, sealed
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container, write_secret
 from stages.scene.attributes import strings
 
@@ -28,7 +28,7 @@ class SealParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def seal(context: Context, parameters: SealParameters) -> None:
-    """Move what the scene decoder does not read of each Gaussian to another one; the secret says how to undo it.
+    """Move what the scene decoder does not read of each Gaussian to one about as opaque; the secret says how to undo it.
 
     The cover stays as it is. A container whose scene decoder reads all of its features (those of other methods than
     ours, and ours of no more channels than it reads) cannot be sealed and is left as it is, as is one that hides
@@ -42,8 +42,9 @@ def seal(context: Context, parameters: SealParameters) -> None:
         context.log("left as it is: " + ("it is not to be sealed" if method.messages else "nothing is hidden in it"))
     elif isinstance(method, ReadsAlong) and can_be_sealed(method):
         key = generator_apart(context.input("key"), "seal").bytes(KEY_BYTES)
-        gaussians = sealed(gaussians, method, key)
-        facts |= {SEAL: key.hex(), PLACES: places_of(gaussians)}
+        bands = bands_for(len(gaussians))
+        gaussians = sealed(gaussians, method, key, bands)
+        facts |= {SEAL: key.hex(), SEALED: hash_of(gaussians), BANDS: bands}
     else:
         context.log(
             "left as it is: its scene decoder reads all of its features; whoever has the container may see messages "

@@ -11,7 +11,7 @@ from torch import Tensor
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from stages.hiding.method import Method
-from stages.hiding.sealing import PLACES, SEAL, ReadsAlong, Seal, places_of
+from stages.hiding.sealing import BANDS, SEAL, SEALED, ReadsAlong, Seal, hash_of
 from stages.hiding.storage import read_gaussians, read_method
 from stages.scene.attributes import string
 from stages.scene.gaussians import Gaussians
@@ -58,9 +58,9 @@ def open_container(
 ) -> Gaussians:
     """The Gaussians with the messages where they were hidden; as they are, if their secret is of no seal.
 
-    Without `published` they must be those that were sealed, at their places. With it they may be some of these and
-    others, each a little moved, as `recover` gives them (`identified`, whose `seed` it is). Others are left out, and
-    those whose share of a message is not there (`opened`).
+    Without `published` they must be those that were sealed, at their places and as opaque. With it they may be some of
+    these and others, each changed a little, as `recover` gives them (`identified`, whose `seed` it is). Others are left
+    out, and those whose share of a message is not there (`opened`).
 
     Raises `UserError` where they are not those that were sealed, and for a seal that is none of this method.
     """
@@ -68,10 +68,10 @@ def open_container(
         return gaussians
     if published is None:
         seal = _seal_of(secret, method, gaussians)
-        if places_of(gaussians) != string(secret, PLACES):
+        if hash_of(gaussians) != string(secret, SEALED):
             raise UserError(
                 "the container is not as it was sealed: which Gaussian holds what of the messages cannot be told",
-                found=f"{len(gaussians)} Gaussians, some of them missing, added or moved",
+                found=f"{len(gaussians)} Gaussians, some of them missing, added, moved or of another opacity",
                 expected="the container for which the secret was made",
                 remedy="Give `published`, the container as it was published, as workflows/recover_container.yaml does.",
             )
@@ -118,7 +118,10 @@ def _seal_of(secret: Artifact, method: Method, published: Gaussians) -> Seal:
         raise _broken(secret, "a key that is no hexadecimal number") from error
     if not isinstance(method, ReadsAlong):
         raise _broken(secret, f"the seal of a container of {method.name}")
-    return Seal.of(published, method, key)
+    bands = secret.attributes.get(BANDS)
+    if not isinstance(bands, int) or not 0 < bands <= max(1, len(published)):
+        raise _broken(secret, f"{bands} bands of opacity; there were none before this version")
+    return Seal.of(published, method, key, bands)
 
 
 def _broken(secret: Artifact, found: str) -> UserError:

@@ -21,7 +21,7 @@ from stages.export_container import ExportContainerParameters, export_container
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.coupled import FEATURES
 from stages.hiding.opening import opener, read_container, refuse_sealed
-from stages.hiding.sealing import PLACES, SEAL
+from stages.hiding.sealing import BANDS, SEAL, SEALED
 from stages.hiding.storage import read_gaussians, read_method, write_container
 from stages.import_container import ImportContainerParameters, import_container
 from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
@@ -199,11 +199,12 @@ def test_it_is_left_as_it_is_where_no_seal_is_wanted(tmp_path: Path, hidden: Mad
     assert torch.equal(opened[FEATURES].sigmoid(), features(hidden["container"]))
 
 
-def test_a_broken_seal_is_told(tmp_path: Path, closed: Made) -> None:
+@pytest.mark.parametrize("wrong", [{SEAL: "no number", SEALED: ""}, {BANDS: None}, {BANDS: 0}, {BANDS: 10**9}])
+def test_a_broken_seal_is_told(tmp_path: Path, closed: Made, wrong: dict[str, object]) -> None:
     with create(tmp_path / "secret", "secret", private=True) as writer:
         for name in closed["secret"].names:
             writer.write(name, closed["secret"].read(name))
-        writer.attributes.update(dict(closed["secret"].attributes) | {SEAL: "no number", PLACES: ""})
+        writer.attributes.update(dict(closed["secret"].attributes) | wrong)
     with pytest.raises(UserError, match="the seal in the secret cannot be used"):
         read_container(closed["container"], load(tmp_path / "secret"))
 
