@@ -28,7 +28,8 @@ class SealParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def seal(context: Context, parameters: SealParameters) -> None:
-    """Move what the scene decoder does not read of each Gaussian to one about as opaque; the secret says how to undo it.
+    """Move what the scene decoder does not read of each Gaussian to one about as opaque; the secret says how to undo
+    it.
 
     The cover stays as it is. A container whose scene decoder reads all of its features (those of other methods than
     ours, and ours of no more channels than it reads) cannot be sealed and is left as it is, as is one that hides

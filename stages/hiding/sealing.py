@@ -7,7 +7,7 @@ the cover stays as it is, and what is rendered of the rest is noise. Where a mes
 means, sizes and opacities are not changed.
 
 About as opaque, since whoever prunes what is transparent, which costs no picture anything, would take with it what it
-holds of others. Were rests drawn from all, 15 % pruned so would cost the fox's message 1.2 dB instead of nothing.
+holds of others. Were rests drawn from all, 15 % pruned so would cost the fox's message 0.7 dB instead of nothing.
 
 An activated feature lies in the cube (0, 1)^M, and what is moved has to lie in it with what the scene decoder reads of
 its new Gaussian. So not the rest itself is moved, but its direction and how far it reaches of what room there is: from
