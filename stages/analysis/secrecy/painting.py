@@ -1,7 +1,8 @@
 """Another surrogate: who has views of the message paints them onto the Gaussians that the cover hardly shows.
 
 Where these stand, how large and how opaque they are is published, under a seal as well. Nothing that is stored in their
-features is read here: only colours are sought with which they show the views that leaked.
+features is read here: only colours are sought with which they show the views that leaked, and how much of each Gaussian
+is the message's, by which what is blended is divided, as the owner's decoder does.
 """
 
 from __future__ import annotations
@@ -18,8 +19,11 @@ from stages.analysis.secrecy.observing import Observed
 from stages.hiding.rendering import splat
 from stages.scene.gaussians import Gaussians
 
-STEPS = 600
-"""Of Adam, each of which sees one whole view. With twice as many the fox's test views gain less than 0.1 dB."""
+STEPS = 400
+"""Of Adam, each of which sees one whole view."""
+
+LEAST_SHARE = 0.03
+"""Added to what is divided by: where next to nothing of the message is blended it stays black."""
 
 RATE = 0.05
 
@@ -32,16 +36,17 @@ def painted_surrogate(
     seed: int,
     after_each: Callable[[], None],
 ) -> list[Float[Tensor, "L H W 3"]]:
-    """What those Gaussians show of `views` over black, painted by the `seen` ones; `seed` decides the order of these.
+    """What those Gaussians show of `views`, painted by the `seen` ones; `seed` decides the order of these.
 
-    What no seen view shows stays grey. Raises `ValueError` without any seen view.
+    Σ w s c / (Σ w s + ε) of colours c and shares s, both sought, with the weights w of blending. What no seen view
+    shows stays grey. Raises `ValueError` without any seen view.
     """
     if not seen:
         raise ValueError("without a view there is nothing to paint")
     generator = np.random.default_rng(seed)
     few = hardly_shown(gaussians, public)
     few = Gaussians({name: values.detach() for name, values in few.parameters.items()})
-    paint = torch.zeros(len(few), 3 * len(seen[0].truths), requires_grad=True)
+    paint = torch.zeros(len(few), 3 * len(seen[0].truths) + 1, requires_grad=True)
     adam = torch.optim.Adam([paint], lr=RATE)
     for _ in range(STEPS):
         view = seen[int(generator.integers(len(seen)))]
@@ -55,4 +60,8 @@ def painted_surrogate(
 
 
 def _shown(gaussians: Gaussians, paint: Float[Tensor, "N C"], view: Observed) -> Float[Tensor, "L H W 3"]:
-    return torch.stack(splat(gaussians, paint.sigmoid(), view.camera).feature_map.split(3, dim=-1))
+    """`paint` are the colours of all messages and, last, the share; unactivated."""
+    colors, share = paint[:, :-1].sigmoid(), paint[:, -1:].sigmoid()
+    blended = splat(gaussians, torch.cat([share * colors, share], dim=1), view.camera).feature_map
+    divided = blended[..., :-1] / (blended[..., -1:] + LEAST_SHARE)
+    return torch.stack(divided.split(3, dim=-1))

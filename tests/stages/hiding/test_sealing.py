@@ -99,7 +99,7 @@ def test_what_is_missing_takes_with_it_what_it_held() -> None:
     rows[kept] = torch.arange(200)
     back = Seal.of(closed, method, KEY, BANDS).opened(found, rows)
     own = {tuple(mean.tolist()): feature for mean, feature in zip(gaussians.means, centred(gaussians), strict=True)}
-    sources = sources_of(KEY, closed["logit_opacities"], BANDS)
+    sources = sources_of(KEY, closed, BANDS)
     holder = {int(row): place for place, row in enumerate(sources)}
     assert len(back) == sum(holder[int(row)] in set(kept.tolist()) for row in kept)
     for mean, feature in zip(back.means, centred(back), strict=True):
@@ -119,14 +119,18 @@ def test_what_is_done_to_what_the_scene_decoder_reads_does_not_come_between() ->
 
 @pytest.mark.parametrize("bands", [1, 7, 16])
 def test_rests_are_exchanged_among_those_about_as_opaque(bands: int) -> None:
+    gaussians = some_gaussians(homogeneous(), 1000, 1.0)
     opacities = torch.randn(1000, generator=torch.Generator().manual_seed(0)).round(decimals=1)  # many are equal
-    sources = sources_of(KEY, opacities, bands)
+    gaussians.parameters["logit_opacities"] = opacities
+    sources = sources_of(KEY, gaussians, bands)
     assert sorted(sources.tolist()) == list(range(1000))
     rank = np.argsort(np.argsort(opacities.numpy(), kind="stable"))
     assert np.array_equal(rank * bands // 1000, rank[sources] * bands // 1000)
     assert (sources == torch.arange(1000)).float().mean() < 0.05
-    assert not torch.equal(sources, sources_of(bytes(32), opacities, bands))
-    assert sources_of(KEY, opacities[:0], bands).tolist() == []
+    assert not torch.equal(sources, sources_of(bytes(32), gaussians, bands))
+    moved = Gaussians(gaussians.parameters | {"means": gaussians.means + 1})
+    assert not torch.equal(sources, sources_of(KEY, moved, bands)), "another container of the same key"
+    assert sources_of(KEY, some_gaussians(homogeneous(), 0, 1.0), bands).tolist() == []
 
 
 def test_who_prunes_what_is_transparent_takes_nothing_of_what_is_opaque() -> None:
@@ -141,7 +145,7 @@ def test_who_prunes_what_is_transparent_takes_nothing_of_what_is_opaque() -> Non
 
 
 def test_bands_are_not_small() -> None:
-    assert [bands_for(count) for count in (0, 1, 999, 1000, 5500, 60_000, 10**7)] == [1, 1, 1, 1, 5, 16, 16]
+    assert [bands_for(count) for count in (0, 1, 999, 1000, 2500, 60_000, 10**7)] == [1, 1, 1, 1, 2, 4, 4]
 
 
 def test_what_reads_everything_cannot_be_sealed() -> None:
