@@ -14,8 +14,9 @@ from stages.hiding.watermark.reading import CERTAIN, is_colorless, owners_reader
 from stages.imaging.pictures import Picture, read_picture
 from stages.scene.capture import picture_path, read_capture
 from stages.scene.scene import read_scene
+from stages.scene.unreadable import unreadable_names
 
-SCORE, FOUND = "standard_score", "has_grain"
+SCORE, FOUND, UNREADABLE = "standard_score", "has_grain", "cannot_be_read"
 
 
 class FindGrainParameters(Parameters):
@@ -43,7 +44,8 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
     Two rows a picture, and a line in the log: the standard score, which of a picture without the grain is chance, and
     whether it reaches `CERTAIN`, which by chance one picture in 1.6 million does, and one in 815,000 of those that are
     smaller than the scene's, since these get two looks (`GrainReader.score`). A score of exactly 0 says that a picture
-    tells nothing: it has no colour, or shows nothing of the scene that could be recognised.
+    tells nothing: it has no colour, or shows nothing of the scene that could be recognised. A picture that could not be
+    read has one row instead, which says so.
     """
     torch.set_num_threads(parameters.threads)
     before = context.input("before")
@@ -61,6 +63,9 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
         context.log(f"{name}: {_told(picture, score)}")
         for quantity, value in ((SCORE, score), (FOUND, float(score >= CERTAIN))):
             rows.append(Measurement(quantity, value, "picture", view=name, method=parameters.method))
+    for name in unreadable_names(capture):
+        context.log(f"{name}: cannot be read, which says neither yes nor no")
+        rows.append(Measurement(UNREADABLE, 1.0, "picture", view=name, method=parameters.method))
     write_measurements(context.output("scores"), rows)
     context.record(device=describe_drawing(device))
 

@@ -11,10 +11,11 @@ from pipeline.stage import Services, run_stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.analysis.measurements import read_measurements
 from stages.draw_key import DrawKeyParameters, draw_key
-from stages.find_grain import FOUND, SCORE, FindGrainParameters, find_grain
+from stages.find_grain import FOUND, SCORE, UNREADABLE, FindGrainParameters, find_grain
 from stages.hiding.storage import read_gaussians, read_method
 from stages.imaging.pictures import encode_jpeg, encode_png, resize_picture
 from stages.scene.capture import Capture, write_capture
+from stages.scene.unreadable import write_unreadable_names
 from tests.stages import watermarks
 from tests.stages.hiding.relocalisation import scenes
 
@@ -42,6 +43,7 @@ def test_pictures_with_the_grain_are_named(tmp_path: Path) -> None:
         write_capture(
             writer, Capture(tuple(files), ((128, 96),) * len(files), (None,) * len(files), True), files.__getitem__
         )
+        write_unreadable_names(writer, ["broken.jpg"])
     asked = {"before": before, "cover": cover, "key": key, "pictures": load(tmp_path / "suspects")}
     log: list[str] = []
     made = run_stage(find_grain, FindGrainParameters(), asked, tmp_path / "found", services=Services(log=log.append))
@@ -51,4 +53,6 @@ def test_pictures_with_the_grain_are_named(tmp_path: Path) -> None:
     assert rows[SCORE, "grey.png"] == 0
     assert [line for line in log if "no colour" in line] == [next(line for line in log if "grey.png" in line)]
     assert abs(rows[SCORE, "other.png"]) < 5
+    assert [key for key in rows if key[1] == "broken.jpg"] == [(UNREADABLE, "broken.jpg")]
+    assert any(line.startswith("broken.jpg: cannot be read") for line in log)
     assert abs(rows[SCORE, "own.png"]) < 5
