@@ -21,7 +21,12 @@ class AddGrainParameters(Parameters):
     """How strong the grain is, and whose."""
 
     method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
-    level: float = Field(1.5, gt=0, description="Of the grain in renders: root mean square, in levels of 255.")
+    level: float = Field(
+        1.5,
+        ge=0,
+        description="Of the grain in renders: root mean square, in levels of 255. 0: none, the container stays as it "
+        "is.",
+    )
     seed: int = Field(
         0,
         ge=0,
@@ -46,7 +51,7 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
 
     With the secret, the message is kept out of it: features change in a direction that its decoder does not look along.
     With a key, nobody else knows how the coins fell. The container from before is what the grain is read with: keep it,
-    and publish the other.
+    and publish the other. At a level of 0 nothing changes, to the bit.
     """
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
@@ -56,7 +61,10 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     method = read_method(container, context.input_optional("secret"), device)
     cameras = scene.cameras.select(learnt_names(scene)[::MEASURED_ON])
     gaussians = read_gaussians(container, device)
-    coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.seed))
-    changed = grained(gaussians, method, cameras, parameters.level, coins)
-    write_container(context.output("container"), changed, method)
+    if parameters.level == 0:
+        context.log("left as it is: it is to have no grain")
+    else:
+        coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.seed))
+        gaussians = grained(gaussians, method, cameras, parameters.level, coins)
+    write_container(context.output("container"), gaussians, method)
     context.record(device=describe_drawing(device))

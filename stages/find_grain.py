@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import hashlib
+from functools import partial
+from pathlib import Path
+
 import torch
 from pydantic import Field
 
 from opencl.routes import describe_drawing, working_device
+from pipeline.errors import Interrupted
 from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.analysis.attacks.kept import kept
 from stages.analysis.measurements import KIND, Measurement, write_measurements
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method
-from stages.hiding.watermark.reading import CERTAIN, is_colorless, owners_reader
+from stages.hiding.watermark.reading import CERTAIN, GrainReader, is_colorless, owners_reader
 from stages.imaging.pictures import Picture, read_picture
 from stages.scene.capture import picture_path, read_capture
 from stages.scene.scene import read_scene
+from stages.scene.unreadable import unreadable_names
 
-SCORE, FOUND = "standard_score", "has_grain"
+SCORE, FOUND, UNREADABLE = "standard_score", "has_grain", "cannot_be_read"
 
 
 class FindGrainParameters(Parameters):
@@ -43,26 +50,48 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
     Two rows a picture, and a line in the log: the standard score, which of a picture without the grain is chance, and
     whether it reaches `CERTAIN`, which by chance one picture in 1.6 million does, and one in 815,000 of those that are
     smaller than the scene's, since these get two looks (`GrainReader.score`). A score of exactly 0 says that a picture
-    tells nothing: it has no colour, or shows nothing of the scene that could be recognised.
+    tells nothing: it has no colour, or shows nothing of the scene that could be recognised. A picture that could not be
+    read has one row instead, which says so.
+
+    Scores are kept as they are found: who has thousands of pictures loses none of them to a kill.
     """
     torch.set_num_threads(parameters.threads)
     before = context.input("before")
     check_method(before, parameters.method)
     scene, key, device = read_scene(context.input("cover")), context.input_optional("key"), working_device()
+    drawn_by = describe_drawing(device)
     reader = owners_reader(before, scene, key, parameters.grain_seed, device)
     capture = context.input("pictures")
     names = read_capture(capture).names
     rows = []
     for done, name in enumerate(names):
         context.progress(done, len(names))
-        context.stop_if_requested()
-        picture = read_picture(picture_path(capture, name))
-        score = reader.score(picture)
+        if context.stop_requested():
+            raise Interrupted(f"stopped before picture {done + 1} of {len(names)}")
+        path = picture_path(capture, name)
+        picture = read_picture(path)
+        [row] = kept(context.scratch, _kept_as(path, drawn_by), partial(_scored, reader, picture))
+        score = row.value
         context.log(f"{name}: {_told(picture, score)}")
         for quantity, value in ((SCORE, score), (FOUND, float(score >= CERTAIN))):
             rows.append(Measurement(quantity, value, "picture", view=name, method=parameters.method))
+    for name in unreadable_names(capture):
+        context.log(f"{name}: cannot be read, which says neither yes nor no")
+        rows.append(Measurement(UNREADABLE, 1.0, "picture", view=name, method=parameters.method))
     write_measurements(context.output("scores"), rows)
-    context.record(device=describe_drawing(device))
+    context.record(device=drawn_by)
+
+
+def _scored(reader: GrainReader, picture: Picture) -> list[Measurement]:
+    return [Measurement(SCORE, reader.score(picture), "picture")]
+
+
+def _kept_as(path: Path, device: str) -> str:
+    """What a picture's score is kept under, by all that it depends on but the reader, whose own the scratch folder is.
+
+    Copies of a picture have one score.
+    """
+    return hashlib.sha256(device.encode() + b"\0" + path.read_bytes()).hexdigest()
 
 
 def _told(picture: Picture, score: float) -> str:

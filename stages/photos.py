@@ -30,6 +30,7 @@ from stages.scene.photo_folder import (
 )
 from stages.scene.splits import TEST, find_split_photos, find_splits, read_split_poses
 from stages.scene.transforms import FILE, held_out_files, masked_frames
+from stages.scene.unreadable import write_unreadable_names
 
 WHITE = "white"
 """What `read_picture` lays transparent pictures over."""
@@ -66,8 +67,9 @@ class PhotosParameters(Parameters):
     any_pictures: bool = Field(
         False,
         description="Whether the folder holds no capture but pictures of any kind to look through: those directly in "
-        "it and no others, GIFs too, by their first frame, without poses; if there are none, as of a capture. It is "
-        "said how many files of the folder and of those below it were not looked at.",
+        "it and no others, GIFs too, by their first frame, without poses; if there are none, as of a capture. Those "
+        "that cannot be read are named and left out, as long as any can. It is said how many files of the folder and "
+        "of those below it were not looked at.",
     )
     order: Literal["auto", "ordered", "unordered"] = Field(
         "auto",
@@ -82,12 +84,21 @@ class PhotosParameters(Parameters):
     remarks="stages.scene.remarks:photos_left_out",
 )
 def photos(context: Context, parameters: PhotosParameters) -> None:
-    """Read every photo once, so that damage shows here, and keep them as they came."""
+    """Read every photo once, so that damage shows here, and keep them as they came.
+
+    Of a capture all must be readable. Of `any_pictures`, which strangers may have made, one that is not would otherwise
+    stand between all others and their verdicts: the capture names it (`unreadable_names`) and has it not.
+    """
     found, place, splits = _found(parameters)
-    facts = facts_of(context, found, posed=place is not None or bool(splits))
+    posed = place is not None or bool(splits)
+    facts, broken = facts_of(context, found, posed)
+    if broken and (posed or not parameters.any_pictures or not facts):
+        raise _of_all(broken)
     poses, names = _poses(context, parameters, place, splits, facts)
     unseen = files_not_among({*found.photos.values()}, parameters.folder) if parameters.any_pictures else []
     _say_what_was_left_out(context, found, unseen, parameters.folder)
+    for name, error in broken.items():
+        context.log(f"{name} is left out: {error}")
     capture = Capture(
         names=names,
         sizes=tuple(facts[name].size for name in names),
@@ -109,6 +120,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         return picture_of(found.photos[name], parameters.background, facts[name].turned)
 
     write_capture(context.output("capture"), capture, kept)
+    write_unreadable_names(context.output("capture"), broken)
     if capture.test_names:
         context.log(f"{len(capture.test_names)} photos are test views by the files of poses")
     context.record(
@@ -117,6 +129,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         without_pose=len(facts) - len(names),
         left_out=len(found.left_out),
         unread=dict(found.unread),
+        unreadable=list(broken),
         not_looked_at=len(unseen),
         below=found.below,
         masked=0 if place is None or place.is_dir() else masked_frames(place),
@@ -189,35 +202,36 @@ def _refuse_images(parameters: PhotosParameters, splits: Mapping[str, Path]) -> 
         )
 
 
-def facts_of(context: Context, found: PhotoFolder, posed: bool) -> dict[str, PhotoFacts]:
-    """What is known of every photo, by name: half of the work, after which they are copied.
+def facts_of(context: Context, found: PhotoFolder, posed: bool) -> tuple[dict[str, PhotoFacts], dict[str, UserError]]:
+    """What is known of every photo, by name, and what is wrong with those that cannot be read.
 
-    Raises `UserError` that names those which cannot be read.
+    Half of the work, after which they are copied.
     """
-    facts, broken = {}, []
+    facts: dict[str, PhotoFacts] = {}
+    broken: dict[str, UserError] = {}
     for count, (name, path) in enumerate(found.photos.items(), start=1):
         try:
             facts[name] = read_facts(path, posed)
         except UserError as error:
-            broken.append(error)
+            broken[name] = error
         context.progress(count, 2 * len(found.photos))
         context.stop_if_requested()
-    _refuse_broken(broken)
-    return facts
+    return facts, broken
 
 
-def _refuse_broken(broken: Sequence[UserError]) -> None:
-    if len(broken) > 1:
-        named = ", ".join(Path(str(error.where)).name for error in broken[:MOST_NAMED])
-        raise UserError(
-            f"{len(broken)} pictures cannot be read",
-            where=Path(str(broken[0].where)).parent,
-            found=f"{named}{', …' if len(broken) > MOST_NAMED else ''}; of the first: {broken[0].found}",
-            expected=broken[0].expected,
-            remedy="Replace these files, or take them out of the folder.",
-        )
-    if broken:
-        raise broken[0]
+def _of_all(broken: Mapping[str, UserError]) -> UserError:
+    """One error that names them, at least one."""
+    errors = [*broken.values()]
+    if len(errors) == 1:
+        return errors[0]
+    named = ", ".join(Path(str(error.where)).name for error in errors[:MOST_NAMED])
+    return UserError(
+        f"{len(errors)} pictures cannot be read",
+        where=Path(str(errors[0].where)).parent,
+        found=f"{named}{', …' if len(errors) > MOST_NAMED else ''}; of the first: {errors[0].found}",
+        expected=errors[0].expected,
+        remedy="Replace these files, or take them out of the folder.",
+    )
 
 
 def picture_of(path: Path, background: str, turned: int) -> Path | bytes:

@@ -29,7 +29,7 @@ OVERLAP = (
 
 def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
     """Of `photos`: poses came with some of the photos only; some lie in another place than most, or are not read; or of
-    a folder of any pictures not all files were looked at.
+    a folder of any pictures not all files were looked at, or could be read.
     """
     kept, left, elsewhere, unseen = (
         int(str(finished.facts.get(fact, 0))) for fact in ("photos", "without_pose", "left_out", "not_looked_at")
@@ -40,6 +40,14 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
             Remark(
                 f"{kept} pictures are looked at. {unseen} other files of the folder and of those below it are not: "
                 "only pictures directly in it count, of formats that are read. The log names some."
+            )
+        )
+    broken = _recorded(finished.facts, "unreadable")
+    if broken:
+        remarks.append(
+            Remark(
+                f"{len(broken)} of {kept + len(broken)} pictures cannot be read and are left out; the log names them.",
+                f"Cannot be read: {', '.join(broken)}",
             )
         )
     if left:

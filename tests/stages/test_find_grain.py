@@ -5,18 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from pipeline.artifact import create, load
+from pipeline.artifact import Artifact, create, load
+from pipeline.errors import Interrupted
 from pipeline.stage import Services, run_stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.analysis.measurements import read_measurements
 from stages.draw_key import DrawKeyParameters, draw_key
-from stages.find_grain import FOUND, SCORE, FindGrainParameters, find_grain
+from stages.find_grain import FOUND, SCORE, UNREADABLE, FindGrainParameters, find_grain
 from stages.hiding.storage import read_gaussians, read_method
-from stages.imaging.pictures import encode_jpeg, encode_png, resize_picture
+from stages.hiding.watermark.reading import GrainReader
+from stages.imaging.pictures import Picture, encode_jpeg, encode_png, resize_picture
 from stages.scene.capture import Capture, write_capture
-from tests.stages import watermarks
+from stages.scene.unreadable import write_unreadable_names
+from tests.stages import small, watermarks
 from tests.stages.hiding.relocalisation import scenes
+from tests.stages.test_stopping import Asking
 
 
 def test_pictures_with_the_grain_are_named(tmp_path: Path) -> None:
@@ -42,6 +47,7 @@ def test_pictures_with_the_grain_are_named(tmp_path: Path) -> None:
         write_capture(
             writer, Capture(tuple(files), ((128, 96),) * len(files), (None,) * len(files), True), files.__getitem__
         )
+        write_unreadable_names(writer, ["broken.jpg"])
     asked = {"before": before, "cover": cover, "key": key, "pictures": load(tmp_path / "suspects")}
     log: list[str] = []
     made = run_stage(find_grain, FindGrainParameters(), asked, tmp_path / "found", services=Services(log=log.append))
@@ -51,4 +57,59 @@ def test_pictures_with_the_grain_are_named(tmp_path: Path) -> None:
     assert rows[SCORE, "grey.png"] == 0
     assert [line for line in log if "no colour" in line] == [next(line for line in log if "grey.png" in line)]
     assert abs(rows[SCORE, "other.png"]) < 5
+    assert [key for key in rows if key[1] == "broken.jpg"] == [(UNREADABLE, "broken.jpg")]
+    assert any(line.startswith("broken.jpg: cannot be read") for line in log)
     assert abs(rows[SCORE, "own.png"]) < 5
+
+
+class Counted(GrainReader):
+    """A reader that counts its looks, and by whose score pictures are known again."""
+
+    def __init__(self) -> None:
+        self.looks = 0
+
+    def score(self, picture: Picture) -> float:
+        """The width of what it is shown."""
+        self.looks += 1
+        return float(picture.shape[1])
+
+
+@pytest.fixture
+def reader(monkeypatch: pytest.MonkeyPatch) -> Counted:
+    counted = Counted()
+    monkeypatch.setattr("stages.find_grain.owners_reader", lambda *given: counted)
+    return counted
+
+
+def suspects(folder: Path, shades: dict[str, int]) -> Artifact:
+    """A picture of each name, of one colour, wider by one pixel each; equal ones are copies."""
+    pictures = {name: np.full((4, 4 + shade, 3), (shade, 0, 9), np.uint8) for name, shade in shades.items()}
+    return watermarks.stored_capture(folder, pictures)
+
+
+def found(folder: Path, attempt: str, pictures: Artifact, asking: Asking | None = None) -> dict[str | None, float]:
+    """The scores by name, with the scratch folder of the attempts before."""
+    given = {"before": small.splats(folder / attempt / "before"), "cover": small.scene(folder / attempt / "cover")}
+    (folder / "scratch").mkdir(exist_ok=True)
+    (folder / attempt / ".scratch").symlink_to(folder / "scratch")
+    inputs, services = {**given, "pictures": pictures}, (asking or Asking()).services()
+    made = run_stage(find_grain, FindGrainParameters(), inputs, folder / attempt, services=services)
+    return {row.view: row.value for row in read_measurements(made["scores"]) if row.quantity == SCORE}
+
+
+def test_an_interrupted_look_through_goes_on_with_the_next_picture(tmp_path: Path, reader: Counted) -> None:
+    pictures = suspects(tmp_path / "pictures", {"a.png": 1, "b.png": 2, "c.png": 3, "d.png": 4})
+    with pytest.raises(Interrupted, match="stopped before picture 3 of 4"):
+        found(tmp_path, "stopped", pictures, Asking(stop_at=3))
+    assert reader.looks == 2
+    assert found(tmp_path, "again", pictures) == {"a.png": 5, "b.png": 6, "c.png": 7, "d.png": 8}
+    assert reader.looks == 4, "each is looked at once"
+
+
+def test_what_is_kept_of_a_picture_is_of_its_bytes_and_not_of_its_name(tmp_path: Path, reader: Counted) -> None:
+    given = suspects(tmp_path / "pictures", {"a.png": 1, "b.png": 2, "c.png": 2})
+    with pytest.raises(Interrupted):
+        found(tmp_path, "stopped", given, Asking(stop_at=3))
+    changed = suspects(tmp_path / "changed", {"a.png": 7, "b.png": 2, "c.png": 2})
+    assert found(tmp_path, "again", changed) == {"a.png": 11, "b.png": 6, "c.png": 6}
+    assert reader.looks == 3, "a.png twice, and b.png once with its copy"

@@ -12,10 +12,17 @@ from tests.workflows.test_own_workflow import example_in
 
 WORKFLOWS = Path(__file__).parents[2] / "workflows"
 HIDING = ("hide_photos", "hide_picture", "hide_scene", "hide_multi", "hide_splats", "hide_edits")
+ONES_OWN = ("hide_photos", "hide_picture", "hide_splats", "hide_edits", "batch_pairs")
+"""The others hide captures that are built in, with keys that anyone can draw."""
+
+
+def written(workflow: str) -> dict[str, Any]:
+    content: dict[str, Any] = yaml.safe_load((WORKFLOWS / f"{workflow}.yaml").read_text())
+    return content
 
 
 def stages_of(workflow: str) -> dict[str, Any]:
-    stages: dict[str, Any] = yaml.safe_load((WORKFLOWS / f"{workflow}.yaml").read_text())["stages"]
+    stages: dict[str, Any] = written(workflow)["stages"]
     return stages
 
 
@@ -35,8 +42,23 @@ def test_what_is_hidden_can_be_published_as_files(workflow: str) -> None:
     assert published["uses"] == "export_container"
     assert published["in"] == {"container": "sealed.container", "secret": "sealed.secret", "cover": cover}
     assert sealed["uses"] == "seal"
-    assert sealed["in"] == {"container": "hide.container", "secret": "hide.secret", "key": "key"}
+    container = "grain.container" if workflow in ONES_OWN else "hide.container"
+    assert sealed["in"] == {"container": container, "secret": "hide.secret", "key": "key"}
     assert stages["hide"]["private"] is True
+
+
+@pytest.mark.parametrize("workflow", ONES_OWN)
+def test_what_is_hidden_can_have_a_grain_before_it_is_sealed(workflow: str) -> None:
+    """None by default, by a key of its own, and not for others' eyes as long as it is not sealed."""
+    stages = stages_of(workflow)
+    assert written(workflow)["vars"]["grain"] == 0
+    grain, cover = stages["grain"], stages["hide"]["in"]["cover"]
+    assert grain["uses"] == "add_grain"
+    assert grain["private"] is True
+    assert grain["with"] == {"method": "${method}", "level": "${grain}"}
+    assert grain["in"] == {"container": "hide.container", "secret": "hide.secret", "cover": cover, "key": "grain_key"}
+    assert stages["grain_key"].keys() <= {"uses", "in", "foreach"}
+    assert stages["grain_key"]["in"] != stages["key"]["in"], "the same would draw the same key"
 
 
 def test_a_traced_scene_is_published_with_a_path_to_look_at_it_from() -> None:
@@ -65,5 +87,16 @@ def test_what_shows_a_grain_is_private_and_so_is_all_that_it_can_be_trained_from
     assert not {name for name in sources_of(stages, before) if not stages[name].get("private")}
 
 
-def test_pictures_that_are_looked_at_are_private_as_they_may_be_the_photos() -> None:
-    assert stages_of("trace_pictures")["suspects"].get("private")
+@pytest.mark.parametrize("workflow", ["trace_pictures", "trace_hidden"])
+def test_pictures_that_are_looked_at_are_private_as_they_may_be_the_photos(workflow: str) -> None:
+    assert stages_of(workflow)["suspects"].get("private")
+
+
+def test_what_traces_a_hidden_scene_takes_what_the_workflows_that_hide_one_make() -> None:
+    """By the names that `latest/` has for it."""
+    stages = stages_of("trace_hidden")
+    taken = [str(value) for stage in stages.values() for value in stage.get("with", {}).values()]
+    names = {value.removeprefix("${hidden}/").partition(".")[0] for value in taken if value.startswith("${hidden}/")}
+    assert names == {"hide", "grain", "grain_key", "cover_scene"}
+    for workflow in set(ONES_OWN) - {"batch_pairs"}:
+        assert names <= stages_of(workflow).keys()

@@ -11,12 +11,14 @@ import pytest
 
 from pipeline.artifact import Artifact
 from pipeline.stage import Item, run_stage
+from stages.add_grain import AddGrainParameters, add_grain
 from stages.compare_with_paper import CompareWithPaperParameters, compare_with_paper
 from stages.draw_key import DrawKeyParameters, draw_key
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.export_container import ExportContainerParameters, export_container
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.report import ReportParameters, report
+from stages.seal import SealParameters, seal
 from tests.stages.small import message_views, scene
 from tests.workflows.secret_windows import SecretWindows, everything_in, pieces_of
 
@@ -27,9 +29,16 @@ def test_what_stages_publish_holds_no_piece_of_a_secret(tmp_path: Path, method: 
     key = run_stage(draw_key, DrawKeyParameters(), {}, tmp_path / "key")["key"]
     hiding = HideScenesParameters.model_validate({"method": method, "iterations": 3, "decoder_width": 12})
     hidden = run_stage(hide_scenes, hiding, {"cover": cover, "messages": messages, "key": key}, tmp_path / "hidden")
-    pair = {"container": hidden["container"], "secret": hidden["secret"]}
+    grain_key = run_stage(draw_key, DrawKeyParameters(), {}, tmp_path / "grain_key")["key"]
+    given = {"container": hidden["container"], "secret": hidden["secret"], "cover": cover, "key": grain_key}
+    grain = run_stage(add_grain, AddGrainParameters(method=method), given, tmp_path / "grain")
+    pair = run_stage(
+        seal, SealParameters(method=method), {**grain, "secret": hidden["secret"], "key": key}, tmp_path / "sealed"
+    )
     made = [
         hidden,
+        grain,
+        pair,
         scores := run_stage(
             evaluate,
             EvaluateParameters(method=method, lpips="none"),
@@ -42,7 +51,7 @@ def test_what_stages_publish_holds_no_piece_of_a_secret(tmp_path: Path, method: 
         reports(scores, hidden["curves"], tmp_path / "report"),
         tables(scores, tmp_path / "tables"),
     ]
-    windows = SecretWindows(piece for artifact in (hidden["secret"], key) for piece in pieces_of(artifact))
+    windows = SecretWindows(piece for artifact in (hidden["secret"], key, grain_key) for piece in pieces_of(artifact))
     public = [artifact for outputs in made for artifact in outputs.values() if not artifact.private]
     assert "cameras.json" in bundles["bundle"].files
     assert {artifact.kind for artifact in public} >= {"container", "bundle", "report", "metrics", "comparisons"}

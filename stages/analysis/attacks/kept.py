@@ -1,4 +1,4 @@
-"""What an interrupted stage has measured is kept in its scratch folder: it goes on with the next attack."""
+"""What an interrupted stage has measured is kept in its scratch folder: it goes on with what is next."""
 
 from __future__ import annotations
 

@@ -38,6 +38,10 @@ SPACING = 16
 MEASURED_ON = 8
 """Every eighth training view tells how strong a grain is."""
 
+FOLLOWING = 0.9
+"""At least this share of the Gaussians that a grain changed went the way of their coins. All do but where features were
+at their bounds; of those that know nothing of the coins about half."""
+
 ROUNDS = 8
 """Of scaling the change until renders differ as much as asked for; they follow it almost in proportion."""
 
@@ -64,6 +68,18 @@ def grained(gaussians: Gaussians, method: Method, cameras: Cameras, level: float
             )
         amount *= level / difference
     return _changed(gaussians, signs[:, None] * (amount * direction))
+
+
+def follows(before: Gaussians, after: Gaussians, coins: Coins) -> bool:
+    """Whether these differ as a grain of these coins has them differ; not where they are alike, or at other places."""
+    if not torch.equal(before.means, after.means):
+        return False
+    name = FEATURES if FEATURES in before.parameters else BASE
+    change = after[name].detach().double() - before[name].detach().double()
+    turned = torch.from_numpy(coins).to(change)[:, None] * change
+    along = turned @ turned.mean(dim=0)
+    moved = along != 0
+    return bool(moved.any()) and float((along[moved] > 0).double().mean()) >= FOLLOWING
 
 
 def _changed(gaussians: Gaussians, change: Float[Tensor, "N M"]) -> Gaussians:

@@ -11,6 +11,7 @@ import pytest
 from pipeline.errors import UserError
 from stages.scene.capture import picture_path, read_capture
 from stages.scene.photo_folder import find_photos
+from stages.scene.unreadable import unreadable_names
 from tests.stages.test_photos import capture, expect_refusal, take
 
 
@@ -143,6 +144,31 @@ def test_photos_that_cannot_be_read_are_named_together(tmp_path: Path) -> None:
         (folder / f"{number}.jpg").write_bytes(b"not a JPEG")
     with pytest.raises(UserError, match=r"photos: 13 pictures cannot be read; found 10\.jpg, 11\.jpg, .*, …; of the"):
         capture(folder, tmp_path / "out")
+
+
+def test_of_any_pictures_one_that_cannot_be_read_stands_in_no_others_way(tmp_path: Path) -> None:
+    """Strangers made them. In a capture it would be missed, so that it stays an error there, and where none is left."""
+    folder = tmp_path / "found"
+    for name in ("1.png", "2.jpg", "4.gif"):
+        take(folder / name, size=(64, 48))
+    whole = (folder / "2.jpg").read_bytes()
+    (folder / "2.jpg").write_bytes(whole[: len(whole) // 2])
+    (folder / "3.jpg").write_bytes(b"not a JPEG")
+    log: list[str] = []
+    found = capture(folder, tmp_path / "out", log, any_pictures=True)
+    assert read_capture(found).names == ("1.png", "4.gif")
+    assert unreadable_names(found) == ("2.jpg", "3.jpg")
+    for name in ("2.jpg", "3.jpg"):
+        assert any(line.startswith(f"{name} is left out") and "cannot be read" in line for line in log)
+    with pytest.raises(UserError, match="2 pictures cannot be read"):
+        capture(folder, tmp_path / "photos")
+    for name in ("1.png", "4.gif"):
+        (folder / name).unlink()
+    with pytest.raises(UserError, match="2 pictures cannot be read"):
+        capture(folder, tmp_path / "none", any_pictures=True)
+    (folder / "3.jpg").unlink()
+    take(folder / "2.jpg")
+    assert unreadable_names(capture(folder, tmp_path / "repaired", any_pictures=True)) == ()
 
 
 def test_a_folder_of_pictures_that_are_not_read_is_refused_with_what_to_do(tmp_path: Path) -> None:

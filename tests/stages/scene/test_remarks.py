@@ -109,6 +109,13 @@ def test_files_of_a_folder_of_any_pictures_that_were_not_looked_at() -> None:
     assert photos_left_out(finished({}, {}, photos=3, not_looked_at=0)) == ()
 
 
+def test_pictures_of_a_folder_of_any_that_cannot_be_read() -> None:
+    (remark,) = photos_left_out(finished({}, {}, photos=20, unreadable=["a.jpg"]))
+    assert remark.text == "1 of 21 pictures cannot be read and are left out; the log names them."
+    assert remark.details.endswith("a.jpg")
+    assert photos_left_out(finished({}, {}, photos=3, unreadable=[])) == ()
+
+
 @pytest.mark.parametrize(
     ("test_names", "legal", "said"),
     [

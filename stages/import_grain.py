@@ -1,0 +1,86 @@
+"""`import_grain`: what an owner kept of a container with a grain, by which pictures that turn up are told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from pydantic import Field
+
+from pipeline.artifact import Artifact, load
+from pipeline.errors import CorruptArtifact, UserError
+from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
+from stages.hiding.key import key_generator, write_key
+from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
+from stages.hiding.watermark.coins import thrown
+from stages.hiding.watermark.grain import follows
+
+REMEDY = "Give results of one run, as they lie in a store or as `export` copied them, unpacked if zipped."
+
+
+class ImportGrainParameters(Parameters):
+    """Where it is, and whose code it needs."""
+
+    before: ExternalPath = Field(
+        description="The container from before its grain, such as hide_photos/hide.container, as the command `export` "
+        "copies it, or as it lies in a store."
+    )
+    after: ExternalPath = Field(
+        description="The one with the grain and not sealed, such as hide_photos/grain.container."
+    )
+    key: ExternalPath = Field(description="The grain's key, such as hide_photos/grain_key.key.")
+    method: MethodName = Field("gs_hider", description="The container's method.")
+
+
+@stage(
+    inputs={},
+    outputs={"before": Output("container", privacy="private"), "key": Output("key", privacy="private")},
+    version=1,
+    modules=lambda parameters: [module_of(parameters.method)],
+)
+def import_grain(context: Context, parameters: ImportGrainParameters) -> None:
+    """Check every byte, that there is a grain, and that it follows the key; keep what `find_grain` reads it with.
+
+    Without that, pictures of a container that was published without a grain, or what is left of two runs, would be
+    scored and nothing found. Raises `UserError` where one of the three is missing, broken, or of another run.
+    """
+    before = _kept(parameters.before, "container")
+    after, key = _kept(parameters.after, "container"), _kept(parameters.key, "key")
+    for container in (before, after):
+        check_method(container, parameters.method)
+    gaussians, changed = read_gaussians(before), read_gaussians(after)
+    if gaussians.parameters.keys() == changed.parameters.keys() and all(
+        torch.equal(values, changed[name]) for name, values in gaussians.parameters.items()
+    ):
+        raise UserError(
+            "the container has no grain",
+            where=parameters.after,
+            found="the Gaussians from before it",
+            expected="a run with `--set grain=1.5`, or another level above 0",
+            remedy="Pictures of what was published without a grain cannot be told.",
+        )
+    coins = thrown(len(gaussians), key_generator(key, 0))
+    if not follows(gaussians, changed, coins):
+        raise UserError(
+            "the grain does not follow the key",
+            where=parameters.after,
+            found="Gaussians that differ from those before otherwise than the key says",
+            expected="both containers and the key of one run",
+            remedy=REMEDY,
+        )
+    write_container(context.output("before"), gaussians, read_method(before))
+    write_key(context.output("key"), key.read("key").tobytes())
+    context.record(gaussians=len(gaussians))
+
+
+def _kept(place: Path, kind: str) -> Artifact:
+    """Of that kind, whole. Raises `UserError` where there is none, or another kind."""
+    try:
+        copy = load(place)
+        copy.verify()
+    except CorruptArtifact as error:
+        raise UserError(f"no {kind}, or one that is broken", where=place, found=error, remedy=REMEDY) from error
+    if copy.kind != kind:
+        raise UserError("another kind of result", where=place, found=copy.kind, expected=kind, remedy=REMEDY)
+    return copy

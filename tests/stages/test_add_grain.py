@@ -1,0 +1,73 @@
+"""A container gets a grain before it is sealed, or none, and then it is the very same one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.artifact import Artifact
+from pipeline.stage import run_stage
+from stages.add_grain import AddGrainParameters, add_grain
+from stages.draw_key import DrawKeyParameters, draw_key
+from stages.hide_scenes import HideScenesParameters, hide_scenes
+from stages.hiding.key import key_generator
+from stages.hiding.opening import read_container
+from stages.hiding.rendering import COVER
+from stages.hiding.sealing import SEAL
+from stages.hiding.storage import read_gaussians
+from stages.hiding.watermark.coins import thrown
+from stages.hiding.watermark.grain import follows
+from stages.scene.cameras import single_cameras
+from stages.scene.scene import read_scene
+from stages.seal import SealParameters, seal
+from tests.stages.small import message_views, scene
+
+Made = dict[str, Artifact]
+
+
+def drawn(folder: Path, seed: int) -> Artifact:
+    return run_stage(draw_key, DrawKeyParameters(seed=seed), {}, folder)["key"]
+
+
+def hidden(folder: Path, method: str) -> Made:
+    """A container and its secret, as `add_grain` takes them, with a key for the grain."""
+    cover, views = scene(folder / "cover"), message_views(folder / "views")
+    chosen = HideScenesParameters.model_validate({"method": method, "iterations": 3, "decoder_width": 12})
+    made = run_stage(hide_scenes, chosen, {"cover": cover, "messages": (views,)}, folder / "made", private=True)
+    return {**{name: made[name] for name in ("container", "secret")}, "cover": cover, "key": drawn(folder / "key", 1)}
+
+
+@pytest.mark.parametrize("method", ["homogeneous", "gs_hider", "sh", "decoder"])
+def test_without_a_grain_it_is_the_very_same_container(tmp_path: Path, method: str) -> None:
+    """So that what was made of it before there was a choice is not made again."""
+    given = hidden(tmp_path, method)
+    parameters = AddGrainParameters(method=method, level=0)
+    left = run_stage(add_grain, parameters, given, tmp_path / "left", private=True)["container"]
+    assert left.digest == given["container"].digest
+
+
+def test_cover_and_message_of_a_container_with_a_grain_are_read_once_it_is_sealed(tmp_path: Path) -> None:
+    given = hidden(tmp_path, "homogeneous")
+    parameters = AddGrainParameters(method="homogeneous")
+    container = run_stage(add_grain, parameters, given, tmp_path / "grain", private=True)["container"]
+    before, after = read_gaussians(given["container"]), read_gaussians(container)
+    coins = thrown(len(before), key_generator(given["key"], 0))
+    assert follows(before, after, coins)
+    assert not follows(before, before, coins)
+    assert not follows(before, after, thrown(len(before), key_generator(drawn(tmp_path / "other", 2), 0)))
+
+    pair = {"container": container, "secret": given["secret"], "key": drawn(tmp_path / "seal", 3)}
+    sealed = run_stage(seal, SealParameters(method="homogeneous"), pair, tmp_path / "sealed")
+    assert SEAL in sealed["secret"].attributes
+    camera = single_cameras(read_scene(given["cover"]).cameras)[2]
+    shown = []
+    for made in (given, sealed):
+        gaussians, method = read_container(made["container"], made["secret"])
+        shown.append(method.render(gaussians, camera).pictures)
+    changes = {name: float((shown[1][name] - shown[0][name]).square().mean().sqrt()) for name in shown[0]}
+    assert len(changes) == 2
+    assert 255 * changes[COVER] == pytest.approx(parameters.level, rel=0.5)
+    assert max(value for name, value in changes.items() if name != COVER) < 0.1 * changes[COVER]
+    assert np.isfinite(list(changes.values())).all()
