@@ -10,7 +10,7 @@ from stages.analysis.measurements import Measurement
 from stages.analysis.page.material import METHOD_TITLES
 from stages.analysis.paper.measuring import Measured, Spread
 from stages.analysis.paper.runs import Experiment, Settings, Study, capture_title, settings_title
-from stages.analysis.secrecy.conditions import BLIND, NOTHING_HIDDEN, OWNER, SURROGATE
+from stages.analysis.secrecy.conditions import BLIND, NOTHING_HIDDEN, OWNER, SURROGATE, SURROGATES
 from stages.imaging.metric_table import mean_of_known
 
 M = "feature_dim"
@@ -151,6 +151,16 @@ def shares(experiments: Sequence[Experiment]) -> tuple[float, ...]:
     """The shares of the training views that leaked to surrogates, ascending."""
     rows = [row for experiment in experiments for row in experiment.rows if row.condition == SURROGATE]
     return tuple(sorted({row.severity for row in rows if row.severity is not None}))
+
+
+def best_surrogate(experiments: Sequence[Experiment], share: float) -> str:
+    """The condition of the surrogate that shows most of the message, of those that had this share of the views.
+
+    An attacker with so many views can hold some back, and so tell which it is.
+    """
+    scores = {each: figure(experiments, "psnr_covered", each, share).mean for each in SURROGATES}
+    known = {each: score for each, score in scores.items() if not math.isnan(score)}
+    return max(known, key=lambda each: known[each], default=SURROGATE)
 
 
 def best_blind(experiments: Sequence[Experiment]) -> str | None:

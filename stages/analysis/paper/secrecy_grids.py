@@ -110,7 +110,8 @@ def surrogate_grid(found: Found) -> Grid:
                 "published attributes. Under one colour stands, in true colours, the cover itself. The paper gives no "
                 "figures.",
                 "Painted onto Gaussians: colours are sought with which those that the cover hardly shows give the "
-                "views that leaked; nothing of what is stored in their features is read.",
+                "views that leaked, and how much of each is the message's; nothing of what is stored in their features "
+                "is read.",
                 "Surrogates learn more with more steps: what stands here is what a few minutes of one core buy.",
                 *words_on(found),
             ),
@@ -130,6 +131,7 @@ def _surrogate_lines(kind: Kind, experiments: Sequence[Experiment], every: Seque
         ("decoder, trained", "psnr_covered", SURROGATE),
         ("decoder, trained, in true colours", "psnr_coloured", SURROGATE),
         ("least squares", "psnr_covered", LINEAR),
+        ("painted onto Gaussians", "psnr_covered", PAINTED),
         ("painted onto Gaussians, in true colours", "psnr_coloured", PAINTED),
     ):
         coloured = quantity == "psnr_coloured"

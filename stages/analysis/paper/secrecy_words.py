@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 from stages.analysis.paper.runs import Experiment
-from stages.analysis.paper.secrecy_figures import Found, Kind, blind_conditions, figure, shares
-from stages.analysis.secrecy.conditions import BLIND, COVER_ITSELF, NOTHING_HIDDEN, OPEN, OWN_START, OWNER, SURROGATE
+from stages.analysis.paper.secrecy_figures import Found, Kind, best_surrogate, blind_conditions, figure, shares
+from stages.analysis.secrecy.conditions import BLIND, COVER_ITSELF, NOTHING_HIDDEN, OPEN, OWN_START, OWNER
 
 RECOGNISABLE = 0.1
 """Multiple correlation with the message beyond that with the message of other views: more is more than chance."""
@@ -53,12 +53,13 @@ def _of_surrogates(experiments: Sequence[Experiment]) -> list[str]:
     owner, floor = (figure(experiments, name, OWNER).mean for name in ("psnr_covered", "psnr_constant"))
     parts = []
     for share in (each for each in shares(experiments) if each > 0):
-        shown = figure(experiments, "psnr_covered", SURROGATE, share).mean
-        related, others = _related(experiments, SURROGATE, share)
+        best = best_surrogate(experiments, share)
+        shown = figure(experiments, "psnr_covered", best, share).mean
+        related, others = _related(experiments, best, share)
         if related - others > RECOGNISABLE:
             way = max(shown - floor, 0.0) / (owner - floor) if owner > floor else 0.0
             parts.append(f"with {share:.0%} of them {way:.0%} of the way (r = {related:.2f}, control {others:.2f})")
-    start = "whoever has views of the message: from one colour to the owner's decoder, in dB, a surrogate goes "
+    start = "whoever has views of the message: from one colour to the owner's decoder, in dB, the best surrogate goes "
     return [start + ", ".join(parts)] if parts else []
 
 

@@ -14,6 +14,7 @@ WRONG = (RANDOM, OTHER_START, OWN_START, COVER_ITSELF)
 SURROGATE = "surrogate: a decoder trained on views that leaked"
 LINEAR = "surrogate: least squares on views that leaked"
 PAINTED = "surrogate: views that leaked, painted onto Gaussians that the cover hardly shows"
+SURROGATES = (SURROGATE, LINEAR, PAINTED)
 BLIND = "blind: {}"
 """Severity: the share of the training views that leaked, from 0 to 1. A blind reading has seen none."""
 

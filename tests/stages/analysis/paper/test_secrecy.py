@@ -30,6 +30,7 @@ from stages.analysis.secrecy.conditions import (
     OTHER_START,
     OWN_START,
     OWNER,
+    PAINTED,
     RANDOM,
     SURROGATE,
     VIEWS_SEEN,
@@ -157,8 +158,8 @@ def test_verdicts_can_fail(made: dict[str, Artifact]) -> None:
     over = "message over one colour"
     assert verdicts[f"3DGS+SH: {over}, public attributes"] == "does not hold"
     assert verdicts[f"GS-Hider, M = 8: {over}, the best random decoder"] == "holds"
-    assert verdicts[f"GS-Hider, M = 8: {over}, a surrogate with 20% of the views"] == "does not hold"
-    assert verdicts[f"GS-Hider, M = 32: {over}, a surrogate with 1% of the views"] == "holds, within noise"
+    assert verdicts[f"GS-Hider, M = 8: {over}, the best surrogate with 20% of the views"] == "does not hold"
+    assert verdicts[f"GS-Hider, M = 32: {over}, the best surrogate with 1% of the views"] == "holds, within noise"
     small = "GS-Hider: M = 8 leaks more than 32, by the surrogate's loss on the owner's decoder, 20% of the views"
     assert found[small]["Average"] == "+4.00 dB"
     assert verdicts[small] == "holds"
@@ -187,6 +188,19 @@ def test_what_is_not_secure_is_said_in_words(made: dict[str, Artifact]) -> None:
     assert "whoever has the container alone: three channels" in text
     assert "show the message (r = 0.50, control 0.31)" in text
     assert "whoever guesses the seed of a training without a key" in text
+
+
+def test_of_surrogates_the_one_that_shows_most_is_judged(tmp_path: Path) -> None:
+    """Whoever has views paints them where a decoder would learn less."""
+    rows = rows_of(8, 2.0)
+    for seed in range(3):
+        rows += reading(PAINTED, FLOOR + 7.0, 0.9, 0.2, seed)
+    page = compared(tmp_path, item(tmp_path, "homogeneous", 8, rows))
+    text = markdown(page)
+    assert "with 20% of them 70% of the way (r = 0.90, control 0.25)" in text
+    found = {names[1]: cells for names, cells in table(text, "Relations on test views").items()}
+    [relation] = [cells for name, cells in found.items() if "the best surrogate with 20%" in name]
+    assert (relation["fox"], relation["Verdict"]) == ("+7.00 dB", "does not hold")
 
 
 def test_with_a_single_test_view_other_controls_are_enough(tmp_path: Path) -> None:
