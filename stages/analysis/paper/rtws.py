@@ -63,6 +63,11 @@ BOUNDS = ((BOUND_AT_99, BOUND_BY_SCENE_AT_99, " at 99 % detection"), (BOUND, BOU
 SAME_CONTAINER = {"clean": PAPERS}
 """Variants that differ from another in the decoder alone: what became of the image is scored once."""
 
+HELD_NOTE = (
+    "A decoder holds the watermark: its tuning starts from the picture's own coefficients, by which a codec that has "
+    "learnt nothing shows it on a plain photo at 153 dB. So this PSNR tells how firmly a decoder opens for marked "
+    "renders, and nothing of how much of the picture these carry."
+)
 SURVIVAL_NOTE = (
     "Test views and new cameras along the rig. Of decoders at the threshold that 99 % of other new cameras reach, but "
     "at 0.9 of the watermark at most, so that distorted renders may reach it, too; of grain at its owner's, which by "
@@ -192,6 +197,7 @@ def _fidelity(
             "Cover and watermark: test views. The image: the one view that hides it. The paper: nine captures. A "
             f"watermark that is shown to the last bit counts as {EXACT:g} dB. Grain carries no picture: what its owner "
             "is shown is his own, as bright as he may be sure, and has no place in this column.",
+            HELD_NOTE,
         ),
     )
 

@@ -92,6 +92,12 @@ def test_ours_stands_beside_the_papers(chapter: Chapter) -> None:
     assert found["3DGS, RTWS", "here"] == ("26.50", "–", "38.00")
 
 
+def test_the_watermarks_psnr_is_said_to_be_that_of_a_gate(chapter: Chapter) -> None:
+    notes = " ".join(chapter.grids[0].notes)
+    assert "A decoder holds the watermark" in notes
+    assert "nothing of how much of the picture these carry" in notes
+
+
 def test_a_good_psnr_does_not_hide_false_positives(chapter: Chapter) -> None:
     verdicts = {relation.text: relation.verdict for relation in chapter.relations}
     assert verdicts["GS-Hider, RTWS: watermark"] == "holds"
