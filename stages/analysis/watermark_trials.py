@@ -35,10 +35,12 @@ whose watermark is a little blurred; what explains nine tenths of the watermark 
 THRESHOLD, DETECTED, TRIALS = "threshold", "detected", "trials"
 FALSE_POSITIVES, BOUND, BOUND_BY_SCENE, SCENES = "false_positives", "upper_bound", "upper_bound_by_scene", "scenes"
 
-THRESHOLD_AT_99, FALSE_POSITIVES_AT_99, BOUND_AT_99 = "threshold_at_99", "false_positives_at_99", "upper_bound_at_99"
+THRESHOLD_AT_99, DETECTED_AT_99 = "threshold_at_99", "detected_at_99"
+FALSE_POSITIVES_AT_99, BOUND_AT_99 = "false_positives_at_99", "upper_bound_at_99"
 BOUND_BY_SCENE_AT_99 = "upper_bound_by_scene_at_99"
-"""The usual point of a ROC curve: by the threshold that 99 % of the clean channel's renders reach, all of them, however
-high it is. Whoever is asked about pictures as they were rendered may have that one; no distorted render reaches it."""
+"""The usual point of a ROC curve: by the threshold that 99 % of the renders reach that set it, however high it is; how
+many of the other clean renders reach it is measured. Whoever is asked about pictures as they were rendered may have
+that one; no distorted render reaches it."""
 
 COVER_BEFORE, COVER_AFTER = "cover, before", "cover, after"
 """Conditions of the container's own PSNR on test views."""
@@ -147,9 +149,9 @@ def trial_rows(
 ) -> Iterator[Measurement]:
     """PSNR_W on test views, the threshold, survival of distortions, and what is shown of every kind of negative.
 
-    And, of a reader that has no threshold of its own, how many negatives it takes for the watermark by the one at which
-    99 % of the clean channel's renders are found. Of `negatives` only one picture is held at a time. Raises
-    `ValueError` without renders.
+    And, of a reader that has no threshold of its own, how many other clean renders it finds, and how many negatives it
+    takes for the watermark, by the one that 99 % of the calibration's renders reach, however high that is. Of
+    `negatives` only one picture is held at a time. Raises `ValueError` without renders.
     """
 
     def look(picture: Picture) -> Shown:
@@ -176,7 +178,7 @@ def trial_rows(
     trials = [(each, look(picture)) for each, picture in negatives]
     yield from _negative_rows(trials, threshold)
     if detector.own_share is None:
-        yield from _rows_at_99(trials, threshold_at([*calibration, *clean]))
+        yield from _rows_at_99(trials, threshold_at(calibration), clean)
 
 
 def figures(shown: Shown) -> dict[str, float]:
@@ -210,8 +212,11 @@ def _negative_rows(trials: Sequence[tuple[Negative, Shown]], threshold: float) -
         yield from _bounds(total, [trial for trial in trials if trial[0].total == total], threshold)
 
 
-def _rows_at_99(trials: Sequence[tuple[Negative, Shown]], threshold: float) -> Iterator[Measurement]:
+def _rows_at_99(
+    trials: Sequence[tuple[Negative, Shown]], threshold: float, clean: Sequence[float]
+) -> Iterator[Measurement]:
     yield Measurement(THRESHOLD_AT_99, threshold, CLEAN_CHANNEL)
+    yield Measurement(DETECTED_AT_99, share_reaching(clean, threshold), CLEAN_CHANNEL)
     for total in (OWN_SCENE, OTHER_SCENES):
         own = [trial for trial in trials if trial[0].total == total]
         wrong = _wrong(own, threshold)
