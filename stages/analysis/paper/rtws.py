@@ -73,7 +73,8 @@ HELD_NOTE = (
 SURVIVAL_NOTE = (
     "Test views and new cameras along the rig. Of decoders at the threshold that 99 % of other new cameras reach, but "
     "at 0.9 of the watermark at most, so that distorted renders may reach it, too; of grain at its owner's, which by "
-    "chance one picture in 1.6 million reaches (cropped ones, which get two looks, one in 815,000). Sigmas are true."
+    "chance one picture in 1.6 million reaches (smaller and cropped ones, which get two looks, one in 815,000). Sigmas "
+    "are true."
 )
 OWNERS_NOTE = (
     "Grain is read by an owner who has the container from before and knows how the coins fell: he finds the camera of "
