@@ -42,6 +42,9 @@ BOUND_BY_SCENE_AT_99 = "upper_bound_by_scene_at_99"
 many of the other clean renders reach it is measured. Whoever is asked about pictures as they were rendered may have
 that one; no distorted render reaches it."""
 
+NEGATIVES_DISTORTED, FALSE_POSITIVES_DISTORTED = "negatives_distorted", "false_positives_distorted"
+"""Of each distortion: how many pictures of other scenes were tried after it, and how many of them are wrong."""
+
 COVER_BEFORE, COVER_AFTER = "cover, before", "cover, after"
 """Conditions of the container's own PSNR on test views."""
 
@@ -76,12 +79,13 @@ class Negative:
     """What a picture without the watermark is: `kind` is what sort of picture, `scene` what it shows.
 
     `total` is the sum that it is counted in, `OTHER_SCENES` or `OWN_SCENE`; None for what is no picture as it came: a
-    rate of such would be one of whatever was done to them.
+    rate of such would be one of whatever was done to them. `distortion`: after which one of `DISTORTIONS` it is tried.
     """
 
     kind: str
     scene: str
     total: str | None
+    distortion: Distortion | None = None
 
 
 class Detector:
@@ -149,9 +153,10 @@ def trial_rows(
 ) -> Iterator[Measurement]:
     """PSNR_W on test views, the threshold, survival of distortions, and what is shown of every kind of negative.
 
-    And, of a reader that has no threshold of its own, how many other clean renders it finds, and how many negatives it
-    takes for the watermark, by the one that 99 % of the calibration's renders reach, however high that is. Of
-    `negatives` only one picture is held at a time. Raises `ValueError` without renders.
+    Of negatives after a distortion only how many are taken for the watermark. And, of a reader that has no threshold of
+    its own, how many other clean renders it finds, and how many negatives it takes for the watermark, by the one that
+    99 % of the calibration's renders reach, however high that is. Of `negatives` only one picture is held at a time.
+    Raises `ValueError` without renders.
     """
 
     def look(picture: Picture) -> Shown:
@@ -176,7 +181,8 @@ def trial_rows(
     for name, severity, pictures in positives.attacked:
         yield from _detected(name, severity, [look(picture).share for picture in pictures], threshold)
     trials = [(each, look(picture)) for each, picture in negatives]
-    yield from _negative_rows(trials, threshold)
+    yield from _negative_rows([trial for trial in trials if trial[0].distortion is None], threshold)
+    yield from _distorted_rows(trials, threshold)
     if detector.own_share is None:
         yield from _rows_at_99(trials, threshold_at(calibration), clean)
 
@@ -210,6 +216,15 @@ def _negative_rows(trials: Sequence[tuple[Negative, Shown]], threshold: float) -
         yield from _bounds(kind, own, threshold)
     for total in (OWN_SCENE, OTHER_SCENES):
         yield from _bounds(total, [trial for trial in trials if trial[0].total == total], threshold)
+
+
+def _distorted_rows(trials: Sequence[tuple[Negative, Shown]], threshold: float) -> Iterator[Measurement]:
+    for distortion in DISTORTIONS:
+        own = [trial for trial in trials if trial[0].distortion == distortion]
+        if own:
+            figures_of_it = {NEGATIVES_DISTORTED: len(own), FALSE_POSITIVES_DISTORTED: len(_wrong(own, threshold))}
+            for quantity, value in figures_of_it.items():
+                yield Measurement(quantity, value, distortion.name, distortion.severity)
 
 
 def _rows_at_99(

@@ -27,6 +27,8 @@ from stages.analysis.watermark_trials import (
     DETECTED_AT_99,
     FALSE_POSITIVES,
     FALSE_POSITIVES_AT_99,
+    FALSE_POSITIVES_DISTORTED,
+    NEGATIVES_DISTORTED,
     NOISE,
     OTHER_SCENES,
     OWN_SCENE,
@@ -284,7 +286,7 @@ def test_a_decoder_that_always_shows_it_is_wrong_everywhere(tmp_path: Path, inpu
         "photos": watermarks.capture(tmp_path / "photos"),
         "other_photos": (watermarks.capture(tmp_path / "others", seed=5),),
     }
-    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=9, shipped_photos=())
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=9, distorted_of=4, shipped_photos=())
     made = run_stage(detect_watermark, parameters, given, tmp_path / "made")
     assert made["scores"].private
     rows = {(row.quantity, row.condition): row.value for row in read_measurements(made["scores"])}
@@ -292,6 +294,7 @@ def test_a_decoder_that_always_shows_it_is_wrong_everywhere(tmp_path: Path, inpu
     assert rows[TRIALS, OTHER_SCENES] == rows[FALSE_POSITIVES, OTHER_SCENES] == 8, "photos of which each is one window"
     assert rows[TRIALS, OWN_SCENE] == rows[FALSE_POSITIVES, OWN_SCENE] == 1 + 5, "of the test view, and renders"
     assert (rows[SCENES, OTHER_SCENES], rows[SCENES, OWN_SCENE]) == (1, 1)
+    assert rows[NEGATIVES_DISTORTED, "noise"] == rows[FALSE_POSITIVES_DISTORTED, "noise"] == 2
 
 
 def test_photos_of_other_things_are_tried_with_noise_too(

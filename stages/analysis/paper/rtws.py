@@ -11,7 +11,7 @@ from stages.analysis.page.figures import MISSING
 from stages.analysis.page.material import GS_HIDER
 from stages.analysis.paper.chapter import Chapter, title_of
 from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, published_cell
-from stages.analysis.paper.measuring import Measured, Spread, mean, measure
+from stages.analysis.paper.measuring import Measured, Spread, measure
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation, TwiceCounted
 from stages.analysis.paper.runs import Experiment, Run, Study, capture_title
@@ -23,10 +23,12 @@ from stages.analysis.paper.watermark_figures import (
     PAPERS,
     Key,
     figures_by_capture,
+    percent_cell,
     title_of_key,
     value_of,
     variant_of,
 )
+from stages.analysis.paper.watermark_survival import survival
 from stages.analysis.watermark_trials import (
     BOUND,
     BOUND_AT_99,
@@ -34,7 +36,6 @@ from stages.analysis.watermark_trials import (
     BOUND_BY_SCENE_AT_99,
     BRIGHTNESS,
     CLEAN_CHANNEL,
-    CONTAINER_WORDING,
     COVER_AFTER,
     COVER_BEFORE,
     DETECTED,
@@ -50,7 +51,6 @@ from stages.analysis.watermark_trials import (
     THRESHOLD_AT_99,
     TRIALS,
 )
-from stages.imaging.distortions import DISTORTIONS, WORDING
 
 BEFORE, AFTER = "before", "after"
 """What names of stages begin with that score containers before and after they were fine-tuned."""
@@ -69,12 +69,6 @@ HELD_NOTE = (
     "A decoder holds the watermark: its tuning starts from the picture's own coefficients, by which a codec that has "
     "learnt nothing shows it on a plain photo at 153 dB. So this PSNR tells how firmly a decoder opens for marked "
     "renders, and nothing of how much of the picture these carry."
-)
-SURVIVAL_NOTE = (
-    "Test views and new cameras along the rig. Of decoders at the threshold that 99 % of other new cameras reach, but "
-    "at 0.9 of the watermark at most, so that distorted renders may reach it, too; of grain at its owner's, which by "
-    "chance one picture in 1.6 million reaches (smaller and cropped ones, which get two looks, one in 815,000). Sigmas "
-    "are true."
 )
 OWNERS_NOTE = (
     "Grain is read by an owner who has the container from before and knows how the coins fell: he finds the camera of "
@@ -124,7 +118,7 @@ def rtws(study: Study, tables: Published) -> Chapter:
         _fidelity(before, after, detections, tables),
         _negatives(detections),
         _at_99(detections),
-        _survival(detections),
+        survival(detections),
         _codec(study.experiments),
     ]
     return Chapter(
@@ -285,7 +279,7 @@ def _at_99(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
             threshold = value_of(experiment.rows, THRESHOLD_AT_99, CLEAN_CHANNEL)
             if not math.isnan(threshold):
                 detected = value_of(experiment.rows, DETECTED_AT_99, CLEAN_CHANNEL)
-                cells = [Cell(f"{threshold:.4f}", "", Spread(threshold)), _percent(detected)]
+                cells = [Cell(f"{threshold:.4f}", "", Spread(threshold)), percent_cell(detected)]
                 for condition in (OTHER_SCENES, OWN_SCENE):
                     cells += _rates_at_99(experiment.rows, condition)
                 lines.append(Line((title_of_key(key), capture_title(experiment.capture)), tuple(cells)))
@@ -314,35 +308,6 @@ def _rates_at_99(rows: Sequence[Measurement], condition: str) -> Iterator[Cell]:
     )
     yield Cell(f"{wrong:,.0f}", f"of {count:,.0f}", Spread(wrong))
     yield from (_bound(bound), _bound(by_scene))
-
-
-def _survival(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
-    """The share that is found, after each distortion."""
-    conditions: list[tuple[str, str, float | None]] = [(CLEAN_CHANNEL, CLEAN_CHANNEL, None)]
-    conditions += [(f"{WORDING[each.name]} {each.severity:g}", each.name, each.severity) for each in DISTORTIONS]
-    attacked = dict.fromkeys(
-        (row.condition, row.severity)
-        for group in detections.values()
-        for each in group
-        for row in each.rows
-        if row.quantity == DETECTED and row.condition in CONTAINER_WORDING
-    )
-    conditions += [(f"{CONTAINER_WORDING[name]} {severity:g}", name, severity) for name, severity in attacked]
-    lines = []
-    for title, name, severity in conditions:
-        found = [[value_of(each.rows, DETECTED, name, severity) for each in group] for group in detections.values()]
-        lines.append(Line((title,), tuple(_percent(mean(values)) for values in found)))
-    return Grid(
-        "Renders that are found",
-        ("Distortion",),
-        tuple(map(title_of_key, detections)),
-        tuple(lines) if detections else (),
-        (SURVIVAL_NOTE,),
-    )
-
-
-def _percent(value: float) -> Cell:
-    return Cell(MISSING if math.isnan(value) else f"{100 * value:.1f} %", "", Spread(value))
 
 
 def _codec(experiments: Iterable[Experiment]) -> Grid:

@@ -26,6 +26,8 @@ from stages.analysis.watermark_trials import (
     DETECTED_AT_99,
     FALSE_POSITIVES,
     FALSE_POSITIVES_AT_99,
+    FALSE_POSITIVES_DISTORTED,
+    NEGATIVES_DISTORTED,
     OTHER_SCENES,
     OWN_SCENE,
     PRUNING,
@@ -213,6 +215,29 @@ def test_what_is_shown_to_the_last_bit_has_a_finite_mean() -> None:
     exact = Measurement(PSNR_WATERMARK, float("inf"), RENDERS)
     chapter = rtws(Study((), experiments=(replace(found, rows=(*found.rows, exact)),)), read_published())
     assert dict(figures(chapter))["GS-Hider, RTWS", "here"][2] == "68.50"
+
+
+def test_what_is_taken_for_it_after_a_distortion_stands_beside_what_is_found() -> None:
+    """Counts of captures are added; where nothing of the kind was measured there is no column, or no figure."""
+    found = detection("paper", "gs_hider", 0)
+    distorted = DISTORTIONS[0]
+    counts = {NEGATIVES_DISTORTED: 300, FALSE_POSITIVES_DISTORTED: 6}
+    rows = [Measurement(each, value, distorted.name, distorted.severity) for each, value in counts.items()]
+    measured = [replace(found, capture=capture, rows=(*found.rows, *rows)) for capture in ("fox", "bonsai")]
+    earlier = detection("paper", "plain", 0)
+    experiments = (*measured, earlier, replace(found, capture="kitchen"))
+    chapter = rtws(Study((), experiments=experiments), read_published())
+    [grid] = [grid for grid in chapter.grids if grid.caption == "Renders that are found"]
+    assert grid.headings == ("GS-Hider, RTWS", "GS-Hider, RTWS: taken for it", "3DGS, RTWS")
+    assert [(cell.text, cell.note) for cell in (line.cells[1] for line in grid.lines[:3])] == [
+        ("0.00 %", "0 of 12,000"),
+        ("2.00 %", "12 of 600"),
+        ("–", ""),
+    ]
+    assert len(grid.notes) == 2
+    grids = rtws(Study((), experiments=(earlier,)), read_published()).grids
+    [before] = [grid for grid in grids if grid.caption == "Renders that are found"]
+    assert (before.headings, len(before.notes)) == (("3DGS, RTWS",), 1)
 
 
 def test_attacked_containers_have_lines() -> None:
