@@ -25,6 +25,7 @@ from stages.analysis.watermark_readers import shown_by_decoder, shown_by_grain
 from stages.analysis.watermark_trials import (
     COVER_AFTER,
     COVER_BEFORE,
+    COVER_CONTROL,
     OTHER_SCENES,
     OWN_SCENE,
     Detector,
@@ -108,6 +109,7 @@ class DetectWatermarkParameters(Parameters):
     inputs={
         "container": Input("container"),
         "before": Input("container or splats"),
+        "control": Input("container", optional=True),
         "cover": Input("scene"),
         "codec": Input("codec", optional=True),
         "key": Input("key", optional=True),
@@ -214,11 +216,17 @@ def _attacked(
 
 
 def _fidelity(context: Context, scene: Scene, positives: Positives) -> Iterator[Measurement]:
-    """PSNR of the cover on test views, without the watermark and with it."""
-    before = _renders(context.input("before"), scene.cameras.select(scene.test_names), context.stop_if_requested)
-    truths = scene.pictures[scene.rows(scene.test_names)]
-    for (view, after), clean, truth in zip(positives.tests, before, truths, strict=True):
-        for condition, picture in ((COVER_BEFORE, clean), (COVER_AFTER, after)):
+    """PSNR of the cover on test views, without the watermark and with it; and of the control, where there is one."""
+    containers = {COVER_BEFORE: context.input("before"), COVER_CONTROL: context.input_optional("control")}
+    cameras, truths = scene.cameras.select(scene.test_names), scene.pictures[scene.rows(scene.test_names)]
+    shown: dict[str, Sequence[Picture]] = {
+        condition: [*_renders(container, cameras, context.stop_if_requested)]
+        for condition, container in containers.items()
+        if container is not None
+    }
+    shown[COVER_AFTER] = [picture for _, picture in positives.tests]
+    for condition, pictures in shown.items():
+        for view, picture, truth in zip(scene.test_names, pictures, truths, strict=True):
             value = psnr(picture_to_tensor(picture), picture_to_tensor(truth))
             yield Measurement("psnr", value, condition, view=view, split="test")
 

@@ -46,6 +46,7 @@ NEGATIVES_DISTORTED, FALSE_POSITIVES_DISTORTED = "negatives_distorted", "false_p
 """Of each distortion: how many pictures of other scenes were tried after it, and how many of them are wrong."""
 
 COVER_BEFORE, COVER_AFTER = "cover, before", "cover, after"
+COVER_CONTROL = "cover, trained as long without the watermark"
 """Conditions of the container's own PSNR on test views."""
 
 PRUNING, QUANTISATION, NOISE = "container, pruned", "container, quantised", "container, noise on colours"

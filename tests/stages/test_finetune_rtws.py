@@ -59,6 +59,8 @@ def test_gaussians_follow_the_watermarked_views(tmp_path: Path, inputs: Inputs) 
         for name, codec in (("marked", inputs["codec"]), ("unmarked", idle))
     )
     assert not np.array_equal(marked, unmarked)
+    control = finetuned(tmp_path / "control", inputs, marked=False)["container"].read("sh_base")
+    np.testing.assert_array_equal(control, unmarked)
 
 
 def test_decoders_and_the_message_stay(tmp_path: Path, inputs: Inputs) -> None:

@@ -38,6 +38,7 @@ from stages.analysis.watermark_trials import (
     CLEAN_CHANNEL,
     COVER_AFTER,
     COVER_BEFORE,
+    COVER_CONTROL,
     DETECTED,
     DETECTED_AT_99,
     FALSE_POSITIVES,
@@ -52,12 +53,14 @@ from stages.analysis.watermark_trials import (
     TRIALS,
 )
 
-BEFORE, AFTER = "before", "after"
-"""What names of stages begin with that score containers before and after they were fine-tuned."""
+BEFORE, CONTROL, AFTER = "before", "control", "after"
+"""What names of stages begin with that score containers before and after they were fine-tuned, and those that were
+fine-tuned as long without the watermark."""
 
 MOST_LOST_ON_THE_COVER, MOST_LOST_ON_THE_MESSAGE, LEAST_OF_THE_WATERMARK = 0.6, 2.0, 35.0
 MOST_FALSE_POSITIVES, LEAST_DETECTED = 0.1, 99.0  # percent
 
+TO_CONTROL = "what was trained as long without it"
 AT_99 = " at 99 % detection"
 BOUNDS = ((BOUND_AT_99, BOUND_BY_SCENE_AT_99, AT_99), (BOUND, BOUND_BY_SCENE, ""))
 """By picture and by scene, and at which threshold."""
@@ -65,6 +68,10 @@ BOUNDS = ((BOUND_AT_99, BOUND_BY_SCENE_AT_99, AT_99), (BOUND, BOUND_BY_SCENE, ""
 SAME_CONTAINER = {"clean": PAPERS}
 """Variants that differ from another in the decoder alone: what became of the image is scored once."""
 
+CONTROL_NOTE = (
+    "Trained on without it: as long as RTWS fine-tunes, on the views as they are. What these steps gain hides what the "
+    "watermark costs."
+)
 HELD_NOTE = (
     "A decoder holds the watermark: its tuning starts from the picture's own coefficients, by which a codec that has "
     "learnt nothing shows it on a plain photo at 153 dB. So this PSNR tells how firmly a decoder opens for marked "
@@ -106,7 +113,7 @@ NOTES = {IMPRINTED: IMPRINT_NOTE, GRAINED: OWNERS_NOTE}
 
 def rtws(study: Study, tables: Published) -> Chapter:
     """Runs of stages whose names begin with `before` and `after`, and what `detect_watermark` measured."""
-    before, after = (_images(study.runs, word) for word in (BEFORE, AFTER))
+    before, control, after = (_images(study.runs, word) for word in (BEFORE, CONTROL, AFTER))
     detections: dict[Key, list[Experiment]] = {}
     for each in study.experiments:
         if any(row.condition == OTHER_SCENES for row in each.rows):
@@ -115,7 +122,7 @@ def rtws(study: Study, tables: Published) -> Chapter:
             if not any(_measured(each) == _measured(other) for other in group):
                 group.append(each)
     grids = [
-        _fidelity(before, after, detections, tables),
+        _fidelity(before, control, after, detections, tables),
         _negatives(detections),
         _at_99(detections),
         survival(detections),
@@ -124,8 +131,8 @@ def rtws(study: Study, tables: Published) -> Chapter:
     return Chapter(
         "A copyright read off renders",
         tuple(grid for grid in grids if grid.lines),
-        tuple(_relations(before, after, detections, tables)),
-        tuple(run for group in (before, after) for runs in group.values() for run in runs),
+        tuple(_relations(before, control, after, detections, tables)),
+        tuple(run for group in (before, control, after) for runs in group.values() for run in runs),
     )
 
 
@@ -160,12 +167,13 @@ def _later(after: Mapping[Key, Sequence[Run]], key: Key) -> Sequence[Run]:
 
 def _fidelity(
     before: Mapping[Key, Sequence[Run]],
+    control: Mapping[Key, Sequence[Run]],
     after: Mapping[Key, Sequence[Run]],
     detections: Mapping[Key, Sequence[Experiment]],
     tables: Published,
 ) -> Grid:
     """PSNR_S, PSNR_M and PSNR_W, beside the paper's."""
-    lines, told = [], set()
+    lines, told, controlled = [], set(), set()
     for key, group in detections.items():
         is_paper = key == (GS_HIDER, PAPERS)
         if key[0] not in told:
@@ -179,6 +187,11 @@ def _fidelity(
             lines.append(Line((title, HERE), _decibels(figures)))
             if is_paper:
                 lines.append(Line((title, PAPER), _published(tables, "without"), published=True))
+        cover = figures_by_capture(group, "psnr", COVER_CONTROL)
+        if cover.by_capture and key[0] not in controlled:
+            controlled.add(key[0])
+            figures = (cover, measure(_earlier(control, key), image_psnr), Measured({}))
+            lines.append(Line((f"{title_of(key[0])}, trained on without it", HERE), _decibels(figures)))
         figures = (
             figures_by_capture(group, "psnr", COVER_AFTER),
             measure(_later(after, key), image_psnr),
@@ -197,6 +210,7 @@ def _fidelity(
             f"watermark that is shown to the last bit counts as {EXACT:g} dB. Grain carries no picture: what its owner "
             "is shown is his own, as bright as he may be sure, and has no place in this column.",
             HELD_NOTE,
+            *([CONTROL_NOTE] if controlled else []),
         ),
     )
 
@@ -330,6 +344,7 @@ def _codec(experiments: Iterable[Experiment]) -> Grid:
 
 def _relations(
     before: Mapping[Key, Sequence[Run]],
+    control: Mapping[Key, Sequence[Run]],
     after: Mapping[Key, Sequence[Run]],
     detections: Mapping[Key, Sequence[Experiment]],
     tables: Published,
@@ -338,18 +353,20 @@ def _relations(
     paper = tables.traceable_watermark
     for key, group in detections.items():
         title, is_paper = title_of_key(key), key == (GS_HIDER, PAPERS)
-        losses = {
-            "cover": figures_by_capture(group, "psnr", COVER_AFTER).minus(
-                figures_by_capture(group, "psnr", COVER_BEFORE)
-            ),
-            "message": measure(_later(after, key), image_psnr).minus(measure(_earlier(before, key), image_psnr)),
-        }
-        for picture, most in (("cover", MOST_LOST_ON_THE_COVER), ("message", MOST_LOST_ON_THE_MESSAGE)):
-            if losses[picture].by_capture:
-                published = paper["with"][picture] - paper["without"][picture] if is_paper else math.nan
-                yield Relation(
-                    f"{title}: {picture}, to before", "difference", "at least", -most, losses[picture], published
-                )
+        for runs, condition, to in ((before, COVER_BEFORE, "before"), (control, COVER_CONTROL, TO_CONTROL)):
+            covers = figures_by_capture(group, "psnr", condition)
+            if not covers.by_capture:
+                continue
+            losses = {
+                "cover": figures_by_capture(group, "psnr", COVER_AFTER).minus(covers),
+                "message": measure(_later(after, key), image_psnr).minus(measure(_earlier(runs, key), image_psnr)),
+            }
+            for picture, most in (("cover", MOST_LOST_ON_THE_COVER), ("message", MOST_LOST_ON_THE_MESSAGE)):
+                if losses[picture].by_capture:
+                    is_published = is_paper and condition == COVER_BEFORE
+                    published = paper["with"][picture] - paper["without"][picture] if is_published else math.nan
+                    text = f"{title}: {picture}, to {to}"
+                    yield Relation(text, "difference", "at least", -most, losses[picture], published)
         if key[1] != GRAINED:
             published = paper["with"]["watermark"] if is_paper else math.nan
             shown = figures_by_capture(group, PSNR_WATERMARK, RENDERS)

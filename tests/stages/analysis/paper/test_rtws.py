@@ -22,6 +22,7 @@ from stages.analysis.watermark_trials import (
     CLEAN_CHANNEL,
     COVER_AFTER,
     COVER_BEFORE,
+    COVER_CONTROL,
     DETECTED,
     DETECTED_AT_99,
     FALSE_POSITIVES,
@@ -238,6 +239,20 @@ def test_what_is_taken_for_it_after_a_distortion_stands_beside_what_is_found() -
     grids = rtws(Study((), experiments=(earlier,)), read_published()).grids
     [before] = [grid for grid in grids if grid.caption == "Renders that are found"]
     assert (before.headings, len(before.notes)) == (("3DGS, RTWS",), 1)
+
+
+def test_the_cost_is_taken_against_a_container_that_was_trained_as_long_without_the_watermark() -> None:
+    found = detection("paper", "gs_hider", 0)
+    controlled = replace(found, rows=(*found.rows, Measurement("psnr", 28.0, COVER_CONTROL)))
+    grain = replace(found, stage="detection_grain[fox]")
+    runs = (scored("before", 38.0, "paper"), scored("control", 42.0, "paper"), scored("after", 39.0, "paper"))
+    chapter = rtws(Study(runs, experiments=(controlled, grain)), read_published())
+    assert dict(figures(chapter))["GS-Hider, trained on without it", "here"] == ("28.00", "42.00", "–")
+    verdicts = {relation.text: relation.verdict for relation in chapter.relations}
+    for picture in ("cover", "message"):
+        assert verdicts[f"GS-Hider, RTWS: {picture}, to before"] == "holds"
+        assert verdicts[f"GS-Hider, RTWS: {picture}, to what was trained as long without it"] == "does not hold"
+    assert not any("grain" in text and "as long" in text for text in verdicts), "nothing is trained for it"
 
 
 def test_attacked_containers_have_lines() -> None:
