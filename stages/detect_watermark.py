@@ -19,11 +19,13 @@ from pipeline.checkpoint import Checkpoints, State
 from pipeline.errors import Interrupted, UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.attacks.target import Target
+from stages.analysis.distorted_negatives import most_distorted, with_distorted
 from stages.analysis.measurements import Measurement, write_measurements
 from stages.analysis.watermark_readers import shown_by_decoder, shown_by_grain
 from stages.analysis.watermark_trials import (
     COVER_AFTER,
     COVER_BEFORE,
+    COVER_CONTROL,
     OTHER_SCENES,
     OWN_SCENE,
     Detector,
@@ -91,6 +93,11 @@ class DetectWatermarkParameters(Parameters):
         description="Pictures of other scenes, at least, as many of each source as of the others; and as many of the "
         "cover without the watermark. Beside them as many noisy ones as of one source.",
     )
+    distorted_of: int = Field(
+        20,
+        ge=0,
+        description="Of every so many pictures of other scenes one is tried after each distortion, too; of 0 none.",
+    )
     shipped_photos: ShippedPhotos = Field(
         HELD_OUT, description="Photos that packages ship, by their files' names, as far as they are installed."
     )
@@ -102,6 +109,7 @@ class DetectWatermarkParameters(Parameters):
     inputs={
         "container": Input("container"),
         "before": Input("container or splats"),
+        "control": Input("container", optional=True),
         "cover": Input("scene"),
         "codec": Input("codec", optional=True),
         "key": Input("key", optional=True),
@@ -120,8 +128,9 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
 
     Negatives are windows of photos, at random places and of random sizes, and renders by cameras along the rigs. Every
     capture is one scene, its photos and its renders together, and so is every shipped photo. These are tried with
-    noise, too, which is counted apart. Of the cover, the photos are its test views, which no decoder has learnt from,
-    and the renders those of the container from before; they are counted apart, since of both a decoder knows the scene.
+    noise, too, which is counted apart; and a part of all of other scenes after every distortion. Of the cover, the
+    photos are its test views, which no decoder has learnt from, and the renders those of the container from before;
+    they are counted apart, since of both a decoder knows the scene.
     """
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("cover"))
@@ -144,9 +153,11 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
         if stops:
             raise Interrupted(f"stopped before picture {done} of at most {total}")
 
+    negatives = _negatives(context, parameters, scene, amounts)
+    negatives = with_distorted(negatives, parameters.distorted_of, parameters.seed)
     rows = chain(
         _fidelity(context, scene, positives),
-        trial_rows(detector, positives, _negatives(context, parameters, scene, amounts), parameters.seed, after_each),
+        trial_rows(detector, positives, negatives, parameters.seed, after_each),
     )
     write_measurements(context.output("scores"), [replace(row, method=parameters.method) for row in rows])
     context.record(device=describe_drawing(working_device()))
@@ -205,11 +216,17 @@ def _attacked(
 
 
 def _fidelity(context: Context, scene: Scene, positives: Positives) -> Iterator[Measurement]:
-    """PSNR of the cover on test views, without the watermark and with it."""
-    before = _renders(context.input("before"), scene.cameras.select(scene.test_names), context.stop_if_requested)
-    truths = scene.pictures[scene.rows(scene.test_names)]
-    for (view, after), clean, truth in zip(positives.tests, before, truths, strict=True):
-        for condition, picture in ((COVER_BEFORE, clean), (COVER_AFTER, after)):
+    """PSNR of the cover on test views, without the watermark and with it; and of the control, where there is one."""
+    containers = {COVER_BEFORE: context.input("before"), COVER_CONTROL: context.input_optional("control")}
+    cameras, truths = scene.cameras.select(scene.test_names), scene.pictures[scene.rows(scene.test_names)]
+    shown: dict[str, Sequence[Picture]] = {
+        condition: [*_renders(container, cameras, context.stop_if_requested)]
+        for condition, container in containers.items()
+        if container is not None
+    }
+    shown[COVER_AFTER] = [picture for _, picture in positives.tests]
+    for condition, pictures in shown.items():
+        for view, picture, truth in zip(scene.test_names, pictures, truths, strict=True):
             value = psnr(picture_to_tensor(picture), picture_to_tensor(truth))
             yield Measurement("psnr", value, condition, view=view, split="test")
 
@@ -241,7 +258,8 @@ def _amounts(context: Context, parameters: DetectWatermarkParameters) -> Amounts
     is_shipped = bool(parameters.shipped_photos)
     sources = len(context.input_many("other_photos")) + len(splats) + is_shipped
     own, each = -(-parameters.negatives // 2), -(-parameters.negatives // max(1, sources))
-    return Amounts(own, each, 2 * own + (sources + is_shipped) * each)
+    distorted = most_distorted(sources * each, parameters.distorted_of)
+    return Amounts(own, each, 2 * own + (sources + is_shipped) * each + distorted)
 
 
 def _negatives(

@@ -36,6 +36,11 @@ class FinetuneRtwsParameters(Parameters):
     """The paper names neither iterations nor rates."""
 
     method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
+    marked: bool = Field(
+        True,
+        description="Whether half of the views are watermarked. Without, features are trained as long on views as they "
+        "are: what that gains is no merit of the watermark, and hides what it costs.",
+    )
     iterations: int = Field(300, ge=1, description="Optimisation steps, one view each.")
     feature_rate: float = Field(
         5e-3, gt=0, description="Learning rate of features, or of the constant harmonic: what a hiding ends with."
@@ -79,12 +84,10 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec")).to(device)
     watermark = filling(read_image(context.input("watermark"))[1], scene.cameras.width, scene.cameras.height)
     messages = hidden_messages(read_message_pictures(context.input_many("messages"), scene.cameras.names), secret)
-    views, marked = half_watermarked(
-        training_views(scene, {name: message.pictures for name, message in messages.items()}),
-        codec,
-        picture_to_tensor(watermark, device),
-        parameters.seed,
-    )
+    views = training_views(scene, {name: message.pictures for name, message in messages.items()})
+    marked: tuple[int, ...] = ()
+    if parameters.marked:
+        views, marked = half_watermarked(views, codec, picture_to_tensor(watermark, device), parameters.seed)
     gaussians, method = read_gaussians(container, device), read_method(container, secret, device)
     refuse_unknown_attributes(gaussians, method, "finetune_rtws")
     terms = hiding_terms([*messages], parameters.lambda_message, parameters.ssim_weight, parameters.ssim_weight)

@@ -35,12 +35,18 @@ whose watermark is a little blurred; what explains nine tenths of the watermark 
 THRESHOLD, DETECTED, TRIALS = "threshold", "detected", "trials"
 FALSE_POSITIVES, BOUND, BOUND_BY_SCENE, SCENES = "false_positives", "upper_bound", "upper_bound_by_scene", "scenes"
 
-THRESHOLD_AT_99, FALSE_POSITIVES_AT_99, BOUND_AT_99 = "threshold_at_99", "false_positives_at_99", "upper_bound_at_99"
+THRESHOLD_AT_99, DETECTED_AT_99 = "threshold_at_99", "detected_at_99"
+FALSE_POSITIVES_AT_99, BOUND_AT_99 = "false_positives_at_99", "upper_bound_at_99"
 BOUND_BY_SCENE_AT_99 = "upper_bound_by_scene_at_99"
-"""The usual point of a ROC curve: by the threshold that 99 % of the clean channel's renders reach, all of them, however
-high it is. Whoever is asked about pictures as they were rendered may have that one; no distorted render reaches it."""
+"""The usual point of a ROC curve: by the threshold that 99 % of the renders reach that set it, however high it is; how
+many of the other clean renders reach it is measured. Whoever is asked about pictures as they were rendered may have
+that one; no distorted render reaches it."""
+
+NEGATIVES_DISTORTED, FALSE_POSITIVES_DISTORTED = "negatives_distorted", "false_positives_distorted"
+"""Of each distortion: how many pictures of other scenes were tried after it, and how many of them are wrong."""
 
 COVER_BEFORE, COVER_AFTER = "cover, before", "cover, after"
+COVER_CONTROL = "cover, trained as long without the watermark"
 """Conditions of the container's own PSNR on test views."""
 
 PRUNING, QUANTISATION, NOISE = "container, pruned", "container, quantised", "container, noise on colours"
@@ -74,12 +80,13 @@ class Negative:
     """What a picture without the watermark is: `kind` is what sort of picture, `scene` what it shows.
 
     `total` is the sum that it is counted in, `OTHER_SCENES` or `OWN_SCENE`; None for what is no picture as it came: a
-    rate of such would be one of whatever was done to them.
+    rate of such would be one of whatever was done to them. `distortion`: after which one of `DISTORTIONS` it is tried.
     """
 
     kind: str
     scene: str
     total: str | None
+    distortion: Distortion | None = None
 
 
 class Detector:
@@ -147,9 +154,10 @@ def trial_rows(
 ) -> Iterator[Measurement]:
     """PSNR_W on test views, the threshold, survival of distortions, and what is shown of every kind of negative.
 
-    And, of a reader that has no threshold of its own, how many negatives it takes for the watermark by the one at which
-    99 % of the clean channel's renders are found. Of `negatives` only one picture is held at a time. Raises
-    `ValueError` without renders.
+    Of negatives after a distortion only how many are taken for the watermark. And, of a reader that has no threshold of
+    its own, how many other clean renders it finds, and how many negatives it takes for the watermark, by the one that
+    99 % of the calibration's renders reach, however high that is. Of `negatives` only one picture is held at a time.
+    Raises `ValueError` without renders.
     """
 
     def look(picture: Picture) -> Shown:
@@ -174,9 +182,10 @@ def trial_rows(
     for name, severity, pictures in positives.attacked:
         yield from _detected(name, severity, [look(picture).share for picture in pictures], threshold)
     trials = [(each, look(picture)) for each, picture in negatives]
-    yield from _negative_rows(trials, threshold)
+    yield from _negative_rows([trial for trial in trials if trial[0].distortion is None], threshold)
+    yield from _distorted_rows(trials, threshold)
     if detector.own_share is None:
-        yield from _rows_at_99(trials, threshold_at([*calibration, *clean]))
+        yield from _rows_at_99(trials, threshold_at(calibration), clean)
 
 
 def figures(shown: Shown) -> dict[str, float]:
@@ -210,8 +219,20 @@ def _negative_rows(trials: Sequence[tuple[Negative, Shown]], threshold: float) -
         yield from _bounds(total, [trial for trial in trials if trial[0].total == total], threshold)
 
 
-def _rows_at_99(trials: Sequence[tuple[Negative, Shown]], threshold: float) -> Iterator[Measurement]:
+def _distorted_rows(trials: Sequence[tuple[Negative, Shown]], threshold: float) -> Iterator[Measurement]:
+    for distortion in DISTORTIONS:
+        own = [trial for trial in trials if trial[0].distortion == distortion]
+        if own:
+            figures_of_it = {NEGATIVES_DISTORTED: len(own), FALSE_POSITIVES_DISTORTED: len(_wrong(own, threshold))}
+            for quantity, value in figures_of_it.items():
+                yield Measurement(quantity, value, distortion.name, distortion.severity)
+
+
+def _rows_at_99(
+    trials: Sequence[tuple[Negative, Shown]], threshold: float, clean: Sequence[float]
+) -> Iterator[Measurement]:
     yield Measurement(THRESHOLD_AT_99, threshold, CLEAN_CHANNEL)
+    yield Measurement(DETECTED_AT_99, share_reaching(clean, threshold), CLEAN_CHANNEL)
     for total in (OWN_SCENE, OTHER_SCENES):
         own = [trial for trial in trials if trial[0].total == total]
         wrong = _wrong(own, threshold)

@@ -40,16 +40,31 @@ def resized(scale: float) -> Distortion:
     return Distortion("resize", scale, apply)
 
 
+def smaller(scale: float) -> Distortion:
+    """Reduced to this share of its sides, and left so; its own sides are even, as decoders need them."""
+
+    def apply(picture: Picture, generator: np.random.Generator) -> Picture:
+        height, width = _even_sides(picture, scale)
+        return resize_picture(picture, width, height)
+
+    return Distortion("smaller", scale, apply)
+
+
 def cropped(share: float) -> Distortion:
     """A window of this share of its sides, anywhere in it; its own sides are even."""
 
     def apply(picture: Picture, generator: np.random.Generator) -> Picture:
-        height, width = (max(2, 2 * round(side * share / 2)) for side in picture.shape[:2])
+        height, width = _even_sides(picture, share)
         top = int(generator.integers(picture.shape[0] - height + 1))
         left = int(generator.integers(picture.shape[1] - width + 1))
         return picture[top : top + height, left : left + width].copy()
 
     return Distortion("crop", share, apply)
+
+
+def _even_sides(picture: Picture, share: float) -> tuple[int, int]:
+    height, width = (max(2, 2 * round(side * share / 2)) for side in picture.shape[:2])
+    return height, width
 
 
 def blurred(sigma: float) -> Distortion:
@@ -81,6 +96,7 @@ DISTORTIONS = (
     jpeg(70, full_color=True),
     jpeg(50, full_color=True),
     resized(0.5),
+    smaller(0.5),
     cropped(0.75),
     blurred(1.0),
     noisy(2.0),
@@ -93,7 +109,8 @@ DISTORTIONS = (
 WORDING = {
     "jpeg": "JPEG (4:2:0), quality",
     "jpeg_full_color": "JPEG with full colours (4:4:4), quality",
-    "resize": "resized, share of the sides",
+    "resize": "reduced and enlarged again, share of the sides",
+    "smaller": "smaller, share of the sides",
     "crop": "cropped, share of the sides",
     "blur": "blurred, sigma in pixels",
     "noise": "noise, sigma of 255",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -14,14 +16,20 @@ from pipeline.errors import Interrupted, UserError
 from pipeline.stage import run_stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.analysis.detection import upper_bound
-from stages.analysis.measurements import read_measurements
+from stages.analysis.measurements import Measurement, read_measurements
 from stages.analysis.watermark_trials import (
     BOUND_AT_99,
     BOUND_BY_SCENE_AT_99,
     CLEAN_CHANNEL,
+    COVER_AFTER,
+    COVER_BEFORE,
+    COVER_CONTROL,
     DETECTED,
+    DETECTED_AT_99,
     FALSE_POSITIVES,
     FALSE_POSITIVES_AT_99,
+    FALSE_POSITIVES_DISTORTED,
+    NEGATIVES_DISTORTED,
     NOISE,
     OTHER_SCENES,
     OWN_SCENE,
@@ -41,6 +49,7 @@ from stages.analysis.watermark_trials import RENDERS as PICTURES_WITH_IT
 from stages.detect_watermark import (
     NOISY_PHOTOS,
     OTHER_PHOTOS,
+    OTHER_RENDERS,
     DetectWatermarkParameters,
     _test_photos,
     detect_watermark,
@@ -48,7 +57,10 @@ from stages.detect_watermark import (
 from stages.draw_key import DrawKeyParameters, draw_key
 from stages.hiding.storage import read_gaussians, read_method
 from stages.hiding.watermark.reading import FOUND_SHARE, owners_reader
+from stages.hiding.watermark.rendering import renders
+from stages.imaging.distortions import DISTORTIONS
 from stages.imaging.pictures import Picture, picture_to_tensor
+from stages.imaging.psnr import psnr
 from stages.scene.scene import read_scene
 from tests.stages import small, watermarks
 from tests.stages.hiding.relocalisation import scenes
@@ -59,6 +71,86 @@ from tests.stages.watermarks import Inputs, finetuned, inputs_of_rtws
 @pytest.fixture
 def inputs(tmp_path: Path) -> Inputs:
     return inputs_of_rtws(tmp_path)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What `detect_watermark` has tried, by 4 new cameras, and what it wrote of the cover's fidelity."""
+
+    positives: Positives
+    negatives: list[Negative]
+    rows: list[Measurement]
+
+
+@pytest.fixture
+def given(tmp_path: Path, inputs: Inputs) -> Inputs:
+    """A container that changed, and two other captures, each with its photos, scene and splats."""
+    others = range(2)
+    return {
+        **inputs,
+        "container": finetuned(tmp_path / "marked", inputs)["container"],
+        "before": inputs["container"],
+        "control": finetuned(tmp_path / "control", inputs, marked=False)["container"],
+        "photos": watermarks.capture(tmp_path / "photos"),
+        "other_photos": tuple(watermarks.capture(tmp_path / f"photos {each}", seed=5 + each) for each in others),
+        "other_scenes": tuple(small.scene(tmp_path / f"scene {each}") for each in others),
+        "other_splats": tuple(small.splats(tmp_path / f"splats {each}") for each in others),
+    }
+
+
+@pytest.fixture
+def trial(tmp_path: Path, given: Inputs, monkeypatch: pytest.MonkeyPatch) -> Trial:
+    tried: list[tuple[Positives, list[Negative]]] = []
+
+    def trial_rows(
+        detector: Detector, positives: Positives, negatives: Iterable[tuple[Negative, Picture]], *others: object
+    ) -> list[Measurement]:
+        tried.append((positives, [negative for negative, _ in negatives]))
+        return []
+
+    monkeypatch.setattr("stages.detect_watermark.trial_rows", trial_rows)
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=8, shipped_photos=())
+    made = run_stage(detect_watermark, parameters, given, tmp_path / "tried")
+    [(positives, negatives)] = tried
+    return Trial(positives, negatives, read_measurements(made["scores"]))
+
+
+def test_renders_that_set_the_threshold_are_not_scored(trial: Trial) -> None:
+    calibration, others = trial.positives.calibration, trial.positives.others
+    assert (len(calibration), len(others)) == (2, 2)
+    assert not {each.tobytes() for each in calibration} & {each.tobytes() for each in others}
+    assert all(len(pictures) == len(others) for _, _, pictures in trial.positives.attacked)
+
+
+def test_the_covers_fidelity_before_and_after_is_that_of_these_containers(trial: Trial, given: Inputs) -> None:
+    scene = read_scene(cast(Artifact, given["cover"]))
+    cameras, truth = scene.cameras.select(scene.test_names), scene.pictures[scene.rows(scene.test_names)][0]
+    wanted = {}
+    ports = {COVER_BEFORE: "before", COVER_CONTROL: "control", COVER_AFTER: "container"}
+    for condition, port in ports.items():
+        stored = cast(Artifact, given[port])
+        [shown] = renders(read_gaussians(stored), read_method(stored), cameras, lambda: None)
+        wanted[condition] = pytest.approx(psnr(picture_to_tensor(shown), picture_to_tensor(truth)))
+    assert {row.condition: row.value for row in trial.rows} == wanted
+    assert len({each.expected for each in wanted.values()}) == len(ports)
+
+
+def test_photos_and_renders_of_a_capture_are_one_scene(trial: Trial) -> None:
+    photos, shown = (
+        {each.scene for each in trial.negatives if each.kind == kind} for kind in (OTHER_PHOTOS, OTHER_RENDERS)
+    )
+    assert photos == shown
+    assert len(photos) == 2
+
+
+def test_distorted_renders_are_what_is_looked_at() -> None:
+    view = np.random.default_rng(1).integers(0, 256, (12, 16, 3)).astype(np.uint8)
+    looked: list[Picture] = []
+    detector = Detector(lambda picture: looked.append(picture) or picture_to_tensor(picture), view)
+    list(trial_rows(detector, Positives([("0.png", view)], [view], []), [], 7, lambda: None))
+    for distortion, found in zip(DISTORTIONS, looked[3:], strict=True):
+        np.testing.assert_array_equal(found, distortion.apply(view, np.random.default_rng(7)))
+        assert not np.array_equal(found, view), distortion.name
 
 
 def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
@@ -141,20 +233,25 @@ def test_every_look_is_counted() -> None:
 
 
 def test_false_positives_at_99_percent_are_those_that_outdo_the_worst_renders() -> None:
-    """Of 200 renders two may be missed; a decoder that shows the picture itself explains as much as it is bright."""
+    """Of 100 renders one may be missed; a decoder that shows the picture itself explains as much as it is bright.
+
+    Those that are counted as found have no say: three of them show less.
+    """
 
     def grey(level: int) -> Picture:
         return np.full((6, 8, 3), level, np.uint8)
 
-    renders = [grey(level) for level in (150, 151, 152, *[200] * 197)]
+    calibration = [grey(level) for level in (151, 152, *[200] * 98)]
+    held_out = [grey(level) for level in (150, 150, *[200] * 97)]
     scenes = {0: "a", 149: "b", 151: "c", 152: "d", 180: "d"}
     others = [(Negative("photos", scene, OTHER_SCENES), grey(level)) for level, scene in scenes.items()]
     own = [(Negative("photos", "cover", OWN_SCENE), grey(151))]
     detector = Detector(picture_to_tensor, grey(200))
-    positives = Positives([("0.png", renders[0])], renders[1:100], renders[100:])
+    positives = Positives([("0.png", grey(150))], calibration, held_out)
     rows = trial_rows(detector, positives, [*others, *own], 0, lambda: None)
     values = {(row.quantity, row.condition): row.value for row in rows}
     assert values[THRESHOLD_AT_99, CLEAN_CHANNEL] == pytest.approx(1 - (48 / 200) ** 2)
+    assert values[DETECTED_AT_99, CLEAN_CHANNEL] == pytest.approx(0.97)
     assert values[FALSE_POSITIVES_AT_99, OTHER_SCENES] == 2
     assert values[BOUND_AT_99, OTHER_SCENES] == upper_bound(2, 5)
     assert values[BOUND_BY_SCENE_AT_99, OTHER_SCENES] == upper_bound(1, 4), "both are of one scene"
@@ -192,7 +289,7 @@ def test_a_decoder_that_always_shows_it_is_wrong_everywhere(tmp_path: Path, inpu
         "photos": watermarks.capture(tmp_path / "photos"),
         "other_photos": (watermarks.capture(tmp_path / "others", seed=5),),
     }
-    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=9, shipped_photos=())
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=9, distorted_of=4, shipped_photos=())
     made = run_stage(detect_watermark, parameters, given, tmp_path / "made")
     assert made["scores"].private
     rows = {(row.quantity, row.condition): row.value for row in read_measurements(made["scores"])}
@@ -200,6 +297,7 @@ def test_a_decoder_that_always_shows_it_is_wrong_everywhere(tmp_path: Path, inpu
     assert rows[TRIALS, OTHER_SCENES] == rows[FALSE_POSITIVES, OTHER_SCENES] == 8, "photos of which each is one window"
     assert rows[TRIALS, OWN_SCENE] == rows[FALSE_POSITIVES, OWN_SCENE] == 1 + 5, "of the test view, and renders"
     assert (rows[SCENES, OTHER_SCENES], rows[SCENES, OWN_SCENE]) == (1, 1)
+    assert rows[NEGATIVES_DISTORTED, "noise"] == rows[FALSE_POSITIVES_DISTORTED, "noise"] == 2
 
 
 def test_photos_of_other_things_are_tried_with_noise_too(

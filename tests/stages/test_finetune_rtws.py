@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 import torch
 
-from pipeline.artifact import Artifact
+from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.hide_image import hide_image
 from stages.hiding.rendering import COVER
 from stages.hiding.watermark.codec import new_codec
-from stages.hiding.watermark.storage import read_codec
+from stages.hiding.watermark.storage import read_codec, write_codec
 from stages.imaging.metric_table import read_rows
 from stages.imaging.pictures import picture_to_tensor
 from stages.scene.gaussians import GEOMETRY
@@ -46,6 +47,20 @@ def test_only_colours_change(tmp_path: Path, inputs: Inputs) -> None:
         np.testing.assert_array_equal(container.read(name), sorted_rows(before, name))
     assert not np.array_equal(container.read("sh_base"), sorted_rows(before, "sh_base"))
     assert not any("/" in name for name in container.names)
+
+
+def test_gaussians_follow_the_watermarked_views(tmp_path: Path, inputs: Inputs) -> None:
+    """With a codec that hides nothing all views are as they were: what comes out then differs."""
+    with create(tmp_path / "codec that hides nothing", "codec") as writer:
+        write_codec(writer, new_codec(1, 4, seed=0))
+    idle = load(tmp_path / "codec that hides nothing")
+    marked, unmarked = (
+        finetuned(tmp_path / name, inputs | {"codec": codec})["container"].read("sh_base")
+        for name, codec in (("marked", inputs["codec"]), ("unmarked", idle))
+    )
+    assert not np.array_equal(marked, unmarked)
+    control = finetuned(tmp_path / "control", inputs, marked=False)["container"].read("sh_base")
+    np.testing.assert_array_equal(control, unmarked)
 
 
 def test_decoders_and_the_message_stay(tmp_path: Path, inputs: Inputs) -> None:
@@ -86,6 +101,25 @@ def test_the_decoder_learns_what_to_hold_back(tmp_path: Path, inputs: Inputs) ->
     assert made["codec"].private
     black = [row.value for row in read_rows(made["curves"]) if row.method == "black in photos"]
     assert np.mean(black[-10:]) > np.mean(black[:10]) + 2
+
+
+def test_the_decoder_learns_nothing_of_test_views(
+    tmp_path: Path, inputs: Inputs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tunings: list[DecoderTuning] = []
+    monkeypatch.setattr(
+        "stages.tune_watermark_decoder.train_network", lambda context, tuning: tunings.append(tuning) or []
+    )
+    given = {**inputs, "container": small.splats(tmp_path / "marked", "container"), "before": inputs["container"]}
+    settings = {"method": "plain", "negatives": "photos_and_clean_renders"}
+    parameters = TuneWatermarkDecoderParameters.model_validate(settings)
+    run_stage(tune_watermark_decoder, parameters, given, tmp_path / "made")
+    scene, [tuning] = read_scene(cast(Artifact, inputs["cover"])), tunings
+    np.testing.assert_array_equal(tuning.pictures[PHOTOS], scene.pictures[scene.rows(scene.train_names)])
+    assert {kind: len(pictures) for kind, pictures in tuning.pictures.items()} == dict.fromkeys(
+        (RENDERS, PHOTOS, CLEAN), len(scene.train_names)
+    )
+    assert len(scene.train_names) < len(scene.cameras)
 
 
 def test_a_decoder_that_sees_whole_pictures_learns_from_other_photos_too(tmp_path: Path, inputs: Inputs) -> None:

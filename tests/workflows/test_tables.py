@@ -169,7 +169,7 @@ def test_attacks(photos: Path) -> None:
 
 @pytest.mark.slow
 def test_a_copyright_read_off_renders(photos: Path) -> None:
-    few = [f"{name}_iterations=4" for name in ("codec", "finetune", "tuning", "imprint", "whole")]
+    few = [f"{name}_iterations=4" for name in ("codec", "finetune", "tuning", "imprint", "whole", "settling")]
     settings = [*few, "negatives=12", "renders=4", f"image={photos / 'boat.png'}"]
     ended = run(photos, "rtws", COPYRIGHTS, *settings)
     assert len([name for name in ended if name.startswith("detection[")]) == len(COPYRIGHTS)

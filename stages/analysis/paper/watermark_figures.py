@@ -6,7 +6,9 @@ import math
 from collections.abc import Iterable
 
 from stages.analysis.measurements import Measurement
+from stages.analysis.page.figures import MISSING
 from stages.analysis.paper.chapter import title_of
+from stages.analysis.paper.grid import Cell
 from stages.analysis.paper.measuring import Measured, Spread, mean
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.watermark_trials import PSNR_WATERMARK
@@ -47,6 +49,11 @@ def value_of(rows: Iterable[Measurement], quantity: str, condition: str, severit
     wanted = (quantity, condition, severity)
     values = [row.value for row in rows if (row.quantity, row.condition, row.severity) == wanted]
     return mean(min(value, EXACT) if quantity == PSNR_WATERMARK else value for value in values)
+
+
+def percent_cell(share: float) -> Cell:
+    """A share as it is written; what was not measured is said."""
+    return Cell(MISSING if math.isnan(share) else f"{100 * share:.1f} %", "", Spread(share))
 
 
 def figures_by_capture(detections: Iterable[Experiment], quantity: str, condition: str) -> Measured:

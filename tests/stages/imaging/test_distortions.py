@@ -15,6 +15,7 @@ from stages.imaging.distortions import (
     noisy,
     random_recoloring,
     resized,
+    smaller,
 )
 from stages.imaging.windows import random_window
 
@@ -52,6 +53,15 @@ def test_stronger_compression_and_smaller_sizes_lose_more() -> None:
     for full_color in (False, True):
         assert 0 < error(jpeg(90, full_color)) < error(jpeg(70, full_color)) < error(jpeg(50, full_color))
     assert 0 < error(resized(0.8)) < error(resized(0.5))
+
+
+def test_what_is_reduced_and_enlarged_again_is_no_smaller() -> None:
+    """The one has the sides that it had, and is called so; the other has half of them, even where that is odd."""
+    picture = np.zeros((66, 48, 3), np.uint8)
+    assert resized(0.5).apply(picture, generator()).shape == (66, 48, 3)
+    assert smaller(0.5).apply(picture, generator()).shape == (32, 24, 3)
+    assert "enlarged again" in WORDING["resize"]
+    assert {resized(0.5).name, smaller(0.5).name} <= {each.name for each in DISTORTIONS}
 
 
 def test_most_programs_halve_the_resolution_of_colors() -> None:
