@@ -28,12 +28,16 @@ class Tick:
 
 @dataclass(frozen=True)
 class Chart:
-    """``lines`` are names with the points of a polyline, as SVG writes them; ``axes`` what is across and upward."""
+    """``lines`` are names with the points of a polyline, as SVG writes them; ``axes`` what is across and upward.
+
+    ``looks`` are the numbers of the lines' colours.
+    """
 
     title: str
     across: tuple[Tick, ...]
     upward: tuple[Tick, ...]
     lines: tuple[tuple[str, str], ...]
+    looks: tuple[int, ...]
     axes: tuple[str, str] = ("", "")
     width: int = WIDTH
     height: int = HEIGHT
@@ -52,13 +56,15 @@ def line_chart(
 ) -> Chart | None:
     """The chart of all series over common axes; ``logarithmic`` upwards, for positive values only. None if empty.
 
+    A series without points has no line, but its colour, so that the others look as in charts in which it has one.
     ``from_zero``: the axis across begins there, as iterations do; otherwise at the smallest value. ``axes`` say what is
     across and upward.
     """
     usable = [
         Series(each.name, tuple(point for point in each.points if _drawable(point, logarithmic))) for each in series
     ]
-    usable = [each for each in usable if each.points]
+    looks = tuple(number for number, each in enumerate(usable) if each.points)
+    usable = [usable[number] for number in looks]
     if not usable:
         return None
     points = [point for each in usable for point in each.points]
@@ -78,6 +84,7 @@ def line_chart(
         tuple(Tick(place(x, 1)[0], f"{x:,g}") for x in _round_ticks(left, right)),
         tuple(Tick(place(0, y)[1], f"{y:,g}") for y in levels),
         tuple((each.name, _polyline([place(*point) for point in each.points])) for each in usable),
+        looks,
         axes,
     )
 

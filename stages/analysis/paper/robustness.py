@@ -299,9 +299,8 @@ def _chart(attacked: Attacked, attack: AttackName) -> Chart | None:
     series = []
     for method, group in attacked.by_method.items():
         curve = average_curve(group, attack)
-        if curve is not None:
-            points = sorted((point.cover, point.message) for point in (*curve.points, curve.unattacked))
-            series.append(Series(title_of(method), tuple(points)))
+        drawn = (*curve.points, curve.unattacked) if curve is not None else ()
+        series.append(Series(title_of(method), tuple(sorted((point.cover, point.message) for point in drawn))))
     return line_chart(
         ATTACKS[attack].title, series, from_zero=False, axes=("PSNR of the cover (dB)", "PSNR of the message (dB)")
     )

@@ -24,6 +24,14 @@ def test_lines_stay_inside_the_axes_and_keep_their_order() -> None:
     assert second[0][1] == second[1][1] == pytest.approx((first[0][1] + first[-1][1]) / 2, abs=0.1)
 
 
+def test_a_line_has_its_colour_whichever_others_there_are() -> None:
+    line = ((0.0, 1.0), (1.0, 2.0))
+    chart = line_chart("two of three", [Series("first", line), Series("absent", ()), Series("third", line)])
+    assert chart is not None
+    assert [name for name, _ in chart.lines] == ["first", "third"]
+    assert chart.looks == (0, 2)
+
+
 def test_equal_factors_are_equal_distances_on_a_logarithmic_axis() -> None:
     [line] = drawn(line_chart("loss", [Series("loss", ((0, 1), (10, 0.1), (20, 0.01)))], logarithmic=True))
     assert line[1][1] - line[0][1] == pytest.approx(line[2][1] - line[1][1], abs=0.11)

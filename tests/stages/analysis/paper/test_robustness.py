@@ -260,6 +260,8 @@ def test_one_chart_an_attack_and_a_curve_a_method(chapter: Chapter) -> None:
     charts = {chart.title: [name for name, _ in chart.lines] for chart in chapter.charts}
     assert charts["Random pruning"] == ["3DGS+SH", "GS-Hider", "Homogeneous GS-Hider"]
     assert charts["Unread directions removed"] == ["GS-Hider", "Homogeneous GS-Hider"]
+    looks = {chart.title: chart.looks for chart in chapter.charts}
+    assert (looks["Random pruning"], looks["Unread directions removed"]) == ((0, 1, 2), (1, 2))
     assert len(charts) == 5
 
 
