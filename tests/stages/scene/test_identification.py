@@ -52,13 +52,17 @@ def test_strangers_are_none_of_them(shift: float) -> None:
 
 @pytest.mark.parametrize("changed", [{"logit_opacities": -9.0}, {"log_scales": -12.0}, {"means": 50.0}])
 @pytest.mark.parametrize("copies", [1, 5])
-def test_decoys_are_not_taken_for_what_they_stand_beside(changed: dict[str, float], copies: int) -> None:
-    """However many, each before the original, and but for one value like it: more like it they would be seen."""
+@pytest.mark.parametrize("shift", [0.0, SHIFTED])
+def test_decoys_are_not_taken_for_what_they_stand_beside(changed: dict[str, float], copies: int, shift: float) -> None:
+    """However many, each before the original, and but for one value like it: more like it they would be seen. Nor where
+    these were shifted a little, so that the decoys alone are at the places."""
     published = scene(0)
+    colours = torch.rand(COUNT, 3, generator=torch.Generator().manual_seed(4)).numpy()
     decoy = Gaussians(
         published.parameters | {name: torch.full_like(published[name], value) for name, value in changed.items()}
     )
-    rows = identified(joined(*[decoy] * copies, published), published, 0)
+    found = joined(*[decoy] * copies, shaken(published, "means", shift))
+    rows = identified(found, published, 0, [(np.tile(colours, (copies + 1, 1)), colours)])
     assert right(rows, copies * COUNT + np.arange(COUNT)) > 0.99
 
 
