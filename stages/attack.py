@@ -12,11 +12,11 @@ from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName
 from stages.analysis.attacks.curves import Assay
-from stages.analysis.attacks.kept import kept
 from stages.analysis.attacks.registry import attacks
 from stages.analysis.attacks.scoring import Scorer
 from stages.analysis.attacks.target import Knowledge, Target
 from stages.analysis.fidelity import Perceptual
+from stages.analysis.kept import kept
 from stages.analysis.measurements import KIND, write_measurements
 from stages.analysis.seeds import DistinctSeeds
 from stages.hiding.method_names import MethodName, module_of

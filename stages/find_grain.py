@@ -12,7 +12,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.errors import Interrupted
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.analysis.attacks.kept import kept
+from stages.analysis.kept import kept
 from stages.analysis.measurements import KIND, Measurement, write_measurements
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method

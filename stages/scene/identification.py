@@ -110,7 +110,7 @@ def _nearest(kinds: Sequence[Kind], rows: Int[np.ndarray, " K"]) -> Iterator[Int
 
 
 def _each_once(rows: Int[np.ndarray, " N"], costs: Float[np.ndarray, " N"]) -> Int[np.ndarray, " N"]:
-    """Of several published ones that are the same found one, the one that is most alike has it."""
+    """Of several published ones that are the same found one, the one that is nearest has it."""
     order = np.lexsort([costs, rows])
     again = np.zeros(len(rows), dtype=bool)
     again[order[1:]] = rows[order[1:]] == rows[order[:-1]]

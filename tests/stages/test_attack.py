@@ -11,7 +11,7 @@ from pipeline.artifact import MANIFEST, Artifact
 from pipeline.errors import Interrupted, UserError
 from pipeline.stage import run_stage
 from stages.analysis.attacks.catalogue import ATTACKS, ONE_COLOUR, UNATTACKED, restored
-from stages.analysis.attacks.kept import kept
+from stages.analysis.kept import kept
 from stages.analysis.measurements import MEASUREMENTS_FILE, Measurement, read_measurements, to_lines
 from stages.attack import AttackParameters, attack
 from stages.evaluate import EvaluateParameters, evaluate
