@@ -82,7 +82,7 @@ def attack(context: Context, parameters: AttackParameters) -> None:
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
     hidden, device = at_least_one_hidden(messages, secret, "attack"), working_device()
     target, owner = Target(read_gaussians(container), read_method(container)), read_method(container, secret)
-    opened = opener(target.method, secret, target.gaussians)
+    opened = opener(owner, secret, target.gaussians)
     assay = Assay(
         target,
         Scorer(owner, scene, hidden, _measured_views(scene, parameters.test_views), device, opened),

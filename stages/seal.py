@@ -7,7 +7,7 @@ from pydantic import Field
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import KEY_BYTES, generator_apart
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.sealing import BANDS, SEAL, SEALED, ReadsAlong, bands_for, can_be_sealed, hash_of, sealed
+from stages.hiding.sealing import SEAL, SEALED, Sealable, can_be_sealed, hash_of, key_for, sealed
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container, write_secret
 from stages.scene.attributes import strings
 
@@ -28,8 +28,7 @@ class SealParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def seal(context: Context, parameters: SealParameters) -> None:
-    """Move what the scene decoder does not read of each Gaussian to one about as opaque; the secret says how to undo
-    it.
+    """Encipher what the scene decoder does not read of each Gaussian; the secret has the key.
 
     The cover stays as it is. A container whose scene decoder reads all of its features (those of other methods than
     ours, and ours of no more channels than it reads) cannot be sealed and is left as it is, as is one that hides
@@ -41,11 +40,10 @@ def seal(context: Context, parameters: SealParameters) -> None:
     facts = {name: value for name, value in secret.attributes.items() if name != MESSAGES}
     if not method.messages or not parameters.sealed:
         context.log("left as it is: " + ("it is not to be sealed" if method.messages else "nothing is hidden in it"))
-    elif isinstance(method, ReadsAlong) and can_be_sealed(method):
-        key = generator_apart(context.input("key"), "seal").bytes(KEY_BYTES)
-        bands = bands_for(len(gaussians))
-        gaussians = sealed(gaussians, method, key, bands)
-        facts |= {SEAL: key.hex(), SEALED: hash_of(gaussians), BANDS: bands}
+    elif isinstance(method, Sealable) and can_be_sealed(method):
+        key = key_for(gaussians, generator_apart(context.input("key"), "seal").bytes(KEY_BYTES))
+        gaussians, expected = sealed(gaussians, method, key)
+        facts |= {SEAL: key.hex(), SEALED: hash_of(gaussians)} | expected.facts()
     else:
         context.log(
             "left as it is: its scene decoder reads all of its features; whoever has the container may see messages "

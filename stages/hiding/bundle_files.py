@@ -32,7 +32,7 @@ PARTS = ("method", "settings", "attributes")
 LARGEST_JSON = 2**20  # bytes
 MOST_ATTRIBUTES, MOST_AXES = 32, 4
 MOST_MESSAGES = 1000
-MOST_FACTS, LARGEST_NUMBER = 32, 2**53
+MOST_FACTS, MOST_NUMBERS, LARGEST_NUMBER = 32, 2**17, 2**53
 LONGEST_TEXT = 200  # characters
 WORD = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
@@ -72,15 +72,21 @@ def _facts(path: Path, facts: Any) -> dict[str, Any]:
     if isinstance(facts, dict) and len(facts) <= MOST_FACTS and all(map(_is_fact, facts.items())):
         return facts
     raise UserError(
-        "facts of a secret that are none", where=path, expected=f"at most {MOST_FACTS} short words and finite numbers"
+        "facts of a secret that are none",
+        where=path,
+        expected=f"at most {MOST_FACTS} short words, finite numbers, or lists of these numbers",
     )
 
 
 def _is_fact(fact: tuple[str, Any]) -> bool:
     name, value = fact
     word = isinstance(value, str) and can_be_written(value)
-    number = isinstance(value, int | float) and abs(value) <= LARGEST_NUMBER
-    return bool(WORD.fullmatch(name)) and name != "messages" and (word or number)
+    numbers = isinstance(value, list) and len(value) <= MOST_NUMBERS and all(map(_is_number, value))
+    return bool(WORD.fullmatch(name)) and name != "messages" and (word or numbers or _is_number(value))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and abs(value) <= LARGEST_NUMBER
 
 
 def _is_name(value: Any) -> bool:

@@ -10,8 +10,9 @@ from torch import Tensor
 
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
+from stages.hiding.expected import Expected
 from stages.hiding.method import Method
-from stages.hiding.sealing import BANDS, SEAL, SEALED, ReadsAlong, Seal, hash_of
+from stages.hiding.sealing import SEAL, SEALED, Seal, Sealable, hash_of
 from stages.hiding.storage import read_gaussians, read_method
 from stages.scene.attributes import string
 from stages.scene.gaussians import Gaussians
@@ -60,7 +61,7 @@ def open_container(
 
     Without `published` they must be those that were sealed, at their places and as opaque. With it they may be some of
     these and others, each changed a little, as `recover` gives them (`identified`, whose `seed` it is). Others are left
-    out, and those whose share of a message is not there (`opened`).
+    out (`opened`).
 
     Raises `UserError` where they are not those that were sealed, and for a seal that is none of this method.
     """
@@ -70,7 +71,7 @@ def open_container(
         seal = _seal_of(secret, method, gaussians)
         if hash_of(gaussians) != string(secret, SEALED):
             raise UserError(
-                "the container is not as it was sealed: which Gaussian holds what of the messages cannot be told",
+                "the container is not as it was sealed: which of its Gaussians is which cannot be told",
                 found=f"{len(gaussians)} Gaussians, some of them missing, added, moved or of another opacity",
                 expected="the container for which the secret was made",
                 remedy="Give `published`, the container as it was published, as workflows/recover_container.yaml does.",
@@ -116,12 +117,13 @@ def _seal_of(secret: Artifact, method: Method, published: Gaussians) -> Seal:
         key = bytes.fromhex(string(secret, SEAL))
     except ValueError as error:
         raise _broken(secret, "a key that is no hexadecimal number") from error
-    if not isinstance(method, ReadsAlong):
+    if not isinstance(method, Sealable):
         raise _broken(secret, f"the seal of a container of {method.name}")
-    bands = secret.attributes.get(BANDS)
-    if not isinstance(bands, int) or not 0 < bands <= max(1, len(published)):
-        raise _broken(secret, f"{bands} bands of opacity; there were none before this version")
-    return Seal.of(published, method, key, bands)
+    try:
+        expected = Expected.from_facts(secret.attributes, len(method.rows_of_messages()))
+    except ValueError as error:
+        raise _broken(secret, f"{error}; seals had none before this version, which cannot open them") from error
+    return Seal.of(published, method, key, expected)
 
 
 def _broken(secret: Artifact, found: str) -> UserError:

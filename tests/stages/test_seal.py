@@ -20,8 +20,9 @@ from stages.draw_key import DrawKeyParameters, draw_key
 from stages.export_container import ExportContainerParameters, export_container
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.coupled import FEATURES
+from stages.hiding.expected import FACTS
 from stages.hiding.opening import opener, read_container, refuse_sealed
-from stages.hiding.sealing import BANDS, SEAL, SEALED
+from stages.hiding.sealing import SEAL
 from stages.hiding.storage import read_gaussians, read_method, write_container
 from stages.import_container import ImportContainerParameters, import_container
 from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
@@ -131,9 +132,8 @@ def test_it_is_attacked_as_it_is_published_and_opened_beside_it(tmp_path: Path, 
     assert attacked.keys() == unsealed.keys()
     for (condition, severity, of_cover), value in unsealed.items():
         found = attacked[condition, severity, of_cover]
-        if of_cover or condition in (UNATTACKED, restored("rigid_motion")):
+        if of_cover or condition in (UNATTACKED, "random_pruning", restored("rigid_motion")):
             assert found == pytest.approx(value, abs=0.05)
-    assert attacked["random_pruning", 0.25, False] != pytest.approx(unsealed["random_pruning", 0.25, False], abs=0.01)
 
 
 def test_what_was_pruned_is_opened_by_what_was_published(tmp_path: Path, hidden: Made, closed: Made) -> None:
@@ -144,7 +144,7 @@ def test_what_was_pruned_is_opened_by_what_was_published(tmp_path: Path, hidden:
     original = read_gaussians(hidden["container"])
     own = {tuple(mean.tolist()): row for row, mean in enumerate(original.means)}
     rows = [own[tuple(mean.tolist())] for mean in opened.means]
-    assert 0.5 < len(rows) / len(original) < 0.75  # both a Gaussian and what holds its rest: 0.8 of 0.8
+    assert len(rows) == len(read_gaussians(pruned))
     torch.testing.assert_close(opened[FEATURES].sigmoid(), original[FEATURES].sigmoid()[rows], rtol=0, atol=2e-4)
 
 
@@ -167,7 +167,9 @@ def changed_as(name: str, gaussians: Gaussians) -> Gaussians:
 @pytest.mark.parametrize("name", ["decoys", "clones", "noise on positions"])
 def test_each_gaussian_is_told_whatever_was_done_to_all(name: str, hidden: Made, closed: Made) -> None:
     published, original = read_gaussians(closed["container"]), read_gaussians(hidden["container"])
-    opened = opener(read_method(closed["container"]), closed["secret"], published)(changed_as(name, published))
+    opened = opener(read_method(closed["container"], closed["secret"]), closed["secret"], published)(
+        changed_as(name, published)
+    )
     assert len(opened) == len(original)
     torch.testing.assert_close(opened[FEATURES].sigmoid(), original[FEATURES].sigmoid(), rtol=0, atol=2e-4)
 
@@ -175,7 +177,7 @@ def test_each_gaussian_is_told_whatever_was_done_to_all(name: str, hidden: Made,
 def test_what_is_not_known_at_all_is_left_as_it_is(closed: Made) -> None:
     published = read_gaussians(closed["container"])
     stranger = Gaussians(published.parameters | {"means": published.means.flip(0) * 7 + 3})
-    opened = opener(read_method(closed["container"]), closed["secret"], published)(
+    opened = opener(read_method(closed["container"], closed["secret"]), closed["secret"], published)(
         moved_splats.chosen(stranger, torch.arange(5))
     )
     assert torch.equal(opened[FEATURES], stranger[FEATURES][:5])
@@ -199,7 +201,7 @@ def test_it_is_left_as_it_is_where_no_seal_is_wanted(tmp_path: Path, hidden: Mad
     assert torch.equal(opened[FEATURES].sigmoid(), features(hidden["container"]))
 
 
-@pytest.mark.parametrize("wrong", [{SEAL: "no number", SEALED: ""}, {BANDS: None}, {BANDS: 0}, {BANDS: 10**9}])
+@pytest.mark.parametrize("wrong", [{SEAL: "no number"}, {FACTS[0]: None}, {FACTS[2]: [1.0]}])
 def test_a_broken_seal_is_told(tmp_path: Path, closed: Made, wrong: dict[str, object]) -> None:
     with create(tmp_path / "secret", "secret", private=True) as writer:
         for name in closed["secret"].names:

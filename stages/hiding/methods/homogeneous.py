@@ -192,6 +192,10 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         """u of the cover and the readings of the scene decoder: of centred features it sees nothing else."""
         return torch.cat([self.scene_decoder.directions, self.scene_decoder.readings.flatten(0, 1)])
 
+    def rows_of_messages(self) -> Float[Tensor, "Q M"]:
+        """u and the readings of every message; only with the secret there is a message decoder."""
+        return torch.cat([self.message_decoder.directions, self.message_decoder.readings.flatten(0, 1)])
+
     def penalty(self, gaussians: Gaussians) -> Float[Tensor, ""] | None:
         """Σ s_k s_l over pairs of pictures, and Σ max(0, |r_k| - s_k / 2) over pictures and readings, as means.
 

@@ -1,0 +1,78 @@
+"""What comes out of a pad is as likely whatever went in, and is put back by who has the key."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stages.hiding.one_time_pad import LONGEST, SHORTEST, deciphered, enciphered
+
+KEY = bytes(range(32))
+
+
+def some_values(count: int, dimensions: int = 8) -> tuple[torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    directions = torch.randn(count, dimensions, dtype=torch.float64, generator=generator)
+    lengths = torch.rand(count, dtype=torch.float64, generator=generator)
+    return torch.nn.functional.normalize(directions, dim=1), lengths
+
+
+@settings(deadline=None)
+@given(count=st.integers(0, 30), dimensions=st.integers(1, 20), key=st.binary(max_size=40))
+def test_who_has_the_key_gets_everything_back(count: int, dimensions: int, key: bytes) -> None:
+    values = some_values(count, dimensions)
+    closed, shares = enciphered(*values, key)
+    assert ((shares >= SHORTEST) & (shares <= LONGEST)).all()
+    for back, own in zip(deciphered(closed, shares, torch.arange(count), key), values, strict=True):
+        torch.testing.assert_close(back, own, rtol=0, atol=1e-9)
+
+
+def test_some_of_them_are_put_back_by_their_numbers() -> None:
+    values = some_values(1000)
+    closed = enciphered(*values, KEY)
+    numbers = torch.tensor([999, 3, 500, 0])
+    back = deciphered(*(each[numbers] for each in closed), numbers, KEY)
+    for found, own in zip(back, values, strict=True):
+        torch.testing.assert_close(found, own[numbers], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("length", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("dimensions", [1, 2, 8])
+@pytest.mark.parametrize("axis", [0, -1, None])
+def test_what_comes_out_says_nothing_of_what_went_in(axis: int | None, dimensions: int, length: float) -> None:
+    """All hold the same, along any direction or none: what comes out is even in all directions and lengths."""
+    count, same = 20_000, torch.zeros(dimensions, dtype=torch.float64)
+    if axis is not None:
+        same[axis] = 1
+    elif length:
+        same += dimensions**-0.5
+    along, shares = enciphered(same.expand(count, -1), torch.full((count,), length, dtype=torch.float64), KEY)
+    even = torch.eye(dimensions, dtype=torch.float64) / dimensions
+    torch.testing.assert_close(along.norm(dim=1), torch.ones(count, dtype=torch.float64))
+    torch.testing.assert_close(along.mean(dim=0), torch.zeros(dimensions, dtype=torch.float64), rtol=0, atol=0.025)
+    torch.testing.assert_close(along.T @ along / count, even, rtol=0, atol=0.015)
+    steps = torch.linspace(0, 1, count, dtype=torch.float64)
+    assert (((shares - SHORTEST) / (LONGEST - SHORTEST)).sort().values - steps).abs().max() < 0.015
+    together = torch.corrcoef(torch.cat([along, shares[:, None]], dim=1).T)
+    assert (together - torch.eye(dimensions + 1, dtype=torch.float64)).abs().max() < 0.03
+    assert (along[1:] * along[:-1]).sum(dim=1).mean().abs() < 0.025, "of values beside each other"
+
+
+def test_another_key_and_another_number_have_another_pad() -> None:
+    directions, lengths = some_values(500)
+    closed = enciphered(directions, lengths, KEY)
+    numbers = torch.arange(500)
+    for wrong, _ in (deciphered(*closed, numbers, bytes(32)), deciphered(*closed, numbers + 1, KEY), closed):
+        assert (wrong * directions).sum(dim=1).mean().abs() < 0.08
+
+
+def test_a_little_noise_stays_little() -> None:
+    directions, lengths = some_values(500)
+    lengths[:250] = 1
+    closed, shares = enciphered(directions, lengths, KEY)
+    noise = 0.02 * torch.randn(500, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    back, found = deciphered(closed, shares + noise, torch.arange(500), KEY)
+    assert (found - lengths).abs().max() < 0.2
+    torch.testing.assert_close(back, directions, rtol=0, atol=1e-9)
