@@ -68,25 +68,17 @@ def open_container(
     if not is_sealed(secret):
         return gaussians
     if published is None:
-        seal = _seal_of(secret, method, gaussians)
-        if hash_of(gaussians) != string(secret, SEALED):
-            raise UserError(
-                "the container is not as it was sealed: which of its Gaussians is which cannot be told",
-                found=f"{len(gaussians)} Gaussians, some of them missing, added, moved or of another opacity",
-                expected="the container for which the secret was made",
-                remedy="Give `published`, the container as it was published, as workflows/recover_container.yaml does.",
-            )
-        return seal.opened(gaussians, torch.arange(len(gaussians)))
-    seal = _seal_of(secret, method, published)
-    rows = rows_of(gaussians, seal, seed)
-    if not (rows >= 0).any():
+        _refuse_changed(gaussians, secret)
+        return _seal_of(secret, method, gaussians).opened(gaussians, torch.arange(len(gaussians)))
+    opened = _opened(gaussians, _seal_of(secret, method, published), seed)
+    if opened is None:
         raise UserError(
             "a sealed container cannot be opened: none of its Gaussians is known",
             found=f"{len(gaussians)} Gaussians, none of them one of the {len(published)} published",
             expected="the published container, moved back as `recover` does, and some of its Gaussians",
             remedy="Give what `recover` makes of the found container, as workflows/recover_container.yaml does.",
         )
-    return seal.opened(gaussians, rows)
+    return opened
 
 
 def opener(method: Method, secret: Artifact, published: Gaussians, seed: int = 0) -> Callable[[Gaussians], Gaussians]:
@@ -100,10 +92,26 @@ def opener(method: Method, secret: Artifact, published: Gaussians, seed: int = 0
     seal = _seal_of(secret, method, published)
 
     def opened(gaussians: Gaussians) -> Gaussians:
-        rows = rows_of(gaussians, seal, seed)
-        return seal.opened(gaussians, rows) if (rows >= 0).any() else gaussians
+        known = _opened(gaussians, seal, seed)
+        return gaussians if known is None else known
 
     return opened
+
+
+def _opened(gaussians: Gaussians, seal: Seal, seed: int) -> Gaussians | None:
+    """None where none of them is known."""
+    rows = rows_of(gaussians, seal, seed)
+    return seal.opened(gaussians, rows) if (rows >= 0).any() else None
+
+
+def _refuse_changed(gaussians: Gaussians, secret: Artifact) -> None:
+    if hash_of(gaussians) != string(secret, SEALED):
+        raise UserError(
+            "the container is not as it was sealed: which of its Gaussians is which cannot be told",
+            found=f"{len(gaussians)} Gaussians, some of them missing, added, moved or of another opacity",
+            expected="the container for which the secret was made",
+            remedy="Give `published`, the container as it was published, as workflows/recover_container.yaml does.",
+        )
 
 
 def rows_of(gaussians: Gaussians, seal: Seal, seed: int) -> Int[Tensor, " N"]:
