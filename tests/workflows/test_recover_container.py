@@ -92,8 +92,7 @@ def test_what_was_stolen_shows_its_owner_the_message(tmp_path: Path) -> None:
         float(psnr(picture_to_tensor(picture), picture_to_tensor(published)))
         for picture, published in zip(shown.rendered, shown.truth, strict=True)
     ]
-    # Which 28 % are left out with what they held is chance: single views have 18 to 30 dB, unopened ones 17.
-    assert np.mean(likenesses) > 20
+    assert min(likenesses) > 25, "those that were pruned took nothing from others; unopened ones have 17"
     assert any(row.message == MESSAGE for row in read_rows(load(made["revealed"]["scores"])))
     private = {("published", "secret"), ("revealed", "pictures"), ("revealed", "scores"), ("path", "videos")}
     for name, output in (*private, ("report", "owner")):
