@@ -5,9 +5,9 @@ from __future__ import annotations
 from pydantic import Field
 
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.hiding.key import KEY_BYTES, generator_apart
+from stages.hiding.key import key_apart
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.sealing import SEAL, SEALED, Sealable, can_be_sealed, hash_of, key_for, sealed
+from stages.hiding.sealing import SEAL, SEALED, Seal, Sealable, can_be_sealed, hash_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container, write_secret
 from stages.scene.attributes import strings
 
@@ -41,9 +41,13 @@ def seal(context: Context, parameters: SealParameters) -> None:
     if not method.messages or not parameters.sealed:
         context.log("left as it is: " + ("it is not to be sealed" if method.messages else "nothing is hidden in it"))
     elif isinstance(method, Sealable) and can_be_sealed(method):
-        key = key_for(gaussians, generator_apart(context.input("key"), "seal").bytes(KEY_BYTES))
-        gaussians, expected = sealed(gaussians, method, key)
-        facts |= {SEAL: key.hex(), SEALED: hash_of(gaussians)} | expected.facts()
+        made = Seal.made(gaussians, method, key_apart(context.input("key"), "seal"))
+        if made.in_the_clear:
+            context.log(
+                f"{made.in_the_clear} of {len(gaussians)} Gaussians have no room for a seal and stay as they are"
+            )
+        gaussians = made.published
+        facts |= {SEAL: made.key.hex(), SEALED: hash_of(gaussians)} | made.expected.facts()
     else:
         context.log(
             "left as it is: its scene decoder reads all of its features; whoever has the container may see messages "

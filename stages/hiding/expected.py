@@ -16,9 +16,10 @@ from torch import Tensor
 
 from pipeline.artifact import Json
 
-KNOTS, FOR_A_KNOT = 16, 250
-"""Shares of the cover at most for which expectations are kept, and Gaussians for each at least; between them they go
-over into each other. On the fox 8 would do about as well."""
+KNOTS, FOR_A_KNOT, APART = 16, 250, 1e-3
+"""Shares of the cover at most for which expectations are kept, Gaussians for each at least, and how far they are apart;
+between them they go over into each other. On the fox 8 would do about as well. Nearer to each other, what rounding does
+to a share would change what is expected."""
 
 FACTS = ("expected_cover_shares", "expected_readings", "expected_reaches")
 """What they are called among a secret's facts; readings one row after the other."""
@@ -66,11 +67,11 @@ class Expected:
 
 
 def knots_of(cover_shares: Float64[Tensor, " N"]) -> Float64[np.ndarray, " K"]:
-    """Shares that as many Gaussians lie between, in ascending order; one of 0 where there are no Gaussians."""
+    """Shares that about as many Gaussians lie between, in ascending order; one of 0 where there are no Gaussians."""
     if not len(cover_shares):
         return np.zeros(1)
     wanted = np.linspace(0, 1, max(1, min(KNOTS, len(cover_shares) // FOR_A_KNOT)))
-    return np.unique(np.quantile(cover_shares.numpy(), wanted, method="nearest"))
+    return APART * np.unique(np.round(np.quantile(cover_shares.numpy(), wanted, method="nearest") / APART))
 
 
 def readings_of(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Literal
 
 import numpy as np
@@ -24,16 +25,31 @@ def key_generator(artifact: Artifact | None, seed: int) -> np.random.Generator:
     """
     if artifact is None:
         return np.random.default_rng(seed)
-    key = artifact.read("key").tobytes()
+    return np.random.default_rng(int.from_bytes(_bytes_of(artifact), "little"))
+
+
+def _bytes_of(artifact: Artifact) -> bytes:
+    key: bytes = artifact.read("key").tobytes()
     if len(key) != KEY_BYTES:
         raise UserError("a key has the wrong length", found=f"{len(key)} bytes", expected=f"{KEY_BYTES} bytes")
-    return np.random.default_rng(int.from_bytes(key, "little"))
+    return key
 
 
-APART = ("view", "weights", "building", "seal")
-"""What is drawn from a key apart from its first random numbers: who learns one knows nothing of another."""
+APART = ("view", "weights", "building")
+"""What is drawn from a key apart from its first random numbers."""
 
 
-def generator_apart(artifact: Artifact, use: Literal["view", "weights", "building", "seal"]) -> np.random.Generator:
-    """Random numbers of a key for one use, independent of those of `key_generator` and of other uses."""
+def generator_apart(artifact: Artifact, use: Literal["view", "weights", "building"]) -> np.random.Generator:
+    """Random numbers of a key for one use, independent of those of `key_generator` and of other uses.
+
+    Not as a cipher's are: numpy's generators are no secret to who knows enough of what they drew.
+    """
     return key_generator(artifact, 0).spawn(len(APART))[APART.index(use)]
+
+
+def key_apart(artifact: Artifact, use: Literal["seal"]) -> bytes:
+    """A key for one use, from which nothing follows of the whole key: SHA-256 of both.
+
+    Raises `UserError` for a key of another length.
+    """
+    return hashlib.sha256(use.encode() + _bytes_of(artifact)).digest()

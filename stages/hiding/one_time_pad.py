@@ -6,12 +6,15 @@ follows from SHAKE-256 of the key, whose numbers nobody can tell from random one
 enciphered with one it would be seen what they differ in.
 
 A rotation is drawn as by Diaconis and Shahshahani (1987): a reflection that takes the first axis to a direction drawn
-evenly, after a rotation, drawn so, of the axes that remain.
+evenly, after a rotation, drawn so, of the axes that remain. (Orthogonal matrices of normally distributed numbers would
+do as well, and take ten times as long.)
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -26,19 +29,20 @@ MARGIN = 0.15
 """At either end of the circle, on which lengths from 0 to 1 have the rest: so far may noise take one of 1 before it
 comes out as 0."""
 
+BLOCK = 4096
+"""Values whose pads are drawn at a time, of 8 dimensions by 1.2 MB of random numbers."""
+
 Values = tuple[Float64[Tensor, "N U"], Float64[Tensor, " N"]]
 """Unit directions and lengths; of a length of 0 any direction."""
 
 
 def enciphered(directions: Float64[Tensor, "N U"], lengths: Float64[Tensor, " N"], key: bytes) -> Values:
     """Of N values, N = 0 is allowed, U at least 1; lengths from 0 to 1 become such from `SHORTEST` to `LONGEST`."""
-    axes, shifts = _drawn(torch.arange(len(lengths)), directions.shape[1], key)
-    turned = directions.clone()
-    turned[lengths == 0, 0] += 1  # such may have none
-    turned = torch.nn.functional.normalize(turned, dim=1)
-    for number in reversed(range(len(axes))):
-        turned[:, number:] = _reflected(turned[:, number:], axes[number])
-    shifted = (MARGIN + (1 - 2 * MARGIN) * lengths + shifts) % 1
+    turned, shifted = directions.clone(), torch.empty_like(lengths)
+    turned[lengths == 0] = torch.eye(1, directions.shape[1], dtype=directions.dtype)  # such may have none
+    for rows, pad in _pads(torch.arange(len(lengths)), directions.shape[1], key):
+        turned[rows] = pad.turned(turned[rows])
+        shifted[rows] = (MARGIN + (1 - 2 * MARGIN) * lengths[rows] + pad.shifts) % 1
     return turned, SHORTEST + (LONGEST - SHORTEST) * shifted
 
 
@@ -49,12 +53,33 @@ def deciphered(
 
     Whatever was done to lengths, from 0 to 1 is what comes out.
     """
-    axes, shifts = _drawn(numbers, directions.shape[1], key)
-    turned = directions.clone()
-    for number in range(len(axes)):
-        turned[:, number:] = _reflected(turned[:, number:], axes[number])
-    shifted = ((lengths - SHORTEST) / (LONGEST - SHORTEST) - shifts) % 1
+    turned, shifted = torch.empty_like(directions), (lengths - SHORTEST) / (LONGEST - SHORTEST)
+    for rows, pad in _pads(numbers, directions.shape[1], key):
+        turned[rows] = pad.turned_back(directions[rows])
+        shifted[rows] = (shifted[rows] - pad.shifts) % 1
     return turned, ((shifted - MARGIN) / (1 - 2 * MARGIN)).clamp(0, 1)
+
+
+@dataclass(frozen=True)
+class _Pad:
+    """Of N values: unit directions in U dimensions, in one fewer, and so on to one, and shifts between 0 and 1."""
+
+    axes: tuple[Float64[Tensor, "N V"], ...]
+    shifts: Float64[Tensor, " N"]
+
+    def turned(self, directions: Float64[Tensor, "N U"]) -> Float64[Tensor, "N U"]:
+        """Of the axes that remain first."""
+        turned = directions.clone()
+        for number in reversed(range(len(self.axes))):
+            turned[:, number:] = _reflected(turned[:, number:], self.axes[number])
+        return turned
+
+    def turned_back(self, directions: Float64[Tensor, "N U"]) -> Float64[Tensor, "N U"]:
+        """The other way round: each reflection undoes itself."""
+        turned = directions.clone()
+        for number, axes in enumerate(self.axes):
+            turned[:, number:] = _reflected(turned[:, number:], axes)
+        return turned
 
 
 def _reflected(values: Float64[Tensor, "N V"], directions: Float64[Tensor, "N V"]) -> Float64[Tensor, "N V"]:
@@ -65,14 +90,20 @@ def _reflected(values: Float64[Tensor, "N V"], directions: Float64[Tensor, "N V"
     return values - 2 * normal * (normal * values).sum(dim=1, keepdim=True) / square
 
 
-def _drawn(
-    numbers: Int[Tensor, " N"], dimensions: int, key: bytes
-) -> tuple[list[Float64[Tensor, "N V"]], Float64[Tensor, " N"]]:
-    """Directions in `dimensions`, one fewer, and so on to one, and shifts from 0 to 1, for values by their numbers."""
+def _pads(numbers: Int[Tensor, " N"], dimensions: int, key: bytes) -> Iterator[tuple[Int[Tensor, " n"], _Pad]]:
+    """Block by block the rows of `numbers` that are in it, and their pads."""
     sizes = [dimensions - number for number in range(dimensions)]
-    count = 1 + int(numbers.max()) if len(numbers) else 0
-    stream = hashlib.shake_256(key).digest(8 * count * (1 + sum(sizes)))
-    uniform = ((np.frombuffer(stream, "<u8") >> np.uint64(12)) + 0.5) / 2**52  # neither 0 nor 1
-    shifts, normal = torch.from_numpy(uniform).view(count, 1 + sum(sizes))[numbers].split([1, sum(sizes)], dim=1)
-    axes = torch.from_numpy(ndtri(normal.numpy())).split(sizes, dim=1)
-    return [torch.nn.functional.normalize(each, dim=1) for each in axes], shifts[:, 0]
+    blocks = numbers.div(BLOCK, rounding_mode="floor")
+    for block in blocks.unique().tolist():
+        [rows] = torch.nonzero(blocks == block, as_tuple=True)
+        uniform = _uniform(key + block.to_bytes(8, "little"), BLOCK * (1 + sum(sizes))).reshape(BLOCK, -1)
+        own = uniform[(numbers[rows] - block * BLOCK).numpy()]
+        normal = torch.from_numpy(ndtri(own[:, 1:])).split(sizes, dim=1)
+        axes = tuple(torch.nn.functional.normalize(each, dim=1) for each in normal)
+        yield rows, _Pad(axes, torch.from_numpy(own[:, 0]))
+
+
+def _uniform(key: bytes, count: int) -> Float64[np.ndarray, " count"]:
+    """Numbers between 0 and 1, neither of which is drawn."""
+    stream = hashlib.shake_256(key).digest(8 * count)
+    return ((np.frombuffer(stream, "<u8") >> np.uint64(12)) + 0.5) / 2**52

@@ -8,8 +8,10 @@ and opacities are not changed, nor how much of a Gaussian is the cover's.
 
 The rest of each Gaussian is enciphered by itself, so that whoever takes some away takes nothing from others: not as it
 is, but as the direction and the distance by which it differs from what the owner expects (`Expected`). What comes out,
-as likely whatever went in (`one_time_pad`), goes as far from an origin that what is read tells, in a direction and by a
-share of the room that there is in the cube of features.
+as likely whatever went in (`one_time_pad`), is a direction from an origin that what is read tells, and a share of how
+far one may go there: of the room in the cube of features, or of how far rests differ at most from what is expected of
+them. So what is published says how far rests of Gaussians differ at most, by how much of them is the cover's; beyond
+that it says nothing of a rest but what is read and how the Gaussian stands.
 """
 
 from __future__ import annotations
@@ -73,28 +75,19 @@ def hash_of(gaussians: Gaussians) -> str:
     return hashlib.sha256(b"".join(np.ascontiguousarray(each, "<f4").tobytes() for each in values)).hexdigest()
 
 
-def key_for(gaussians: Gaussians, drawn: bytes) -> bytes:
-    """From what was drawn, the key for these Gaussians alone: others, with whatever features, have other pads."""
-    values = (gaussians[name].detach().cpu().numpy() for name in sorted(gaussians.parameters))
-    return hashlib.sha256(drawn + b"".join(np.ascontiguousarray(each, "<f4").tobytes() for each in values)).digest()
-
-
-def sealed(gaussians: Gaussians, method: Sealable, key: bytes) -> tuple[Gaussians, Expected]:
-    """The container in which the rest of each Gaussian is enciphered, and what its owner expects; N = 0 is allowed.
-
-    Features are stored anew, as far from 0.5 as can be stored. A Gaussian around whose origin there is no room, its
-    feature being at a corner of the cube, stays as it is. `method` has to be one that `can_be_sealed`, with its
-    messages, and `key` that of these Gaussians (`key_for`).
-    """
-    places = _Places.of(gaussians, method)
-    expected = places.expectations(_centred(gaussians))
-    features = places.enciphered(_centred(gaussians), expected, key)
-    return _with(gaussians, features), expected
+def key_for(gaussians: Gaussians, method: Sealable, drawn: bytes) -> bytes:
+    """From what was drawn, the key for these Gaussians and decoders alone: all others have other pads."""
+    arrays = dict(gaussians.parameters) | {"read": method.rows_read(), "of messages": method.rows_of_messages()}
+    digest = hashlib.sha256(drawn)
+    for name, values in sorted(arrays.items()):
+        array = np.ascontiguousarray(values.detach().cpu().numpy(), "<f4")
+        digest.update(f"{name} {array.shape}".encode() + array.tobytes())
+    return digest.digest()
 
 
 @dataclass(frozen=True)
 class Seal:
-    """A sealed container as it was published, its key, and what its owner expects: what is found of it is opened so."""
+    """A sealed container as it is published, its key, and what its owner expects: what is found of it is opened so."""
 
     published: Gaussians
     key: bytes
@@ -102,9 +95,26 @@ class Seal:
     places: _Places
 
     @classmethod
+    def made(cls, gaussians: Gaussians, method: Sealable, drawn: bytes) -> Seal:
+        """The seal of Gaussians that are to be published; N = 0 is allowed. Its key is for these alone (`key_for`).
+
+        Features are stored anew, as far from 0.5 as can be stored. A Gaussian around whose origin there is no room, its
+        feature being at a corner of the cube, stays as it is (`in_the_clear`). `method` has to be one that
+        `can_be_sealed`, with its messages.
+        """
+        places, centred, key = _Places.of(gaussians, method), _centred(gaussians), key_for(gaussians, method, drawn)
+        expected = places.expectations(centred)
+        return cls(_with(gaussians, places.enciphered(centred, expected, key)), key, expected, places)
+
+    @classmethod
     def of(cls, published: Gaussians, method: Sealable, key: bytes, expected: Expected) -> Seal:
-        """The seal of `published`, of which N = 0 is allowed; `method` with its messages."""
+        """That of a container which was published; N = 0 is allowed. `method` with its messages."""
         return cls(published, key, expected, _Places.of(published, method))
+
+    @property
+    def in_the_clear(self) -> int:
+        """Gaussians that stayed as they are."""
+        return int(is_cornered(self.places.origins).sum())
 
     def opened(self, found: Gaussians, rows: Int[Tensor, " N"]) -> Gaussians:
         """Of F Gaussians that were found those that were published, in that order, with what they hold of messages.
@@ -161,7 +171,7 @@ class _Places:
         differences, reaches = self._rests(centred) - self._expected_rests(expected), self._reaches(expected)
         distances = differences.norm(dim=1)
         directions = torch.nn.functional.normalize(differences, dim=1)
-        turned, shares = enciphered(directions, (distances / reaches).clamp(max=1), key)
+        turned, shares = enciphered(directions, distances / reaches, key)
         offsets = turned * (shares * self._limits(turned, reaches))[:, None]
         return torch.where(is_cornered(self.origins)[:, None], centred, self.origins + offsets @ self.unread.T)
 
@@ -183,7 +193,8 @@ class _Places:
     def _expected_rests(self, expected: Expected) -> Float64[Tensor, "N U"]:
         """The nearest to the origins of which the message decoder reads, as nearly as can be, what is expected."""
         missing = expected.readings_at(self.cover_shares) - self.origins @ self.rows.T
-        return missing @ torch.linalg.pinv(self.rows @ self.unread, rtol=UNREAD).T
+        weakest = UNREAD * torch.linalg.matrix_norm(self.rows, 2)
+        return missing @ torch.linalg.pinv(self.rows @ self.unread, atol=weakest, rtol=0.0).T
 
     def _reaches(self, expected: Expected) -> Float64[Tensor, " N"]:
         return expected.reaches_at(self.cover_shares)
