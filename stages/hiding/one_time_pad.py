@@ -22,8 +22,9 @@ from jaxtyping import Float64, Int
 from scipy.special import ndtri
 from torch import Tensor
 
-SHORTEST, LONGEST = 0.3, 0.98
-"""Between which the lengths that come out lie, evenly: of a short one noise would turn the direction."""
+SHORTEST, LONGEST = 0.3, 0.9
+"""Between which the lengths that come out lie, evenly: of a short one noise would turn the direction, and a long one it
+would take out of what can be stored."""
 
 MARGIN = 0.15
 """At either end of the circle, on which lengths from 0 to 1 have the rest: so far may noise take one of 1 before it

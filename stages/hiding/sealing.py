@@ -8,10 +8,9 @@ and opacities are not changed, nor how much of a Gaussian is the cover's.
 
 The rest of each Gaussian is enciphered by itself, so that whoever takes some away takes nothing from others: not as it
 is, but as the direction and the distance by which it differs from what the owner expects (`Expected`). What comes out,
-as likely whatever went in (`one_time_pad`), is a direction from an origin that what is read tells, and a share of how
-far one may go there: of the room in the cube of features, or of how far rests differ at most from what is expected of
-them. So what is published says how far rests of Gaussians differ at most, by how much of them is the cover's; beyond
-that it says nothing of a rest but what is read and how the Gaussian stands.
+as likely whatever went in (`one_time_pad`), is a direction from an origin that what is read tells, and a share of the
+room that there is in the cube of features. So what is published says nothing of a rest that what is read, and where the
+Gaussian stands, do not say.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from torch import Tensor
 
 from stages.hiding.coupled import FEATURES
 from stages.hiding.cube import is_cornered, origins_of, room
-from stages.hiding.expected import Expected, knots_of, reaches_of, readings_of
+from stages.hiding.expected import Expected, expectations
 from stages.hiding.one_time_pad import deciphered, enciphered
 from stages.hiding.stored_features import FARTHEST, stored
 from stages.scene.gaussians import Gaussians
@@ -103,7 +102,7 @@ class Seal:
         `can_be_sealed`, with its messages.
         """
         places, centred, key = _Places.of(gaussians, method), _centred(gaussians), key_for(gaussians, method, drawn)
-        expected = places.expectations(centred)
+        expected = places.expected(centred)
         return cls(_with(gaussians, places.enciphered(centred, expected, key)), key, expected, places)
 
     @classmethod
@@ -158,33 +157,33 @@ class _Places:
         """Those of some of the Gaussians."""
         return replace(self, origins=self.origins[numbers], cover_shares=self.cover_shares[numbers])
 
-    def expectations(self, centred: Float64[Tensor, "N M"]) -> Expected:
-        """So that no rest of these features is farther off than expected."""
-        knots = knots_of(self.cover_shares)
-        readings = readings_of(self.cover_shares, centred @ self.rows.T, knots)
-        expected = Expected(knots, readings, np.ones(len(knots)))
-        distances = (self._rests(centred) - self._expected_rests(expected)).norm(dim=1)
-        return replace(expected, reaches=reaches_of(self.cover_shares, distances, knots))
+    def expected(self, centred: Float64[Tensor, "N M"]) -> Expected:
+        """What of these features is to be expected."""
+        return expectations(
+            self.cover_shares,
+            centred @ self.rows.T,
+            lambda expected: (self._rests(centred) - self._expected_rests(expected)).norm(dim=1),
+        )
 
     def enciphered(self, centred: Float64[Tensor, "N M"], expected: Expected, key: bytes) -> Float64[Tensor, "N M"]:
         """Centred features; those at a corner of the cube as they are."""
-        differences, reaches = self._rests(centred) - self._expected_rests(expected), self._reaches(expected)
-        distances = differences.norm(dim=1)
+        differences = self._rests(centred) - self._expected_rests(expected)
         directions = torch.nn.functional.normalize(differences, dim=1)
-        turned, shares = enciphered(directions, distances / reaches, key)
-        offsets = turned * (shares * self._limits(turned, reaches))[:, None]
+        turned, shares = enciphered(directions, expected.lengths(self.cover_shares, differences.norm(dim=1)), key)
+        offsets = turned * (shares * self._room(turned))[:, None]
         return torch.where(is_cornered(self.origins)[:, None], centred, self.origins + offsets @ self.unread.T)
 
     def deciphered(
         self, centred: Float64[Tensor, "N M"], numbers: Int[Tensor, " N"], expected: Expected, key: bytes
     ) -> Float64[Tensor, "N M"]:
         """Of such features, whatever was done to them, those that were sealed."""
-        rests, reaches = self._rests(centred), self._reaches(expected)
+        rests = self._rests(centred)
         turned = torch.nn.functional.normalize(rests, dim=1)
-        limits = self._limits(turned, reaches).clamp_min(torch.finfo(torch.float64).tiny)
-        directions, shares = deciphered(turned, rests.norm(dim=1) / limits, numbers, key)
-        own = self._expected_rests(expected) + directions * (shares * reaches)[:, None]
-        return torch.where(is_cornered(self.origins)[:, None], centred, self.origins + own @ self.unread.T)
+        space = self._room(turned).clamp_min(torch.finfo(torch.float64).tiny)
+        directions, lengths = deciphered(turned, rests.norm(dim=1) / space, numbers, key)
+        differences = directions * expected.distances(self.cover_shares, lengths)[:, None]
+        own = self.origins + (self._expected_rests(expected) + differences) @ self.unread.T
+        return torch.where(is_cornered(self.origins)[:, None], centred, own)
 
     def _rests(self, centred: Float64[Tensor, "N M"]) -> Float64[Tensor, "N U"]:
         """What is not read of features, from the origins."""
@@ -196,12 +195,9 @@ class _Places:
         weakest = UNREAD * torch.linalg.matrix_norm(self.rows, 2)
         return missing @ torch.linalg.pinv(self.rows @ self.unread, atol=weakest, rtol=0.0).T
 
-    def _reaches(self, expected: Expected) -> Float64[Tensor, " N"]:
-        return expected.reaches_at(self.cover_shares)
-
-    def _limits(self, directions: Float64[Tensor, "N U"], reaches: Float64[Tensor, " N"]) -> Float64[Tensor, " N"]:
-        """How far what is enciphered may go in these directions: no farther than what was, and not out of the cube."""
-        return torch.minimum(reaches, room(self.origins, directions @ self.unread.T))
+    def _room(self, directions: Float64[Tensor, "N U"]) -> Float64[Tensor, " N"]:
+        """How far one may go from the origins in these directions."""
+        return room(self.origins, directions @ self.unread.T)
 
 
 def _unread(read: Float64[Tensor, "M R"]) -> Float64[Tensor, "M U"]:
