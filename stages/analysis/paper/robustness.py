@@ -49,8 +49,8 @@ REGISTERED_NOTE = (
 
 SEALED_NOTE = (
     "Sealed: attacked as it is published. The owner opens what is left of it beside what was published, before "
-    "registration, too: a Gaussian whose share of the message went with another one shows nothing any more, and of "
-    "several that are one, such as clones, one counts. Nobody opens the others' containers so."
+    "registration, too: of several Gaussians that are one, such as clones, one counts. Nobody opens the others' "
+    "containers so."
 )
 
 
