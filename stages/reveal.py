@@ -52,8 +52,8 @@ class RevealParameters(Parameters):
 def reveal(context: Context, parameters: RevealParameters) -> None:
     """Render cover and messages from the cover's cameras: the cover is scored against its photos, and each message
     against what the secret shows of the published container, for the message's own pictures the owner need not have.
-    An image is looked at in the view that hides it, where alone it is defined. Of a sealed container those Gaussians that
-    were not published with it are left out of the messages; the cover is what all of them show.
+    An image is looked at in the view that hides it, where alone it is defined. Of a sealed container those Gaussians
+    that were not published with it are left out of the messages; the cover is what all of them show.
     """
     torch.set_num_threads(parameters.threads)
     container, published, secret = (context.input(name) for name in ("container", "published", "secret"))
