@@ -9,7 +9,8 @@ camera that lies on the GPU.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator
+import struct
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -24,6 +25,25 @@ from opencl.memory import TorchMemory
 from opencl.program import ProgramKey
 from opencl.ptx import CudaProgram, Parameter, rewrite_for_cuda
 
+_CODES = {1: "b", 2: "h", 4: "i", 8: "Q"}
+"""How `struct` calls what takes so many bytes."""
+
+
+class Arguments:
+    """Where the driver reads a kernel's arguments at each launch, before that returns: made once, written each time."""
+
+    def __init__(self, parameters: Sequence[Parameter]) -> None:
+        codes = [_CODES[parameter.size] for parameter in parameters]
+        self._layout = struct.Struct("@" + "".join(codes))
+        self._memory = ctypes.create_string_buffer(self._layout.size + 1)  # one without a byte has no address
+        ends = [struct.calcsize("@" + "".join(codes[: place + 1])) for place in range(len(codes))]
+        begin = ctypes.addressof(self._memory)
+        places = [begin + end - parameter.size for end, parameter in zip(ends, parameters, strict=True)]
+        self.pointers = (ctypes.c_void_p * len(places))(*places)
+
+    def write(self, values: Sequence[int]) -> None:
+        self._layout.pack_into(self._memory, 0, *values)
+
 
 @dataclass(frozen=True)
 class CudaKernel:
@@ -33,6 +53,7 @@ class CudaKernel:
     parameters: tuple[Parameter, ...]
     largest_group: int
     """Work-items that a group may have."""
+    arguments: Arguments
 
 
 @dataclass(frozen=True)
@@ -108,43 +129,43 @@ class CudaSession(Session):
                 f"kernel {kernel}: found groups of {group_size} work-items, expected at most {loaded.largest_group}, "
                 "as its registers and local memory leave room for: compile it with less of either"
             )
-        packed = [self._pack(kernel, position, *pair) for position, pair in self._pairs(kernel, loaded, arguments)]
+        if len(arguments) != len(loaded.parameters):
+            raise ValueError(f"kernel {kernel}: found {len(arguments)} arguments, expected {len(loaded.parameters)}")
+        loaded.arguments.write(self._values(kernel, loaded.parameters, arguments))
         timing = LaunchTiming(self._stream) if self._cuda.profiled is not None else None
-        self._cuda.driver.launch(kernel, loaded.function, groups, group_size, self._stream.cuda_stream, packed)
+        pointers = loaded.arguments.pointers
+        self._cuda.driver.launch(kernel, loaded.function, groups, group_size, self._stream.cuda_stream, pointers)
         if timing is not None and self._cuda.profiled is not None:
             timing.stop()
             self._cuda.profiled.append((kernel, timing))
 
-    def _pairs(
-        self, kernel: str, loaded: CudaKernel, arguments: tuple[Tensor | int, ...]
-    ) -> Iterator[tuple[int, tuple[Parameter, Tensor | int]]]:
-        if len(arguments) != len(loaded.parameters):
-            raise ValueError(f"kernel {kernel}: found {len(arguments)} arguments, expected {len(loaded.parameters)}")
-        return enumerate(zip(loaded.parameters, arguments, strict=True))
-
-    def _pack(
-        self, kernel: str, position: int, parameter: Parameter, value: Tensor | int
-    ) -> ctypes.c_int | ctypes.c_void_p:
-        """An argument in memory as the driver copies it."""
-        packed: ctypes.c_int | ctypes.c_void_p
-        found = f"kernel {kernel}, argument {position}: found"
-        if isinstance(value, int):
-            if not -(2**31) <= value < 2**31:
-                raise ValueError(f"{found} {value}, expected a number of 32 bits")
-            packed, kind = ctypes.c_int(value), "an integer"
-        else:
-            if value.device != self._cuda.tensor_device or not value.is_contiguous():
+    def _values(self, kernel: str, parameters: Sequence[Parameter], arguments: Sequence[Tensor | int]) -> list[int]:
+        """Numbers as they are, tensors as addresses."""
+        device = self._cuda.tensor_device
+        values: list[int] = []
+        for parameter, argument in zip(parameters, arguments, strict=True):
+            fault = ""
+            if isinstance(argument, int):
+                value, size = argument, 4
+                if not -(2**31) <= value < 2**31:
+                    fault = f"{value}, expected a number of 32 bits"
+            elif argument.device == device and argument.is_contiguous():
+                value, size = argument.data_ptr() if argument.numel() else 0, 8
+                if value % parameter.alignment:
+                    fault = f"the address {value}, expected a multiple of {parameter.alignment}"
+            else:
+                where = f"on {argument.device} of strides {argument.stride()}"
                 raise ValueError(
-                    f"{found} a tensor on {value.device} of strides {value.stride()}, expected a contiguous one on "
-                    f"{self._cuda.tensor_device}"
+                    f"kernel {kernel}, argument {len(values)}: found a tensor {where}, expected a contiguous one on "
+                    f"{device}"
                 )
-            address = value.data_ptr() if value.numel() else 0
-            if address % parameter.alignment:
-                raise ValueError(f"{found} the address {address}, expected a multiple of {parameter.alignment}")
-            packed, kind = ctypes.c_void_p(address), "a tensor"
-        if ctypes.sizeof(packed) != parameter.size:
-            raise ValueError(f"{found} {kind}, expected what takes {parameter.size} bytes")
-        return packed
+            if size != parameter.size:
+                kind = "an integer" if isinstance(argument, int) else "a tensor"
+                fault = f"{kind}, expected what takes {parameter.size} bytes"
+            if fault:
+                raise ValueError(f"kernel {kernel}, argument {len(values)}: found {fault}")
+            values.append(value)
+        return values
 
     def finish(self, *results: Tensor) -> None:
         """Nothing to wait for: torch reads them on the stream that the kernels are on."""
@@ -195,7 +216,8 @@ class CudaBackend(Backend):
             if name not in loaded.kernels:
                 raise ValueError(f"kernel {name}: found none of this name, expected one of {', '.join(loaded.kernels)}")
             function = self.driver.function(module, name)
-            kernel = CudaKernel(function, loaded.kernels[name], self.driver.largest_group(function))
+            parameters, most = loaded.kernels[name], self.driver.largest_group(function)
+            kernel = CudaKernel(function, parameters, most, Arguments(parameters))
             self._cuda_kernels[program, name] = kernel
         return kernel
 

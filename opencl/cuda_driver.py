@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from ctypes import POINTER, c_char_p, c_int, c_uint, c_void_p
 
@@ -128,14 +128,13 @@ class CudaDriver:
         groups: int,
         group_size: int,
         stream: int,
-        arguments: Sequence[c_int | c_void_p],
+        arguments: ctypes.Array[c_void_p],
     ) -> None:
-        """Queue a one-dimensional launch on a stream. Arguments are read before this returns."""
-        pointers = (c_void_p * len(arguments))(*(ctypes.addressof(one) for one in arguments))
+        """Queue a one-dimensional launch on a stream. What the arguments point to is read before this returns."""
         where = f" of kernel {kernel} with {groups} groups of {group_size} work-items and {len(arguments)} arguments"
         # Local memory is declared inside the kernels, so none is asked for here.
         shape = (groups, 1, 1, group_size, 1, 1, 0)
-        self._call("cuLaunchKernel", where, function, *shape, stream, pointers, None)
+        self._call("cuLaunchKernel", where, function, *shape, stream, arguments, None)
 
 
 def _given(handle: c_void_p) -> int:

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from opencl.convolution import can_convolve, convolve
+from stages.hiding.tensor_float import convolve_rounded
 
 
 class Convolution(torch.nn.Conv2d):
@@ -18,9 +19,14 @@ class Convolution(torch.nn.Conv2d):
     def __init__(self, inputs: int, outputs: int, kernel_size: int):
         super().__init__(inputs, outputs, kernel_size, padding=kernel_size // 2)
 
-    def forward(self, values: Float[Tensor, "B C H W"], rectified: bool = False) -> Float[Tensor, "B D H W"]:
-        """With zeros beyond the edges; followed by ReLU where `rectified`."""
+    def forward(
+        self, values: Float[Tensor, "B C H W"], rectified: bool = False, rounded: bool = False
+    ) -> Float[Tensor, "B D H W"]:
+        """With zeros beyond the edges; followed by ReLU where `rectified`; on a CUDA device in TF32 where `rounded`."""
         if can_convolve(values, self.weight) and not torch.is_autocast_enabled(values.device.type):
             return convolve(values, self.weight, self.bias, rectified)
-        convolved = super().forward(values)  # what autocast rounds it has to see itself
+        if rounded and values.device.type != "cpu":
+            convolved = convolve_rounded(values, self.weight, self.bias)
+        else:
+            convolved = super().forward(values)  # what autocast rounds it has to see itself
         return torch.relu(convolved) if rectified else convolved

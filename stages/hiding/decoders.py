@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Literal
 
 import torch
 from jaxtyping import Float, Float64
@@ -14,8 +15,10 @@ from opencl.routes import works_in_place
 from pipeline.errors import UserError
 from stages.hiding.convolution import Convolution
 
-PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16}
-"""What `decode` computes in, by the setting `precision`."""
+Precision = Literal["float32", "tf32", "bfloat16"]
+"""What `decode` computes in: the setting `precision`."""
+PRECISIONS: dict[str, Precision] = {"float32": "float32", "tf32": "tf32", "bfloat16": "bfloat16"}
+"""By what settings call them."""
 
 
 class Decoder(torch.nn.Sequential):
@@ -95,36 +98,43 @@ def rows_along(rows: Float[Tensor, "... M"], back: Float64[Tensor, "M M"]) -> Fl
 
 
 def decode(
-    decoder: Decoder, feature_map: Float[Tensor, "H W M"], precision: torch.dtype = torch.float32
+    decoder: Decoder, feature_map: Float[Tensor, "H W M"], precision: Precision = "float32"
 ) -> Float[Tensor, "H W C"]:
     """D(F_coup) of Eq. 5, unclamped float32, channels last.
 
-    `precision` bfloat16 runs the convolutions between the first and the last in it, forward and backward, with float32
-    sums and weights that learn in float32. It is for GPUs; CPUs, for which float32 has convolutions of its own, take
+    `tf32` is for NVIDIA's GPUs, where it is what torch has by itself, and so what the released code trains with: all
+    convolutions multiply numbers of 10 bits of mantissa, forward and backward, and sum in float32. Elsewhere it is
+    float32. Both decoders of an iteration, forward and backward, at 1600 x 1060 pixels on an H100: 327 ms in float32,
+    148 in bfloat16, 93 in TF32 (M = 16; with 32: 260, 98 and 55; `tests/benchmarks/nvidia.py`).
+
+    `bfloat16` runs the convolutions between the first and the last in it, forward and backward, with float32 sums and
+    weights that learn in float32. It is for GPUs; CPUs, for which float32 has convolutions of its own, take
     longer by it (an iteration on Emerald Rapids more than twice as long; Zen 4 and 5 have faster instructions for it,
     and were not measured since) and those without the instructions round in float32 (`_through_rounded`). The last
     stays in float32, since pictures rounded to eight bits are wrong about the sign of small residuals: on a trained
     container that put a bias of up to 30 % on gradients of the weights. So does the first, which would read rounded
-    features; it costs no time. What is left: fox hiding kitchen, 600 iterations, shows the message 0.15 (homogeneous)
-    and 0.08 dB (gs_hider) worse on training views.
-    Both precisions give the same bits every time on one machine with one number of threads. Pictures do not depend on
+    features. What is left: fox hiding kitchen, 600 iterations, shows the message 0.15 (homogeneous) and 0.08 dB
+    (gs_hider) worse on training views.
+
+    All give the same bits every time on one machine with one number of threads. Pictures do not depend on
     that number, nor do gradients that our own kernels compute. Gradients of weights that torch convolves with (on the
     CPU in bfloat16, and in float32 where the channels on either side are not a multiple of 16) may: they are sums over
     pixels, of which every thread of torch's adds its share first.
     """
-    by_pixels = decoder.is_of_single_pixels and precision == feature_map.dtype == torch.float32
+    by_pixels = decoder.is_of_single_pixels and precision != "bfloat16" and feature_map.dtype == torch.float32
     if by_pixels and works_in_place(feature_map.device):
         weights = [convolution.weight.flatten(1) for convolution in decoder.convolutions]
         return decode_pixels(feature_map, weights, [convolution.bias for convolution in decoder.convolutions])
     first, *between, last = decoder.convolutions
-    values = first(feature_map.permute(2, 0, 1).unsqueeze(0), rectified=True)
-    if precision == torch.bfloat16 and values.device.type == "cpu" and not has_bfloat16_convolutions():
+    rounded = precision == "tf32"
+    values = first(feature_map.permute(2, 0, 1).unsqueeze(0), rectified=True, rounded=rounded)
+    if precision == "bfloat16" and values.device.type == "cpu" and not has_bfloat16_convolutions():
         values = _through_rounded(between, values)
     else:
-        with torch.autocast(values.device.type, dtype=torch.bfloat16, enabled=precision == torch.bfloat16):
+        with torch.autocast(values.device.type, dtype=torch.bfloat16, enabled=precision == "bfloat16"):
             for convolution in between:
-                values = convolution(values, rectified=True)
-    decoded: Tensor = last(values.float())
+                values = convolution(values, rectified=True, rounded=rounded)
+    decoded: Tensor = last(values.float(), rounded=rounded)
     return decoded.squeeze(0).permute(1, 2, 0)
 
 

@@ -15,6 +15,7 @@ from opencl.routes import working_device
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from stages.hiding.coupled import FEATURES
+from stages.hiding.decoders import Precision
 from stages.hiding.key import generator_apart, key_generator
 from stages.hiding.method import (
     LARGEST_SETTING,
@@ -95,10 +96,11 @@ class HidingParameters(TrainingParameters):
     final_rate_share: float = Field(
         0.1, gt=0, le=1, description="Share of both rates that is left at the end. Released code: 1."
     )
-    precision: Literal["float32", "bfloat16"] = Field(
+    precision: Precision = Field(
         "float32",
-        description="Of the convolutions between a decoder's first and last. bfloat16 is for GPUs: CPUs take longer by "
-        "it, and messages lose 0.1 to 0.2 dB. Either gives the same bits every time for one number of threads.",
+        description="Of the decoders. tf32: on NVIDIA's GPUs all convolutions multiply numbers of 10 bits, as the "
+        "released code's do; elsewhere float32. bfloat16: those between the first and the last, on GPUs; CPUs take "
+        "longer by it, and messages lose 0.1 to 0.2 dB. Each gives the same bits every time for one number of threads.",
     )
 
     @model_validator(mode="before")

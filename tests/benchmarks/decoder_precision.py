@@ -1,8 +1,9 @@
-"""What bfloat16 decoders cost in quality: the same hiding with float32 and bfloat16, seed by seed.
+"""What a coarser precision of the decoders costs in quality: the same hiding in float32 and in that, seed by seed.
 
-    python -m tests.benchmarks.decoder_precision COVER_SCENE MESSAGE_VIEWS [METHOD [ITERATIONS [SEEDS]]]
+    python -m tests.benchmarks.decoder_precision COVER_SCENE MESSAGE_VIEWS [METHOD [ITERATIONS [SEEDS [PRECISION]]]]
 
-Both arguments are folders of a store: of kind scene, and of kind views rendered from that scene's cameras. A seed gives
+Both folders are of a store: of kind scene, and of kind views rendered from that scene's cameras. PRECISION is bfloat16
+unless it is tf32, which on the CPU is imitated: what convolutions multiply is rounded as NVIDIA's GPUs do. A seed gives
 both trainings the same first Gaussians, decoders and order of views, so that their difference is all of the precision
 and of the chance that it sets off; how large chance is, the spread over seeds says. Training views, as they were seen
 in the last fifth of the iterations, tell more of the precision than test views, where chance has more room.
@@ -17,11 +18,17 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any
+
+import torch
+from torch import Tensor
 
 from pipeline.artifact import Artifact, load
 from pipeline.stage import run_stage
 from stages.hide_scenes import HideScenesParameters, hide_scenes
+from stages.hiding import decoders
+from stages.hiding.convolution import Convolution
+from stages.hiding.decoders import Precision
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method
@@ -31,9 +38,41 @@ from stages.imaging.psnr import psnr
 from stages.scene.message_views import read_message_pictures
 from stages.scene.scene import read_scene
 
-Precision = Literal["float32", "bfloat16"]
 BOUND = 0.1
-"""Decibels that bfloat16 may cost."""
+"""Decibels that a coarser precision may cost."""
+
+
+class _Rounded(torch.autograd.Function):
+    """Values, or on the way back their gradient, with 10 bits of mantissa: the nearest, of two the larger."""
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, backward: bool) -> Tensor:
+        ctx.backward = backward
+        return values.view_as(values) if backward else with_ten_bits(values)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
+        return (with_ten_bits(gradient) if ctx.backward else gradient), None
+
+
+def with_ten_bits(values: Tensor) -> Tensor:
+    return ((values.contiguous().view(torch.int32) + 0x1000) & ~0x1FFF).view(torch.float32)
+
+
+def imitate_tf32() -> None:
+    """From here on the CPU rounds what convolutions multiply, forward and backward, where a GPU would."""
+    forward = Convolution.forward
+
+    def rounding(module: Convolution, values: Tensor, rectified: bool = False, rounded: bool = False) -> Tensor:
+        if not rounded:
+            return forward(module, values, rectified)
+        weights = {"weight": _Rounded.apply(module.weight, False), "bias": module.bias}
+        convolved = torch.func.functional_call(module, weights, (_Rounded.apply(values, False),))
+        convolved = _Rounded.apply(convolved, True)
+        return torch.relu(convolved) if rectified else convolved
+
+    Convolution.forward = rounding  # type: ignore[method-assign]
+    decoders.works_in_place = lambda device: False  # type: ignore[assignment]  # by a kernel that rounds nothing
 
 
 def decibels_on_test_views(cover: Artifact, message: Artifact, made: Mapping[str, Artifact]) -> dict[str, float]:
@@ -83,32 +122,40 @@ def trained(
         return decibels_on_test_views(cover, message, made) | decibels_at_the_end(made["curves"], iterations)
 
 
-def described(name: str, differences: Sequence[float]) -> str:
+def described(name: str, precision: Precision, differences: Sequence[float]) -> str:
     """The mean difference with twice its standard error, and the verdict."""
     mean, error = statistics.mean(differences), 2 * statistics.stdev(differences) / math.sqrt(len(differences))
     verdict = "within" if abs(mean) + error <= BOUND else "not shown to be within"
-    return (
-        f"{name}: bfloat16 less float32 {mean:+.3f} ± {error:.3f} dB over {len(differences)} seeds, {verdict} {BOUND}"
-    )
+    difference = f"{mean:+.3f} ± {error:.3f} dB over {len(differences)} seeds"
+    return f"{name}: {precision} less float32 {difference}, {verdict} {BOUND}"
 
 
-def main(cover: Path, message: Path, method: str = "homogeneous", iterations: int = 1000, seeds: int = 3) -> None:
+def main(
+    cover: Path,
+    message: Path,
+    method: str = "homogeneous",
+    iterations: int = 1000,
+    seeds: int = 3,
+    coarse: Precision = "bfloat16",
+) -> None:
     scene, views = load(cover), load(message)
+    imitate_tf32()
     differences: dict[str, list[float]] = {}
     for seed in range(seeds):
         decibels: dict[str, dict[str, float]] = {}
-        for precision in ("float32", "bfloat16"):
+        precisions: tuple[Precision, ...] = ("float32", coarse)
+        for precision in precisions:
             start = time.process_time()
             decibels[precision] = trained(scene, views, method, iterations, seed, precision)
             seconds = time.process_time() - start
             figures = ", ".join(f"{name} {value:.2f} dB" for name, value in decibels[precision].items())
             print(f"{method}, seed {seed}, {precision:8}: {figures}; {seconds:.0f} s of processors", flush=True)
-        for name, value in decibels["bfloat16"].items():
+        for name, value in decibels[coarse].items():
             differences.setdefault(name, []).append(value - decibels["float32"][name])
     for name, values in differences.items():
-        print(described(name, values), flush=True)
+        print(described(name, coarse, values), flush=True)
 
 
 if __name__ == "__main__":
-    folders, numbers = sys.argv[1:3], sys.argv[4:]
-    main(*map(Path, folders), *sys.argv[3:4], *map(int, numbers))
+    folders, numbers, precision = sys.argv[1:3], sys.argv[4:6], sys.argv[6:7]
+    main(*map(Path, folders), *sys.argv[3:4], *map(int, numbers), *precision)  # type: ignore[arg-type]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import torch
 from torch import Tensor
@@ -71,14 +71,14 @@ def time_workload(device: torch.device, inputs: Inputs) -> None:
 
 def time_decoding(device: torch.device, box: Box) -> None:
     """What an iteration at this size does beside drawing: both decoders, and the similarity of both pictures."""
-    from stages.hiding.decoders import PRECISIONS, Decoder, decode
+    from stages.hiding.decoders import PRECISIONS, Decoder, Precision, decode
     from stages.imaging.ssim import ssim
 
     decoders = [Decoder(box.feature_dim, 3).to(device) for _ in range(2)]
     feature_map = torch.rand(box.height, box.width, box.feature_dim, device=device, requires_grad=True)
     truth = torch.rand(box.height, box.width, 3, device=device)
 
-    def decoded(precision: torch.dtype) -> None:
+    def decoded(precision: Precision) -> None:
         sum(decode(decoder, feature_map, precision).sum() for decoder in decoders).backward()
 
     def compared() -> None:
@@ -88,9 +88,6 @@ def time_decoding(device: torch.device, box: Box) -> None:
     print(f"{box.width} x {box.height}, M={box.feature_dim}, forward + backward of two, ms, medians")
     for name, precision in PRECISIONS.items():
         print(f"  decoders, {name:12} {median_milliseconds(lambda precision=precision: decoded(precision)):8.3f}")
-    # torch's own default, which trainings do not take
-    with torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True, allow_tf32=True):
-        print(f"  decoders, TF32         {median_milliseconds(lambda: decoded(torch.float32)):8.3f}")
     print(f"  similarities           {median_milliseconds(compared):8.3f}", flush=True)
 
 
@@ -125,8 +122,8 @@ def time_copies(device: Device, inputs: Inputs) -> None:
     print(f"  ours, CPU tensors, copied: forward + backward {median_milliseconds(draw):8.3f}")
 
 
-def print_kernels(backend: CudaBackend, inputs: Inputs) -> None:
-    """Where a forward and backward pass spends the GPU's time, and what each kernel takes of it."""
+def print_kernels(backend: CudaBackend, inputs: Inputs, wanted: Collection[str] | None = None) -> None:
+    """Where a forward and backward pass spends the GPU's time, and what each kernel takes of it; None: all kernels."""
     profiled = CudaBackend(
         backend.device, backend.driver, backend.tensor_device, profile=True, compile_program=backend._compile
     )
@@ -142,5 +139,7 @@ def print_kernels(backend: CudaBackend, inputs: Inputs) -> None:
         totals.setdefault(kernel, []).append(event.profile.end - event.profile.start)
     resources = profiled.resources()
     for kernel, times in sorted(totals.items(), key=lambda one: -sum(one[1])):
+        if wanted is not None and kernel not in wanted:
+            continue
         taken = f"{resources[kernel].registers:3} registers, {resources[kernel].private_bytes:5} bytes beside them"
         print(f"  {kernel:20} {len(times):3} launches {sum(times) / 1e6:8.3f} ms, a work-item: {taken}")

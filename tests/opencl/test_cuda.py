@@ -138,7 +138,7 @@ def colors_and_gradients(dtype):
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_torch_sorts_by_depth_as_the_kernels_do(cuda, backend, dtype):
+def test_torch_sorts_as_the_kernels_do(cuda, backend, dtype):
     backend.schedule = "gpu"
     scene = make_scene(count=3000, feature_dim=1, width=150, height=90, dtype=dtype)
     scene.means[::7] = scene.means[1]  # equal depths
@@ -148,13 +148,16 @@ def test_torch_sorts_by_depth_as_the_kernels_do(cuda, backend, dtype):
         camera = pack_camera(*scene.camera, scene.settings)
         size = (scene.width, scene.height)
         _, records, radii, depth_keys = Project.apply(one, scene.settings, camera, size, *scene.gaussians)
-        lists.append(sort_into_tiles(one, scene.settings, *size, records, radii, depth_keys, False))
+        lists.append(sort_into_tiles(one, scene.settings, *size, records, radii, depth_keys, True))
     assert (radii == 0).any()
-    assert torch.equal(lists[0].entries, lists[1].entries)
-    assert torch.equal(lists[0].starts, lists[1].starts)
-    launched = [kernel for kernel, *_ in cuda.launches]
-    before_slots = launched[: launched.index("count_tiles")]
-    assert before_slots == ["project", "key_by_depth"]
+    found, expected = lists
+    have_slots = expected.tile_counts > 0  # others' first slots are nowhere
+    for name in ("starts", "entries", "slots", "tile_counts"):
+        assert torch.equal(getattr(found, name), getattr(expected, name)), name
+        assert getattr(found, name).dtype == torch.int32
+    assert torch.equal(found.first_slots[have_slots], expected.first_slots[have_slots])
+    launched = [kernel for kernel, *_ in cuda.launches if kernel not in ("scan_chunks", "add_chunk_starts")]
+    assert launched == ["project", "key_by_depth", "count_tiles", "fill_slots", "start_tiles", "fill_entries"]
 
 
 def test_a_launch_in_torch_s_context_and_stream(cuda, backend):

@@ -129,7 +129,7 @@ def test_all_checks_hold_where_the_cpu_stands_in_for_the_gpu(backend, monkeypatc
     for line in ("holds: bfloat16, a training that goes on", "gsplat 1.0", "pictures:", "CPU tensors, copied"):
         assert line in printed
     assert printed.count("\n  blend_backward ") == 2
-    for line in ("decoders, float32", "decoders, bfloat16", "decoders, TF32", "similarities  "):
+    for line in ("decoders, float32", "decoders, tf32", "decoders, bfloat16", "similarities  "):
         assert f"\n  {line}" in printed
     written = sorted(path.name for path in (tmp_path / "ptx").iterdir())
     for beginning in ("blending-float32-M3-", "geometry-float64-", "harmonics-float32-", "ssim-float64-"):

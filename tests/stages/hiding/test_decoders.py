@@ -8,11 +8,11 @@ from torch import Tensor
 
 from stages.hiding import decoders
 from stages.hiding.convolution import Convolution
-from stages.hiding.decoders import Decoder, decode
+from stages.hiding.decoders import Decoder, Precision, decode
 from tests.opencl.differentiated import with_gradients
 
 
-def decoded(monkeypatch: pytest.MonkeyPatch, precision: torch.dtype, *, instructions: bool) -> dict[str, Tensor]:
+def decoded(monkeypatch: pytest.MonkeyPatch, precision: Precision, *, instructions: bool) -> dict[str, Tensor]:
     """The picture, and the gradients of the feature map and of all weights, of one seed's decoder."""
     monkeypatch.setattr(decoders, "has_bfloat16_convolutions", lambda: instructions)
     torch.manual_seed(0)
@@ -24,9 +24,9 @@ def decoded(monkeypatch: pytest.MonkeyPatch, precision: torch.dtype, *, instruct
 
 
 def test_without_the_instructions_bfloat16_is_rounded_to_and_not_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    native = decoded(monkeypatch, torch.bfloat16, instructions=True)
-    rounded = decoded(monkeypatch, torch.bfloat16, instructions=False)
-    exact = decoded(monkeypatch, torch.float32, instructions=False)
+    native = decoded(monkeypatch, "bfloat16", instructions=True)
+    rounded = decoded(monkeypatch, "bfloat16", instructions=False)
+    exact = decoded(monkeypatch, "float32", instructions=False)
     assert len(native) == len(rounded) == 2 + 2 * 5
     for name, value in native.items():
         from_native = float((rounded[name] - value).norm() / value.norm())
@@ -35,8 +35,8 @@ def test_without_the_instructions_bfloat16_is_rounded_to_and_not_left_out(monkey
 
 
 def test_without_the_instructions_float32_stays_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    with_them = decoded(monkeypatch, torch.float32, instructions=True)
-    without = decoded(monkeypatch, torch.float32, instructions=False)
+    with_them = decoded(monkeypatch, "float32", instructions=True)
+    without = decoded(monkeypatch, "float32", instructions=False)
     assert all(torch.equal(value, without[name]) for name, value in with_them.items())
 
 
