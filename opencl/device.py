@@ -12,6 +12,7 @@ from filelock import FileLock
 
 from opencl.kernel_cache import reserve_kernel_cache
 from opencl.pocl_processor import misnamed_processor, name_processor
+from opencl.vendors import nvidia_named
 
 DEVICE_VARIABLE = "GS_HIDER_DEVICE"
 """Environment variable that names the device where the caller does not."""
@@ -80,7 +81,8 @@ def list_devices() -> list[Device]:
     """Every OpenCL device of this machine; empty where no driver is installed."""
     _kernel_cache()
     try:
-        platforms = pyopencl.get_platforms()
+        with nvidia_named():
+            platforms = pyopencl.get_platforms()
     except pyopencl.LogicError:
         return []
     devices = []

@@ -14,14 +14,12 @@ from opencl.device import Device
 _VENDOR = "nvidia"
 
 MISSING_ICD = """\
-NVIDIA's driver has a GPU that OpenCL does not see: its ICD file is missing, as in most containers. It is one line:
-  mkdir -p /etc/OpenCL/vendors && echo libnvidia-opencl.so.1 > /etc/OpenCL/vendors/nvidia.icd
-Without root, in a directory of your own, which is named before Python starts:
+NVIDIA's driver has a GPU that OpenCL does not see. Where libnvidia-opencl.so.1 is missing (ldconfig -p | grep
+nvidia-opencl): in a container, start it with NVIDIA_DRIVER_CAPABILITIES=compute,utility; else install the driver's
+OpenCL (Debian and Ubuntu: nvidia-opencl-icd or libnvidia-compute-<version of the driver>). Where it is there, and
+OCL_ICD_VENDORS or OCL_ICD_FILENAMES is set: unset it, or name the library there, too, in a directory of your own:
   mkdir -p ~/opencl && echo libnvidia-opencl.so.1 > ~/opencl/nvidia.icd && export OCL_ICD_VENDORS=~/opencl
-(where the OpenCL loader is Khronos' and not pyopencl's own: export OCL_ICD_FILENAMES=libnvidia-opencl.so.1)
-If libnvidia-opencl.so.1 itself is missing (ldconfig -p | grep nvidia-opencl): in a container, start it with
-NVIDIA_DRIVER_CAPABILITIES=compute,utility; else install the driver's OpenCL (Debian and Ubuntu: nvidia-opencl-icd or
-libnvidia-compute-<version of the driver>)."""
+(where the OpenCL loader is Khronos' and not pyopencl's own: export OCL_ICD_FILENAMES=libnvidia-opencl.so.1)."""
 
 
 def faults(seen: bool, asked: bool) -> list[str]:

@@ -40,13 +40,13 @@ _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
     ),
     ("cpu", "harmonics"): ("real.cl", "harmonics.cl"),
     ("gpu", "harmonics"): ("real.cl", "harmonics.cl"),
-    ("cpu", "ssim"): ("real.cl", "cpu/lanes.cl", "ssim.cl"),
+    ("cpu", "ssim"): ("real.cl", "cpu/lanes.cl", "ssim.cl", "cpu/ssim.cl"),
     ("cpu", "convolution"): (
         *("real.cl", "cpu/lanes.cl", "cpu/products.cl"),
         *("cpu/winograd.cl", "cpu/convolution.cl"),
     ),
     ("cpu", "pixel_decoder"): ("real.cl", "cpu/lanes.cl", "cpu/products.cl", "cpu/pixel_decoder.cl"),
-    ("gpu", "ssim"): ("real.cl", "cpu/lanes.cl", "ssim.cl"),
+    ("gpu", "ssim"): ("real.cl", "ssim.cl", "gpu/ssim.cl"),
 }
 _KERNELS = Path(__file__).parent / "kernels"
 _TEXTS = {name: (_KERNELS / name).read_text(encoding="utf-8") for names in _SOURCES.values() for name in names}
@@ -64,8 +64,14 @@ SCAN_CHUNK = 1024
 """Values that a work-group of the GPU schedule's running sums takes."""
 SORT_CHUNK = 2048
 """Items that a work-group of the GPU schedule's sort takes."""
-SSIM_STRIP: dict[Schedule, int] = {"cpu": 256, "gpu": 16}
-"""Values of a row, a multiple of 16, that a work-item of the structural similarity takes."""
+SSIM_STRIP = 256
+"""Values of a row, a multiple of 16, that a work-item of the CPU schedule's structural similarity takes."""
+SSIM_COLUMNS = 98
+"""Values of a row that a work-group of the GPU schedule's takes; what its window reaches makes them half the group."""
+SSIM_ROWS = {torch.float32: 16, torch.float64: 8}
+"""Rows that it takes, as its 48 KiB of local memory leave room for."""
+SSIM_AT_ONCE: dict[Schedule, int] = {"cpu": 16, "gpu": 1}
+"""Values that a work-item of the structural similarity takes at a time, as a vector."""
 TILE_CHUNK = 16
 """Tiles, a multiple of 16, that a work-item of the convolutions takes at a time."""
 PIXEL_CHUNK = 32
@@ -111,7 +117,10 @@ class ProgramKey:
             "TILING_RUNS": TILING_RUNS,
             "SCAN_CHUNK": SCAN_CHUNK,
             "SORT_CHUNK": SORT_CHUNK,
-            "SSIM_STRIP": SSIM_STRIP[self.schedule],
+            "SSIM_STRIP": SSIM_STRIP,
+            "SSIM_COLUMNS": SSIM_COLUMNS,
+            "SSIM_ROWS": SSIM_ROWS[self.dtype],
+            "SSIM_AT_ONCE": SSIM_AT_ONCE[self.schedule],
             "TILE_CHUNK": TILE_CHUNK,
             "PIXEL_CHUNK": PIXEL_CHUNK,
         }

@@ -11,7 +11,7 @@ from torch import Tensor
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
 from opencl.first_gradients import first_gradients_only
-from opencl.program import GROUP_SIZE, SSIM_STRIP, ProgramKey
+from opencl.program import GROUP_SIZE, SSIM_COLUMNS, SSIM_ROWS, SSIM_STRIP, ProgramKey
 from opencl.routes import backend_for
 
 CHANNELS = 3
@@ -54,14 +54,13 @@ class _MeanSsim(torch.autograd.Function):
         padded, padded_truths = (_padded(values, length) for values in (pictures, truths))
         memory = backend.memory
         slopes = [memory.zeros(*padded.shape, dtype=padded.dtype) for _ in range(3)]
-        strips = len(padded) * -(-length // SSIM_STRIP[backend.schedule])
+        groups = _groups(backend, len(padded) // height, height, length, padded.dtype)
         group_size = GROUP_SIZE[backend.schedule]
-        groups = -(-strips // group_size)
-        strip_sums = memory.empty(strips, dtype=padded.dtype)
+        sums = memory.empty(groups, dtype=padded.dtype)
         program = ProgramKey("ssim", backend.schedule, pictures.dtype, RasterSettings())
         inputs = (len(padded), height, length, padded.shape[1], padded, padded_truths)
         with backend.session() as session:
-            session.launch(program, "similarities", groups, *inputs, *slopes, strip_sums, group_size=group_size)
+            session.launch(program, "similarities", groups, *inputs, *slopes, sums, group_size=group_size)
             if ctx.needs_input_grad[1]:
                 gradients = memory.empty(*padded.shape, dtype=padded.dtype)
                 session.launch(
@@ -69,15 +68,22 @@ class _MeanSsim(torch.autograd.Function):
                 )
                 session.finish(gradients)
                 ctx.save_for_backward(gradients.narrow(1, _PADDING, length))
-            session.finish(strip_sums)
+            session.finish(sums)
         ctx.shape = pictures.shape
-        return strip_sums.sum() / pictures.numel()
+        return sums.sum() / pictures.numel()
 
     @staticmethod
     @first_gradients_only
     def backward(ctx: Any, grad_mean: Tensor) -> tuple[None, Tensor, None]:
         (gradients,) = ctx.saved_tensors
         return None, (gradients * (grad_mean / ctx.shape.numel())).view(ctx.shape), None
+
+
+def _groups(backend: Backend, pictures: int, height: int, length: int, dtype: torch.dtype) -> int:
+    """Work-groups, each of which sums what it has of one picture."""
+    if backend.schedule == "cpu":
+        return pictures * height * -(-length // SSIM_STRIP)
+    return pictures * -(-height // SSIM_ROWS[dtype]) * -(-length // SSIM_COLUMNS)
 
 
 def _padded(values: Tensor, length: int) -> Float[Tensor, "rows stride"]:

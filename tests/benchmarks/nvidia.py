@@ -6,8 +6,7 @@
 The rasterizer, similarities and harmonics are compared with the CPU's, in torch's memory and by copies; a training is
 made twice, once interrupted. Then they are timed, beside gsplat where it is installed. scipy and pydantic are what
 stages need for the trainings: without them only these fail. A check that ends in an exception fails, and the others go
-on. A missing ICD file is made in a temporary directory, for this run alone. The exit status is 0 where every check
-holds, 1 where one does not, 2 where the GPU cannot be reached.
+on. The exit status is 0 where every check holds, 1 where one does not, 2 where the GPU cannot be reached.
 
 On an H100 (driver 580.159, torch 2.11, CUDA 13.0) every check held, in two and a half minutes; two fifths of that go to
 the CPU's compiler. Milliseconds, gsplat 1.5.3's beside them:
@@ -25,20 +24,19 @@ the CPU's compiler. Milliseconds, gsplat 1.5.3's beside them:
 
     200,000 Gaussians of the CPU's memory, by copies: forward + backward 77
 
-(Torch's own sort by depth is in no kernel's time.) A multiprocessor has no room for a second group where a work-item
-of blend_backward takes 180 registers (M = 32); `.minnctapersm 2` in its PTX gives 128, and none in memory: what that
-gives, and what else is to be tried, `tests.benchmarks.nvidia_variants` will tell.
+(Torch's own sort by depth is in no kernel's time. Similarities were a strip for each work-item then, which kept 768
+bytes in memory; in tiles, as they are since, it keeps none, and their time is not known.) A multiprocessor has no room
+for a second group where a work-item of blend_backward takes 180 registers (M = 32); `.minnctapersm 2` in its PTX gives
+128, and none in memory: what that gains, and what else is to be tried, `tests.benchmarks.nvidia_variants` will tell.
 """
 
 from __future__ import annotations
 
 import argparse
-import ctypes
 import hashlib
 import importlib.util
 import os
 import sys
-import tempfile
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -53,8 +51,6 @@ if TYPE_CHECKING:  # what asks for OpenCL's platforms is imported once the ICD f
     from opencl.program import ProgramKey
     from tests.benchmarks.nvidia_checks import Draw
 
-VENDORS = Path("/etc/OpenCL/vendors")
-LIBRARY = "libnvidia-opencl.so.1"
 RASTERIZER_NEEDS = {"pyopencl": "'pyopencl[pocl]'", "jaxtyping": "jaxtyping", "filelock": "filelock"}
 """How to ask pip for what is imported."""
 TRAINING_NEEDS = {"scipy": "scipy", "pydantic": "pydantic"}
@@ -66,24 +62,6 @@ Check = Callable[[], bool | None]
 """Whether it holds; what only measures says nothing."""
 
 
-def provide_icd() -> None:
-    """Name NVIDIA's OpenCL to the loader, beside what is installed. To be called before any platform is asked for."""
-    installed = list(VENDORS.glob("*.icd"))
-    if os.environ.get("OCL_ICD_VENDORS") or any("nvidia" in path.read_text().lower() for path in installed):
-        return
-    try:
-        ctypes.CDLL(LIBRARY)
-    except OSError as error:
-        print(f"{LIBRARY}: {error}")
-        return
-    folder = Path(tempfile.mkdtemp(prefix="opencl-vendors-"))
-    for path in installed:
-        (folder / path.name).write_text(path.read_text())
-    (folder / "nvidia.icd").write_text(LIBRARY + "\n")
-    os.environ["OCL_ICD_VENDORS"] = str(folder)
-    print(f"no ICD file of NVIDIA's: {folder}/nvidia.icd made for this run")
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--ptx", type=Path, metavar="FOLDER", help="where the programs' PTX is written; else nowhere")
@@ -91,7 +69,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"Python {sys.version.split()[0]}, torch {torch.__version__}, CUDA {torch.version.cuda}")
     if not packages_are_there():
         return 2
-    provide_icd()
     backend = gpu_backend()
     if backend is None:
         return 2

@@ -23,7 +23,7 @@ from unittest import mock
 import torch
 from torch import Tensor
 
-from tests.benchmarks.nvidia import gpu_backend, provide_icd
+from tests.benchmarks.nvidia import gpu_backend
 
 WIDTH, HEIGHT = 1600, 1060
 DECODERS = {"GS-Hider": (64, 3), "homogeneous": (32, 1)}
@@ -153,7 +153,6 @@ def iterations() -> None:
 
 
 def main(names: list[str]) -> int:
-    provide_icd()
     if gpu_backend() is None:
         return 2
     for name in names or ("decoders", "registers", "python", "iterations"):

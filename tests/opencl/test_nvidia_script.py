@@ -118,7 +118,6 @@ def test_a_gsplat_that_cannot_be_compiled_is_no_failure_of_ours(monkeypatch, cap
 def test_all_checks_hold_where_the_cpu_stands_in_for_the_gpu(backend, monkeypatch, capsys, tmp_path):
     monkeypatch.setitem(sys.modules, "gsplat", gsplat_on_the_cpu())
     monkeypatch.setattr(nvidia, "gpu_backend", lambda: backend)
-    monkeypatch.setattr(nvidia, "provide_icd", lambda: None)
     monkeypatch.setattr(type(box_named("B")), "inputs", lambda box: few_inputs())
     monkeypatch.setattr("opencl.bench.workloads.BOXES", (box_named("B"), Box("paper", 60, 40, 30)))
     monkeypatch.setattr(nvidia, "LARGE", ("paper",))
@@ -150,7 +149,6 @@ def test_an_exception_fails_its_check_and_the_others_go_on(capsys):
 
 def test_a_failing_check_is_the_exit_status(monkeypatch, capsys):
     monkeypatch.setattr(nvidia, "gpu_backend", lambda: "a backend")
-    monkeypatch.setattr(nvidia, "provide_icd", lambda: None)
     monkeypatch.setattr(nvidia, "checks", lambda backend, inputs: iter([("pictures", lambda: False)]))
     assert nvidia.main([]) == 1
     assert capsys.readouterr().out.endswith("FAILS: pictures\n")
@@ -203,7 +201,6 @@ def test_what_is_not_installed_is_named(package, status, monkeypatch, capsys):
     find_spec = nvidia.importlib.util.find_spec
     monkeypatch.setattr(nvidia.importlib.util, "find_spec", lambda name: None if name == package else find_spec(name))
     monkeypatch.setattr(nvidia, "gpu_backend", lambda: "a backend")
-    monkeypatch.setattr(nvidia, "provide_icd", lambda: None)
     monkeypatch.setattr(nvidia, "checks", lambda backend, inputs: iter(()))
     assert nvidia.main([]) == status
     assert f"not installed: pip install {package}\n" in capsys.readouterr().out
