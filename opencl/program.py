@@ -69,7 +69,7 @@ SSIM_STRIP = 256
 SSIM_COLUMNS = 98
 """Values of a row that a work-group of the GPU schedule's takes; what its window reaches makes them half the group."""
 SSIM_ROWS = {torch.float32: 16, torch.float64: 8}
-"""Rows that it takes, as its 48 KiB of local memory leave room for."""
+"""Rows that it takes, as many as 32 KiB of local memory have room for."""
 SSIM_AT_ONCE: dict[Schedule, int] = {"cpu": 16, "gpu": 1}
 """Values that a work-item of the structural similarity takes at a time, as a vector."""
 TILE_CHUNK = 16

@@ -2,7 +2,7 @@
 //
 // First each work-item takes a column, of the tile or of what the window reaches beside it, and half of the tile's
 // rows: it reads each value once and adds it to all of its rows' sums down, which are in registers. These go to local
-// memory. Then it is any value of the tile, and sums across.
+// memory, of which a group needs 32 KiB. Then it is any value of the tile, and sums across.
 
 #define BESIDE (3 * REACH)
 #define COLUMNS_READ (SSIM_COLUMNS + 2 * BESIDE)  // two of these times half of the rows are the group's work-items
@@ -51,7 +51,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void similariti
     __global REAL *by_square,
     __global REAL *tile_sums
 ) {
-    __local REAL down[4 * PITCH], sums[GROUP_SIZE];
+    __local REAL down[4 * PITCH];
     const int item = get_local_id(0), first = item / COLUMNS_READ * OWN_ROWS;
     const Patch patch = patch_of(rows, length);
     const int column = own_column(patch, stride);
@@ -99,12 +99,13 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void similariti
         by_product[place] = s.by_product;
         by_square[place] = s.by_square;
     }
-    sums[item] = sum;
+    barrier(CLK_LOCAL_MEM_FENCE);  // what was summed down is read, and its memory free
+    down[item] = sum;
     for (int others = GROUP_SIZE / 2; others > 0; others /= 2) {
         barrier(CLK_LOCAL_MEM_FENCE);
-        if (item < others) sums[item] += sums[item + others];
+        if (item < others) down[item] += down[item + others];
     }
-    if (item == 0) tile_sums[get_group_id(0)] = sums[0];
+    if (item == 0) tile_sums[get_group_id(0)] = down[0];
 }
 
 // The gradient of the sum of all similarities by each value of the pictures: the window is symmetric, so that every
