@@ -19,6 +19,9 @@ from opencl.memory import BufferMemory, Memory, SharedMemory
 from opencl.program import ProgramKey, Schedule
 from opencl.staging import StagedMemory
 
+BUILD_OPTIONS: dict[Schedule, tuple[str, ...]] = {"cpu": ("-w",), "gpu": ("-w",)}
+"""What OpenCL's compilers are told."""
+
 
 class Session:
     """Launches in order on one queue. Tensors are contiguous, on the backend's tensor device."""
@@ -132,7 +135,8 @@ class Backend:
         if program.dtype == torch.float64 and not self.device.handle.double_fp_config:
             raise ValueError(f"found float64, expected float32: {self.device.name} has no double precision")
         # PoCL keeps compiled kernels itself; pyopencl's cache of binaries would only come on top of that.
-        return pyopencl.Program(self.context, program.text()).build(options=["-w"], cache_dir=False)
+        options = [*BUILD_OPTIONS[program.schedule]]
+        return pyopencl.Program(self.context, program.text()).build(options=options, cache_dir=False)
 
     def kernel(self, program: ProgramKey, name: str) -> pyopencl.Kernel:
         """A kernel, built on first use."""

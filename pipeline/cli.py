@@ -34,6 +34,7 @@ from pipeline.console import (
     near,
     reported,
     say,
+    write_the_rest,
 )
 from pipeline.output import lossy_output, open_closed_streams
 from pipeline.process import set_thread_policy
@@ -76,7 +77,10 @@ def main() -> None:
     by_name = Path(sys.argv[0]).name == COMMAND or any(word.endswith("-completion") for word in sys.argv[1:2])
     asked_by_bash = os.environ.get(f"_{COMMAND.replace('-', '_').upper()}_COMPLETE") == "complete_bash"
     with whole_words(os.environ) if asked_by_bash else nullcontext():
-        app(prog_name=COMMAND if by_name else "python -m pipeline")
+        try:
+            app(prog_name=COMMAND if by_name else "python -m pipeline")
+        finally:
+            write_the_rest()
 
 
 @app.command()

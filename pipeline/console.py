@@ -89,8 +89,8 @@ def reported(store: Path | str) -> Iterator[None]:
     except PipelineError as error:
         say(str(error))
         raise typer.Exit(1) from None
-    except BrokenPipeError:  # whoever read our output has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:
+        _write_no_more()
         raise typer.Exit(1) from None
     except OSError as error:
         say(words_of(error, store if "://" in str(store) else from_home(store)))
@@ -98,6 +98,19 @@ def reported(store: Path | str) -> Iterator[None]:
     except KeyboardInterrupt:
         say(f"Interrupted at once; finished stages are kept. To go on: {command_line()}")
         raise typer.Exit(130) from None
+
+
+def write_the_rest() -> None:
+    """What is printed and not yet written: of a reader that is gone Python itself would tell on its way out."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _write_no_more()
+
+
+def _write_no_more() -> None:
+    """Whoever read our output has seen enough."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def say(text: str) -> None:

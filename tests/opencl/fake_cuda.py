@@ -18,6 +18,7 @@ import pyopencl
 import pytest
 import torch
 
+from opencl.backend import BUILD_OPTIONS
 from opencl.cuda import CudaBackend
 from opencl.cuda_driver import PROTOTYPES, CudaDriver
 from opencl.device import choose_device
@@ -63,7 +64,8 @@ class FakeCuda:
 
     def compile_program(self, program: ProgramKey) -> bytes:
         """As `CudaBackend` asks for it."""
-        built = pyopencl.Program(self.context, program.text()).build(options=["-w", "-cl-kernel-arg-info"])
+        options = [*BUILD_OPTIONS[program.schedule], "-cl-kernel-arg-info"]
+        built = pyopencl.Program(self.context, program.text()).build(options=options)
         self._programs.append(built)
         entries = [f'.file 1 "program{len(self._programs) - 1}"\n']
         for kernel in built.all_kernels():
