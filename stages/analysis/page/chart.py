@@ -94,7 +94,9 @@ def _drawable(point: tuple[float, float], logarithmic: bool) -> bool:
 
 
 def _padded(low: float, high: float) -> tuple[float, float]:
-    margin = 0.05 * (high - low) or 0.5
+    """A little to either side; of numbers that what is written at an axis could not tell apart, a half."""
+    told_apart = high - low > 1e-4 * max(abs(low), abs(high))
+    margin = 0.05 * (high - low) if told_apart else 0.5
     return low - margin, high + margin
 
 

@@ -65,3 +65,14 @@ def test_an_axis_that_does_not_begin_at_zero_begins_at_its_values() -> None:
     assert line[0][0] < chart.left + 0.1 * (chart.right - chart.left)
     assert line[-1][0] > chart.right - 0.1 * (chart.right - chart.left)
     assert all(25 < float(tick.text) < 31 for tick in chart.across)
+
+
+def test_no_number_stands_at_an_axis_twice() -> None:
+    """What an attack costs the cover may be next to nothing, and that is then no axis of its own."""
+    series = [Series("one", ((30.0101, 22.4), (30.0101, 19.9))), Series("other", ((30.0102, 22.4), (30.01015, 11.2)))]
+    chart = line_chart("curve", series, from_zero=False, axes=("Cover (dB)", "Message (dB)"))
+    assert chart is not None
+    labels = [tick.text for tick in chart.across]
+    assert len(labels) == len(set(labels)) >= 3
+    across = [x for line in drawn(chart) for x, _ in line]
+    assert max(across) - min(across) < 1
