@@ -31,7 +31,7 @@ test: $(INSTALLED) $(OCLGRIND) $(DEBIAN_POCL)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
-	@OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE $(BIN)/python -m pytest -n 2 --dist loadscope \
+	@OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE $(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder \
 		--html=$(TEST_REPORT) --self-contained-html
 
 # A workflow that fails holds up no other; one that is stopped (status 128 and more) does. What is there is kept.

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import signal
 
+import pytest
 from hypothesis import settings
 
 settings.register_profile("repeatable", derandomize=True)
@@ -21,3 +22,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # A machine's NVIDIA GPU has checks of its own (tests.benchmarks.nvidia); runs that tests start would ask for it.
 os.environ.setdefault("CUDA_VISIBLE_DEVICES", "")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whole workflows first: of files that take minutes, the last ones would leave all workers but one without work."""
+    items.sort(key=lambda item: "workflows" not in item.path.parts)

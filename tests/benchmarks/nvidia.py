@@ -8,13 +8,13 @@ made twice, once interrupted. Then they are timed, beside gsplat where it is ins
 stages need for the trainings: without them only these fail. A check that ends in an exception fails, and the others go
 on. The exit status is 0 where every check holds, 1 where one does not, 2 where the GPU cannot be reached.
 
-On an H100 (driver 580.159, torch 2.11, CUDA 13.0) every check held, in two and a half minutes; two fifths of that go to
-the CPU's compiler. Milliseconds, gsplat 1.5.3's beside them:
+On an H100 (driver 580.159, torch 2.11, CUDA 13.0) every check held, in two and a half minutes, a good part of which
+is the compilers'. Milliseconds, gsplat 1.5.3's beside them:
 
     Gaussians, pixels, features        forward     forward + backward    blend   blend_backward   all other kernels
-    200,000, 1216 x 800, M = 16      1.84 / 0.71       3.39 / 2.12        0.19        0.91              0.27
-    1,000,000, 1600 x 1060, M = 16   2.28 / 1.66       7.09 / 7.45        0.82        4.12              0.83
-    1,000,000, 1600 x 1060, M = 32   3.80 / 2.52       13.5 / 14.9        1.24        8.88              0.95
+    200,000, 1216 x 800, M = 16      1.84 / 0.71       3.39 / 2.12        0.19        0.91              0.26
+    1,000,000, 1600 x 1060, M = 16   2.28 / 1.66       7.09 / 7.45        0.82        4.12              0.82
+    1,000,000, 1600 x 1060, M = 32   3.80 / 2.52       13.5 / 14.9        1.24        8.88              0.94
 
     1600 x 1060, of two, forward and backward          M = 16     M = 32
     decoders of 64 channels, float32                    326        260

@@ -50,7 +50,10 @@ def _reports(log):
 
 
 @pytest.mark.parametrize("schedule", SCHEDULES)
-@pytest.mark.parametrize(("feature_dim", "dtype"), [(3, "float32"), (17, "float32"), (3, "float64")])
+@pytest.mark.parametrize(
+    ("feature_dim", "dtype"),
+    [(3, "float32"), pytest.param(17, "float32", marks=pytest.mark.slow), (3, "float64")],
+)
 def test_no_race_and_nothing_out_of_bounds(oclgrind, schedule, feature_dim, dtype):
     options = AS_WRITTEN if schedule == "gpu" else {}
     printed, reports = oclgrind("draw", schedule, str(feature_dim), dtype, **options)
@@ -73,7 +76,7 @@ def test_decoders(oclgrind, job):
 
 
 @pytest.mark.parametrize("schedule", SCHEDULES)
-@pytest.mark.parametrize("feature_dim", [3, 17])
+@pytest.mark.parametrize("feature_dim", [3, pytest.param(17, marks=pytest.mark.slow)])
 def test_no_uninitialised_value(oclgrind, schedule, feature_dim):
     if schedule == "cpu":
         pytest.skip(

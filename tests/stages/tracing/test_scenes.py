@@ -17,6 +17,7 @@ from stages.tracing.rig import orbit
 from stages.tracing.world import World
 
 NAMES = get_args(SynthesizeParameters.model_fields["scene"].annotation)
+QUICKEST = "courtyard"
 VIEWS = (3, 21, 38)
 WIDTH, HEIGHT = 256, 192
 
@@ -52,7 +53,9 @@ def palette_of(picture: np.ndarray) -> np.ndarray:
     return np.bincount(cells, minlength=64) / len(cells)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name == QUICKEST else pytest.mark.slow) for name in NAMES]
+)
 def test_every_ray_of_every_camera_meets_something_in_front_of_the_lens(name: str) -> None:
     poses, intrinsics = orbit(48, 48, 36, 0)
     y, x = np.mgrid[:36, :48] + 0.5
