@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, get_args
 
 import torch
 from jaxtyping import Float, Float64
@@ -17,7 +17,7 @@ from stages.hiding.convolution import Convolution
 
 Precision = Literal["float32", "tf32", "bfloat16"]
 """What `decode` computes in: the setting `precision`."""
-PRECISIONS: dict[str, Precision] = {"float32": "float32", "tf32": "tf32", "bfloat16": "bfloat16"}
+PRECISIONS: dict[str, Precision] = {name: name for name in get_args(Precision)}
 """By what settings call them."""
 
 

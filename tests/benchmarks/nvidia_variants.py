@@ -4,7 +4,7 @@
 
 decoders: layouts of the feature map, precisions, and how cuDNN chooses its algorithms. In the first run of
 `tests.benchmarks.nvidia` the paper's two decoders took 326 ms in float32 at 1600 x 1060, where their 2.5e12 operations
-would take 40 at the rate of an H100, so most of it is a choice of cuDNN's. registers: the blending kernels where the
+would take 40 at the rate of an H100: is most of it a choice of cuDNN's? registers: the blending kernels where the
 driver's assembler has to leave room for so many groups on a multiprocessor. python: which functions launch slowly.
 iterations: what trainings of each kind spend at 800 x 532. What is needed, and how OpenCL finds the GPU, is as in
 `tests.benchmarks.nvidia`.

@@ -32,6 +32,18 @@ static inline int own_column(Patch patch, int stride) {
     return column < stride ? column : -1;
 }
 
+// Adds a value of the column, the `step`th that its rows' windows reach, to the sums of all rows that it is for.
+static inline void add_down(REAL sums[OWN_ROWS], int step, REAL value) {
+    #pragma unroll
+    for (int k = 0; k < OWN_ROWS; k++)
+        if (step >= k && step - k < TAPS) sums[k] += window[step - k] * value;
+}
+
+static inline void keep_down(const REAL sums[OWN_ROWS], __local REAL *down) {
+    #pragma unroll
+    for (int k = 0; k < OWN_ROWS; k++) down[k * COLUMNS_READ] = sums[k];
+}
+
 static inline REAL sum_across(__local const REAL *down) {
     REAL sum = 0;
     #pragma unroll
@@ -65,24 +77,16 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void similariti
         if (column < 0 || row < 0 || row >= rows) continue;
         const size_t place = (size_t)(patch.origin + row) * stride + column;
         const REAL value = pictures[place], truth = truths[place];
-        const REAL product = value * truth, square = value * value + truth * truth;
-        #pragma unroll
-        for (int k = 0; k < OWN_ROWS; k++) {
-            if (step < k || step - k >= TAPS) continue;
-            means[k] += window[step - k] * value;
-            means_of_truth[k] += window[step - k] * truth;
-            products[k] += window[step - k] * product;
-            squares[k] += window[step - k] * square;
-        }
+        add_down(means, step, value);
+        add_down(means_of_truth, step, truth);
+        add_down(products, step, value * truth);
+        add_down(squares, step, value * value + truth * truth);
     }
-    #pragma unroll
-    for (int k = 0; k < OWN_ROWS; k++) {
-        const int at = (first + k) * COLUMNS_READ + item % COLUMNS_READ;
-        down[at] = means[k];
-        down[at + PITCH] = means_of_truth[k];
-        down[at + 2 * PITCH] = products[k];
-        down[at + 3 * PITCH] = squares[k];
-    }
+    __local REAL *own = down + first * COLUMNS_READ + item % COLUMNS_READ;
+    keep_down(means, own);
+    keep_down(means_of_truth, own + PITCH);
+    keep_down(products, own + 2 * PITCH);
+    keep_down(squares, own + 3 * PITCH);
     barrier(CLK_LOCAL_MEM_FENCE);
 
     REAL sum = 0;
@@ -135,22 +139,14 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void similarity
         const int row = patch.top + first + step - REACH;
         if (column < 0 || row < 0 || row >= rows) continue;
         const size_t place = (size_t)(patch.origin + row) * stride + column;
-        const REAL mean = by_mean[place], product = by_product[place], square = by_square[place];
-        #pragma unroll
-        for (int k = 0; k < OWN_ROWS; k++) {
-            if (step < k || step - k >= TAPS) continue;
-            means[k] += window[step - k] * mean;
-            products[k] += window[step - k] * product;
-            squares[k] += window[step - k] * square;
-        }
+        add_down(means, step, by_mean[place]);
+        add_down(products, step, by_product[place]);
+        add_down(squares, step, by_square[place]);
     }
-    #pragma unroll
-    for (int k = 0; k < OWN_ROWS; k++) {
-        const int at = (first + k) * COLUMNS_READ + item % COLUMNS_READ;
-        down[at] = means[k];
-        down[at + PITCH] = products[k];
-        down[at + 2 * PITCH] = squares[k];
-    }
+    __local REAL *own = down + first * COLUMNS_READ + item % COLUMNS_READ;
+    keep_down(means, own);
+    keep_down(products, own + PITCH);
+    keep_down(squares, own + 2 * PITCH);
     barrier(CLK_LOCAL_MEM_FENCE);
 
     for (int i = item; i < SSIM_ROWS * SSIM_COLUMNS; i += GROUP_SIZE) {
