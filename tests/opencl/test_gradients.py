@@ -25,7 +25,11 @@ def _projected(scene, *leaves):
 
 # Opacities stay under the clamp, and few Gaussians never end a pixel: the picture is smooth but for its faint rims.
 @pytest.mark.parametrize(
-    ("feature_dim", "size"), [(1, (8, 8)), (3, (24, 17)), (8, (12, 24)), (16, (16, 16)), (17, (9, 8)), (32, (8, 12))]
+    ("feature_dim", "size"),
+    [
+        *((1, (8, 8)), (3, (24, 17)), (17, (9, 8))),
+        *(pytest.param(*each, marks=pytest.mark.slow) for each in ((8, (12, 24)), (16, (16, 16)), (32, (8, 12)))),
+    ],
 )
 def test_gradcheck(feature_dim, size):
     scene = make_scene(

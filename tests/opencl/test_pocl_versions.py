@@ -37,9 +37,9 @@ def other_pocl(tmp_path):
     ("name", "without"),
     [
         ("test_rasterizer", ""),
-        ("test_gradients", "gradcheck"),
         ("test_convolution", "threads"),
         ("test_pixel_decoder", "threads"),
+        pytest.param("test_gradients", "gradcheck", marks=pytest.mark.slow),
         pytest.param("test_determinism", "", marks=pytest.mark.slow),
         pytest.param("test_shapes", "", marks=pytest.mark.slow),
     ],

@@ -180,7 +180,7 @@ def test_gradients_at_the_clamp_in_float32(backend):
 
 
 def test_a_crowd_in_one_tile_all_of_them_seen(backend):
-    count = 300_000
+    count = 300_000 if backend.schedule == "cpu" else 70_000  # by the GPU's, on a CPU, half a minute
     settings = RasterSettings(alpha_minimum=1e-9)
     crowd = make_scene(count, 1, 16, 16, size=0.3, opacity=(1e-6, 2e-6), dtype=torch.float32, settings=settings)
     crowd.means.mul_(0.05)  # all of them around the camera's axis, at depths that differ

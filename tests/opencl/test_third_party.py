@@ -52,9 +52,9 @@ def compare(peer: str, scene: Scene) -> None:
 @pytest.mark.parametrize(
     ("feature_dim", "dtype"),
     [
-        *((dim, torch.float32) for dim in FEATURE_DIMS),
-        *((dim, torch.float64) for dim in BASIC_DIMS),
-        *(pytest.param(dim, torch.float64, marks=pytest.mark.slow) for dim in FEATURE_DIMS if dim not in BASIC_DIMS),
+        pytest.param(dim, dtype, marks=() if dim in BASIC_DIMS else pytest.mark.slow)
+        for dtype in TOLERANCES
+        for dim in FEATURE_DIMS
     ],
     ids=str,
 )

@@ -28,6 +28,7 @@ from pipeline.stage import Parameters, Stage, run_stage  # noqa: E402
 from stages.add_grain import AddGrainParameters, add_grain  # noqa: E402
 from stages.analysis.measurements import read_measurements  # noqa: E402
 from stages.analysis.residual_detector import Views, detector_scores, train_detector, views_of  # noqa: E402
+from stages.analysis.secrecy import painting  # noqa: E402
 from stages.attack import AttackParameters, attack  # noqa: E402
 from stages.detect_watermark import DetectWatermarkParameters, detect_watermark  # noqa: E402
 from stages.evaluate import EvaluateParameters, evaluate  # noqa: E402
@@ -209,6 +210,7 @@ def little_work_and_the_same_kernels(monkeypatch: pytest.MonkeyPatch) -> Iterato
     monkeypatch.setattr(convolution, "can_convolve", lambda *_: False)
     monkeypatch.setattr(decoders, "works_in_place", lambda _: False)
     monkeypatch.setattr(placing_alone, "TURNS", 1)
+    monkeypatch.setattr(painting, "STEPS", 4)
     torch.set_num_threads(1)
     yield
     working_on[0] = CPU

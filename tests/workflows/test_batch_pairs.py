@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -44,7 +45,7 @@ def photograph(seed: int, folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def photos(tmp_path_factory: pytest.TempPathFactory, new_store: Callable[[Path], Path]) -> Path:
     """A cover, a message, a message whose first photo is damaged, and a part of the first message."""
     folder = tmp_path_factory.mktemp("photos")
     for seed, name in enumerate(("courtyard", "reef")):
@@ -60,6 +61,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     damaged = folder / "broken" / "000.png"
     damaged.write_bytes(damaged.read_bytes()[:500])
     (folder / "pairs.csv").write_text(PAIRS)
+    new_store(folder / "store")
     return folder
 
 

@@ -9,12 +9,12 @@ from pipeline.project import open_project
 WORKFLOW = Path(__file__).parents[2] / "workflows" / "hide_edits.yaml"
 
 
-def test_settings_reach_the_edits_and_edits_are_private(tmp_path: Path) -> None:
+def test_settings_reach_the_edits_and_edits_are_private(tmp_path: Path, store: Path) -> None:
     photos = tmp_path / "photos"
     photos.mkdir()
     (photos / "a.jpg").write_bytes(b"1")
     settings = [f"cover={photos}", "hue=75", "object_width=0.3"]
-    nodes = open_project(WORKFLOW, tmp_path / "store", settings).graph.nodes
+    nodes = open_project(WORKFLOW, store, settings).graph.nodes
     (recolour,) = nodes["recoloured"].parameters["edits"]
     (remove,) = nodes["without_object"].parameters["edits"]
     assert recolour["hue"] == 75

@@ -13,13 +13,13 @@ from tests.stages.test_photos import take
 REPOSITORY = Path(__file__).parents[2]
 
 
-def test_splats_without_photos_are_imported_in_private(tmp_path: Path) -> None:
+def test_splats_without_photos_are_imported_in_private(tmp_path: Path, store: Path) -> None:
     take(tmp_path / "cover" / "a.jpg")
     write_ply(tmp_path / "message.ply", columns(20, 1))
     command = [sys.executable, "-m", "pipeline", "run", "workflows/hide_splats.yaml", "message_splats", "--serial"]
     given = (f"cover={tmp_path / 'cover'}", f"message={tmp_path / 'message.ply'}", "up=z")
     finished = subprocess.run(
-        [*command, "--json", "--store", str(tmp_path / "store"), *(f"--set={one}" for one in given)],
+        [*command, "--json", "--store", str(store), *(f"--set={one}" for one in given)],
         cwd=REPOSITORY,
         capture_output=True,
         text=True,

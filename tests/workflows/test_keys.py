@@ -19,6 +19,7 @@ from pipeline.keys import key_of, key_parts
 from pipeline.project import open_project
 
 ROOT = Path(__file__).parents[2]
+PACKAGES = ("stages", "opencl")
 WORKFLOWS = ROOT / "workflows"
 RENDERING = {"seal", "train_scene", "render_hidden", "hide_scenes", "evaluate", "time_frames", "render_path"}
 HIDING = {"seal", "hide_scenes", "evaluate", "time_frames", "render_path"}
@@ -30,11 +31,23 @@ class Copied:
     def __init__(self, root: Path, store: Path) -> None:
         self.root = root
         self.store = store
-        for package in ("stages", "opencl"):
+        for package in PACKAGES:
             shutil.copytree(ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__"))
         self.photos = root / "photos"
         self.photos.mkdir()
         (self.photos / "a.jpg").write_bytes(b"1")
+        self._unedited = self._sources()
+
+    def _sources(self) -> dict[Path, bytes]:
+        return {file: file.read_bytes() for package in PACKAGES for file in (self.root / package).rglob("*.*")}
+
+    def undo_edits(self) -> None:
+        """What was not edited keeps its looks, so that it is not parsed again."""
+        for file, content in self._sources().items():
+            if file not in self._unedited:
+                file.unlink()
+            elif content != self._unedited[file]:
+                file.write_bytes(self._unedited[file])
 
     def nodes(self, *settings: str, workflow: str = "hide_multi") -> dict[str, Node]:
         photos = (f"cover={self.photos}", f"message={self.photos}") if workflow == "hide_photos" else ()
@@ -64,16 +77,16 @@ def key(node: Node) -> str:
 
 
 @pytest.fixture(scope="module")
-def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One for all, since it remembers what stages declare."""
-    return tmp_path_factory.mktemp("store")
+def tree(tmp_path_factory: pytest.TempPathFactory) -> Copied:
+    """One for all, as is its store, which remembers what sources hold and what stages declare."""
+    return Copied(tmp_path_factory.mktemp("sources"), tmp_path_factory.mktemp("store"))
 
 
 @pytest.fixture
-def copied(tmp_path: Path, store: Path, monkeypatch: pytest.MonkeyPatch) -> Copied:
-    copied = Copied(tmp_path, store)
-    monkeypatch.setattr(fingerprint, "_folders_of", lambda package: (tmp_path / package,))
-    return copied
+def copied(tree: Copied, monkeypatch: pytest.MonkeyPatch) -> Iterator[Copied]:
+    monkeypatch.setattr(fingerprint, "_folders_of", lambda package: (tree.root / package,))
+    yield tree
+    tree.undo_edits()
 
 
 @pytest.mark.parametrize("workflow", ["hide_multi", "hide_photos"])
@@ -142,7 +155,7 @@ def test_the_engine_does_not_count(copied: Copied) -> None:
 
 def test_what_lies_beside_the_sources_is_declared(copied: Copied) -> None:
     """What a module reads besides Python must be among its `RESOURCES`, or its edits would go unnoticed."""
-    sources = fingerprint.SourceTree(("stages", "opencl"))
+    sources = fingerprint.SourceTree(PACKAGES)
     declared = {
         path.parent / name
         for path in [*copied.root.glob("stages/**/*.py"), *copied.root.glob("opencl/**/*.py")]
@@ -150,7 +163,7 @@ def test_what_lies_beside_the_sources_is_declared(copied: Copied) -> None:
         if module
         for name in module.definitions
     }
-    for package in ("stages", "opencl"):
+    for package in PACKAGES:
         for file in (copied.root / package).rglob("*"):
             if file.is_file() and file.suffix != ".py" and file.name != "README.md" and "bench" not in file.parts:
                 assert file in declared, f"{file.relative_to(copied.root)} is in no RESOURCES"

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -29,10 +30,12 @@ SMALL = {
     "cover_photos.width": 256,
     "cover_photos.height": 192,
     "cover_photos.samples": 1,
+    "cover_photos.processes": 1,  # each builds its scene, which takes longer than so few small pictures
     "cover.poses": "given",
     "message_photos.width": 256,
     "message_photos.height": 192,
     "message_photos.samples": 1,
+    "message_photos.processes": 1,
     "message.poses": "given",
     "timings.frames": 2,
     "path.frames": 4,
@@ -65,8 +68,8 @@ def run(store: Path, *arguments: str, **changes: object) -> tuple[int, list[dict
 
 
 @pytest.fixture(scope="module")
-def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("store")
+def store(tmp_path_factory: pytest.TempPathFactory, new_store: Callable[[Path], Path]) -> Path:
+    folder = new_store(tmp_path_factory.mktemp("main_job") / "store")
     status, events, errors = run(folder)
     assert status == 0, errors
     assert events[-1]["event"] == "summary"

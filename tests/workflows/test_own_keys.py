@@ -21,7 +21,7 @@ FOR_OWNERS = {
 MAKE_CONTAINERS = {"hide_scenes", "hide_image", "add_grain"}
 
 
-def nodes(tmp_path: Path, workflow: str) -> dict[str, Node]:
+def nodes(tmp_path: Path, store: Path, workflow: str) -> dict[str, Node]:
     for name in ("one", "two", "three"):
         (tmp_path / name).mkdir(exist_ok=True)
         (tmp_path / name / "a.jpg").write_bytes(b"1")
@@ -29,12 +29,12 @@ def nodes(tmp_path: Path, workflow: str) -> dict[str, Node]:
     if workflow == "batch_pairs":
         pairs = [f"{{cover: {tmp_path}/{cover}, message: {tmp_path}/three}}" for cover in ("one", "two")]
         settings = [f"pairs=[{', '.join(pairs)}]"]
-    return dict(open_project(WORKFLOWS / f"{workflow}.yaml", tmp_path / "store", settings).graph.nodes)
+    return dict(open_project(WORKFLOWS / f"{workflow}.yaml", store, settings).graph.nodes)
 
 
 @pytest.mark.parametrize("workflow", FOR_OWNERS)
-def test_a_key_depends_on_all_that_its_container_holds(tmp_path: Path, workflow: str) -> None:
-    found = nodes(tmp_path, workflow)
+def test_a_key_depends_on_all_that_its_container_holds(tmp_path: Path, store: Path, workflow: str) -> None:
+    found = nodes(tmp_path, store, workflow)
     makers = [node for node in found.values() if node.uses in MAKE_CONTAINERS]
     assert makers
     for maker in makers:
@@ -46,14 +46,14 @@ def test_a_key_depends_on_all_that_its_container_holds(tmp_path: Path, workflow:
 
 
 @pytest.mark.parametrize("workflow", FOR_OWNERS)
-def test_gaussians_from_before_the_grain_are_private(tmp_path: Path, workflow: str) -> None:
+def test_gaussians_from_before_the_grain_are_private(tmp_path: Path, store: Path, workflow: str) -> None:
     """Beside the published ones they show how every coin fell."""
-    found = nodes(tmp_path, workflow)
+    found = nodes(tmp_path, store, workflow)
     for maker in (node for node in found.values() if node.uses == "add_grain"):
         (before,) = maker.sources["container"]
         assert found[before.node].private
 
 
-def test_pairs_of_a_batch_have_a_key_each(tmp_path: Path) -> None:
-    makers = [node for node in nodes(tmp_path, "batch_pairs").values() if node.uses == "hide_scenes"]
+def test_pairs_of_a_batch_have_a_key_each(tmp_path: Path, store: Path) -> None:
+    makers = [node for node in nodes(tmp_path, store, "batch_pairs").values() if node.uses == "hide_scenes"]
     assert len({maker.sources["key"] for maker in makers}) == len(makers) == 2

@@ -18,10 +18,10 @@ def example_in(text: str) -> str:
     return textwrap.dedent(example)
 
 
-def test_the_example_is_whole(tmp_path: Path) -> None:
+def test_the_example_is_whole(tmp_path: Path, store: Path) -> None:
     example = example_in((WORKFLOWS / "README.md").read_text())
     file = tmp_path / "marked.yaml"
     file.write_text(example)
     take(tmp_path / "photos" / "a.jpg")
-    project = open_project(file, tmp_path / "store", [f"photos={tmp_path / 'photos'}"])
+    project = open_project(file, store, [f"photos={tmp_path / 'photos'}"])
     assert len(project.graph.nodes) == example.count("uses:")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ ROW = re.compile(r'- \{cover: (\w+), .*message: "?(?:\$\{)?(\w+)\}?"?, .*method:
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def data(tmp_path_factory: pytest.TempPathFactory, new_store: Callable[[Path], Path]) -> Path:
     folder = tmp_path_factory.mktemp("data")
     for scene in (*OUTDOORS, *INDOORS, "db/playroom"):
         for images, size in (("images", (64, 48)), ("images_2", (32, 24)), ("images_4", (16, 12))):
@@ -28,6 +29,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 take(folder / scene / images / "a.jpg", size)
                 take(folder / scene / images / "b two.jpg", size)
         write_binary_model(folder / scene / "sparse" / "0")
+    new_store(folder / "store")
     return folder
 
 

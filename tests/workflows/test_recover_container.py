@@ -77,10 +77,10 @@ def given(place: Path, kept: Path) -> list[str]:
     return [f"--set=found={place}", f"--set=hidden={kept}"]
 
 
-def test_what_was_stolen_shows_its_owner_the_message(tmp_path: Path) -> None:
+def test_what_was_stolen_shows_its_owner_the_message(tmp_path: Path, store: Path) -> None:
     kept = hidden(tmp_path)
     stolen(kept / "published.bundle", tmp_path / "found")
-    made = run(WORKFLOW, tmp_path / "store", *given(tmp_path / "found", kept))
+    made = run(WORKFLOW, store, *given(tmp_path / "found", kept))
     figures = {row.quantity: row.value for row in read_measurements(load(made["recovered"]["figures"]))}
     assert figures[IS_YOURS] == 1
     assert figures["degrees"] == pytest.approx(90, abs=1e-3)
@@ -107,14 +107,14 @@ def test_what_was_stolen_shows_its_owner_the_message(tmp_path: Path) -> None:
     assert "your container" not in public
 
 
-def test_what_is_not_his_is_told(tmp_path: Path) -> None:
+def test_what_is_not_his_is_told(tmp_path: Path, store: Path) -> None:
     kept = hidden(tmp_path)
     rows = plyfile.PlyData.read(str(kept / "published.bundle" / "container.ply"))["vertex"].data
     others = np.random.default_rng(1)
     foreign = write_ply(tmp_path / "foreign.ply", {name: others.permutation(rows[name]) for name in rows.dtype.names})
-    command = [sys.executable, "-m", "pipeline", "run", str(WORKFLOW), "--store", str(tmp_path / "store"), "recovered"]
+    command = [sys.executable, "-m", "pipeline", "run", str(WORKFLOW), "--store", str(store), "--serial"]
     finished = subprocess.run(
-        [*command, *given(foreign, kept)], cwd=REPOSITORY, capture_output=True, text=True, check=False
+        [*command, "recovered", *given(foreign, kept)], cwd=REPOSITORY, capture_output=True, text=True, check=False
     )
     assert finished.returncode == 1
     assert "recovered: failed" in finished.stderr

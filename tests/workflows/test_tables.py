@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -70,11 +71,12 @@ def test_ablations_vary_one_value_at_a_time() -> None:
 
 
 @pytest.fixture(scope="module")
-def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def photos(tmp_path_factory: pytest.TempPathFactory, new_store: Callable[[Path], Path]) -> Path:
     folder = tmp_path_factory.mktemp("photos")
     for seed, name in enumerate(("fox", "kitchen")):
         photograph(seed, folder / name)
     (folder / "boat.png").write_bytes(encode_png(read_picture(folder / "kitchen" / "000.png")[:, :100]))
+    new_store(folder / "store")
     return folder
 
 

@@ -42,8 +42,8 @@ def page(made: dict[str, dict[str, Path]], name: str) -> str:
     return (made["report"][name] / "report.html").read_text()
 
 
-def test_the_public_folder_shows_the_cover(tmp_path: Path, given: Path) -> None:
-    made = run(WORKFLOW, tmp_path / "store", f"--set=bundle={given / 'bundle'}")
+def test_the_public_folder_shows_the_cover(store: Path, given: Path) -> None:
+    made = run(WORKFLOW, store, f"--set=bundle={given / 'bundle'}")
     for name in ("owner", "public"):
         assert page(made, name).count("<video") == 1
         assert page(made, name).count("<img") == 6
@@ -51,9 +51,9 @@ def test_the_public_folder_shows_the_cover(tmp_path: Path, given: Path) -> None:
     assert "photos" not in page(made, "public")
 
 
-def test_a_friend_sees_the_message_beside_it(tmp_path: Path, given: Path) -> None:
+def test_a_friend_sees_the_message_beside_it(store: Path, given: Path) -> None:
     folders = [f"--set=bundle={given / 'bundle'}", f"--set=container.secret={given / 'secret_bundle'}"]
-    made = run(WORKFLOW, tmp_path / "store", *folders)
+    made = run(WORKFLOW, store, *folders)
     owner, public = page(made, "owner"), page(made, "public")
     assert f"what your secret shows in it: {MESSAGE}." in owner
     assert owner.count("<img") == 12
@@ -65,9 +65,9 @@ def test_a_friend_sees_the_message_beside_it(tmp_path: Path, given: Path) -> Non
         assert made[stage][output].stat().st_mode & 0o077 == 0
 
 
-def test_a_folder_without_cameras_says_what_to_ask_for(tmp_path: Path, given: Path) -> None:
+def test_a_folder_without_cameras_says_what_to_ask_for(tmp_path: Path, store: Path, given: Path) -> None:
     shutil.copytree(given / "bundle", tmp_path / "bundle", ignore=shutil.ignore_patterns("cameras.json"))
-    command = [sys.executable, "-m", "pipeline", "run", str(WORKFLOW), "--store", str(tmp_path / "store")]
+    command = [sys.executable, "-m", "pipeline", "run", str(WORKFLOW), "--store", str(store), "--serial"]
     finished = subprocess.run(
         [*command, f"--set=bundle={tmp_path / 'bundle'}"], cwd=REPOSITORY, capture_output=True, text=True, check=False
     )

@@ -53,9 +53,13 @@ def palette_of(picture: np.ndarray) -> np.ndarray:
     return np.bincount(cells, minlength=64) / len(cells)
 
 
-@pytest.mark.parametrize(
+EVERY_SCENE = pytest.mark.parametrize(
     "name", [pytest.param(name, marks=() if name == QUICKEST else pytest.mark.slow) for name in NAMES]
 )
+"""The others take ten seconds each to be built, and nobody edits them."""
+
+
+@EVERY_SCENE
 def test_every_ray_of_every_camera_meets_something_in_front_of_the_lens(name: str) -> None:
     poses, intrinsics = orbit(48, 48, 36, 0)
     y, x = np.mgrid[:36, :48] + 0.5
@@ -71,7 +75,7 @@ def test_every_ray_of_every_camera_meets_something_in_front_of_the_lens(name: st
     assert far / near > 3
 
 
-@pytest.mark.parametrize("name", NAMES)
+@EVERY_SCENE
 def test_pictures_are_neither_burnt_nor_dark_and_have_fine_and_coarse_detail(name: str) -> None:
     grey = pictures(name).mean(axis=-1) / 255
     assert 0.2 < grey.mean() < 0.75
@@ -82,12 +86,13 @@ def test_pictures_are_neither_burnt_nor_dark_and_have_fine_and_coarse_detail(nam
         assert np.abs(np.diff(small, axis=2)).mean() > 0.02
 
 
-@pytest.mark.parametrize("name", NAMES)
+@EVERY_SCENE
 def test_sift_finds_plenty(name: str) -> None:
     counts = [len(cv2.SIFT_create().detect(cv2.cvtColor(shown, cv2.COLOR_RGB2GRAY))) for shown in pictures(name)]
     assert min(counts) > 400
 
 
+@pytest.mark.slow
 def test_no_two_scenes_share_a_palette() -> None:
     palettes = {name: np.mean([palette_of(shown) for shown in pictures(name)], axis=0) for name in NAMES}
     assert len(NAMES) >= 4

@@ -1,0 +1,40 @@
+"""A store that has forgotten everything but what plans of other tests found out about the stages.
+
+The first plan in a new store parses all sources and imports all stages, for some seconds.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pipeline.opening import open_store
+
+PLANS = ("sources", "declarations")
+"""Folders of a store's cache."""
+
+
+@pytest.fixture(scope="session")
+def new_store() -> Callable[[Path], Path]:
+    """Makes a store in a folder that is not there yet."""
+    made: list[Path] = []
+
+    def make(folder: Path) -> Path:
+        open_store(folder)
+        for name in PLANS:
+            for other in made:
+                if (other / "cache" / name).is_dir():
+                    shutil.copytree(other / "cache" / name, folder / "cache" / name, dirs_exist_ok=True)
+        made.append(folder)
+        return folder
+
+    return make
+
+
+@pytest.fixture
+def store(tmp_path: Path, new_store: Callable[[Path], Path]) -> Path:
+    """The store of a test."""
+    return new_store(tmp_path / "store")
