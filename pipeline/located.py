@@ -161,13 +161,28 @@ class _Reader:
         self.fixed = fixed
         self.constructor = YAML(typ="safe", pure=True).constructor
         self.read = 0
+        self.known: dict[Node, Located] = {}
 
     def located(self, node: Node, depth: int) -> Located:
-        """The value of a node. Raises _TooLarge with the place where there are too many of them."""
-        place = self.place(node)
-        self.read += 1 + (len(node.value) // A_VALUE_OF_TEXT if isinstance(node, ScalarNode) else 0)
+        """The value of a node. Raises _TooLarge with the place where there are too many of them.
+
+        What an alias stands for is counted each time, and read once.
+        """
+        found = self.known.get(node)
+        if found is None or depth + found.depth > DEEPEST:
+            found = self.known[node] = self.read_anew(node, depth)
+        else:
+            self.count(found.size, found.place)
+        return found
+
+    def count(self, values: int, place: Place) -> None:
+        self.read += values
         if self.read > LARGEST:
             raise _TooLarge(place)
+
+    def read_anew(self, node: Node, depth: int) -> Located:
+        place = self.place(node)
+        self.count(1 + (len(node.value) // A_VALUE_OF_TEXT if isinstance(node, ScalarNode) else 0), place)
         if depth > DEEPEST:
             self.problems.add(place, f"nested more than {DEEPEST} levels deep")
             return Located(None, place, self.base)

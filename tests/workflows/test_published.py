@@ -23,10 +23,15 @@ stages:
 
 
 def run(workflow: Path, store: Path, *arguments: str) -> dict[str, dict[str, Path]]:
-    """The outputs of stages by name. In one process: each takes seconds to start, and workers have tests of their own."""
+    """The outputs of stages by name. All in one process, as each takes seconds to start."""
     command = [sys.executable, "-m", "pipeline", "run", str(workflow), "--store", str(store), "--json", "--serial"]
     finished = subprocess.run(
-        [*command, *arguments], cwd=REPOSITORY, capture_output=True, text=True, check=False, env=os.environ | {"OMP_NUM_THREADS": "1"}
+        [*command, *arguments],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
     )
     assert finished.returncode == 0, finished.stderr
     events = [json.loads(line) for line in finished.stdout.splitlines() if line.startswith("{")]
