@@ -26,13 +26,14 @@ demo: $(INSTALLED)
 	@echo "Hiding two scenes in a third: workflows/hide_multi.yaml (about a quarter of an hour on two cores)"
 	@$(BIN)/python -m pipeline run workflows/hide_multi.yaml --store "$(STORE)"
 
+# Tests start hundreds of Pythons, which would compile all that they import each time.
 test: $(INSTALLED) $(OCLGRIND) $(DEBIAN_POCL)
 	@echo "Lint, format, types, tests"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
-	@OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE $(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder \
-		--html=$(TEST_REPORT) --self-contained-html
+	@env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE \
+		$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder --html=$(TEST_REPORT) --self-contained-html
 
 # A workflow that fails holds up no other; one that is stopped (status 128 and more) does. What is there is kept.
 tables: $(INSTALLED)

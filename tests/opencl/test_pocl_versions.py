@@ -36,7 +36,7 @@ def other_pocl(tmp_path):
 @pytest.mark.parametrize(
     ("name", "without"),
     [
-        ("test_rasterizer", ""),
+        ("test_rasterizer", "gpu"),  # whose kernels no CPU runs but in tests
         ("test_convolution", "threads"),
         ("test_pixel_decoder", "threads"),
         pytest.param("test_gradients", "gradcheck", marks=pytest.mark.slow),

@@ -26,7 +26,7 @@ REPOSITORY = Path(__file__).parents[2]
 SMALL = {
     "width": 64,
     "iterations": 30,
-    "views": 24,
+    "views": 18,
     "cover_photos.width": 256,
     "cover_photos.height": 192,
     "cover_photos.samples": 1,

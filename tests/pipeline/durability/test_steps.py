@@ -38,8 +38,9 @@ def test_killed(tmp_path: Path, where: str) -> None:
     assert sum("/objects" in step or "/actions" in step for step in last["step"]) > 0
 
 
-@pytest.mark.parametrize("where", ["commit", pytest.param("run", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("how", ["full", *(pytest.param(how, marks=pytest.mark.slow) for how in ("broken", "denied"))])
+@pytest.mark.slow  # a full disk is also tested as one, in test_disk.py
+@pytest.mark.parametrize("where", ["commit", "run"])
+@pytest.mark.parametrize("how", ["full", "broken", "denied"])
 def test_a_failed_write_fails_the_stage(tmp_path: Path, how: str, where: str) -> None:
     """And if it fails nothing, then because nothing was lost but a link, a log line or an explanation."""
     *failed, _ = stopped_at_every_step(tmp_path, how, where)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -15,13 +16,17 @@ from tests.stages.hiding.relocalisation.scenes import beside, cloud, photograph,
 
 GAUSSIANS, METHOD = cloud()
 RIG = rig()
-LANDMARKS = landmarks(GAUSSIANS, METHOD, RIG)
 EXPECTED = np.median(RIG.intrinsics, axis=0)
+
+
+@cache
+def known() -> Landmarks:
+    return landmarks(GAUSSIANS, METHOD, RIG)
 
 
 def seen(camera: Cameras) -> np.ndarray:
     """Where the landmarks that are about the middle of the picture lie in it, in pixels."""
-    places = (LANDMARKS.points @ camera.world_to_camera[0, :3, :3].T + camera.world_to_camera[0, :3, 3]) @ (
+    places = (known().points @ camera.world_to_camera[0, :3, :3].T + camera.world_to_camera[0, :3, 3]) @ (
         camera.intrinsics[0].T
     )
     return places[:, :2] / places[:, 2:]
@@ -55,20 +60,20 @@ def test_the_camera_of_a_picture_is_found(cut: bool) -> None:
         intrinsics = true.intrinsics.copy()
         intrinsics[:, :2, 2] -= 20, 10
         true = replace(true, intrinsics=intrinsics, width=96, height=72)
-    guessed = recognised(picture, LANDMARKS, EXPECTED)
+    guessed = recognised(picture, known(), EXPECTED)
     assert guessed is not None
     assert off(guessed, true) < 3
     found = aligned(picture, GAUSSIANS, METHOD, guessed)
     assert off(found, true) < 0.25
-    again = recognised(picture, LANDMARKS, EXPECTED)
+    again = recognised(picture, known(), EXPECTED)
     assert again is not None
     np.testing.assert_array_equal(again.world_to_camera, guessed.world_to_camera)
 
 
 def test_other_pictures_are_of_no_camera() -> None:
     stranger, method = cloud(seed=7)
-    assert recognised(photograph(stranger, method, RIG.select(["0"])), LANDMARKS, EXPECTED) is None
-    assert recognised(np.full((96, 128, 3), 90, np.uint8), LANDMARKS, EXPECTED) is None
+    assert recognised(photograph(stranger, method, RIG.select(["0"])), known(), EXPECTED) is None
+    assert recognised(np.full((96, 128, 3), 90, np.uint8), known(), EXPECTED) is None
 
 
 def test_without_landmarks_nothing_is_recognised() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from stages.hiding.watermark.colors import COLORS, GRAIN
 from stages.hiding.watermark.grain import grained
 from stages.hiding.watermark.reading import CERTAIN, GrainReader, is_colorless
 from stages.imaging.distortions import jpeg, noisy
-from stages.imaging.pictures import resize_picture, through_jpeg
+from stages.imaging.pictures import Picture, resize_picture, through_jpeg
 from stages.scene.cameras import single_cameras
 from tests.stages.hiding.relocalisation.scenes import HEIGHT, WIDTH, beside, cloud, photograph, rig
 
@@ -30,11 +31,23 @@ def throws(seed: int) -> Float[Tensor, "N K"]:
 
 
 COINS = thrown(len(GAUSSIANS), np.random.default_rng(SECRET))
-READER = GrainReader(GAUSSIANS, METHOD, RIG, throws(SECRET))
-MARKED = photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS), METHOD, beside(RIG))
-CLEAN = photograph(GAUSSIANS, METHOD, beside(RIG))
 FRAMES = [((128, 96), 24, 0, 0), ((384, 288), 0, 100, 0), ((256, 192), 60, 60, 255)]
 """Size of the picture in it, how wide the frame is above and below, left and right, and its colour."""
+
+
+@cache
+def reader() -> GrainReader:
+    return GrainReader(GAUSSIANS, METHOD, RIG, throws(SECRET))
+
+
+@cache
+def marked_render() -> Picture:
+    return photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS), METHOD, beside(RIG))
+
+
+@cache
+def clean_render() -> Picture:
+    return photograph(GAUSSIANS, METHOD, beside(RIG))
 
 
 def test_chance_has_mean_zero_and_deviation_one() -> None:
@@ -51,14 +64,14 @@ def test_chance_has_mean_zero_and_deviation_one() -> None:
 
 def test_grain_is_found_by_who_knows_the_coins() -> None:
     picture = photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS), METHOD, beside(RIG))
-    assert READER.score(picture) > 2 * CERTAIN
-    assert READER.certainty(picture) > 0.99
+    assert reader().score(picture) > 2 * CERTAIN
+    assert reader().certainty(picture) > 0.99
     generator = np.random.default_rng(0)
     for distortion in (jpeg(90), jpeg(70), jpeg(50, full_color=True), noisy(5.0)):
-        assert READER.score(distortion.apply(picture, generator)) > CERTAIN
+        assert reader().score(distortion.apply(picture, generator)) > CERTAIN
     another = GrainReader(GAUSSIANS, METHOD, RIG, throws(SECRET + 1))
     assert abs(another.score(picture)) < 5
-    assert READER.score(picture) == READER.score(picture)
+    assert reader().score(picture) == reader().score(picture)
 
 
 @pytest.mark.parametrize(("known", "drowns"), [(SECRET, True), (SECRET + 1, False), (SECRET + 2, False)])
@@ -70,31 +83,31 @@ def test_a_grain_drowns_in_no_decoys_but_its_own(known: int, drowns: bool) -> No
     change = 4.0 * pattern / pattern.std()  # levels of 255
     marked = photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS), METHOD, beside(RIG))
     changed = np.clip(np.rint(marked + change[..., None] * COLORS[GRAIN].double().numpy()), 0, 255).astype(np.uint8)
-    score = standard_score(changed, GAUSSIANS, METHOD, camera, READER.throws)
+    score = standard_score(changed, GAUSSIANS, METHOD, camera, reader().throws)
     assert (score < CERTAIN) == drowns
 
 
 def test_what_has_no_grain_shows_nothing() -> None:
     clean = photograph(GAUSSIANS, METHOD, beside(RIG))
-    assert abs(READER.score(clean)) < 5
+    assert abs(reader().score(clean)) < 5
     stranger, method = cloud(seed=7)
-    assert READER.score(photograph(stranger, method, RIG.select(["0"]))) == 0
+    assert reader().score(photograph(stranger, method, RIG.select(["0"]))) == 0
     for seed in range(4):  # some are recognised, by chance, as taken from somewhere
         noise = np.random.default_rng(seed).integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8)
-        assert abs(READER.score(noise)) < 5
-    assert READER.certainty(np.zeros((HEIGHT, WIDTH, 3), np.uint8)) == pytest.approx(0, abs=0.01)
+        assert abs(reader().score(noise)) < 5
+    assert reader().certainty(np.zeros((HEIGHT, WIDTH, 3), np.uint8)) == pytest.approx(0, abs=0.01)
 
 
 @pytest.mark.parametrize("size", [(77, 58), (64, 48), (51, 38), (384, 288)])
 def test_grain_is_found_in_pictures_of_another_size(size: tuple[int, int]) -> None:
     """A camera is found in a reduced picture as it is, too, with the focal length of the rig, where no grain is."""
-    assert READER.score(resize_picture(MARKED, *size)) > CERTAIN
-    assert abs(READER.score(resize_picture(CLEAN, *size))) < 5
+    assert reader().score(resize_picture(marked_render(), *size)) > CERTAIN
+    assert abs(reader().score(resize_picture(clean_render(), *size))) < 5
 
 
 @pytest.mark.parametrize("window", [np.s_[10:82, 20:116], np.s_[24:72, 32:96]])
 def test_grain_is_found_in_a_window(window: tuple[slice, slice]) -> None:
-    assert READER.score(MARKED[window].copy()) > CERTAIN
+    assert reader().score(marked_render()[window].copy()) > CERTAIN
 
 
 @pytest.mark.parametrize(("size", "above", "left", "color"), FRAMES)
@@ -102,11 +115,11 @@ def test_a_frame_of_one_colour_hides_no_grain(size: tuple[int, int], above: int,
     """Letterboxed, pillarboxed, on a page: in the whole file's middle, at the whole file's size, nothing is."""
     marked, clean = (
         np.pad(resize_picture(picture, *size), ((above, above), (left, left), (0, 0)), constant_values=color)
-        for picture in (MARKED, CLEAN)
+        for picture in (marked_render(), clean_render())
     )
-    assert READER.score(marked) > CERTAIN
-    assert READER.score(through_jpeg(marked, 95)) > CERTAIN
-    assert abs(READER.score(clean)) < 5
+    assert reader().score(marked) > CERTAIN
+    assert reader().score(through_jpeg(marked, 95)) > CERTAIN
+    assert abs(reader().score(clean)) < 5
 
 
 def test_a_scene_before_a_background_of_one_colour_needs_none_of_it() -> None:
@@ -117,15 +130,15 @@ def test_a_scene_before_a_background_of_one_colour_needs_none_of_it() -> None:
         grained(GAUSSIANS, METHOD, RIG, 3.0, COINS), METHOD, replace(beside(RIG), world_to_camera=pose)
     )
     for size in ((512, 384), (128, 96), (72, 54)):
-        assert READER.score(resize_picture(picture, *size)) > CERTAIN
+        assert reader().score(resize_picture(picture, *size)) > CERTAIN
 
 
 def test_what_has_no_colour_tells_nothing() -> None:
-    grey = np.repeat(MARKED[..., 1:2], 3, axis=-1)
+    grey = np.repeat(marked_render()[..., 1:2], 3, axis=-1)
     assert is_colorless(grey)
-    assert not is_colorless(MARKED)
-    assert READER.score(grey) == 0
-    assert READER.score(np.full((HEIGHT, WIDTH, 3), (200, 30, 30), np.uint8)) == 0
+    assert not is_colorless(marked_render())
+    assert reader().score(grey) == 0
+    assert reader().score(np.full((HEIGHT, WIDTH, 3), (200, 30, 30), np.uint8)) == 0
 
 
 def test_a_camera_that_sees_nothing_tells_nothing() -> None:
