@@ -70,6 +70,12 @@ HEAVY = {
 ON_BOTH = ("attacked", "watermark_detected", "secrecy")
 """Jobs of which a part stays on the CPU: attacks but re-optimisation, and readings but surrogates."""
 
+SLOW = (
+    *("views_of_splats_alone", "scores_of_an_image", "revealed", "finetuned", "imprinted_splats"),
+    *("codec_trained", "decoder_tuned", "watermark_detected", "grain_found"),
+)
+"""Jobs that move to a GPU what others move, too, or that hide nothing; `pytest -m slow` runs them."""
+
 Inputs = dict[str, Artifact | tuple[Artifact, ...]]
 
 HIDING = {"iterations": 6, "decoder_width": 8, "feature_dim": 8}
@@ -239,7 +245,9 @@ def inputs_of(job: Job, made: Callable[[str], dict[str, Artifact]]) -> Inputs:
     return found
 
 
-@pytest.mark.parametrize("name", JOBS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in JOBS]
+)
 def test_a_stage(name: str, on_cpu: Callable[[str], dict[str, Artifact]], tmp_path: Path) -> None:
     job, expected = JOBS[name], on_cpu(name)
     working_on[0] = GPU

@@ -16,8 +16,21 @@ CHECKS = Path(__file__).with_name("pretended_gpu_checks.py")
 
 
 @pytest.mark.skipif(not available, reason="this torch can be told of no device that is written in Python")
-def test_stages_make_the_bits_of_the_cpu() -> None:
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", str(CHECKS)]
+@pytest.mark.parametrize("which", ["not slow", pytest.param("slow", marks=pytest.mark.slow)])
+def test_stages_make_the_bits_of_the_cpu(which: str) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "no:xdist",
+        "-m",
+        which,
+        str(CHECKS),
+    ]
     environment = {**os.environ, DEVICE_VARIABLE: "portable computing", "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, env=environment, cwd=CHECKS.parents[2], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
