@@ -18,7 +18,8 @@ from opencl.program import Schedule
 from opencl.rasterizer import _rasterize_on
 from tests.opencl.scenes import Scene, gradients, make_scene
 
-BOTH = pytest.mark.parametrize("schedule", ["cpu", "gpu"])
+SOME = pytest.mark.parametrize("schedule", ["cpu", pytest.param("gpu", marks=pytest.mark.slow)])
+"""By the kernels for GPUs on demand: on a GPU, tests.benchmarks.nvidia asks the same of them."""
 
 
 def draw(backend: Backend, scene: Scene) -> tuple[RasterOutput, tuple[Tensor, ...]]:
@@ -41,13 +42,13 @@ def digest_on(schedule: Schedule) -> str:
     return digest(Backend(choose_device(), schedule=schedule))
 
 
-@BOTH
+@SOME
 def test_twenty_runs(schedule):
     backend = Backend(choose_device(), schedule=schedule)
     assert len({digest(backend) for _ in range(20)}) == 1
 
 
-@pytest.mark.parametrize("schedule", ["cpu", pytest.param("gpu", marks=pytest.mark.slow)])
+@SOME
 def test_any_number_of_threads(schedule, tmp_path):
     digests = set()
     for threads in ("1", "5"):
@@ -63,7 +64,7 @@ def test_any_number_of_threads(schedule, tmp_path):
     assert len(digests) == 1
 
 
-@BOTH
+@pytest.mark.parametrize("schedule", ["cpu", "gpu"])
 def test_copies_give_the_same_bits_as_shared_memory(schedule):
     scene = make_scene(count=100, feature_dim=3, dtype=torch.float32)
     results = []

@@ -115,6 +115,7 @@ def test_a_gsplat_that_cannot_be_compiled_is_no_failure_of_ours(monkeypatch, cap
 
 
 @pytest.mark.usefixtures("queued", "small")
+@pytest.mark.slow  # one by one they are test_nvidia_checks.py's
 def test_all_checks_hold_where_the_cpu_stands_in_for_the_gpu(backend, monkeypatch, capsys, tmp_path):
     monkeypatch.setitem(sys.modules, "gsplat", gsplat_on_the_cpu())
     monkeypatch.setattr(nvidia, "gpu_backend", lambda: backend)

@@ -61,7 +61,7 @@ def test_no_race_and_nothing_out_of_bounds(oclgrind, schedule, feature_dim, dtyp
     assert float(printed) < (1e-4 if dtype == "float32" else 1e-9)
 
 
-@pytest.mark.parametrize("schedule", SCHEDULES)
+@pytest.mark.parametrize("schedule", ["cpu", pytest.param("gpu", marks=pytest.mark.slow)])
 def test_batches_that_follow_each_other(oclgrind, schedule):
     printed, reports = oclgrind("crowd", schedule, **(AS_WRITTEN if schedule == "gpu" else {}))
     assert reports == []

@@ -37,8 +37,8 @@ def other_pocl(tmp_path):
     ("name", "without"),
     [
         ("test_rasterizer", "gpu"),  # whose kernels no CPU runs but in tests
-        ("test_convolution", "threads"),
         ("test_pixel_decoder", "threads"),
+        pytest.param("test_convolution", "threads", marks=pytest.mark.slow),
         pytest.param("test_gradients", "gradcheck", marks=pytest.mark.slow),
         pytest.param("test_determinism", "", marks=pytest.mark.slow),
         pytest.param("test_shapes", "", marks=pytest.mark.slow),

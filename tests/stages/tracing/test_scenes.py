@@ -102,6 +102,7 @@ def test_no_two_scenes_share_a_palette() -> None:
                 assert np.abs(palettes[first] - palettes[second]).sum() / 2 > 0.3, (first, second)
 
 
+@pytest.mark.slow
 def test_the_seed_changes_a_scene_s_paint() -> None:
     first, again, other = world("courtyard"), build("courtyard", 0), build("courtyard", 1)
     assert all(np.array_equal(one, two) for one, two in zip(first.pages, again.pages, strict=True))
