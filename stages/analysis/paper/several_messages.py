@@ -35,7 +35,7 @@ from stages.analysis.paper.runs import Run, Study, by_kind
 
 
 def several_messages(study: Study, tables: Published) -> Chapter:
-    """Scenes that hide one message, and more."""
+    """Scenes that hide one message, and more; of each method the fewest first, whichever was made first."""
     hiding = study.select(lambda run: bool(run.messages) and not run.hides_image)
     many = {run.method for run in hiding if len(run.messages) > 1}
     chosen = [run for run in hiding if run.method in many] + list(study.select(lambda run: run.method == PLAIN))
@@ -43,7 +43,7 @@ def several_messages(study: Study, tables: Published) -> Chapter:
     kinds = [
         (method, _title(title, alike), alike)
         for method, title, group in blocks(runs)
-        for alike in by_kind(group).values()
+        for alike in sorted(by_kind(group).values(), key=lambda runs: len(runs[0].messages))
     ]
     grids = [_grid(quantity, "test", kinds, study) for quantity in PICTURE_QUANTITIES]
     grids.append(_messages(kinds))

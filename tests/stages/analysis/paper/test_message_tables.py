@@ -49,6 +49,15 @@ def test_several_messages_are_shown_by_every_metric() -> None:
     assert found[name, second, "fox"]["Legal views"] == "1 of 2"
 
 
+def test_fewer_messages_come_first() -> None:
+    """Workflows train what takes longest first."""
+    names = ["reef", "library", "workshop"]
+    runs = [run("gs_hider", scene_rows("fox", "gs_hider", messages=names[:count])) for count in (3, 1, 2)]
+    listed = table(several_messages(Study(tuple(runs)), read_published()), "Several messages, test views: SSIM")
+    titles = dict.fromkeys(title for title, _, _ in listed)
+    assert list(titles) == ["GS-Hider, 1 message", "GS-Hider, 2 messages", "GS-Hider, 3 messages"]
+
+
 def test_a_message_by_itself_has_its_own_legal_views() -> None:
     """And all messages together have those of all."""
     legal = {"reef": 1.0, "library": 0.0}
