@@ -10,8 +10,9 @@ channels, on one core of Emerald Rapids, milliseconds here / by torch (oneDNN) /
     gradient of the input      5.6 / 10.2 / 20.2       75 / 160
     gradient of the weights    6.3 / 12.2 / 40.7       79 / 239
 
-On one core of Zen 3 (AVX2), by torch there: 9 / 18, 10 / 19 and 11 / 105 at 112 x 200. Products of matrices take 5 ms of
-each, which is what its multipliers can; more rows at a time (6), larger chunks of tiles (32, 48) changed nothing.
+On one core of Zen 3 (AVX2, 2.4 GHz), here / by torch, at 112 x 200: 9 / 18, 10 / 19 and 11 / 105. Products of matrices
+take 5 ms of each, which is about all that its multipliers can; six rows at a time and chunks of 32 or 48 tiles gave
+nothing.
 
 An iteration of GS-Hider, of which most are these, takes 0.6 of the time (two trainings side by side, 178 ms for 304).
 Rounding errors in float32, their root mean square over that of the result and over that of torch's errors (normally
