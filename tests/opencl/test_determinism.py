@@ -18,8 +18,8 @@ from opencl.program import Schedule
 from opencl.rasterizer import _rasterize_on
 from tests.opencl.scenes import Scene, gradients, make_scene
 
-SOME = pytest.mark.parametrize("schedule", ["cpu", pytest.param("gpu", marks=pytest.mark.slow)])
-"""By the kernels for GPUs on demand: on a GPU, tests.benchmarks.nvidia asks the same of them."""
+GPU_ON_DEMAND = pytest.mark.parametrize("schedule", ["cpu", pytest.param("gpu", marks=pytest.mark.slow)])
+"""On a GPU, `tests.benchmarks.nvidia` asks the same of its kernels."""
 
 
 def draw(backend: Backend, scene: Scene) -> tuple[RasterOutput, tuple[Tensor, ...]]:
@@ -42,13 +42,13 @@ def digest_on(schedule: Schedule) -> str:
     return digest(Backend(choose_device(), schedule=schedule))
 
 
-@SOME
+@GPU_ON_DEMAND
 def test_twenty_runs(schedule):
     backend = Backend(choose_device(), schedule=schedule)
     assert len({digest(backend) for _ in range(20)}) == 1
 
 
-@SOME
+@GPU_ON_DEMAND
 def test_any_number_of_threads(schedule, tmp_path):
     digests = set()
     for threads in ("1", "5"):

@@ -1,6 +1,6 @@
-"""A store that has forgotten everything but what plans of other tests found out about the stages.
+"""New stores for tests, which begin with what the plans of the one before them found out about the stages.
 
-The first plan in a new store parses all sources and imports all stages, for some seconds.
+The first plan in an empty store parses all sources and imports all stages, for some seconds.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import pytest
 from pipeline.opening import open_store
 
 PLANS = ("sources", "declarations")
-"""Folders of a store's cache."""
+"""Folders of a store's cache that hold it."""
 
 
 @pytest.fixture(scope="session")
@@ -25,9 +25,8 @@ def new_store() -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         open_store(folder)
         for name in PLANS:
-            for other in made:
-                if (other / "cache" / name).is_dir():
-                    shutil.copytree(other / "cache" / name, folder / "cache" / name, dirs_exist_ok=True)
+            if made and (made[-1] / "cache" / name).is_dir():
+                shutil.copytree(made[-1] / "cache" / name, folder / "cache" / name)
         made.append(folder)
         return folder
 

@@ -113,9 +113,8 @@ def test_what_is_not_his_is_told(tmp_path: Path, store: Path) -> None:
     others = np.random.default_rng(1)
     foreign = write_ply(tmp_path / "foreign.ply", {name: others.permutation(rows[name]) for name in rows.dtype.names})
     command = [sys.executable, "-m", "pipeline", "run", str(WORKFLOW), "--store", str(store), "--serial"]
-    finished = subprocess.run(
-        [*command, "recovered", *given(foreign, kept)], cwd=REPOSITORY, capture_output=True, text=True, check=False
-    )
+    command += ["recovered", *given(foreign, kept)]
+    finished = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert finished.returncode == 1
     assert "recovered: failed" in finished.stderr
     assert "nothing of what was published is recognised in it" in finished.stderr
