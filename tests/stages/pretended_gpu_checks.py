@@ -73,6 +73,7 @@ ON_BOTH = ("attacked", "watermark_detected", "secrecy")
 SLOW = (
     *("views_of_splats_alone", "scores_of_an_image", "revealed", "finetuned", "imprinted_splats"),
     *("codec_trained", "decoder_tuned", "watermark_detected", "grain_found"),
+    *("imprinted", "secrecy", "grained"),
 )
 """Jobs that move to a GPU what others move, too, or that hide nothing; `pytest -m slow` runs them."""
 
@@ -299,7 +300,9 @@ def training_on(device: torch.device, method: str) -> Training:
     return training
 
 
-@pytest.mark.parametrize("method", ["plain", "gs_hider", "homogeneous"])
+@pytest.mark.parametrize(
+    "method", [*(pytest.param(name, marks=pytest.mark.slow) for name in ("plain", "gs_hider")), "homogeneous"]
+)
 def test_a_training_that_goes_on_from_a_checkpoint(method: str) -> None:
     undisturbed = training_on(CPU, method)
     expected_rows = undisturbed.run(lambda: None)
