@@ -17,6 +17,7 @@ from jaxtyping import Float, Float32
 from torch import Tensor
 
 from stages.analysis import stored_views
+from stages.training.adam import Adam
 
 TRUNCATION = 3.0
 """In grey levels: what is larger is an edge, of which nothing is to be learnt but that it is one."""
@@ -111,7 +112,7 @@ def train_detector(
         torch.manual_seed(seed)
         detector = ResidualDetector().to(device)
     generator = np.random.default_rng(seed)
-    optimizer = torch.optim.Adam(detector.parameters(), lr=1e-3)
+    optimizer = Adam(detector.parameters(), lr=1e-3)
     for iteration in range(1, iterations + 1):
         both = [_places(scenes[int(generator.integers(len(scenes)))], size, generator) for _ in range(batch)]
         hidden, clean = (_logits(detector, [pair[side] for pair in both]) for side in (0, 1))

@@ -15,6 +15,7 @@ from stages.imaging.metric_table import MetricRow
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 from stages.timing.stopwatch import part
+from stages.training.adam import Adam
 from stages.training.averaging import Averages
 from stages.training.backward import in_one_thread
 from stages.training.curves import Curves
@@ -130,9 +131,9 @@ class Training:
             **settings.attribute_rates,
         }
 
-    def _network_optimizer(self) -> torch.optim.Adam | None:
+    def _network_optimizer(self) -> Adam | None:
         weights = [weight for network in self.method.networks.values() for weight in network.parameters()]
-        return torch.optim.Adam(weights, lr=self.settings.network_rate, fused=True) if weights else None
+        return Adam(weights, lr=self.settings.network_rate, fused=True) if weights else None
 
     def step(self, iteration: int) -> dict[str, float]:
         """One view, one step; `iteration` counts from 1. Returns the loss and each picture's squared error.

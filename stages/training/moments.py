@@ -7,8 +7,10 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from stages.training.adam import Adam
 
-def moments_of(adam: torch.optim.Adam | None, parameters: Mapping[str, Tensor]) -> dict[str, Tensor]:
+
+def moments_of(adam: Adam | None, parameters: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Both moments and the count of steps of every parameter that has taken one, under the parameter's name.
 
     Without an Adam there are none.
@@ -21,7 +23,7 @@ def moments_of(adam: torch.optim.Adam | None, parameters: Mapping[str, Tensor]) 
     }
 
 
-def set_moments(adam: torch.optim.Adam | None, parameters: Mapping[str, Tensor], tensors: Mapping[str, Tensor]) -> None:
+def set_moments(adam: Adam | None, parameters: Mapping[str, Tensor], tensors: Mapping[str, Tensor]) -> None:
     """Has Adam go on with copies of what `moments_of` gave; other tensors may lie among these."""
     for name, parameter in parameters.items():
         found = {key.rpartition("/")[2]: tensor for key, tensor in tensors.items() if key.rpartition("/")[0] == name}

@@ -20,6 +20,7 @@ from pipeline.checkpoint import Checkpoints, State
 from pipeline.errors import Interrupted
 from pipeline.stage import Context
 from stages.imaging.metric_table import MetricRow
+from stages.training.adam import Adam
 from stages.training.backward import in_one_thread
 from stages.training.divergence import refuse_divergence
 from stages.training.libraries import LIBRARIES
@@ -43,7 +44,7 @@ class NetworkTraining(ABC):
     ):
         self.network, self.weights, self.iterations = network, weights, iterations
         self.rate, self.final_rate = rate, final_rate
-        self.adam = torch.optim.Adam(self.parameter_groups(), lr=rate, fused=True)
+        self.adam = Adam(self.parameter_groups(), lr=rate, fused=True)
         self.history: list[list[float]] = []
 
     @property

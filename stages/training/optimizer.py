@@ -10,6 +10,7 @@ from jaxtyping import Int
 from torch import Tensor
 
 from stages.scene.gaussians import Gaussians
+from stages.training.adam import Adam
 
 EPSILON = 1e-15
 """3DGS's: its gradients are far smaller than Adam's default epsilon is made for."""
@@ -27,7 +28,7 @@ class GaussianOptimizer:
         self.gaussians = gaussians
         for name, tensor in gaussians.parameters.items():
             gaussians.parameters[name] = tensor.detach().requires_grad_()
-        self.adam = torch.optim.Adam(
+        self.adam = Adam(
             [
                 {"params": [gaussians.parameters[name]], "lr": rate, "name": name}
                 for name, rate in learning_rates.items()

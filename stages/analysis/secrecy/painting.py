@@ -18,6 +18,7 @@ from stages.analysis.secrecy.apart import TellsShares, hardly_shown
 from stages.analysis.secrecy.observing import Observed
 from stages.hiding.rendering import splat
 from stages.scene.gaussians import Gaussians
+from stages.training.adam import Adam
 
 STEPS = 400
 """Of Adam, each of which sees one whole view."""
@@ -47,7 +48,7 @@ def painted_surrogate(
     few = hardly_shown(gaussians, public)
     few = Gaussians({name: values.detach() for name, values in few.parameters.items()})
     paint = torch.zeros(len(few), 3 * len(seen[0].truths) + 1, requires_grad=True)
-    adam = torch.optim.Adam([paint], lr=RATE)
+    adam = Adam([paint], lr=RATE)
     for _ in range(STEPS):
         view = seen[int(generator.integers(len(seen)))]
         loss = (_shown(few, paint, view) - view.truths).square().mean()

@@ -20,6 +20,7 @@ from torch import Tensor
 from stages.analysis.secrecy.observing import Observed
 from stages.analysis.secrecy.readers import MESSAGE_DECODER, pixels_beyond, read
 from stages.hiding.method import Method
+from stages.training.adam import Adam
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def train_surrogate(
         raise ValueError("without a view there is nothing to train on")
     generator = np.random.default_rng(seed)
     decoder = reader.networks[MESSAGE_DECODER].requires_grad_()
-    adam = torch.optim.Adam(decoder.parameters(), lr=settings.rate)
+    adam = Adam(decoder.parameters(), lr=settings.rate)
     margin, device = pixels_beyond(reader), next(decoder.parameters()).device
     losses = []
     for step in range(settings.steps):
