@@ -3,8 +3,8 @@
 In homogeneous features a Gaussian says how much of it is the cover's. Whoever knows the method renders those alone that
 are not, and sees the messages, in false colours, without their decoder. The scene decoder reads a feature along few of
 its M dimensions. The rest, which holds the messages, becomes here what chance alone might have drawn: the cover stays
-as it is, and what is rendered of the rest is noise. Where a message's surfaces stand can still be told: means, sizes
-and opacities are not changed, nor how much of a Gaussian is the cover's.
+as it is, and what is rendered of the rest is noise. Where a message's surfaces stand can still be told: means, sizes,
+rotations and opacities are not changed, nor how much of a Gaussian is the cover's.
 
 The rest of each Gaussian is enciphered by itself, so that whoever takes some away takes nothing from others: not as it
 is, but as the direction and the distance by which it differs from what the owner expects (`Expected`). What comes out,
@@ -101,7 +101,8 @@ class Seal:
         feature being at a corner of the cube, stays as it is (`in_the_clear`). `method` has to be one that
         `can_be_sealed`, with its messages.
         """
-        places, centred, key = _Places.of(gaussians, method), _centred(gaussians), key_for(gaussians, method, drawn)
+        centred, key = _centred(gaussians), key_for(gaussians, method, drawn)
+        places = _Places.of(_with(gaussians, centred), method)  # of what can be stored, which is all that opens it
         expected = places.expected(centred)
         return cls(_with(gaussians, places.enciphered(centred, expected, key)), key, expected, places)
 

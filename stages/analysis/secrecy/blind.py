@@ -14,7 +14,16 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from stages.analysis.secrecy.apart import TellsShares, feature_maps_of, hardly_shown, surfaces_of
-from stages.analysis.secrecy.conditions import APART, CHANNELS, COMPONENTS, IGNORED, SHOWN, SURFACES, UNEXPLAINED
+from stages.analysis.secrecy.conditions import (
+    APART,
+    CHANNELS,
+    COMPONENTS,
+    HEEDED,
+    IGNORED,
+    SHOWN,
+    SURFACES,
+    UNEXPLAINED,
+)
 from stages.analysis.secrecy.linear import covariance, least_squares, neighbourhoods
 from stages.analysis.secrecy.observing import Observed
 from stages.hiding.coupled import CoupledFeatures
@@ -37,7 +46,8 @@ def blind_readings(gaussians: Gaussians, public: Method, views: Sequence[Observe
     UNEXPLAINED: those of what is left when the cover's picture, with neighbours, is regressed out. IGNORED, of methods
     with a scene decoder: directions along which features vary most for how little the scene decoder heeds them. APART,
     of methods that say how much of a Gaussian is the cover's: the same of those alone that are hardly the cover's;
-    SURFACES: how far away these are, and how much of a pixel they fill. Of fewer than three channels the rest are zero.
+    HEEDED: their components by what the scene decoder heeds, which no seal enciphers; SURFACES: how far away these are,
+    and how much of a pixel they fill. Of fewer than three channels the rest are zero.
     """
     maps = [seen.rendering.feature_map for seen in views]
     readings = {
@@ -52,6 +62,7 @@ def blind_readings(gaussians: Gaussians, public: Method, views: Sequence[Observe
             few = hardly_shown(gaussians, public)
             maps = feature_maps_of(few, public, views)
             readings[APART] = _along(maps, ignored_directions(maps, heeded))
+            readings[HEEDED] = _along(maps, heeded_directions(maps, heeded))
             readings[SURFACES] = surfaces_of(few, views)
     return {name: [pad(each, (0, SHOWN - each.shape[-1])) for each in found] for name, found in readings.items()}
 
@@ -86,6 +97,13 @@ def ignored_directions(maps: Sequence[Float[Tensor, "H W M"]], heeded: Float[Ten
     whitening = vectors * values.rsqrt()
     _, directions = torch.linalg.eigh(whitening.T @ covariance(maps) @ whitening)
     return (whitening @ directions.flip(1)[:, :SHOWN]).float()
+
+
+def heeded_directions(maps: Sequence[Float[Tensor, "H W M"]], heeded: Float[Tensor, "M M"]) -> Float[Tensor, "M C"]:
+    """Along which they differ most to the scene decoder, where it is as sensitive everywhere as on average."""
+    values, vectors = torch.linalg.eigh(heeded)
+    weighing = (vectors * values.clamp_min(0).sqrt()).float()
+    return weighing @ principal_directions([each @ weighing for each in maps])
 
 
 def stretched(maps: Maps) -> Maps:

@@ -32,6 +32,7 @@ COMPONENTS = "principal components"
 UNEXPLAINED = "what the cover does not explain"
 IGNORED = "what the scene decoder ignores"
 APART = "Gaussians that the cover hardly shows, by themselves"
+HEEDED = "those, by what the scene decoder heeds"
 SURFACES = "where those stand"
 ALL = "all channels together"
 """Of the feature map: three channels, as the paper shows it, and as a blind reader finds more in it than the cover; and

@@ -73,9 +73,8 @@ class HomogeneousDecoder(torch.nn.Module):
     """Features read along a few directions, divided by the share of the picture they belong to, then convolutions.
 
     `directions [P, M]` are u_k of the P pictures that this decoder shows, `readings [P, R, M]` what it reads of each.
-    Both are zeros until they are told, and learn nothing from there. The convolutions see for each picture its divided
-    readings and the share itself, without which nothing would tell black from grey, and 8 harmonics of the direction of
-    view.
+    Both are zeros until they are told. The convolutions see for each picture its divided readings and the share itself,
+    without which nothing would tell black from grey, and 8 harmonics of the direction of view.
     """
 
     reads_centred = True

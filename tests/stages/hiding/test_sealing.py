@@ -82,6 +82,15 @@ def test_saturated_features_leave_the_cover_as_it_is() -> None:
     torch.testing.assert_close(centred(back) @ read, centred(gaussians) @ read, rtol=0, atol=1e-3)
 
 
+def test_features_beyond_what_can_be_stored_come_back_as_they_can_be() -> None:
+    """Whoever seals goes by the same shares of the cover as whoever opens, who has only what was stored."""
+    method = homogeneous()
+    gaussians = some_gaussians(method, 1000, 8.0)
+    closed, opened = sealed(gaussians, method, KEY)
+    back = opened(closed, torch.arange(1000))
+    torch.testing.assert_close(centred(back), centred(gaussians).clamp(-FARTHEST, FARTHEST), rtol=0, atol=1e-5)
+
+
 @pytest.mark.parametrize("messages", [("message",), ("one", "another")])
 def test_gaussians_as_they_begin_are_given_back(messages: tuple[str, ...]) -> None:
     """Many belong to one picture alike: the smallest change of a share changes nothing of what is opened."""

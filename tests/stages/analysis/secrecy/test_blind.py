@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from stages.analysis.secrecy.blind import blind_readings, ignored_directions, sensitivity, stretched
+from stages.analysis.secrecy.blind import blind_readings, heeded_directions, ignored_directions, sensitivity, stretched
 from stages.analysis.secrecy.conditions import CHANNELS, COMPONENTS, IGNORED, UNEXPLAINED
 from stages.analysis.secrecy.measuring import picture_readings
 from stages.hiding.methods.gs_hider import GSHider, build
@@ -21,7 +21,7 @@ NO_GAUSSIANS = Gaussians({})
 
 @pytest.fixture
 def mixture() -> torch.Tensor:
-    return orthonormal_rows(6, M, np.random.default_rng(3))
+    return orthonormal_rows(6, M, np.random.default_rng(4))
 
 
 @pytest.fixture
@@ -70,6 +70,14 @@ def test_ignored_directions_weigh_variance_against_sensitivity() -> None:
     directions = ignored_directions(maps, torch.diag(torch.tensor([1e-2, 10.0, 1e-2, 1e-2], dtype=torch.float64)))
     first = directions[:, 0].abs() / directions[:, 0].abs().max()
     assert first.argmax() == 0
+
+
+def test_heeded_directions_show_nothing_of_what_is_not_heeded() -> None:
+    generator = torch.Generator().manual_seed(0)
+    maps = [torch.randn(30, 30, 4, generator=generator) * torch.tensor([1.0, 9.0, 0.5, 1.0])]
+    directions = heeded_directions(maps, torch.diag(torch.tensor([4.0, 0.0, 4.0, 0.1], dtype=torch.float64)))
+    assert directions[1].abs().max() < 1e-6
+    assert directions[:, 0].abs().argmax() == 0
 
 
 def test_stretching_uses_all_grey_values_and_leaves_constants_grey() -> None:
