@@ -8,10 +8,10 @@ that our own writer gives them is read, and a chunk unfolds into exactly what th
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import os
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -23,6 +23,9 @@ DESCRIPTION = "zarr.json"
 LARGEST_READ = 2**31  # bytes that a chunk may unfold into
 TYPE = re.compile(r"[<|]([biufc])(\d{1,2})")
 NAMES = {"b": "bool", "i": "int", "u": "uint", "f": "float", "c": "complex"}
+EMPTY = {"b": False, "i": 0, "u": 0, "f": 0.0, "c": [0.0, 0.0]}
+"""What zarr fills gaps with, by the kind of numbers."""
+HARDEST = 22  # level of Zstandard
 ZSTANDARD = b"\x28\xb5\x2f\xfd"
 SINGLE_SEGMENT, CHECKSUM, RESERVED_OR_DICTIONARY = 0x20, 0x04, 0x0B
 REPEATED_BYTE = 1  # kind of a block
@@ -62,32 +65,37 @@ def _bytes_of_a_chunk(where: Path, record: ArrayRecord) -> int:
 
 
 def _check_description(where: Path, record: ArrayRecord) -> None:
-    """Refuses a `zarr.json` that says anything else than the manifest, or names what we never use."""
+    """Refuses a `zarr.json` that says anything else than the manifest, or anything that our own writer does not say.
+
+    Texts are compared: to Python 1, 1.0 and True are the same, and to zarr they are not.
+    """
     try:
         found = parse_json(read_plain_file(where / DESCRIPTION))
-        codecs = list(_codecs(found))
-        same = (
-            found["zarr_format"] == 3
-            and found["node_type"] == "array"
-            and found["shape"] == list(record.shape)
-            and found["data_type"] == _name_of_type(record.dtype)
-            and found["chunk_grid"] == {"name": "regular", "configuration": {"chunk_shape": list(record.chunks)}}
-            and found["chunk_key_encoding"] == {"name": "default", "configuration": {"separator": "/"}}
-            and codecs == ["bytes", "zstd"]
-            and not found.get("storage_transformers")
-        )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        same = json.dumps(found, sort_keys=True) == json.dumps(_description(record, found), sort_keys=True)
+    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
         raise CorruptArtifact(f"{where / DESCRIPTION}: describes no array ({error})") from error
     if not same:
-        raise CorruptArtifact(f"{where / DESCRIPTION}: does not describe the array of the manifest")
+        raise CorruptArtifact(f"{where / DESCRIPTION}: does not describe the array of the manifest as we write it")
 
 
-def _codecs(found: Any) -> Iterator[str]:
-    for codec in found["codecs"]:
-        settings = codec.get("configuration", {})
-        if codec["name"] == "bytes" and settings.get("endian", "little") != "little":
-            raise ValueError("not little-endian")
-        yield codec["name"]
+def _description(record: ArrayRecord, found: Any) -> dict[str, Any]:
+    """What our writer says of such an array; how hard it packed is as it was found."""
+    level = found["codecs"][1]["configuration"]["level"]
+    if type(level) is not int or not 1 <= level <= HARDEST:
+        raise ValueError(f"packed by level {level!r}; expected 1 to {HARDEST}")
+    bytes_of = {"name": "bytes"} | ({"configuration": {"endian": "little"}} if int(record.dtype[2:]) > 1 else {})
+    return {
+        "zarr_format": 3,
+        "node_type": "array",
+        "shape": list(record.shape),
+        "data_type": _name_of_type(record.dtype),
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(record.chunks)}},
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+        "fill_value": EMPTY[record.dtype[1]],
+        "codecs": [bytes_of, {"name": "zstd", "configuration": {"level": level, "checksum": True}}],
+        "attributes": {},
+        "storage_transformers": [],
+    }
 
 
 def _name_of_type(code: str) -> str:

@@ -168,19 +168,26 @@ def _inputs(node: Node, old: Mapping[str, Any], new: Mapping[str, Any]) -> Itera
 
 
 def _items(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[Change]:
-    """What items are called and why they failed; how many there are is told of the inputs already."""
+    """What items are called and why they failed; how many there are is told of the inputs already.
+
+    An item is in a list once for each stage that an input gathers from it, and told of once.
+    """
     for name in new:
         before, after = old.get(name, []), new[name]
-        if len(before) != len(after):
-            continue
-        for was, now in zip(before, after, strict=True):
-            if was[0] != now[0]:
-                yield Change("item", name, f"input {name}: {was[0]} → {now[0]}", was[0], now[0])
-            elif was[1] != now[1]:
-                yield Change("item", name, f"input {name}: the values of {now[0]} changed", was[1], now[1])
-            elif was[2] and now[2] and was[2] != now[2]:
-                text = f"input {name}: {now[0]} failed otherwise: {_shown(was[2])} → {_shown(now[2])}"
-                yield Change("item", name, text, was[2], now[2])
+        if len(before) == len(after):
+            changes = [_item(name, was, now) for was, now in zip(before, after, strict=True)]
+            yield from {change.text: change for change in changes if change is not None}.values()
+
+
+def _item(name: str, was: Sequence[Any], now: Sequence[Any]) -> Change | None:
+    if was[0] != now[0]:
+        return Change("item", name, f"input {name}: {was[0]} → {now[0]}", was[0], now[0])
+    if was[1] != now[1]:
+        return Change("item", name, f"input {name}: the values of {now[0]} changed", was[1], now[1])
+    if was[2] and now[2] and was[2] != now[2]:
+        text = f"input {name}: {now[0]} failed otherwise: {_shown(was[2])} → {_shown(now[2])}"
+        return Change("item", name, text, was[2], now[2])
+    return None
 
 
 def _what_became(old: Mapping[str, str], new: Mapping[str, str]) -> dict[str, list[str]]:

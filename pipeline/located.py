@@ -12,6 +12,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from pipeline.canonical import Json
 from pipeline.errors import Place, Problem, WorkflowError
+from pipeline.plain_text import in_a_line
 
 Scalar = str | int | float | bool | None
 LONGEST_NUMBER = 1024  # bits, as many as a float's range; longer ones Python does not even print
@@ -222,9 +223,8 @@ class _Reader:
             return None
         if value is None or isinstance(value, Scalar):
             return value
-        self.problems.add(
-            place, f"{node.value!r} is neither text, a number, true, false nor null; quote it if it is text"
-        )
+        shown = in_a_line(repr(node.value))
+        self.problems.add(place, f"{shown} is neither text, a number, true, false nor null; quote it if it is text")
         return None
 
     def place(self, node: Node) -> Place:

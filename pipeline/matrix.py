@@ -24,6 +24,7 @@ from pipeline.table import COLUMN, COLUMN_WORDS, read_table
 
 EXAMPLE = "{cover: [a, b], message: [c, d]}, a list of rows [{cover: a, message: c}], or a CSV file"
 MOST_ROWS = 100_000
+LISTED = 4  # rows that are there twice, of which each is told
 LONGEST_LABEL = 40  # bytes of the label of one value; names of stages are names of files
 LONGEST_NAME = 120  # bytes of the label of a row
 PLAIN_LABEL = re.compile(r"[\w.+/-]+")
@@ -58,11 +59,10 @@ class Rows:
         """
         spelt = [canonical_json([row[column] for column in columns]) for row in self.plain]
         bases = [[str(text.base) for column in columns for text in row[column].texts()] for row in self.values]
-        found: dict[bytes, list[list[str]]] = {}
-        for spelling, where in zip(spelt, bases, strict=True):
-            found.setdefault(spelling, []).append(where)
+        first = dict(zip(reversed(spelt), reversed(bases), strict=True))
+        elsewhere = {spelling for spelling, where in zip(spelt, bases, strict=True) if where != first[spelling]}
         return [
-            spelling if all(other == where for other in found[spelling]) else spelling + canonical_json(where)
+            spelling + canonical_json(where) if spelling in elsewhere else spelling
             for spelling, where in zip(spelt, bases, strict=True)
         ]
 
@@ -243,12 +243,12 @@ def _report_strange_values(rows: Rows, problems: Problems) -> None:
 
 def _report_equal_rows(rows: Rows, problems: Problems) -> None:
     seen: dict[bytes, int] = {}
-    for index, identity in enumerate(rows.identities(rows.columns)):
-        if identity in seen:
-            places = [next(iter(rows.values[each].values())).place for each in (seen[identity], index)]
-            problems.add(places[1], f"this row is there twice; the first is at {places[0]}")
-        else:
-            seen[identity] = index
+    identities = rows.identities(rows.columns)
+    again = [(seen[each], row) for row, each in enumerate(identities) if seen.setdefault(each, row) < row]
+    for number, pair in enumerate(again[:LISTED], start=1):
+        first, second = (next(iter(rows.values[row].values())).place for row in pair)
+        more = f" (and {len(again) - LISTED} more such rows)" if number == LISTED < len(again) else ""
+        problems.add(second, f"this row is there twice; the first is at {first}{more}")
 
 
 def _label(values: Sequence[Json]) -> str | None:
@@ -271,7 +271,7 @@ def _value_label(value: Json) -> str | None:
     text = value if isinstance(value, str) else canonical_json(value).decode()
     if PLAIN_LABEL.fullmatch(text) and len(text.encode()) <= LONGEST_LABEL:
         return text.replace("/", ":")
-    last = re.sub(r"[^\w.+]+", "-", text.rstrip("/").rpartition("/")[2]).strip("-")
+    last = re.sub(r"[^\w.+]+", "-", text.rstrip("/").rpartition("/")[2]).strip("-")[:LONGEST_LABEL]
     while len(last.encode()) > LONGEST_LABEL - 9:
         last = last[:-1]
     return f"{last}-{digest_of(text)[:8]}"

@@ -24,6 +24,9 @@ to a share would change what is expected."""
 SMALLEST = 1e-4
 """Distance that is told from none: of logarithms those of nothing are not taken."""
 
+LARGEST = 1e6
+"""Reading or distance: of features in [0, 1] both are a few at most, and far larger ones make no numbers of them."""
+
 FACTS = ("expected_cover_shares", "expected_readings", "usual_distances", "farthest_distances")
 """What they are called among a secret's facts; readings one row after the other."""
 
@@ -78,8 +81,10 @@ class Expected:
             raise ValueError(f"{counts} expectations, by {rows} rows")
         if not all(np.isfinite(each).all() for each in (shares, readings, usual, farthest)):
             raise ValueError("expectations that are not finite")
-        if (np.diff(shares) <= 0).any() or (usual <= 0).any() or (farthest < usual).any():
+        if (np.diff(shares) <= 0).any() or (usual < SMALLEST).any() or (farthest < usual).any():
             raise ValueError("expected shares of the cover that do not ascend, or distances that are none")
+        if np.abs(np.concatenate([readings, farthest])).max() > LARGEST:
+            raise ValueError(f"expectations beyond {LARGEST:g}")
         return cls(shares, readings.reshape(len(shares), rows), usual, farthest)
 
 

@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Float, UInt8
 from numpy.typing import NDArray
 from PIL import Image
+from PIL.TiffImagePlugin import TiffImageFile
 from torch import Tensor
 
 from pipeline.errors import UserError
@@ -54,6 +55,7 @@ def read_picture(path: Path) -> Picture:
     """
     try:
         with open_picture(path) as image:
+            _refuse_missing_strips(image)
             image.load()
             return _to_rgb(upright(image))
     except _UNREADABLE as error:
@@ -64,6 +66,15 @@ def read_picture(path: Path) -> Picture:
             expected=f"a complete picture ({', '.join(FORMATS)}) of at most {MOST_PIXELS:,} pixels",
             remedy="Replace the file, save it smaller if it is too large, or take it out of the folder.",
         ) from error
+
+
+def _refuse_missing_strips(image: Image.Image) -> None:
+    """Of a TIFF, whose rows lie in strips or tiles: Pillow leaves what its file does not list black."""
+    if isinstance(image, TiffImageFile):
+        places = np.array([place for _, place, *_ in image.tile]).reshape(-1, 4)  # left, upper, right, lower
+        listed = int(np.prod(places[:, 2:] - places[:, :2], axis=1).sum())
+        if listed < image.width * image.height:
+            raise ValueError(f"{listed} of {image.width * image.height} pixels are in the file")
 
 
 def in_eight_bits(image: Image.Image) -> Image.Image:

@@ -24,6 +24,8 @@ LARGEST_FILE = 2**31
 """Bytes, of about ten million points: it is read into as much memory."""
 LONGEST_LINE = 2**20
 """Bytes of text, of which a point takes fifteen for each of the photos that see it."""
+LARGEST_ERROR = 1e6
+"""Pixels: a point's reprojection error beyond that counts as not measured."""
 COUNT = struct.Struct("<Q")
 POINT = np.dtype([("id", "<u8"), ("position", "<f8", 3), ("color", "u1", 3), ("error", "<f8"), ("views", "<u8")])
 """What comes before the views of a point in a binary model."""
@@ -165,7 +167,7 @@ def points_seen_by(points: ModelPoints, photos: Sequence[int]) -> KnownPoints | 
     if not kept.any():
         return None
     once = np.unique(seen * len(numbers) + rows[known])  # a photo may see a point in two places
-    measured = kept & np.isfinite(points.errors) & (points.errors >= 0)
+    measured = kept & (points.errors >= 0) & (points.errors <= LARGEST_ERROR)
     error = float(np.average(points.errors[measured], weights=views[measured])) if measured.any() else None
     return KnownPoints(
         points.positions[kept], points.colors[kept], np.bincount(once % len(numbers), minlength=len(numbers)), error

@@ -33,12 +33,20 @@ The parameters are the focal lengths, the principal point (two), then the distor
 """
 
 
+LONGEST, SHORTEST = 1e5, 1e-3
+"""Focal lengths, and the first also principal points off the corner, in longer sides of the picture. Beyond these no
+lens is, and float32 loses the pixel."""
+
+STRONGEST = 1e6
+"""Parameter of a distortion."""
+
+
 @dataclass(frozen=True)
 class Lens:
     """A camera's COLMAP model, its parameters in COLMAP's order, and the picture's size in pixels.
 
     Pixel centres are at +0.5. Raises `ValueError` for an unknown model, a wrong number of parameters, numbers that are
-    not finite and focal lengths that are not positive.
+    not finite, focal lengths that are not positive, and what no lens has (`LONGEST`, `SHORTEST`, `STRONGEST`).
     """
 
     model: str
@@ -56,6 +64,21 @@ class Lens:
             raise ValueError(f"a {self.model} camera's parameters are not finite: {self.parameters}")
         if min(self.parameters[: MODELS[self.model][0]]) <= 0 or min(self.width, self.height) < 1:
             raise ValueError(f"a camera has a focal length or a size that is not positive: {self}")
+        self._refuse_what_no_lens_has()
+
+    def _refuse_what_no_lens_has(self) -> None:
+        side, count = max(self.width, self.height), MODELS[self.model][0]
+        focal, centre = self.parameters[:count], self.parameters[count : count + 2]
+        distortion = self.parameters[count + 2 :]
+        if not SHORTEST * side <= min(focal) <= max(focal) <= LONGEST * side:
+            found, expected = f"focal lengths of {focal}", f"{SHORTEST:g} to {LONGEST:g} times its longer side"
+        elif max(map(abs, centre)) > LONGEST * side:
+            found, expected = f"a principal point at {centre}", f"at most {LONGEST:g} times its longer side off"
+        elif max(map(abs, distortion), default=0.0) > STRONGEST:
+            found, expected = f"distortion by {distortion}", f"at most {STRONGEST:g}"
+        else:
+            return
+        raise ValueError(f"a {self.model} camera of {self.width} x {self.height} has {found}; expected {expected}")
 
     @staticmethod
     def pinhole(matrix: Float64[np.ndarray, "3 3"], width: int, height: int) -> Lens:

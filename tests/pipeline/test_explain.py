@@ -216,3 +216,12 @@ def test_a_journal_is_read_no_oftener_for_many_stages(workspace: Workspace, monk
     assert {each.run for each in told if each.record} == {f"chain/{newest}"}
     assert {cause.text for each in told for cause in each.causes} == {"because twice: parameter factor: 2.0 → 7.0"}
     assert max(read.values()) == 2
+
+
+def test_an_item_of_which_an_input_gathers_two_stages_is_told_of_once(workspace: Workspace) -> None:
+    project = workspace.write(CHAIN).open()
+    node, known = project.graph.nodes["base"], Known(project.store)
+    same = {"stage": "a", "version": 1, "parameters": {}, "code": {}, "external": {}, "inputs": {}}
+    same |= {"private": False, "format": 1}
+    found = [same | {"items": {"scores": [["#4", digest, None], ["#4", digest, None]]}} for digest in ("old", "new")]
+    assert [change.text for change in changes(node, *found, known)] == ["input scores: the values of #4 changed"]

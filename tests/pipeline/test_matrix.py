@@ -159,6 +159,29 @@ def test_what_is_wrong_with_rows(key: str, value: str, problem: str) -> None:
     assert any(str(found).partition(": ")[2].startswith(problem) for found in problems), list(map(str, problems))
 
 
+def test_of_many_equal_rows_some_are_told(workspace: Workspace) -> None:
+    _, problems = rows_of("foreach", {"a": [1] * 1000})
+    assert len(problems) == 4
+    assert problems[-1].endswith("the first is at w.yaml:1:8 (and 995 more such rows)")
+
+
+def test_rows_that_share_a_value_are_told_apart_in_time_that_grows_with_their_number() -> None:
+    """Forty thousand looked at each beside all before it would take minutes."""
+    rows, problems = rows_of("matrix", {"cover": ["fox"], "tens": list(range(200)), "ones": list(range(200))})
+    assert not problems
+    assert rows is not None
+    assert rows.labels(["cover"]) == ["fox"] * 40_000
+    assert len(set(rows.labels(["tens", "ones"]))) == 40_000
+
+
+def test_a_value_of_a_million_letters_names_a_row_by_the_first() -> None:
+    rows, _ = rows_of("foreach", {"cover": ["a" * 10**6]})
+    assert rows is not None
+    [label] = rows.labels(["cover"])
+    assert label.startswith("aaa")
+    assert len(label) == 40
+
+
 def test_paths_that_are_spelt_alike_and_lead_elsewhere_are_two(workspace: Workspace, tmp_path: Path) -> None:
     """`--set` is relative to the current directory, the workflow to its file."""
     (workspace.folder / "n.txt").write_text("1")

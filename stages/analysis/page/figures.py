@@ -66,6 +66,8 @@ def write_figure(quantity: str, value: float) -> str:
 
     >>> write_figure("psnr", 27.1249), write_figure("container_bytes", 2_345_678), write_figure("ssim", math.nan)
     ('27.12', '2.35', '–')
+    >>> write_figure("psnr", -4e-8)
+    '0.00'
     """
     if math.isnan(value):
         return MISSING
@@ -78,7 +80,7 @@ def write_figure(quantity: str, value: float) -> str:
         return f"{value * 1e3:.1f}"
     if quantity == "gaussians":
         return f"{round(value):,}"
-    return f"{value:.2f}" if unit == "dB" else f"{value:.3f}"
+    return f"{value:z.2f}" if unit == "dB" else f"{value:z.3f}"  # z: what is rounded to nothing has no sign
 
 
 def write_seconds(seconds: float) -> str:

@@ -94,6 +94,9 @@ def test_they_are_read_back_from_a_file() -> None:
         {"expected_readings": [1.0, 1.0, 1.0]},
         {"expected_readings": [[1.0, 2.0], [1.0], [1.0]]},
         {"usual_distances": [0.1, 0.0, 0.1]},
+        {"usual_distances": [0.1, 5e-324, 0.1]},
+        {"farthest_distances": [1.0, 1.7e308, 1.0]},
+        {"expected_readings": [1.0, 1.0, 1.0, -1e300, 1.0, 1.0]},
         {"farthest_distances": [1.0, 0.1, 1.0]},
     ],
 )

@@ -79,6 +79,19 @@ def test_exif_turns_tiffs_that_pillow_would_map(
     assert np.array_equal(read_picture(tmp_path / "turned.tiff"), np.asarray(expected))
 
 
+@pytest.mark.parametrize("rows", [1, 5, 1000])
+def test_a_tiff_that_claims_more_rows_than_it_lists_is_refused(tmp_path: Path, gradient: np.ndarray, rows: int) -> None:
+    path, (height, width) = tmp_path / "short.tiff", gradient.shape[:2]
+    Image.fromarray(gradient).save(path, tiffinfo={278: rows})
+    assert np.array_equal(read_picture(path), gradient)
+    tag = struct.pack("<HHI", 257, 4, 1)  # ImageLength
+    whole = path.read_bytes()
+    assert whole.count(tag + struct.pack("<I", height)) == 1
+    path.write_bytes(whole.replace(tag + struct.pack("<I", height), tag + struct.pack("<I", 2 * height)))
+    with pytest.raises(UserError, match=f"{width * height} of {2 * width * height} pixels are in the file|cannot be"):
+        read_picture(path)
+
+
 BROKEN_TAGS = {
     "resolution as text": (0x011A, 2, 3, b"72\0"),
     "unit as a real": (0x0128, 11, 1, struct.pack("<f", 2.0)),

@@ -94,7 +94,7 @@ def test_only_what_the_photos_see_counts(tmp_path: Path) -> None:
     assert points_seen_by(read(tmp_path), [4, 10]) is None
 
 
-@pytest.mark.parametrize("error", [-1.0, np.nan, np.inf])
+@pytest.mark.parametrize("error", [-1.0, np.nan, np.inf, 1.7e308])
 def test_an_error_that_nobody_measured_is_unknown(tmp_path: Path, error: float) -> None:
     write_binary_points(tmp_path, [(1, (0.0, 0.0, 0.0), (0, 0, 0), error, [(1, 0)])])
     points = points_seen_by(read(tmp_path), [1])

@@ -96,6 +96,10 @@ def test_lens_models(tmp_path: Path, given: dict, model: str, distortion: tuple)
         ({"file_path": "bad.png" + "\x1b" * 3}, r"bad\.png\?\?\? has no usable pose"),
         ({"file_path": "bad.png" * 1000}, r"frame (bad\.png){17}… has no usable pose"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "w": math.inf, "h": 4}, "infinity"),
+        ({"file_path": "bad.png", "transform_matrix": MATRIX, "fl_x": 1.7e308}, r"focal lengths of \(1\.7e\+308"),
+        ({"file_path": "bad.png", "transform_matrix": MATRIX, "fl_x": 5e-324}, "expected 0.001 to 100000 times"),
+        ({"file_path": "bad.png", "transform_matrix": MATRIX, "cx": -1e300}, "a principal point at"),
+        ({"file_path": "bad.png", "transform_matrix": MATRIX, "k1": 1e300}, "distortion by"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "w": 10**400, "h": 4}, "too large"),
     ],
 )
