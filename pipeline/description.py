@@ -17,7 +17,7 @@ from pipeline.canonical import Json
 from pipeline.disk import parse_json
 from pipeline.manifest import ARRAYS
 from pipeline.naming import names_of
-from pipeline.record import Record, newest_makers
+from pipeline.record import Record, first_makers
 from pipeline.store import Store
 
 if TYPE_CHECKING:
@@ -201,7 +201,7 @@ def _is_deeper(value: Json, levels: int) -> bool:
 
 
 def _origin(artifact: Artifact, store: Store, reveal: bool) -> Origin | None:
-    makers = newest_makers(store.records())
+    makers = first_makers(store.records())
     record = makers.get(artifact.digest)
     if record is None:
         return None

@@ -121,6 +121,15 @@ def _are_texts(values: object) -> bool:
     return isinstance(values, list) and all(isinstance(value, str) for value in values)
 
 
+def first_makers(records: Iterable[Record]) -> dict[str, Record]:
+    """For each artifact the first of `records` that made it, by digest: later ones made the same again, or imported it.
+
+    So what an action took was made before it, and what is followed from it to what it took comes to an end.
+    """
+    ordered = sorted(records, key=lambda record: str(record.provenance.get("started", "")), reverse=True)
+    return {digest: record for record in ordered for digest in record.outputs.values()}
+
+
 def newest_makers(records: Iterable[Record]) -> dict[str, Record]:
     """For each artifact the last of `records` that made it, by digest."""
     ordered = sorted(records, key=lambda record: str(record.provenance.get("started", "")))

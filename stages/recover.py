@@ -57,7 +57,7 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
     _check_alike(found, gaussians, originals)
     recovery = recovered(gaussians, originals, parameters.seed)
     if recovery is None:
-        raise _not_known(found, gaussians, originals)
+        raise _not_known(gaussians, originals)
     _refuse_infinite("what was moved back has values that are not numbers", found, recovery.gaussians)
     context.log(_said(recovery))
     write_container(context.output("container"), recovery.gaussians, read_method(published))
@@ -69,14 +69,14 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
     context.record(**facts)
 
 
-def _not_known(found: Artifact, gaussians: Gaussians, originals: Gaussians) -> UserError:
+def _not_known(gaussians: Gaussians, originals: Gaussians) -> UserError:
     return UserError(
-        "not known as yours: nothing of what was published is recognised in it",
-        where=str(found.path),
+        "not known as yours: nothing of what was published is recognised in what was found",
         found=f"{len(gaussians)} Gaussians, of which too few are among the {len(originals)} published",
         expected="the published container, moved, pruned or with other features, and ten of its Gaussians at least",
-        remedy="give as `published` the container that the found one was made from; what was trained anew, or "
-        "changed in places, sizes and opacities at once, cannot be registered",
+        remedy="give the container that the found one was made from, as `published` (for "
+        "workflows/recover_container.yaml in `hidden`); what was trained anew, or changed in places, sizes and "
+        "opacities at once, cannot be registered",
     )
 
 

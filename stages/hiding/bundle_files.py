@@ -161,12 +161,28 @@ def text_of(place: Path, name: str) -> bytes:
     path = place / name
     try:
         if not path.is_file():
-            there = ", ".join(sorted(entry.name for entry in place.iterdir())[:5]) if place.is_dir() else "no folder"
-            raise UserError("no bundle", where=place, found=there or "an empty folder", expected=f"a file {name} in it")
+            raise _not_a_bundle(place, name)
         with path.open("rb") as file:
             return file.read(LARGEST_JSON + 1)
     except OSError as error:
         raise UserError("cannot be read", where=path, found=error.strerror or error) from error
+
+
+def _not_a_bundle(place: Path, name: str) -> UserError:
+    """For a folder without the file `name`, which may be the other one of the two that were exported."""
+    there = ", ".join(sorted(entry.name for entry in place.iterdir())[:5]) if place.is_dir() else "no folder"
+    swapped = {
+        DESCRIPTION: (SECRET_DESCRIPTION, "This is the secret folder: give it as `secret`, and the public one here."),
+        SECRET_DESCRIPTION: (DESCRIPTION, "This is the public folder: give it as `bundle`, and the secret one here."),
+    }
+    other, remedy = swapped.get(name, (name, None))
+    return UserError(
+        "no secret bundle" if name == SECRET_DESCRIPTION else "no bundle",
+        where=place,
+        found=there or "an empty folder",
+        expected=f"a file {name} in it",
+        remedy=remedy if (place / other).is_file() else None,
+    )
 
 
 def json_of(path: Path, text: bytes) -> dict[str, Any]:

@@ -79,6 +79,13 @@ def _check_networks(where: object, method: Method, networks: Mapping[str, Weight
         if any(0 in shape for shape in expected.values()):
             raise ValueError(f"{network} would have no channels")
         found = {weight: values.shape for weight, values in networks.get(network, {}).items()}
+        if not found:
+            raise UserError(
+                f"the weights of {network} are missing",
+                where=where,
+                expected=f"{network}.safetensors beside the other files of its bundle",
+                remedy="Give the folder of the bundle as it was exported, not one of its files.",
+            )
         if found != expected:
             raise UserError(
                 f"the weights of {network} do not fit the method {method.name} with its settings",

@@ -107,10 +107,11 @@ def _opened(gaussians: Gaussians, seal: Seal, seed: int) -> Gaussians | None:
 def _refuse_changed(gaussians: Gaussians, secret: Artifact) -> None:
     if hash_of(gaussians) != string(secret, SEALED):
         raise UserError(
-            "the container is not as it was sealed: which of its Gaussians is which cannot be told",
-            found=f"{len(gaussians)} Gaussians, some of them missing, added, moved or of another opacity",
-            expected="the container for which the secret was made",
-            remedy="Give `published`, the container as it was published, as workflows/recover_container.yaml does.",
+            "the secret is of another container, or this one is not as it was sealed",
+            found=f"{len(gaussians)} Gaussians, of which others, or at other places or of another opacity, were sealed",
+            expected="the container for which the secret was made, as it was published",
+            remedy="Give the secret that was exported with this container. If it was changed since then, "
+            "workflows/recover_container.yaml opens it beside the one that was published.",
         )
 
 

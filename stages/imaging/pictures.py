@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, UInt8
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 from PIL.TiffImagePlugin import TiffImageFile
 from torch import Tensor
 
@@ -25,6 +25,9 @@ _UNREADABLE = (
     *(OSError, SyntaxError, ValueError, TypeError, AttributeError, EOFError, RuntimeError, struct.error),
     *(MemoryError, Image.DecompressionBombError),
 )
+
+HEIF = (b"heic", b"heix", b"hevc", b"hevx", b"heim", b"heis", b"mif1", b"msf1", b"avif", b"avis")
+"""Brands of files that hold pictures in the manner of HEIF."""
 
 FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF", "GIF")
 """All that Pillow may try, whatever a file is called: its reader of EPS starts Ghostscript. MPO is read as JPEG."""
@@ -62,10 +65,22 @@ def read_picture(path: Path) -> Picture:
         raise UserError(
             "a picture cannot be read",
             where=str(path),
-            found=str(error) or type(error).__name__,
+            found=_what_it_is(path, error),
             expected=f"a complete picture ({', '.join(FORMATS)}) of at most {MOST_PIXELS:,} pixels",
-            remedy="Replace the file, save it smaller if it is too large, or take it out of the folder.",
+            remedy="Convert it to JPEG if it is a phone's HEIC, whatever it is called; save it smaller if it is too "
+            "large; or replace it, or take it out of the folder.",
         ) from error
+
+
+def _what_it_is(path: Path, error: BaseException) -> str:
+    """What is wrong with a file, without its name, which Pillow repeats."""
+    if not isinstance(error, UnidentifiedImageError):
+        return str(error) or type(error).__name__
+    with path.open("rb") as file:
+        head = file.read(12)
+    if head[4:8] == b"ftyp":  # ISO 14496-12: what kind of file, in four letters
+        return f"{'HEIC or AVIF' if head[8:12] in HEIF else 'a video'}, whatever the file is called"
+    return "an empty file" if not head else "none of these formats"
 
 
 def _refuse_missing_strips(image: Image.Image) -> None:

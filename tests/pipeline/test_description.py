@@ -148,6 +148,20 @@ def test_how_it_was_made(workspace: Workspace) -> None:
     assert f"numbers  base {ran.artifact('base').digest[:12]}" in text
 
 
+def test_what_made_it_first_is_told_whatever_made_the_same_later(workspace: Workspace) -> None:
+    """As an import of what was published does."""
+    ran = workspace.write(CHAIN).run()
+    workspace.write("name: again\nstages:\n  imported: {uses: numbers, with: {note: again}}\n").run()
+    sum_of_both, base = (ran.artifact(*name) for name in (("sum", "total"), ("base",)))
+    store = ran.project.store
+    assert sum(base.digest in record.outputs.values() for record in store.records()) == 2
+    for artifact, made_by in ((base, "chain/base"), (sum_of_both, "chain/sum")):
+        origin = describe(artifact, store, reveal=False).origin
+        assert origin is not None
+        assert origin.made_by == made_by
+        assert origin.lineage[0].name == "base"
+
+
 def test_parameters_of_what_is_private_are_not_told(workspace: Workspace) -> None:
     workspace.write("stages:\n  key: {uses: numbers, private: true, with: {first: 8128, note: treasure}}\n")
     ran = workspace.run()

@@ -115,6 +115,12 @@ def change_weight(path: Path, name: str, values: np.ndarray | None) -> None:
 SCENE_DECODER, MESSAGE_DECODER = "bundle/scene_decoder.safetensors", "secret_bundle/message_decoder.safetensors"
 
 
+def swap_folders(folder: Path) -> None:
+    (folder / "bundle").rename(folder / "aside")
+    (folder / "secret_bundle").rename(folder / "bundle")
+    (folder / "aside").rename(folder / "secret_bundle")
+
+
 @pytest.mark.parametrize(
     ("damage", "expected"),
     [
@@ -124,9 +130,10 @@ SCENE_DECODER, MESSAGE_DECODER = "bundle/scene_decoder.safetensors", "secret_bun
             "no bundle; found container.ply, .* expected a file",
         ),
         (lambda folder: (folder / "bundle/container.ply").unlink(), "container.ply: no such PLY file"),
-        (lambda folder: (folder / SCENE_DECODER).unlink(), "scene_decoder do not fit .* found nothing else"),
-        (lambda folder: (folder / MESSAGE_DECODER).unlink(), "message_decoder do not fit"),
-        (lambda folder: shutil.rmtree(folder / "secret_bundle"), "no bundle; found no folder"),
+        (lambda folder: (folder / SCENE_DECODER).unlink(), "scene_decoder are missing.* Give the folder of the bundle"),
+        (lambda folder: (folder / MESSAGE_DECODER).unlink(), "message_decoder are missing"),
+        (lambda folder: shutil.rmtree(folder / "secret_bundle"), "no secret bundle; found no folder"),
+        (swap_folders, "no bundle; .*This is the secret folder: give it as `secret`"),
         (lambda folder: (folder / "bundle/container.json").write_bytes(b"{"), "no JSON"),
         (lambda folder: (folder / "bundle/container.json").write_bytes(b"\xff\xfe\xfd"), "no JSON"),
         (lambda folder: (folder / "bundle/container.json").write_bytes(b"[" * 10**6), "no JSON"),

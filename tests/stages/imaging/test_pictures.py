@@ -274,3 +274,19 @@ def test_bytes_and_values_convert_both_ways() -> None:
     assert float(values.max()) == 1
     assert np.array_equal(tensor_to_picture(values), every)
     assert tensor_to_picture(torch.tensor([-1.0, 0.5, 3.0])).tolist() == [0, 128, 255]
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"\0\0\0\x18ftypheic" + b"\0" * 100, "HEIC or AVIF, whatever the file is called"),
+        (b"\0\0\0\x18ftypisom" + b"\0" * 100, "a video, whatever the file is called"),
+        (b"", "an empty file"),
+        (b"no picture", "none of these formats"),
+    ],
+)
+def test_what_is_no_picture_is_told_by_what_it_is(tmp_path: Path, content: bytes, found: str) -> None:
+    (tmp_path / "photo.jpg").write_bytes(content)
+    with pytest.raises(UserError, match=f"found {found}; .*Convert it to JPEG") as raised:
+        read_picture(tmp_path / "photo.jpg")
+    assert str(raised.value).count("photo.jpg") == 1
