@@ -103,6 +103,8 @@ class DaskExecutor:
         if address is None:
             self._ends.callback(kill_children, multiprocessing.active_children())
             cluster = start_workers(workers)
+            # Where closing is interrupted, dask would wait ten seconds at exit for processes that are killed by then.
+            self._ends.callback(setattr, cluster, "shutdown_on_close", False)
             self._ends.callback(_closed, cluster)
         self._client = self._connected(cluster or address)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import multiprocessing
 import os
 import shutil
 import signal
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import dask
 import pytest
-from distributed import Client, Security
+from distributed import Client, LocalCluster, Security, Status
 
 from pipeline import cluster as cluster_module
 from pipeline.cluster import DaskExecutor
@@ -255,3 +256,27 @@ def test_a_fault_of_this_machine_is_not_told_as_one_of_a_cluster(
     assert "found OSError: [Errno 28] No space left on device" in str(refused.value)
     assert [word in str(refused.value) for word in ("--scheduler", "PYTHONPATH")] == [told, told]
     assert "None" not in str(refused.value)
+
+
+def test_where_closing_is_interrupted_nothing_is_waited_for_at_exit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a second Ctrl-C. dask closes at exit what is still open, and gives processes that are killed ten seconds."""
+    started = []
+
+    def starting(count: int) -> LocalCluster:
+        started.append(start_workers(count))
+        return started[0]
+
+    def interrupted(_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cluster_module, "start_workers", starting)
+    monkeypatch.setattr(cluster_module, "_closed", interrupted)
+    executor = DaskExecutor(1)
+    before = multiprocessing.active_children()
+    with pytest.raises(KeyboardInterrupt):
+        executor.close()
+    assert started[0].status == Status.running
+    assert not started[0].shutdown_on_close
+    assert before
+    wait_until(lambda: not any(child.is_alive() for child in before), "workers to be killed")
+    started[0].close(timeout=1)
