@@ -79,7 +79,7 @@ def _what_it_is(path: Path, error: BaseException) -> str:
     with path.open("rb") as file:
         head = file.read(12)
     if head[4:8] == b"ftyp":  # ISO 14496-12: what kind of file, in four letters
-        return f"{'HEIC or AVIF' if head[8:12] in HEIF else 'a video'}, whatever the file is called"
+        return f"{'HEIC or AVIF' if head[8:12] in HEIF else 'a video or a raw photo'}, whatever the file is called"
     return "an empty file" if not head else "none of these formats"
 
 

@@ -280,7 +280,7 @@ def test_bytes_and_values_convert_both_ways() -> None:
     ("content", "found"),
     [
         (b"\0\0\0\x18ftypheic" + b"\0" * 100, "HEIC or AVIF, whatever the file is called"),
-        (b"\0\0\0\x18ftypisom" + b"\0" * 100, "a video, whatever the file is called"),
+        (b"\0\0\0\x18ftypisom" + b"\0" * 100, "a video or a raw photo, whatever the file is called"),
         (b"", "an empty file"),
         (b"no picture", "none of these formats"),
     ],
