@@ -170,7 +170,7 @@ def test_a_ply_alone_is_a_container_where_there_are_no_networks(tmp_path: Path) 
     assert imported(tmp_path, "plain", ply)["container"].digest == container.digest
     container, _ = stored(tmp_path / "coupled", "gs_hider")
     ply = exported(tmp_path / "coupled", container)["bundle"].path / "container.ply"
-    with pytest.raises(UserError, match="the weights of scene_decoder are missing.* Give the folder of the bundle"):
+    with pytest.raises(UserError, match=r"the weights of scene_decoder are missing.* Give the folder of the bundle"):
         imported(tmp_path / "coupled", "gs_hider", ply)
 
 
