@@ -26,6 +26,8 @@ NAMES = {"b": "bool", "i": "int", "u": "uint", "f": "float", "c": "complex"}
 EMPTY = {"b": False, "i": 0, "u": 0, "f": 0.0, "c": [0.0, 0.0]}
 """What zarr fills gaps with, by the kind of numbers."""
 HARDEST = 22  # level of Zstandard
+OPTIONAL: dict[str, Any] = {"storage_transformers": [], "dimension_names": None}
+"""What one version of zarr writes so, and another leaves out."""
 ZSTANDARD = b"\x28\xb5\x2f\xfd"
 SINGLE_SEGMENT, CHECKSUM, RESERVED_OR_DICTIONARY = 0x20, 0x04, 0x0B
 REPEATED_BYTE = 1  # kind of a block
@@ -71,8 +73,9 @@ def _check_description(where: Path, record: ArrayRecord) -> None:
     """
     try:
         found = parse_json(read_plain_file(where / DESCRIPTION))
+        found = {name: value for name, value in found.items() if name not in OPTIONAL or value != OPTIONAL[name]}
         same = json.dumps(found, sort_keys=True) == json.dumps(_description(record, found), sort_keys=True)
-    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
         raise CorruptArtifact(f"{where / DESCRIPTION}: describes no array ({error})") from error
     if not same:
         raise CorruptArtifact(f"{where / DESCRIPTION}: does not describe the array of the manifest as we write it")
@@ -83,7 +86,8 @@ def _description(record: ArrayRecord, found: Any) -> dict[str, Any]:
     level = found["codecs"][1]["configuration"]["level"]
     if type(level) is not int or not 1 <= level <= HARDEST:
         raise ValueError(f"packed by level {level!r}; expected 1 to {HARDEST}")
-    bytes_of = {"name": "bytes"} | ({"configuration": {"endian": "little"}} if int(record.dtype[2:]) > 1 else {})
+    little = {"name": "bytes", "configuration": {"endian": "little"}}
+    in_bytes = {"name": "bytes"} if int(record.dtype[2:]) == 1 and found["codecs"][0] != little else little
     return {
         "zarr_format": 3,
         "node_type": "array",
@@ -92,9 +96,8 @@ def _description(record: ArrayRecord, found: Any) -> dict[str, Any]:
         "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(record.chunks)}},
         "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
         "fill_value": EMPTY[record.dtype[1]],
-        "codecs": [bytes_of, {"name": "zstd", "configuration": {"level": level, "checksum": True}}],
+        "codecs": [in_bytes, {"name": "zstd", "configuration": {"level": level, "checksum": True}}],
         "attributes": {},
-        "storage_transformers": [],
     }
 
 

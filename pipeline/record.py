@@ -126,11 +126,13 @@ def first_makers(records: Iterable[Record]) -> dict[str, Record]:
 
     So what an action took was made before it, and what is followed from it to what it took comes to an end.
     """
-    ordered = sorted(records, key=lambda record: str(record.provenance.get("started", "")), reverse=True)
-    return {digest: record for record in ordered for digest in record.outputs.values()}
+    return {digest: record for record in reversed(_by_start(records)) for digest in record.outputs.values()}
 
 
 def newest_makers(records: Iterable[Record]) -> dict[str, Record]:
     """For each artifact the last of `records` that made it, by digest."""
-    ordered = sorted(records, key=lambda record: str(record.provenance.get("started", "")))
-    return {digest: record for record in ordered for digest in record.outputs.values()}
+    return {digest: record for record in _by_start(records) for digest in record.outputs.values()}
+
+
+def _by_start(records: Iterable[Record]) -> list[Record]:
+    return sorted(records, key=lambda record: str(record.provenance.get("started", "")))

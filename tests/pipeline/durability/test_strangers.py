@@ -76,6 +76,16 @@ def test_what_is_sealed_again_can_be_read(artifact: Path) -> None:
 
 @pytest.mark.parametrize(
     "change",
+    [lambda content: content.update(dimension_names=None), lambda content: content.pop("storage_transformers")],
+)
+def test_descriptions_as_another_zarr_writes_them(artifact: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    describe(artifact, change)
+    seal_again(artifact)
+    np.testing.assert_array_equal(load(artifact).read("values"), np.arange(1000.0))
+
+
+@pytest.mark.parametrize(
+    "change",
     [
         lambda content: content["codecs"].append({"name": "numcodecs.pickle", "configuration": {}}),
         lambda content: content["codecs"].insert(0, {"name": "vlen-utf8"}),
@@ -99,6 +109,7 @@ def test_what_is_sealed_again_can_be_read(artifact: Path) -> None:
         lambda content: content.update(fill_value=0),
         lambda content: content.update(attributes={"any": 1}),
         lambda content: content.update(anything=1),
+        lambda content: content.update(dimension_names=[]),
         lambda content: content["codecs"][1]["configuration"].pop("checksum"),
         lambda content: content["codecs"][1]["configuration"].update(checksums=True),
         lambda content: content["codecs"][1]["configuration"].update(level=10**400),
