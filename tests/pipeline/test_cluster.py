@@ -10,6 +10,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import dask
@@ -279,4 +280,5 @@ def test_where_closing_is_interrupted_nothing_is_waited_for_at_exit(monkeypatch:
     assert not started[0].shutdown_on_close
     assert before
     wait_until(lambda: not any(child.is_alive() for child in before), "workers to be killed")
-    started[0].close(timeout=1)
+    with suppress(TimeoutError):  # what dask waits for here is what nobody waits for at exit
+        started[0].close(timeout=1)
