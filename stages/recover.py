@@ -45,9 +45,9 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
     only similar: either each was shifted and changed, or both much was left out and more was added, or it is another
     training from the same photos: of 3,000 iterations such were up to 22 % `matched`, of the fox after 300 23 %, none
     by their shapes. (Of 40, which hardly leave the points that they begin with, 72 %: those are told from each other by
-    nothing here.) The other rows: how far the scene was turned, moved and scaled, what share of the found Gaussians are
-    published ones (`matched`), and of the published ones were found (`found_again`), by how much features were changed
-    back, and how many there were and are.
+    nothing here.) The other rows: whether the scene was mirrored, and then how far turned, moved and scaled; what share
+    of the found Gaussians are published ones (`matched`), and of the published ones were found (`found_again`); by how
+    much features were changed back; and how many Gaussians there were and are.
     """
     torch.set_num_threads(parameters.threads)
     found, published = context.input("found"), context.input("published")
@@ -82,6 +82,7 @@ def _not_known(gaussians: Gaussians, originals: Gaussians) -> UserError:
 
 def _facts(recovery: Recovery) -> dict[str, float]:
     return {
+        "mirrored": float(recovery.mirrored),
         "degrees": recovery.degrees,
         "shift": recovery.shift,
         "scale": recovery.motion.scale,
@@ -125,8 +126,9 @@ def _refuse_infinite(what: str, found: Artifact, gaussians: Gaussians) -> None:
 def _said(recovery: Recovery) -> str:
     made = "made from" if recovery.is_certain else "perhaps made from"
     features = f"changed back by {recovery.feature_change:.4f}" if recovery.feature_change else "left as they are"
+    turned = f"{'mirrored, ' if recovery.mirrored else ''}turned"
     return (
-        f"{made} what was published: turned by {recovery.degrees:.3f} degrees, moved by {recovery.shift:.4g}, "
+        f"{made} what was published: {turned} by {recovery.degrees:.3f} degrees, moved by {recovery.shift:.4g}, "
         f"scaled by {recovery.motion.scale:.6g}; {recovery.matched:.1%} of the Gaussians are published ones, "
         f"{recovery.found_again:.1%} of the published ones are there; features {features}"
     )

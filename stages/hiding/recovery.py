@@ -1,8 +1,8 @@
 """Recovery: what was done to a container as a whole is undone by its owner, who has kept what he published.
 
-A thief may turn and shift the scene, and turn or permute the features with the scene decoder behind them: nobody sees
-a difference in the cover, and the secret no longer reads what it was trained on. But the owner is told by the published
-container where everything was.
+A thief may turn, shift and mirror the scene, and turn or permute the features with the scene decoder behind them: the
+cover is as good as it was, and the secret no longer reads what it was trained on. But the owner is told by the
+published container where everything was.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from stages.hiding.stored_features import stored
 from stages.hiding.unmixing import unmixing
 from stages.scene.garbage import LARGEST
 from stages.scene.gaussians import Gaussians
-from stages.scene.moved_splats import moved
+from stages.scene.moved_splats import mirrored, moved
 from stages.scene.registration import Registration, register
 from stages.scene.similarity import Similarity
 
@@ -37,7 +37,8 @@ MISSING = "missing"
 class Recovery:
     """`gaussians` are the found ones in the published world, with features as they were published.
 
-    `motion` carried the published world to where it was found. `matched` is the share of the found Gaussians that are
+    `motion` carried the published world to where it was found, or, of a `mirrored` one, to where its mirror image
+    (`stages/scene/moved_splats.py`) stands. `matched` is the share of the found Gaussians that are
     published ones, `found_again` that of the published ones that are there; `is_certain` where this is enough to say
     that the one was made from the other (`Registration` has all three). `feature_change` is by how much
     features were changed back, root mean square of activated features in [0, 1], of channels that both have: 0 where
@@ -45,6 +46,7 @@ class Recovery:
     """
 
     gaussians: Gaussians
+    mirrored: bool
     motion: Similarity
     matched: float
     found_again: float
@@ -65,7 +67,7 @@ class Recovery:
     @property
     def changed(self) -> bool:
         """Whether anything was undone; if not, the Gaussians are the found ones, bit for bit."""
-        return is_motion(self.motion) or self.feature_change > 0
+        return self.mirrored or is_motion(self.motion) or self.feature_change > 0
 
 
 def is_motion(motion: Similarity) -> bool:
@@ -78,21 +80,23 @@ def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | N
     """A found container's Gaussians with what was done to all of them alike undone, by what was published.
 
     A motion of the world is found and undone (`register`), with everything that turns in it: shapes, and harmonics
-    where the method has some. Then the map is fitted that carries activated features of paired Gaussians to those
-    published (`unmixing`), and all features are mapped: what was turned comes back, and what was removed does, as far
-    as other channels tell of it. The map has M (M + 1) numbers, so that it cannot carry a message of its own. Found
-    features may have another number of channels. Gaussians without a partner stay, and are moved and mapped like the
-    others. Where pairs are too few to tell a map, or none brings features nearer, these stay as they are.
+    where the method has some. Where places tell of none, the mirror image of what was found is looked at, too, and
+    taken if more of what was published is there. Then the map is fitted that carries activated features of paired
+    Gaussians to those published (`unmixing`), and all features are mapped: what was turned comes back, and what was
+    removed does, as far as other channels tell of it. The map has M (M + 1) numbers, so that it cannot carry a message
+    of its own. Found features may have another number of channels. Gaussians without a partner stay, and are moved and
+    mapped like the others. Where pairs are too few to tell a map, or none brings features nearer, these stay as they
+    are.
 
     None where nothing fits, or too few Gaussians to tell how features of another number of channels are to be mapped.
     Works for every method; N = 0 fits nothing. All values are to be finite. `seed` is that of what `register` tries.
     """
-    registration = register(found, published, seed)
+    seen, registration = _registered(found, published, seed)
     if registration is None:
         return None
-    gaussians = found
+    gaussians = seen
     if is_motion(registration.motion):
-        gaussians = moved(with_bounded_quaternions(found), registration.motion.inverse())
+        gaussians = moved(with_bounded_quaternions(seen), registration.motion.inverse())
     change = 0.0
     if FEATURES in found.parameters:
         features, originals = _activated(found), _activated(published)
@@ -103,8 +107,28 @@ def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | N
         elif features.shape[1] != originals.shape[1]:
             return None
     centre = np.median(published.means.detach().double().numpy(), axis=0)
-    found_again, is_certain = registration.found_again, registration.is_certain
-    return Recovery(gaussians, registration.motion, registration.matched, found_again, is_certain, change, centre)
+    return Recovery(
+        gaussians,
+        seen is not found,
+        registration.motion,
+        registration.matched,
+        registration.found_again,
+        registration.is_certain,
+        change,
+        centre,
+    )
+
+
+def _registered(found: Gaussians, published: Gaussians, seed: int) -> tuple[Gaussians, Registration | None]:
+    """What was found, as it is or mirrored, whichever has more of what was published, and where it stands."""
+    as_found = register(found, published, seed)
+    if as_found is not None and as_found.by_place:
+        return found, as_found
+    image = mirrored(found)
+    of_image = register(image, published, seed)
+    if of_image is not None and (as_found is None or of_image.found_again > as_found.found_again):
+        return image, of_image
+    return found, as_found
 
 
 def with_bounded_quaternions(gaussians: Gaussians) -> Gaussians:

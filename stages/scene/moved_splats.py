@@ -1,4 +1,4 @@
-"""Splats carried elsewhere, with colours that depend on the direction, and splats joined into one scene."""
+"""Splats carried elsewhere or mirrored, with colours that depend on the direction, and splats joined into one scene."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ HARMONICS = "sh_rest"
 DIRECTIONS = 64
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
+MIRROR = np.diag([-1.0, 1.0, 1.0])
+"""What was at x is at -x."""
+
 
 def moved(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
     """Gaussians of the similarity's source world, in its target world: they look there as they looked here.
@@ -28,17 +31,33 @@ def moved(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
     )
     means, quats, log_scales = (torch.from_numpy(values).float() for values in geometry)
     changed = {"means": means, "quats": quats, "log_scales": log_scales}
-    for name, rest in gaussians.attributes.items():
-        if name.endswith(HARMONICS):
-            flat = rest.flatten(0, -3)
-            changed[name] = turned_harmonics(flat, similarity.rotation).reshape(rest.shape)
-    return Gaussians(gaussians.parameters | changed)
+    return Gaussians(gaussians.parameters | changed | _turned_attributes(gaussians, similarity.rotation))
+
+
+def mirrored(gaussians: Gaussians) -> Gaussians:
+    """Gaussians as `MIRROR` shows them: cameras that are mirrored, too, have the mirror images of the pictures before.
+
+    Harmonics are mirrored, of any number of pictures; other attributes stay. Twice, the means, quaternions and scales
+    are as they were, bit for bit. N = 0 is allowed.
+    """
+    axes = torch.tensor([-1.0, 1.0, 1.0])
+    turns = torch.tensor([1.0, 1.0, -1.0, -1.0])  # w x y z: M R M turns about the mirrored axis, the other way round
+    changed = {"means": gaussians.means.detach() * axes, "quats": gaussians.quats.detach() * turns}
+    return Gaussians(gaussians.parameters | changed | _turned_attributes(gaussians, MIRROR))
+
+
+def _turned_attributes(gaussians: Gaussians, turn: Float64[np.ndarray, "3 3"]) -> dict[str, Tensor]:
+    return {
+        name: turned_harmonics(rest.flatten(0, -3), turn).reshape(rest.shape)
+        for name, rest in gaussians.attributes.items()
+        if name.endswith(HARMONICS)
+    }
 
 
 def turned_harmonics(rest: Float[Tensor, "N K 3"], rotation: Float64[np.ndarray, "3 3"]) -> Float[Tensor, "N K 3"]:
     """The harmonics beyond the constant one of colours that turn with `rotation`: f'(R d) = f(d) for all directions d.
 
-    Each degree is turned by itself, K = (degree + 1)² - 1 in all; K = 0 is allowed.
+    R may be a mirror, too. Each degree is turned by itself, K = (degree + 1)² - 1 in all; K = 0 is allowed.
     """
     turned = torch.empty_like(rest)
     for degree in range(1, MAXIMUM_DEGREE + 1):

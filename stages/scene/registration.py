@@ -48,7 +48,7 @@ class Registration:
     ones may share a partner. `matched` is the share of the found Gaussians that lie where a published one does,
     `found_again` that of the published ones at which a found one lies, or the share that has the shape of one, where
     places tell less (as of those that were looked at). `is_certain` where either is enough (`ENOUGH`) to tell; the
-    pairs are by shape where places do not.
+    pairs are by shape where places do not (`by_place`).
     """
 
     motion: Similarity
@@ -57,6 +57,7 @@ class Registration:
     matched: float
     found_again: float
     is_certain: bool
+    by_place: bool
 
 
 def register(found: Gaussians, published: Gaussians, seed: int) -> Registration | None:
@@ -108,7 +109,7 @@ class _Places:
         [matched] = np.nonzero(distances <= near)
         again = len(np.unique(rows[matched]))
         is_certain = again >= max(FEWEST, ENOUGH * min(count, known))
-        return Registration(motion, matched, rows[matched], len(matched) / count, again / known, is_certain)
+        return Registration(motion, matched, rows[matched], len(matched) / count, again / known, is_certain, is_certain)
 
 
 def _by_closest_points(points: Float[np.ndarray, "F 3"], places: _Places, start: Registration) -> Registration:
@@ -131,7 +132,7 @@ def _by_shape(found: Gaussians, published: Gaussians, any_scale: bool, seed: int
     matched = float(np.count_nonzero(alike & pairs)) / min(len(found), SAMPLED)
     known, needed = matched * len(found), max(FEWEST, ENOUGH * min(len(found), len(published)))
     found_again = min(1.0, known / len(published))
-    return Registration(motion, rows[pairs], partners[pairs], matched, found_again, known >= needed)
+    return Registration(motion, rows[pairs], partners[pairs], matched, found_again, known >= needed, by_place=False)
 
 
 def _simplest(source: Float[np.ndarray, "P 3"], target: Float[np.ndarray, "P 3"], without: Similarity) -> Similarity:

@@ -16,6 +16,7 @@ class Found:
     """What the stage `recover` measured of a container; it may be the owner's where it is not surely his."""
 
     is_yours: bool
+    mirrored: float
     degrees: float
     shift: float
     scale: float

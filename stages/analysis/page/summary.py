@@ -70,6 +70,7 @@ def owner_verdict(found: Found) -> str:
             f"{own} of its Gaussians lie where {again} of those that you published do."
         )
     done = (
+        "mirrored" if found.mirrored else "",
         f"turned by {found.degrees:.1f} degrees" if round(found.degrees, 1) else "",
         f"moved by {found.shift:.4g}" if round(found.shift, 3) else "",
         f"scaled by {found.scale:.4g}" if round(found.scale, 3) != 1 else "",

@@ -42,8 +42,11 @@ LEAKAGE_COLUMNS = tuple(
     Column(quantity, "test", "Cover's error and the message: correlation", heading)
     for quantity, heading in LEAKAGE_QUANTITIES.items()
 )
-FOUND_GROUPS = (("What was done and undone", 4), ("Gaussians", 4))
-FOUND_HEADINGS = ("Turn (degrees)", "Shift", "Scale", "Features", "Published", "Found", "Matched (%)", "Again (%)")
+FOUND_GROUPS = (("What was done and undone", 5), ("Gaussians", 4))
+FOUND_HEADINGS = (
+    *("Mirrored", "Turn (degrees)", "Shift", "Scale", "Features"),
+    *("Published", "Found", "Matched (%)", "Again (%)"),
+)
 FOUND_WORDING = (
     ("Shift", "How far the centre was moved, in units of the published scene."),
     ("Features", "By how much features in [0, 1] were changed back, root mean square."),
@@ -121,6 +124,7 @@ def _found_tables(found: Sequence[Found]) -> tuple[Table, ...]:
 
 def _written(found: Found) -> tuple[str, ...]:
     return (
+        "yes" if found.mirrored else "no",
         *(f"{found.degrees:.1f}", f"{found.shift:.3f}", f"{found.scale:.3f}", f"{found.feature_change:.3f}"),
         *(f"{found.gaussians_published:,.0f}", f"{found.gaussians_found:,.0f}"),
         *(f"{100 * found.matched:.1f}", f"{100 * found.found_again:.1f}"),

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stages.hiding.coupled import FEATURES
-from stages.hiding.recovery import Recovery, recovered, unlike
+from stages.hiding.recovery import Recovery, is_motion, recovered, unlike
 from stages.hiding.stored_features import stored
 from stages.scene.gaussians import Gaussians
-from stages.scene.moved_splats import chosen, moved
+from stages.scene.moved_splats import chosen, mirrored, moved
 from tests.stages.scene.test_registration import COUNT, motion, pruned, scene
 
 CHANNELS = 6
@@ -85,6 +85,31 @@ def test_what_was_not_touched_stays_bit_for_bit() -> None:
         assert not recovery.changed
         assert (recovery.degrees, recovery.shift, recovery.feature_change) == (0, 0, 0)
         assert all(torch.equal(recovery.gaussians[name], values) for name, values in found.parameters.items())
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25])
+def test_a_mirror_image_is_turned_round(share: float) -> None:
+    published, way = container(), motion(11, 2.0)
+    left = pruned(published, share)
+    recovery = check(recovered(mirrored(moved(mixed(left, 11), way)), published, 0), left)
+    assert recovery.mirrored
+    assert recovery.matched == 1
+    alone = recovered(mirrored(published), published, 0)
+    assert alone is not None
+    assert alone.changed
+    assert not is_motion(alone.motion)
+    assert torch.equal(alone.gaussians.means, published.means)
+    assert torch.equal(alone.gaussians.quats, published.quats)
+
+
+def test_a_mirror_image_of_which_each_was_shifted_is_known_by_shapes() -> None:
+    published = container()
+    image = mirrored(published)
+    noise = 0.015 * torch.randn(COUNT, 3, generator=torch.Generator().manual_seed(0))
+    recovery = recovered(Gaussians(image.parameters | {"means": image.means + noise}), published, 0)
+    assert recovery is not None
+    assert recovery.mirrored
+    assert recovery.is_certain
 
 
 def test_only_what_was_changed_is_changed_back() -> None:

@@ -15,7 +15,7 @@ from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import single_cameras
 from stages.scene.gaussians import Gaussians, gaussians_at
-from stages.scene.moved_splats import degree_of, joined, moved, turned_harmonics
+from stages.scene.moved_splats import MIRROR, degree_of, joined, mirrored, moved, turned_harmonics
 from stages.scene.similarity import Similarity
 from stages.scene.spherical_harmonics import harmonics, harmonics_count
 from tests.stages.scene.rigs import arc, similarities
@@ -54,6 +54,23 @@ def test_no_turn_and_turns_after_each_other() -> None:
     torch.testing.assert_close(turned_harmonics(rest, np.eye(3)), rest, atol=1e-13, rtol=0)
     twice = turned_harmonics(turned_harmonics(rest, first), second)
     torch.testing.assert_close(twice, turned_harmonics(rest, second @ first), atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+def test_mirrored_cameras_see_mirror_images(degree: int) -> None:
+    gaussians = coloured(30, degree, seed=degree)
+    plain = build_method("plain", {"sh_degree": degree})
+    cameras = arc(np.zeros(3), views=3, size=(32, 24), focal=30.0)
+    turn = np.eye(4)
+    turn[:3, :3] = MIRROR
+    there = replace(cameras, world_to_camera=turn @ cameras.world_to_camera @ turn)
+    image = mirrored(gaussians)
+    for here, other in zip(single_cameras(cameras), single_cameras(there), strict=True):
+        before, after = (plain.render(*each).pictures[COVER] for each in ((gaussians, here), (image, other)))
+        assert before.std() > 0.05
+        torch.testing.assert_close(after.flip(1), before, atol=2e-4, rtol=0)
+    again = mirrored(image)
+    assert all(torch.equal(again[name], gaussians[name]) for name in ("means", "quats", "log_scales"))
 
 
 @settings(max_examples=10, deadline=None)
