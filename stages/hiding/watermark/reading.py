@@ -55,7 +55,7 @@ class GrainReader:
         camera is found as well. What is then larger than the rig's is reduced to their size, and gets one look. What is
         smaller may have been cut out or reduced, and gets two, as it is and enlarged: which of them is right no camera
         tells, for one is found at the wrong size, too. So chance comes to `CERTAIN` in one of 1.6 million pictures, and
-        in one of 815,000 of those that are smaller.
+        in one of 815,000 of those that are smaller. A mirrored picture is turned round before (`recognised`).
 
         A picture without colour, or of one colour, has none of the grain, and scores 0.
         """
@@ -65,12 +65,12 @@ class GrainReader:
         return max(scores, default=0.0)
 
     def _score_at(self, picture: Picture) -> float | None:
-        """By the camera that is found at this size; None without one."""
+        """By the camera that is found at this size, of the picture or of its mirror image; None without one."""
         found = recognised(picture, self.landmarks, self.intrinsics)
         if found is None:
             return None
-        camera = single_cameras(aligned(picture, self.gaussians, self.method, found))[0]
-        return standard_score(picture, self.gaussians, self.method, camera, self.throws)
+        camera = single_cameras(aligned(found.picture, self.gaussians, self.method, found.camera))[0]
+        return standard_score(found.picture, self.gaussians, self.method, camera, self.throws)
 
     def _sizes(self, picture: Picture) -> Iterator[Picture]:
         inner = picture if sorted(picture.shape[:2]) == self.sides else without_frame(picture)

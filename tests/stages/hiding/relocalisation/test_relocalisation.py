@@ -51,8 +51,9 @@ def test_landmarks_are_seen_where_they_were_found() -> None:
     np.testing.assert_allclose((looks**2).sum(axis=1), 1, rtol=1e-5)
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("cut", [False, True])
-def test_the_camera_of_a_picture_is_found(cut: bool) -> None:
+def test_the_camera_of_a_picture_is_found(cut: bool, mirrored: bool) -> None:
     true = beside(RIG)
     picture = photograph(GAUSSIANS, METHOD, true)
     if cut:
@@ -60,14 +61,16 @@ def test_the_camera_of_a_picture_is_found(cut: bool) -> None:
         intrinsics = true.intrinsics.copy()
         intrinsics[:, :2, 2] -= 20, 10
         true = replace(true, intrinsics=intrinsics, width=96, height=72)
-    guessed = recognised(picture, known(), EXPECTED)
+    shown = picture[:, ::-1].copy() if mirrored else picture
+    guessed = recognised(shown, known(), EXPECTED)
     assert guessed is not None
-    assert off(guessed, true) < 3
-    found = aligned(picture, GAUSSIANS, METHOD, guessed)
+    np.testing.assert_array_equal(guessed.picture, picture)
+    assert off(guessed.camera, true) < 3
+    found = aligned(picture, GAUSSIANS, METHOD, guessed.camera)
     assert off(found, true) < 0.25
-    again = recognised(picture, known(), EXPECTED)
+    again = recognised(shown, known(), EXPECTED)
     assert again is not None
-    np.testing.assert_array_equal(again.world_to_camera, guessed.world_to_camera)
+    np.testing.assert_array_equal(again.camera.world_to_camera, guessed.camera.world_to_camera)
 
 
 def test_other_pictures_are_of_no_camera() -> None:

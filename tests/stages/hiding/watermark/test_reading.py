@@ -110,6 +110,12 @@ def test_grain_is_found_in_a_window(window: tuple[slice, slice]) -> None:
     assert reader().score(marked_render()[window].copy()) > CERTAIN
 
 
+def test_grain_is_found_in_a_mirrored_picture() -> None:
+    for part in (np.s_[:, ::-1], np.s_[10:82, 116:20:-1]):
+        assert reader().score(marked_render()[part].copy()) > CERTAIN
+        assert abs(reader().score(clean_render()[part].copy())) < 5
+
+
 @pytest.mark.parametrize(("size", "above", "left", "color"), FRAMES)
 def test_a_frame_of_one_colour_hides_no_grain(size: tuple[int, int], above: int, left: int, color: int) -> None:
     """Letterboxed, pillarboxed, on a page: in the whole file's middle, at the whole file's size, nothing is."""
