@@ -23,6 +23,7 @@ from stages.scene.photo_folder import (
     ANIMATIONS,
     SUFFIXES,
     PhotoFolder,
+    copies_among,
     files_not_among,
     find_photos,
     find_pictures,
@@ -86,17 +87,25 @@ class PhotosParameters(Parameters):
 def photos(context: Context, parameters: PhotosParameters) -> None:
     """Read every photo once, so that damage shows here, and keep them as they came.
 
-    Of a capture all must be readable. Of `any_pictures`, which strangers may have made, one that is not would otherwise
-    stand between all others and their verdicts: the capture names it (`unreadable_names`) and has it not.
+    Of a capture all must be readable, and without poses copies of a photo are left out: of one that is learnt and one
+    that is a test view the latter would show as new what was learnt. Of `any_pictures`, which strangers may have made,
+    one that cannot be read would otherwise stand between all others and their verdicts: the capture names it
+    (`unreadable_names`) and has it not.
     """
     found, place, splits = _found(parameters)
     posed = place is not None or bool(splits)
     facts, broken = facts_of(context, found, posed)
     if broken and (posed or not parameters.any_pictures or not facts):
         raise _of_all(broken)
+    copies = () if posed or parameters.any_pictures else copies_among({name: found.photos[name] for name in facts})
+    facts = {name: one for name, one in facts.items() if name not in copies}
     poses, names = _poses(context, parameters, place, splits, facts)
     unseen = files_not_among({*found.photos.values()}, parameters.folder) if parameters.any_pictures else []
     _say_what_was_left_out(context, found, unseen, parameters.folder)
+    if copies:
+        context.log(
+            f"{len(copies)} photos are copies of others, to the last byte, and are left out: {', '.join(copies)}"
+        )
     for name, error in broken.items():
         context.log(f"{name} is left out: {error}")
     capture = Capture(
@@ -132,6 +141,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         unreadable=list(broken),
         not_looked_at=len(unseen),
         below=found.below,
+        copies=len(copies),
         masked=0 if place is None or place.is_dir() else masked_frames(place),
     )
 

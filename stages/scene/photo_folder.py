@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -84,6 +85,20 @@ def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str]
         expected=f"photos ({', '.join(suffixes)}) in {searched}",
         remedy=_how_to_have_photos([*folder.iterdir(), *(file for place in own for file in _files_below(place))]),
     )
+
+
+def copies_among(photos: Mapping[str, Path]) -> tuple[str, ...]:
+    """The names of photos that are, to the last byte, one whose name comes before."""
+    same_size = Counter(photo.stat().st_size for photo in photos.values())
+    seen: set[bytes] = set()
+    copies = []
+    for name, photo in photos.items():
+        if same_size[photo.stat().st_size] > 1:
+            digest = hashlib.sha256(photo.read_bytes()).digest()
+            if digest in seen:
+                copies.append(name)
+            seen.add(digest)
+    return tuple(copies)
 
 
 def find_pictures(folder: Path, suffixes: Sequence[str]) -> PhotoFolder:

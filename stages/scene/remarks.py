@@ -28,8 +28,8 @@ OVERLAP = (
 
 
 def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
-    """Of `photos`: poses came with some of the photos only; some lie in another place than most, or are not read; or of
-    a folder of any pictures not all files were looked at, or could be read.
+    """Of `photos`: poses came with some of the photos only; some lie in another place than most, are not read, or are
+    copies; or of a folder of any pictures not all files were looked at, or could be read.
     """
     kept, left, elsewhere, unseen = (
         int(str(finished.facts.get(fact, 0))) for fact in ("photos", "without_pose", "left_out", "not_looked_at")
@@ -59,7 +59,14 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
                 "says where."
             )
         )
-    below, masked = (int(str(finished.facts.get(fact, 0))) for fact in ("below", "masked"))
+    below, masked, copies = (int(str(finished.facts.get(fact, 0))) for fact in ("below", "masked", "copies"))
+    if copies:
+        remarks.append(
+            Remark(
+                f"{copies} of {kept + copies} photos are copies of others, to the last byte, and are left out; the log "
+                "names them."
+            )
+        )
     if below:
         remarks.append(
             Remark(

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,8 @@ def take(
 ) -> None:
     """A photo of noise, with EXIF data as asked for: `focal` on 35 mm film, `zoom` of the lens itself."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    pixels = np.random.default_rng(len(path.name)).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
+    generator = np.random.default_rng(zlib.crc32(str(path).encode()))
+    pixels = generator.integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
     exif = Image.Exif()
     if orientation is not None:
         exif[0x0112] = orientation
@@ -46,6 +48,19 @@ def capture(folder: Path, directory: Path, log: list[str] | None = None, **param
     directory.mkdir(exist_ok=True)
     services = Services(log=(log if log is not None else []).append)
     return run_stage(photos, PhotosParameters(folder=folder, **parameters), {}, directory, services=services)["capture"]
+
+
+def test_copies_of_a_photo_are_left_out_where_no_poses_came(tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    for name in ("a.jpg", "b.jpg", "c.png"):
+        take(folder / name)
+    for name, source in (("a (1).jpg", "a.jpg"), ("z.jpg", "a.jpg"), ("d.png", "c.png")):
+        (folder / name).write_bytes((folder / source).read_bytes())
+    log: list[str] = []
+    assert read_capture(capture(folder, tmp_path / "out", log)).names == ("a (1).jpg", "b.jpg", "c.png")
+    assert any("3 photos are copies of others" in line and "a.jpg, d.png, z.jpg" in line for line in log)
+    every = read_capture(capture(folder, tmp_path / "all", any_pictures=True))
+    assert len(every.names) == 6, "who looks through pictures is answered for each"
 
 
 def test_photos_are_kept_as_they_came(tmp_path: Path) -> None:

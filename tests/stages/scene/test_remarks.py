@@ -98,6 +98,8 @@ def test_photos_in_folders_beside_and_masks() -> None:
 
 
 def test_pictures_that_are_not_read() -> None:
+    (remark,) = photos_left_out(finished({}, {}, photos=8, copies=8))
+    assert remark.text.startswith("8 of 16 photos are copies of others")
     (remark,) = photos_left_out(finished({}, {}, photos=3, unread={".heic": 30, ".dng": 1}))
     assert remark.text == "31 pictures (.heic, .dng) cannot be read and were left out; convert them to JPEG."
     assert photos_left_out(finished({}, {}, photos=3, unread={})) == ()
