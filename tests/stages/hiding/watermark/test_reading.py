@@ -110,10 +110,12 @@ def test_grain_is_found_in_a_window(window: tuple[slice, slice]) -> None:
     assert reader().score(marked_render()[window].copy()) > CERTAIN
 
 
-def test_grain_is_found_in_a_mirrored_picture() -> None:
-    for part in (np.s_[:, ::-1], np.s_[10:82, 116:20:-1]):
-        assert reader().score(marked_render()[part].copy()) > CERTAIN
-        assert abs(reader().score(clean_render()[part].copy())) < 5
+@pytest.mark.parametrize("quarters", [0, 1])
+def test_grain_is_found_in_a_mirrored_or_turned_picture(quarters: int) -> None:
+    for part in (np.s_[:, ::-1], np.s_[10:82, 116:20:-1], np.s_[:, :]):
+        marked, clean = (np.rot90(picture[part], quarters).copy() for picture in (marked_render(), clean_render()))
+        assert reader().score(marked) > CERTAIN
+        assert abs(reader().score(clean)) < 5
 
 
 @pytest.mark.parametrize(("size", "above", "left", "color"), FRAMES)
