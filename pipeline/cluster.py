@@ -43,6 +43,7 @@ from pipeline.workers import (
 
 PATIENCE = 45.0  # seconds that work waits for a worker that could do it
 SILENCE = 30.0  # seconds of waiting for answers after which a scheduler is given up
+SILENCE_HERE = 600.0  # the same of our own, a thread of this process: silent where others take the cores, and not gone
 LOOK_EVERY = 1.0  # seconds between two looks at the workers
 ANSWER = 10.0  # seconds that a scheduler has to answer, and a worker to hand over a result
 CLOSE = 5.0  # seconds that dask's processes have to end
@@ -228,7 +229,8 @@ class DaskExecutor:
         if answer is None:
             # What was waited for, not what has passed: a run that was stopped (Ctrl-Z) finds the last answer old.
             self._silence += LOOK_EVERY + min(time.monotonic() - now, ANSWER)
-            if self._client.status in ("closing", "closed") or self._silence > min(SILENCE, self._patience):
+            enough = SILENCE_HERE if self._address is None else min(SILENCE, self._patience)
+            if self._client.status in ("closing", "closed") or self._silence > enough:
                 self._give_up()
             return
         found, processing = answer

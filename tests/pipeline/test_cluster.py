@@ -259,6 +259,20 @@ def test_a_fault_of_this_machine_is_not_told_as_one_of_a_cluster(
     assert "None" not in str(refused.value)
 
 
+def test_a_run_waits_for_its_own_scheduler_where_others_take_the_cores(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is a thread of this process: on an overloaded machine it was given up after half a minute, and the run."""
+    executor = DaskExecutor(1)
+    asked, silent = executor._asked, iter(range(3))
+    monkeypatch.setattr(cluster_module, "SILENCE", 0.0)
+    monkeypatch.setattr(cluster_module, "LOOK_EVERY", 0.01)
+    monkeypatch.setattr(executor, "_asked", lambda: asked() if next(silent, None) is None else None)
+    workspace.write("stages:\n  a: {uses: numbers}\n")
+    assert workspace.run(executor=executor).states == {"a": "ran"}
+    assert next(silent, None) is None
+
+
 def test_where_closing_is_interrupted_nothing_is_waited_for_at_exit(monkeypatch: pytest.MonkeyPatch) -> None:
     """By a second Ctrl-C. dask closes at exit what is still open, and gives processes that are killed ten seconds."""
     started = []
