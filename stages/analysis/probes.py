@@ -21,6 +21,16 @@ def run_name(method: str, probe: str) -> str:
     return f"{method}: {probe}"
 
 
+def probed(name: str) -> tuple[str, str] | None:
+    """The method and the probe of a `run_name`; None of what is none.
+
+    >>> probed("gs_hider: own features"), probed("gs_hider")
+    (('gs_hider', 'own features'), None)
+    """
+    method, _, probe = name.rpartition(": ")
+    return (method, probe) if probe in PROBES else None
+
+
 def probes(own: RawFeatures, foreign: RawFeatures | None, seed: int) -> dict[str, RawFeatures]:
     """Raw features by what was done to them; `foreign` are another container's, any number, of as many channels.
 

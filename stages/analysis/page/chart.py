@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 WIDTH, HEIGHT = 420, 260
 LEFT, RIGHT, TOP, BOTTOM = 56, 24, 12, 34
+SHORTEST = 8.0
+"""Of a line: one of a single point, or of points that lie on each other, is drawn so long, or nobody would see it."""
 
 
 @dataclass(frozen=True)
@@ -119,4 +121,8 @@ def _decade_ticks(low: float, high: float) -> list[float]:
 
 
 def _polyline(points: Sequence[tuple[float, float]]) -> str:
+    sides = [max(values) - min(values) for values in zip(*points, strict=True)]
+    if math.hypot(*sides) < SHORTEST:
+        x, y = points[0]
+        points = ((x - SHORTEST / 2, y), (x + SHORTEST / 2, y))
     return " ".join(f"{x:.1f},{y:.1f}" for x, y in points)

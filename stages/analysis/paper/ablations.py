@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from stages.analysis.page.figures import label
 from stages.analysis.page.material import GS_HIDER, METHOD_TITLES
@@ -16,7 +16,7 @@ from stages.analysis.paper.grid import (
     Cell,
     Grid,
     Line,
-    figure_cell,
+    average_cell,
     published_cell,
     without_empty_columns,
 )
@@ -112,14 +112,16 @@ def _grid(
     is_theirs = method == GS_HIDER and split == "test"
     printed = {variant.value: variant for variant in tables.ablations[name]} if is_theirs else {}
     runs = [run for group in own.values() for run in group]
+    captures = {run.capture for run in runs}
     lines: list[Line] = []
     for value in sorted({*printed, *own}, key=_order):
-        cells = tuple(_cell(own.get(value, []), subject, quantity, split) for subject, quantity in COLUMNS)
+        cells = tuple(_cell(own.get(value, []), subject, quantity, split, captures) for subject, quantity in COLUMNS)
         lines.append(Line((_written(value), HERE), cells))
         if isinstance(value, float | int) and value in printed:
             lines.append(_published_line(_written(value), printed[value]))
-    captures = len({run.capture for run in runs})
-    note = f"Averages over {captures} capture{'s' if captures > 1 else ''}"
+    note = f"Averages over {len(captures)} captures, or as many as a figure says"
+    if len(captures) == 1:
+        note = "Averages over 1 capture"
     notes = (f"{note}; the paper's over nine.", noise_note(noises(runs, study))) if split == "test" else (f"{note}.",)
     return without_empty_columns(
         Grid(
@@ -136,11 +138,11 @@ def _figure(subject: Subject, quantity: str, split: str = "test") -> Figure:
     return cover(quantity, split) if subject == "cover" else message(quantity, split)
 
 
-def _cell(runs: Sequence[Run], subject: Subject, quantity: str, split: str) -> Cell:
-    average = measure(runs, _figure(subject, quantity, split)).average
-    if quantity in LPIPS and split == "test" and subject == "cover" and runs and not average.count:
+def _cell(runs: Sequence[Run], subject: Subject, quantity: str, split: str, captures: Collection[str]) -> Cell:
+    measured = measure(runs, _figure(subject, quantity, split))
+    if quantity in LPIPS and split == "test" and subject == "cover" and runs and not measured.by_capture:
         return Cell(NOT_MEASURED)
-    return figure_cell(quantity, average)
+    return average_cell(quantity, measured, captures)
 
 
 def _published_line(title: str, variant: Variant) -> Line:

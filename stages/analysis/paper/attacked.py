@@ -27,6 +27,11 @@ class Attacked:
     attacks: tuple[AttackName, ...]
 
     @property
+    def captures(self) -> tuple[str, ...]:
+        """All that any method was attacked on, in order."""
+        return tuple(dict.fromkeys(each.capture for group in self.by_method.values() for each in group))
+
+    @property
     def titles(self) -> tuple[str, ...]:
         """Of the methods."""
         return tuple(map(title_of, self.by_method))

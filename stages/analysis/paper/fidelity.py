@@ -48,6 +48,7 @@ from stages.analysis.paper.measuring import (
 from stages.analysis.paper.message_tables import CAPTION, Shown, messages_grid
 from stages.analysis.paper.published import Published, Subject, average, row_of
 from stages.analysis.paper.runs import Run, Study
+from stages.analysis.probes import probed
 
 
 def fidelity(study: Study, tables: Published) -> Chapter:
@@ -67,8 +68,8 @@ def fidelity(study: Study, tables: Published) -> Chapter:
 
 
 def hides_one_scene(run: Run) -> bool:
-    """Whether this is the paper's first experiment."""
-    return len(run.messages) == 1 and not run.hides_image
+    """Whether this is the paper's first experiment, and no probe of a decoder."""
+    return len(run.messages) == 1 and not run.hides_image and probed(run.method) is None
 
 
 def size_note(runs: Sequence[Run]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
@@ -124,6 +124,21 @@ def signed(quantity: str, difference: float) -> str:
     return text if text.startswith("-") else f"+{text}"
 
 
+def average_cell(quantity: str, measured: Measured, captures: Collection[str], note: str = "") -> Cell:
+    """The average, with its deviation if it has one; it says so where it is of fewer captures than other lines'."""
+    return figure_cell(quantity, measured.average, ", ".join(filter(None, (note, some_of(measured, captures)))))
+
+
+def some_of(measured: Measured, captures: Collection[str]) -> str:
+    """Of how many captures a figure is, where it is not of all of them, and of any.
+
+    >>> some_of(Measured({"fox": Spread(1.0)}), ["fox", "kitchen"])
+    'of 1'
+    """
+    lacking = [capture for capture in captures if capture not in measured.by_capture]
+    return f"of {len(measured.by_capture)}" if lacking and measured.by_capture else ""
+
+
 def measured_cells(
     quantity: str, measured: Measured, reference: Measured | None, captures: Sequence[str], expected: bool = False
 ) -> list[Cell]:
@@ -142,12 +157,10 @@ def measured_cells(
         )
         for capture in captures
     ]
-    lacking = [capture for capture in captures if capture not in measured.by_capture]
-    some = f"of {len(measured.by_capture)}" if lacking and measured.by_capture else ""
     whole = measured.average
     return [
         *cells,
-        Cell(figure_cell(quantity, whole).text, some, as_written(quantity, whole)),
+        Cell(figure_cell(quantity, whole).text, some_of(measured, captures), as_written(quantity, whole)),
         difference_cell(quantity, differences.average.mean),
     ]
 

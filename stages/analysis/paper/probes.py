@@ -10,8 +10,8 @@ from stages.analysis.paper.grid import HERE, Grid, Line, headings, measured_cell
 from stages.analysis.paper.measuring import Measured, measure, message
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation
-from stages.analysis.paper.runs import Run, Study
-from stages.analysis.probes import OWN, PROBES, run_name
+from stages.analysis.paper.runs import Run, Study, settings_title
+from stages.analysis.probes import OWN, PROBES, probed
 
 MOST_OVER_ONE_COLOUR = 1.0
 """In dB: features without a message may show no more of it than this above the best picture of one colour."""
@@ -20,10 +20,7 @@ MOST_OVER_ONE_COLOUR = 1.0
 def probes(study: Study, tables: Published) -> Chapter:
     """The rows of `probe_decoder`: a block for each method, a line for each probe."""
     lines, relations, shown = [], [], []
-    for method, title in METHOD_TITLES.items():
-        runs = {probe: _runs(study, run_name(method, probe)) for probe in PROBES}
-        if not any(runs.values()):
-            continue
+    for title, runs in _by_title(study).items():
         found = {probe: measure(group, message("psnr_covered")) for probe, group in runs.items()}
         floor = measure(runs[OWN], message("psnr_constant"))
         lines += [
@@ -46,8 +43,16 @@ def probes(study: Study, tables: Published) -> Chapter:
     )
 
 
-def _runs(study: Study, name: str) -> tuple[Run, ...]:
-    return study.select(lambda run: run.method == name)
+def _by_title(study: Study) -> dict[str, dict[str, list[Run]]]:
+    """The runs of each probe, by the method's title with its unusual settings: methods in the paper's order first."""
+    found = [(*named, run) for run in study.runs if (named := probed(run.method)) is not None]
+    order = [*METHOD_TITLES, *sorted({method for method, _, _ in found} - METHOD_TITLES.keys())]
+    groups: dict[str, dict[str, list[Run]]] = {}
+    for method, probe, run in sorted(
+        found, key=lambda each: (order.index(each[0]), each[2].settings != (), str(each[2].settings))
+    ):
+        groups.setdefault(settings_title(method, run.settings), {name: [] for name in PROBES})[probe].append(run)
+    return groups
 
 
 def _relation(title: str, probe: str, figure: Measured, floor: Measured) -> Relation:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from stages.analysis.attacks.catalogue import UNATTACKED, AttackName
 from stages.analysis.page.figures import label
 from stages.analysis.page.material import GS_HIDER, OURS
 from stages.analysis.paper.attack_curves import at_severity
 from stages.analysis.paper.chapter import title_of
-from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, published_cell
+from stages.analysis.paper.grid import HERE, PAPER, Grid, Line, average_cell, published_cell, some_of
 from stages.analysis.paper.measuring import Measured, MeasuredErrors
 from stages.analysis.paper.published import Published, Variant, average, published_name
 from stages.analysis.paper.relations import Relation
@@ -45,7 +46,8 @@ def pruning_table(by_method: Groups, tables: Published) -> Grid:
             lines += _lines(name, by_method, attack, variant.value / 100)
             lines.append(_published_line(name, [_of(variant, message, quantity) for message, quantity in COLUMNS]))
     notes = [
-        "Averages over captures, and over seeds of what is pruned at random (LPIPS: one); the paper's names no network."
+        "Averages over captures, of fewer where it says so, and over seeds of what is pruned at random (LPIPS: one); "
+        "the paper's names no network."
     ]
     if not at_severity(_all(by_method), UNATTACKED, None, False, "lpips_vgg").by_capture:
         notes.append(f"LPIPS (VGG16) was not measured. Where its weights are missing: {HOW_TO_INSTALL}")
@@ -118,13 +120,14 @@ def _change(experiments: Sequence[Experiment], attack: str, share: float, messag
 
 
 def _lines(name: str, by_method: Groups, condition: str, severity: float | None) -> list[Line]:
+    captures = {each.capture for each in _all(by_method)}
     return [
         Line(
             (name, title_of(method), HERE),
             tuple(
-                Cell(figure_cell(quantity, spread).text, "", spread)
+                replace(average_cell(quantity, figure, captures), note=some_of(figure, captures))
                 for message, quantity in COLUMNS
-                for spread in [at_severity(group, condition, severity, message, quantity).average]
+                for figure in [at_severity(group, condition, severity, message, quantity)]
             ),
         )
         for method, group in by_method.items()

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from stages.analysis.attacks.catalogue import AttackName
 from stages.analysis.paper.attacked import Attacked
 from stages.analysis.paper.chapter import title_of
-from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell
+from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, average_cell
 from stages.analysis.paper.measuring import Spread
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.runs import capture_title
@@ -32,7 +32,7 @@ def purification(attacked: Attacked, tables: Published) -> Grid:
         )
         if any(figure.by_capture for figure in floored):
             figures = (*floored, attacked.most_to_lose(method), *raw)
-            cells = tuple(figure_cell("psnr", figure.average) for figure in figures)
+            cells = tuple(average_cell("psnr", figure, attacked.captures) for figure in figures)
             ours.append(Line((title_of(method), HERE), cells))
     theirs = [
         Line((name, PAPER), (*[Cell("")] * 4, Cell(f"{value:.2f}", "GSPure", Spread(value))), published=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName, restored
 from stages.analysis.page.chart import Chart, Series, line_chart
@@ -13,7 +13,7 @@ from stages.analysis.page.summary import Tile
 from stages.analysis.paper.attack_curves import POINTS, Reading, average_curve, measured, severities
 from stages.analysis.paper.attacked import Attacked
 from stages.analysis.paper.chapter import Chapter, title_of
-from stages.analysis.paper.grid import Cell, Grid, Line, figure_cell, signed, without_empty_columns
+from stages.analysis.paper.grid import Cell, Grid, Line, average_cell, signed, some_of, without_empty_columns
 from stages.analysis.paper.measuring import Measured, Spread
 from stages.analysis.paper.pruning_table import pruning_relations, pruning_table
 from stages.analysis.paper.published import Published
@@ -94,13 +94,11 @@ def _areas(attacked: Attacked, reading: Reading, sources: str) -> Grid:
         for method, (first, *_) in attacked.by_method.items():
             lost = attacked.message_lost(method, attack, reading).average.mean
             note = signed("psnr", -lost)
-            cells.append(_cell(attack, first.method, attacked.message_left(method, attack, reading), note))
+            left = attacked.message_left(method, attack, reading)
+            cells.append(_cell(attack, first.method, left, attacked.captures, note))
         width = attacked.width(attack)
         lines.append(Line((ATTACKS[attack].title,), (*cells, Cell(f"{width:.2f} dB", "", Spread(width)))))
-    cells = [
-        Cell(figure_cell("psnr", _unattacked(group)).text, "", _unattacked(group))
-        for group in attacked.by_method.values()
-    ]
+    cells = [average_cell("psnr", _unattacked(group), attacked.captures) for group in attacked.by_method.values()]
     return Grid(
         f"What is left of the message {READINGS[reading]}: PSNR (dB), averaged over the cover's loss",
         ("Attack",),
@@ -138,16 +136,16 @@ def _lost_by_ours(attacked: Attacked, reading: Reading) -> list[str]:
     return found
 
 
-def _unattacked(experiments: Sequence[Experiment]) -> Spread:
+def _unattacked(experiments: Sequence[Experiment]) -> Measured:
     """The message before any attack, counted as it is after them: never worse than a picture of one colour."""
-    return measured(experiments, UNATTACKED, "as found", lambda curve: curve.unattacked.message).average
+    return measured(experiments, UNATTACKED, "as found", lambda curve: curve.unattacked.message)
 
 
-def _cell(attack: AttackName, method: str, figure: Measured, note: str = "") -> Cell:
+def _cell(attack: AttackName, method: str, figure: Measured, captures: Collection[str], note: str = "") -> Cell:
     """A figure, or why there is none."""
     if not figure.by_capture:
         return Cell(ATTACKS[attack].needs if _is_spared(attack, method) else MISSING)
-    return figure_cell("psnr", figure.average, note)
+    return average_cell("psnr", figure, captures, note)
 
 
 def _is_spared(attack: AttackName, method: str) -> bool:
@@ -164,7 +162,7 @@ def _gains(attacked: Attacked, reading: Reading) -> Grid:
         Line(
             (ATTACKS[attack].title,),
             tuple(
-                _cell(attack, first.method, attacked.gain(method, attack, reading))
+                _cell(attack, first.method, attacked.gain(method, attack, reading), attacked.captures)
                 for method, (first, *_) in attacked.by_method.items()
             ),
         )
@@ -192,7 +190,7 @@ def _gains(attacked: Attacked, reading: Reading) -> Grid:
 
 
 def _cap(attacked: Attacked, method: str) -> Cell:
-    return figure_cell("psnr", attacked.most_to_lose(method).average)
+    return average_cell("psnr", attacked.most_to_lose(method), attacked.captures)
 
 
 def _weakest(attacked: Attacked, method: str, reading: Reading) -> tuple[AttackName | None, float]:
@@ -214,7 +212,7 @@ def _points(attacked: Attacked) -> Grid:
         for method, group in attacked.by_method.items():
             curve = average_curve(group, attack)
             if curve is not None:
-                title, severe = title_of(method), _range(severities(group, attack))
+                title, severe = _title(attacked, method, attack), _range(severities(group, attack))
                 covers, messages = ([point.cover for point in curve.points], [point.message for point in curve.points])
                 for picture, stated, values in (("Cover", severe, covers), ("Message", "", messages)):
                     cells = [Cell(f"{value:.2f}", "", Spread(value)) for value in values]
@@ -246,7 +244,7 @@ def _registered_points(attacked: Attacked) -> Grid:
                     Cell(f"{after.message:.2f}", f"from {before.message:.2f}", Spread(after.message))
                     for before, after in zip(found.points, registered.points, strict=True)
                 ]
-                lines.append(Line((ATTACKS[attack].title, title_of(method)), _filled(cells)))
+                lines.append(Line((ATTACKS[attack].title, _title(attacked, method, attack)), _filled(cells)))
     return Grid(
         f"The message at every point {READINGS['registered']}: PSNR (dB)",
         ("Attack", "Method"),
@@ -254,6 +252,12 @@ def _registered_points(attacked: Attacked) -> Grid:
         tuple(lines),
         ("As it was read, worse readings included, at the points above; second figures are those as found.",),
     )
+
+
+def _title(attacked: Attacked, method: str, attack: AttackName) -> str:
+    """The method's, which says so where its curve is not of all captures."""
+    some = some_of(attacked.message_left(method, attack, "as found"), attacked.captures)
+    return f"{title_of(method)} ({some})" if some else title_of(method)
 
 
 def _range(found: Sequence[float]) -> str:
@@ -273,17 +277,20 @@ def _relations(attacked: Attacked, reading: Reading) -> list[Relation]:
 
 
 def _not_worse(attacked: Attacked, method: str, attack: AttackName, reading: Reading) -> Relation:
-    """What stands under a relation is the average over the captures, and so is the spread: that of the average."""
+    """What stands under a relation is the average over the captures that both have, and so is the spread: that of the
+    average.
+    """
     ours, hider = (attacked.message_left(each, attack, reading) for each in (method, GS_HIDER))
-    deviations = [each.deviation for area in (ours, hider) for each in area.by_capture.values()]
+    difference = ours.minus(hider)
+    deviations = [area.by_capture[each].deviation for area in (ours, hider) for each in difference.by_capture]
     known = [deviation for deviation in deviations if not math.isnan(deviation)]
-    allowed = math.hypot(*known) / max(1, len(ours.by_capture)) if known else 0.0
+    allowed = math.hypot(*known) / len(difference.by_capture) if known else 0.0
     return Relation(
         f"{title_of(method)} not under {title_of(GS_HIDER)} by more than the spread, {reading}: {_sentence(attack)}",
         "difference",
         "at least",
         -allowed,
-        ours.minus(hider),
+        difference,
     )
 
 

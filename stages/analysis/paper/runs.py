@@ -12,6 +12,7 @@ from pipeline.errors import UserError
 from pipeline.stage import Item
 from stages.analysis.measurements import Measurement, read_measurements
 from stages.analysis.page.material import METHOD_TITLES, OURS, PLAIN
+from stages.analysis.probes import probed
 from stages.hiding.methods.homogeneous import PRESETS, SCENE_PRESETS
 from stages.imaging.metric_table import MetricRow, read_rows
 
@@ -49,9 +50,9 @@ class Run:
     """One training, as scored or as timed.
 
     `settings` are those that its item states and that are not the usual ones, in the order of `SETTINGS`, and then such
-    numbers as alone tell it from another run; `other` is whatever else the item states, such as the message: runs that
-    differ in their seed alone have the same. `stage` is the name, in the workflow, of the stage that measured it,
-    `digest` that of the artifact that says what it measured.
+    values as alone tell it from another run (`_told`); `other` is whatever else the item states, such as the message:
+    runs that differ in their seed alone have the same. `stage` is the name, in the workflow, of the stage that measured
+    it, `digest` that of the artifact that says what it measured.
     """
 
     capture: str
@@ -154,12 +155,13 @@ def read_study(
     scored = _distinct(run for item in scores for run in _runs_of(item, columns, usual_of(item)))
     timed = _distinct(run for item in timings for run in _runs_of(item, columns, usual_of(item)))
     telling = _telling(timed) | _telling(scored)  # times name no message, so that less tells them apart
+    tried = [experiment for item in experiments for experiment in _experiments_of(item, columns, usual_of(item))]
     return Study(
-        _told_apart(scored, telling),
-        _told_apart(timed, telling),
+        tuple(_with_settings(run, telling[run.method]) for run in scored),
+        tuple(_with_settings(run, telling[run.method]) for run in timed),
         tuple((item.label, item.cause or "not made") for item in items if item.artifact is None),
         iterations,
-        tuple(experiment for item in experiments for experiment in _experiments_of(item, columns, usual_of(item))),
+        _told_apart(tried, columns),
         tuple(dict.fromkeys((item.stage, item.artifact.digest) for item in items if item.artifact is not None)),
     )
 
@@ -214,7 +216,7 @@ def settings_title(method: str, settings: Settings) -> str:
 
 
 def _title_of_setting(name: str) -> str:
-    return SETTINGS.get(name, f"{name.replace('_', ' ')} {{}}")
+    return SETTINGS.get(name, f"{name.split('.')[-1].replace('_', ' ')} {{}}")
 
 
 def capture_title(capture: str) -> str:
@@ -238,8 +240,7 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
         if method != PLAIN or row.message is None:  # of plain 3DGS, messages are only a control
             by_method.setdefault(method, []).append(row)
     capture, seed = (item.values.get(column) for column in (columns.capture, columns.seed))
-    known = {columns.capture, columns.method, columns.seed, *SETTINGS}
-    other = tuple(f"{name}={value}" for name, value in sorted(item.values.items()) if name not in known)
+    other = tuple(f"{name}={value}" for name, value in sorted(_others(item.values, columns).items()))
     return [
         Run(
             "" if capture is None else str(capture),
@@ -278,8 +279,9 @@ def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) ->
 
 
 def usual_settings(method: str, setup: Mapping[str, float]) -> Mapping[str, float]:
-    """A method's usual settings: those of the paper, and what our own takes by itself."""
-    own = {**PRESETS, **SCENE_PRESETS} if method == OURS else {}
+    """A method's usual settings, also of its probes: those of the paper, and what our own takes by itself."""
+    of_ours = method == OURS or (probed(method) or ("",))[0] == OURS
+    own = {**PRESETS, **SCENE_PRESETS} if of_ours else {}
     return {**setup, "decoder_width": DECODER_WIDTH, **{name: own[name] for name in SETTINGS if name in own}}
 
 
@@ -317,37 +319,65 @@ def _distinct(runs: Iterable[Run]) -> tuple[Run, ...]:
     return tuple(kept)
 
 
-def _told_apart(runs: Iterable[Run], telling: Mapping[str, set[str]]) -> tuple[Run, ...]:
-    """The runs, of which those that differ in nothing but numbers have these among their settings: tables would average
-    them otherwise. Such a number may be a setting of a method of the user's own.
-    """
-    return tuple(_with_settings(run, telling[run.method]) for run in runs)
+def _others(values: Mapping[str, object], columns: Columns) -> dict[str, object]:
+    """What else an item states; what a mapping holds, such as the settings of one's own method, as `own.levels`."""
+    known = {columns.capture, columns.method, columns.seed, *SETTINGS}
+    found: dict[str, object] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            found |= {f"{name}.{key}": each for key, each in value.items()}
+        elif name not in known:
+            found[name] = value
+    return found
 
 
-def _telling(runs: Sequence[Run]) -> dict[str, set[str]]:
-    """By method, the names of the numbers in which alone runs differ."""
-    alike: dict[tuple[object, ...], list[Run]] = {}
-    for run in runs:
-        alike.setdefault((run.capture, run.kind, run.seed), []).append(run)
-    telling: dict[str, set[str]] = {run.method: set() for run in runs}
-    for group in alike.values():
-        numbers = [_numbers(run) for run in group]
-        telling[group[0].method] |= {
-            name for name in set().union(*numbers) if len({own.get(name) for own in numbers}) > 1
-        }
+def _told(others: Mapping[str, object]) -> dict[str, float | str]:
+    """Of what else is stated that which may be a setting: numbers but for seeds, and all that is in a mapping."""
+    texts = {name: str(value) for name, value in others.items() if not name.endswith("seed")}
+    numbers = {name: float(text) for name, text in texts.items() if re.fullmatch(r"-?\d+(\.\d+)?(e-?\d+)?", text)}
+    return {name: numbers.get(name, text) for name, text in texts.items() if name in numbers or "." in name}
+
+
+def _differing(alike: Iterable[tuple[str, object, Mapping[str, float | str]]]) -> dict[str, set[str]]:
+    """By method, the names of the values in which alone some differ that have the same method and key."""
+    groups: dict[tuple[str, object], list[Mapping[str, float | str]]] = {}
+    for method, key, told in alike:
+        groups.setdefault((method, key), []).append(told)
+    telling: dict[str, set[str]] = {method: set() for method, _ in groups}
+    for (method, _), group in groups.items():
+        telling[method] |= {name for name in set().union(*group) if len({own.get(name) for own in group}) > 1}
     return telling
 
 
-def _numbers(run: Run) -> dict[str, float]:
-    """Those of what else its item states."""
-    stated = dict(text.split("=", 1) for text in run.other)
-    return {name: float(value) for name, value in stated.items() if re.fullmatch(r"-?\d+(\.\d+)?(e-?\d+)?", value)}
+def _telling(runs: Sequence[Run]) -> dict[str, set[str]]:
+    """Runs that differ in nothing but such values have these among their settings: tables would average them."""
+    return _differing((run.method, (run.capture, run.kind, run.seed), _told(_stated_by(run))) for run in runs)
+
+
+def _told_apart(experiments: Sequence[Experiment], columns: Columns) -> tuple[Experiment, ...]:
+    """The experiments, in the same way; those of several stages are different measurements of one container."""
+    told = [_told(_others(each.values, columns)) for each in experiments]
+    telling = _differing(
+        (each.method, (each.stage, each.capture, each.settings, each.seed), own)
+        for each, own in zip(experiments, told, strict=True)
+    )
+    return tuple(
+        replace(each, settings=(*each.settings, *_among(own, telling[each.method])))
+        for each, own in zip(experiments, told, strict=True)
+    )
+
+
+def _stated_by(run: Run) -> dict[str, str]:
+    return dict(text.split("=", 1) for text in run.other)
+
+
+def _among(told: Mapping[str, float | str], names: set[str]) -> Settings:
+    return tuple((name, value) for name, value in told.items() if name in names)
 
 
 def _with_settings(run: Run, names: set[str]) -> Run:
-    own = tuple((name, value) for name, value in _numbers(run).items() if name in names)
     other = tuple(text for text in run.other if text.split("=", 1)[0] not in names)
-    return replace(run, settings=(*run.settings, *own), other=other)
+    return replace(run, settings=(*run.settings, *_among(_told(_stated_by(run)), names)), other=other)
 
 
 def _scored(run: Run) -> set[tuple[MetricRow, bool]]:

@@ -48,6 +48,13 @@ def test_axes_have_some_round_ticks_at_their_values(values: tuple[float, float],
     assert all(chart.top <= tick.position <= chart.bottom for tick in chart.upward)
 
 
+@pytest.mark.parametrize("points", [((3.0, 1.0),), ((3.0, 1.0), (3.0, 1.0))])
+def test_a_line_without_length_is_seen_all_the_same(points: tuple[tuple[float, float], ...]) -> None:
+    other = Series("other", ((0.0, 0.0), (6.0, 2.0)))
+    [short, _] = drawn(line_chart("short", [Series("short", points), other]))
+    assert short[-1][0] - short[0][0] >= 6
+
+
 def test_what_cannot_be_drawn_is_left_out() -> None:
     holes = Series("holes", ((0, math.nan), (1, 2), (2, math.inf), (3, 1)))
     assert len(drawn(line_chart("holes", [holes]))[0]) == 2
