@@ -69,8 +69,7 @@ def acceptances(graph: Graph, store: Store, stage: str, commit: str | None) -> t
     for name, step in steps.items():
         if stage not in (name, name.partition("[")[0]) or step.state == "cached":
             continue
-        old = store.history.last(graph.workflow, [name])[name].made
-        record = store.find(str(old.key)) if old else None
+        record = store.find(step.before) if step.before else None
         reasons = _reasons_against(step, record) or [*_misfits(part.nodes[name], record, store, digests)]
         if reasons or record is None or step.key is None:
             refused.append(Refusal(name, reasons))

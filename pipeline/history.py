@@ -173,6 +173,15 @@ class History:
                         told.add(name)
         return found
 
+    def made(self, workflow: str) -> dict[str, list[str]]:
+        """The keys under which each stage of a workflow made something, the newest first, as far as journals tell."""
+        found: dict[str, dict[str, None]] = {}
+        for journal in self.journals(workflow):
+            for name, result in self.results(journal).items():
+                if result.outputs and result.key:
+                    found.setdefault(name, {}).setdefault(result.key)
+        return {name: list(keys) for name, keys in found.items()}
+
     def last(self, workflow: str, names: Collection[str]) -> dict[str, LastResult]:
         """The last result of each of the stages `names`, as far back as needed."""
         made: dict[str, StageResult] = {}

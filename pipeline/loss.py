@@ -14,6 +14,7 @@ from pipeline.errors import RemoteError, UserError
 from pipeline.graph import Graph, Node
 from pipeline.history import StageResult
 from pipeline.keys import asks_the_same
+from pipeline.record import Record
 from pipeline.store import Store
 
 SHOWN = 8  # names of stages
@@ -21,15 +22,15 @@ NOT_READ = "what was made, or published, with the earlier one is not read with t
 
 
 def refusal(
-    node: Node, key: str, parts: Mapping[str, Json], last: StageResult | None, graph: Graph, store: Store
+    node: Node, key: str, parts: Mapping[str, Json], before: Record | None, graph: Graph, store: Store
 ) -> str | None:
-    """Why a run may not start a stage that is not done under this key; None where it may. `last` is its last result."""
+    """Why a run may not start a stage that is not done under this key; None where it may. `before` as in `Kindred`."""
     if not node.unrepeatable:
         return None
     remains = store.remains(key)
     if remains:
         return words_of_loss(node.name, remains, graph, store)
-    return words_of_keeping(node, key, parts, last, store)
+    return words_of_keeping(node, key, parts, before, store)
 
 
 def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store) -> str:
@@ -55,13 +56,12 @@ def words_of_another(node: Node, key: str, last: StageResult | None) -> str | No
 
 
 def words_of_keeping(
-    node: Node, key: str, parts: Mapping[str, Json], last: StageResult | None, store: Store
+    node: Node, key: str, parts: Mapping[str, Json], before: Record | None, store: Store
 ) -> str | None:
-    """The error of a stage whose last result, which cannot be made again, asked for the same and is under another key
-    for its code alone; None where that is not so.
+    """The error of a stage of which an earlier result, which cannot be made again, asked for the same and is under
+    another key for its code alone; None where that is not so.
     """
-    before = store.record(str(last.key)) if last is not None and last.key != key else None
-    if before is None or not asks_the_same(before.parts, parts):
+    if before is None or before.key == key or not asks_the_same(before.parts, parts):
         return None
     error = UserError(
         f"only the code of {node.name} changed, and no run can make again what it made; another would not read what "

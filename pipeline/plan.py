@@ -18,7 +18,9 @@ from pipeline.external_cache import ExternalCache
 from pipeline.graph import Graph, Node, Source
 from pipeline.history import LastResult, StageResult
 from pipeline.keys import key_of, key_parts
+from pipeline.kindred import Kindred
 from pipeline.loss import refusal, words_of_loss
+from pipeline.record import Record
 from pipeline.stagelog import is_log_of
 from pipeline.store import Store
 
@@ -34,7 +36,8 @@ class Step:
     `shared`: to be done by a stage before it that does the same. `lost`: damaged or gone, and a run refuses to put
     another in its place. `refused`: a run would not make another for other code alone. `key` is None as long as an
     input is not made. `changes` are what differs from the last result, and but where it is refused part of the reasons.
-    `failed` is the cause of a failure since the last result.
+    `failed` is the cause of a failure since the last result. `before` is the key of the result that it is compared
+    with (`Kindred`).
     """
 
     name: str
@@ -44,6 +47,7 @@ class Step:
     changes: tuple[Change, ...] = ()
     result: StageResult | None = None
     failed: str | None = None
+    before: str | None = None
 
     @property
     def failed_before(self) -> str | None:
@@ -84,6 +88,7 @@ class _Planner:
         self.graph = graph
         self.store = store
         self.last = store.history.last(graph.workflow, graph.nodes.keys())
+        self.kindred = Kindred(graph.workflow, store)
         self.actions = store.actions
         self.objects = store.objects
         self.known = Known(store)
@@ -121,15 +126,17 @@ class _Planner:
         result = self.result(node.name, key, last.made) if key else None
         if result:
             return Step(node.name, "cached", key, result=result)
-        step = self.missing(node, key, parts, last)
+        before = self.kindred.before(node, key, parts, last.made)
+        step = replace(self.missing(node, key, parts, last, before), before=before.key if before else None)
         if key and self.store.is_locked(key):
             return self.running(step, key)
-        refused = refusal(node, key, parts, last.made, self.graph, self.store) if key else None
+        refused = refusal(node, key, parts, before, self.graph, self.store) if key else None
         return replace(step, state="refused", reasons=(refused,)) if refused else step
 
-    def missing(self, node: Node, key: str | None, parts: Mapping[str, Any], last: LastResult) -> Step:
-        """The step of a node that is not in the store."""
-        before = self.store.record(str(last.made.key)) if last.made else None
+    def missing(
+        self, node: Node, key: str | None, parts: Mapping[str, Any], last: LastResult, before: Record | None
+    ) -> Step:
+        """The step of a node that is not in the store, compared with what was `before`."""
         if before is None:
             reason = "its last result is no longer in the store" if last.made else "it has never run"
             return Step(node.name, "run", key, (reason,), failed=last.cause(key))

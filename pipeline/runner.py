@@ -25,6 +25,7 @@ from pipeline.graph import Graph, Node, Source
 from pipeline.history import Journal, StageResult
 from pipeline.interruption import interruptible
 from pipeline.keys import key_of, key_parts
+from pipeline.kindred import Kindred
 from pipeline.loss import last_of_their_kind, refusal, words_of_another
 from pipeline.provenance import git_commit
 from pipeline.record import Record
@@ -81,6 +82,7 @@ class Run:
         self._final = frozenset(self.graph.final)
         self._dependents = self.graph.dependents
         self._before = last_of_their_kind(self.graph, self.store)
+        self._kindred = Kindred(self.graph.workflow, self.store)
 
     def run(self) -> Summary:
         """Runs everything; returns when nothing is left that can be done. Raises CommandError during a `gc`."""
@@ -192,7 +194,8 @@ class Run:
         if key in self._running.values() or (self._running and (node.declaration.alone or self._someone_is_alone())):
             self._held.add(name)  # another stage is just doing the same, or one of them has to be alone
             return False
-        cause = refusal(node, key, parts, self._before.get(name), self.graph, self.store)
+        before = self._kindred.before(node, key, parts, self._before.get(name)) if node.unrepeatable else None
+        cause = refusal(node, key, parts, before, self.graph, self.store)
         if cause:
             self._causes[name] = lasting_cause(node, cause, self.store)
             self._end(StageResult(name, "failed", key, cause=cause))

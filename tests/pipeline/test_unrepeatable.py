@@ -202,6 +202,34 @@ def test_after_a_change_of_code_alone_it_is_accepted(
     assert kept.ended["key"].outputs["numbers"].name == drawn.ended["key"].outputs["numbers"].name
 
 
+@pytest.mark.parametrize("renamed", [False, True])
+def test_after_a_change_of_code_it_is_kept_though_the_last_run_was_of_something_else(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch, renamed: bool
+) -> None:
+    """Pair A is hidden, then pair B, then comes a new version: A's key was drawn anew without a question."""
+    told = "name: {}\nvars: {{n: 3}}\nstages:\n  photos: {{uses: numbers, with: {{count: '${{n}}'}}}}\n  {}"
+    key = "key: {uses: draw, in: {of: photos}}\n"
+    first = workspace.write(told.format("drawn", key)).run("n=3")
+    workspace.run("n=4")
+    if renamed:
+        workspace.write(told.format("another", f"other_{key}"))
+    name = "other_key" if renamed else "key"
+    monkeypatch.setattr("pipeline.keys.FORMAT", 3)
+    where = ["--store", str(workspace.folder / "store"), "--stages", TOYS, "--set", "n=3"]
+    if not renamed:
+        assert workspace.plan("n=3")["photos"].changes, "only its code"
+        assert {change.part for change in workspace.plan("n=3")["photos"].changes} <= {"format"}
+    again = workspace.run("n=3")
+    assert again.states[name] == "failed"
+    assert f"only the code of {name} changed" in str(again.ended[name].cause)
+    assert workspace.plan("n=3")[name].state == "refused"
+    done = CliRunner().invoke(app, ["accept", str(workspace.file), name, *where])
+    assert done.exit_code == 0, done.output
+    kept = workspace.run("n=3")
+    assert kept.states[name] == "cached"
+    assert kept.ended[name].outputs["numbers"].name == first.ended["key"].outputs["numbers"].name
+
+
 def test_after_a_change_of_code_another_is_drawn_on_purpose(
     workspace: Workspace, drawn: Ran, monkeypatch: pytest.MonkeyPatch
 ) -> None:
