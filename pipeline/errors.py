@@ -65,7 +65,9 @@ class CommandError(UserError):
 
 @dataclass(frozen=True, order=True)
 class Place:
-    """Where something stands: a file with a 1-based line and column, or a `--set` option (line and column 0)."""
+    """Where something stands: a file with a 1-based line and column, or a `--set` option: line 0, and as `column` the
+    number of the value in it, 0 of the whole.
+    """
 
     file: str
     line: int = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ruamel.yaml import YAML
@@ -50,7 +50,8 @@ class Located:
     `size` is the number of values in it, itself included, and one more for every 64 characters of text: what stands in
     it twice counts twice, although it takes no more room before it is written out. `depth` is its number of levels.
     `typed` is the text that was read as something else, a number such as 0123 or what stands after `--set NAME=`; None
-    of null, and where nobody typed it. `broken`: it could not be read, which has been reported already.
+    of null, and where nobody typed it. `broken`: it could not be read, which has been reported already. `sources` are
+    the places of the values that became part of a text.
     """
 
     value: Scalar | tuple[Located, ...] | Mapping[str, Located]
@@ -59,6 +60,7 @@ class Located:
     keys: Mapping[str, Place] = field(default_factory=dict)
     typed: str | None = None
     broken: bool = False
+    sources: frozenset[Place] = frozenset()
     size: int = field(init=False, compare=False, repr=False)
     depth: int = field(init=False, compare=False, repr=False)
 
@@ -67,6 +69,13 @@ class Located:
         length = sum(len(text) // A_VALUE_OF_TEXT for text in texts)
         object.__setattr__(self, "size", 1 + length + sum(item.size for item in self.items))
         object.__setattr__(self, "depth", 1 + max((item.depth for item in self.items), default=0))
+
+    def places(self) -> Iterator[Place]:
+        """Of the value, of all that is in it, and of what became part of its texts."""
+        yield self.place
+        yield from self.sources
+        for item in self.items:
+            yield from item.places()
 
     @property
     def items(self) -> tuple[Located, ...]:
@@ -124,7 +133,7 @@ class Located:
 def read_yaml(text: str, file: str, base: Path, problems: Problems, fixed: Place | None = None) -> Located | None:
     """The document in `text`; None, with the reason among `problems`, where it is not YAML.
 
-    Places are in `file`, or all `fixed` where that is given.
+    Places are in `file`; where `fixed` is given the whole is there, and what is in it as many columns on as it comes.
     """
     try:
         node = YAML(typ="safe", pure=True).compose(text)
@@ -163,6 +172,7 @@ class _Reader:
         self.constructor = YAML(typ="safe", pure=True).constructor
         self.read = 0
         self.known: dict[Node, Located] = {}
+        self.places = 0
 
     def located(self, node: Node, depth: int) -> Located:
         """The value of a node. Raises _TooLarge with the place where there are too many of them.
@@ -228,4 +238,7 @@ class _Reader:
         return None
 
     def place(self, node: Node) -> Place:
-        return self.fixed or Place(self.file, node.start_mark.line + 1, node.start_mark.column + 1)
+        if self.fixed is None:
+            return Place(self.file, node.start_mark.line + 1, node.start_mark.column + 1)
+        self.places += 1
+        return replace(self.fixed, column=self.places - 1)

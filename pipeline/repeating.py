@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from pipeline.canonical import Json
@@ -30,12 +30,10 @@ def command_of(
     words = ["python", "-m", "pipeline", "run", _near(file)]
     for vars_file in vars_files:
         words += ["--vars", _near(vars_file)]
+    telling = _Telling(workflow, graph)
     for setting in settings:
         name, _, text = setting.partition("=")
-        told = _without_paths(text, _outside(graph))
-        if told not in (FOLDER, FILE) and _is_private(name, workflow, graph):
-            told = PRIVATE
-        words += ["--set", f"{name}={told}"]
+        words += ["--set", f"{name}={telling.text(name, text)}"]
     return shlex.join(words)
 
 
@@ -43,18 +41,6 @@ def _near(path: Path) -> str:
     """As one would type it in the current folder; of what lies elsewhere the name alone."""
     there = path.resolve()
     return there.relative_to(Path.cwd()).as_posix() if there.is_relative_to(Path.cwd()) else path.name
-
-
-def _is_private(setting: str, workflow: Workflow, graph: Graph) -> bool:
-    """Whether stages take the value of a setting, and all that do are private."""
-    place = Place(f"--set {setting}")
-    taking = [
-        graph.nodes[instance.name]
-        for entry in workflow.entries.values()
-        for instance in entry.instances
-        if any(parameter.place == place for parameter in instance.parameters.values())
-    ]
-    return bool(taking) and all(map(_makes_private_things, taking))
 
 
 def _makes_private_things(node: Node) -> bool:
@@ -68,23 +54,53 @@ def _outside(graph: Graph) -> list[Path]:
     return [Path(path).resolve() for path in paths if isinstance(path, str)]
 
 
-def _without_paths(text: str, outside: Sequence[Path]) -> str:
-    """The value of a setting, as it was typed where there is no path in it."""
-    value = read_yaml(text, "", Path.cwd(), Problems())
-    if value is None or not any(_is_path(each, outside) for each in value.texts()):
-        return text
-    told = _told(value, outside)
-    return told if isinstance(told, str) else json.dumps(told, ensure_ascii=False)
+class _Telling:
+    """What is told of the values of settings, each by itself: a row may name a cover and a message."""
+
+    def __init__(self, workflow: Workflow, graph: Graph) -> None:
+        self._outside = _outside(graph)
+        self._private: dict[Place, bool] = {}
+        self._is_any_private = any(map(_makes_private_things, graph.nodes.values()))
+        for entry in workflow.entries.values():
+            for instance in entry.instances:
+                is_private = _makes_private_things(graph.nodes[instance.name])
+                for given in (*instance.parameters.values(), *instance.resources.values()):
+                    for place in given.places():
+                        self._private[place] = self._private.get(place, True) and is_private
+
+    def text(self, name: str, text: str) -> str:
+        """The value of a setting, as it was typed where all of it is told."""
+        place = Place(f"--set {name}")
+        value = read_yaml(text, place.file, Path.cwd(), Problems(), fixed=place)
+        if value is None:
+            return text
+        told = self._told(value)
+        if told == value.plain:
+            return text
+        if all(leaf in (PRIVATE, None) for leaf in _leaves(told)):
+            return PRIVATE
+        return told if isinstance(told, str) else json.dumps(told, ensure_ascii=False)
+
+    def _told(self, value: Located) -> Json:
+        if isinstance(value.value, Mapping):
+            return {name: self._told(item) for name, item in value.value.items()}
+        if isinstance(value.value, tuple):
+            return [self._told(item) for item in value.value]
+        if _is_path(value, self._outside):
+            return FILE if _there(value).is_file() else FOLDER
+        return PRIVATE if self._is_private(value) else value.plain
+
+    def _is_private(self, value: Located) -> bool:
+        """Whether only private stages hear of a value, or none does, which may name what they hide."""
+        return value.value is not None and self._private.get(value.place, self._is_any_private)
 
 
-def _told(value: Located, outside: Sequence[Path]) -> Json:
-    if isinstance(value.value, Mapping):
-        return {name: _told(item, outside) for name, item in value.value.items()}
-    if isinstance(value.value, tuple):
-        return [_told(item, outside) for item in value.value]
-    if _is_path(value, outside):
-        return FILE if _there(value).is_file() else FOLDER
-    return value.plain
+def _leaves(told: Json) -> Iterator[Json]:
+    if isinstance(told, dict | list):
+        for item in told.values() if isinstance(told, dict) else told:
+            yield from _leaves(item)
+    else:
+        yield told
 
 
 def _is_path(value: Located, outside: Sequence[Path]) -> bool:

@@ -64,7 +64,7 @@ def references(located: Located) -> Iterator[str]:
 
 
 def _interpolate(located: Located, scope: Scope, problems: Problems) -> Located | None:
-    text, pieces, end, base = str(located.value), [], 0, located.base
+    text, pieces, end, base, sources = str(located.value), [], 0, located.base, set(located.sources)
     for match in REFERENCE.finditer(text):
         pieces.append(text[end : match.start()])
         end = match.end()
@@ -79,6 +79,7 @@ def _interpolate(located: Located, scope: Scope, problems: Problems) -> Located 
             return None
         if match.start() == 0:
             base = value.base
+        sources |= {value.place, *value.sources}
         pieces.append(str(value.value) if value.typed is None else value.typed)
     pieces.append(text[end:])
     length = sum(map(len, pieces))  # told before they are joined, which may be what there is no memory for
@@ -86,7 +87,7 @@ def _interpolate(located: Located, scope: Scope, problems: Problems) -> Located 
         message = f"a text of {length:,} characters once every ${{…}} is replaced; at most {LONGEST_TEXT:,} are allowed"
         problems.add(located.place, message)
         return None
-    return replace(located, value="".join(pieces), base=base)
+    return replace(located, value="".join(pieces), base=base, sources=frozenset(sources))
 
 
 def _look_up(name: str, located: Located, scope: Scope, problems: Problems) -> Located | None:

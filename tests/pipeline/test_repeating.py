@@ -78,6 +78,32 @@ def test_what_only_private_stages_hear_is_not_said(workspace: Workspace) -> None
     assert command(workspace, "key.seed=81549") == "--set key.seed=PRIVATE"
 
 
+def test_each_value_in_a_row_is_said_or_not_by_itself(workspace: Workspace) -> None:
+    """A cover is everybody's affair, a message is not, even where another row's cover is called so."""
+    workspace.write(
+        """
+        name: toys
+        vars: {pairs: null, word: none, place: here}
+        stages:
+          cover:   {foreach: "${pairs}", uses: numbers, with: {note: "photos/${item.cover}"}}
+          message: {foreach: "${pairs}", uses: numbers, private: true, with: {note: "${place}/${item.message}"}}
+          other:   {uses: numbers, private: true, with: {note: "the ${word} of all"}}
+        """
+    )
+    command = workspace.open(
+        "word=REEF", "place=sea", "pairs=[{cover: fox, message: REEF}, {cover: REEF, message: fox}]"
+    )
+    rows = '[{"cover": "fox", "message": "PRIVATE"}, {"cover": "REEF", "message": "PRIVATE"}]'
+    said = f"--set word=PRIVATE --set place=PRIVATE --set 'pairs={rows}'"
+    assert command.graph.command == f"python -m pipeline run workflow.yaml {said}"
+
+
+def test_what_no_stage_hears_of_is_said_only_where_nothing_is_private(workspace: Workspace) -> None:
+    for private, said in (("true", "PRIVATE"), ("false", "REEF")):
+        workspace.write(f"name: toys\nvars: {{word: none}}\nstages:\n  key: {{uses: numbers, private: {private}}}\n")
+        assert workspace.open("word=REEF").graph.command.endswith(f"--set word={said}")
+
+
 def test_an_empty_text_is_no_path(workspace: Workspace) -> None:
     assert command(workspace, 'numbers.note=""') == "--set 'numbers.note=\"\"'"
 
