@@ -36,7 +36,7 @@ from pipeline.console import (
     say,
     write_the_rest,
 )
-from pipeline.output import lossy_output, open_closed_streams
+from pipeline.output import lossy_output, open_closed_streams, spell_what_cannot_be_printed
 from pipeline.process import set_thread_policy
 
 if TYPE_CHECKING:
@@ -73,6 +73,7 @@ app = typer.Typer(
 
 def main() -> None:
     open_closed_streams()
+    spell_what_cannot_be_printed()
     set_thread_policy()
     by_name = Path(sys.argv[0]).name == COMMAND or any(word.endswith("-completion") for word in sys.argv[1:2])
     asked_by_bash = os.environ.get(f"_{COMMAND.replace('-', '_').upper()}_COMPLETE") == "complete_bash"

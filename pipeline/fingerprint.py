@@ -219,16 +219,20 @@ def _imports(tree: ast.Module, package: str) -> Iterator[str]:
 
 def _dynamic(tree: ast.Module) -> Iterator[int]:
     """Lines of imports whose name is computed, and of those that give the means for it another name."""
+    plain = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call) and _literal_name(node)}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
             yield from (node.lineno for alias in node.names if alias.name in DYNAMIC and alias.asname)
-        elif isinstance(node, ast.Call) and _called(node) in DYNAMIC and not _literal_name(node):
+        elif isinstance(node, ast.Name | ast.Attribute) and _named(node) in DYNAMIC and id(node) not in plain:
             yield node.lineno
 
 
 def _called(call: ast.Call) -> str:
-    function = call.func
-    return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+    return _named(call.func)
+
+
+def _named(node: ast.expr) -> str:
+    return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
 
 
 def _literal_name(call: ast.Call) -> str | None:

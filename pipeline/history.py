@@ -18,7 +18,7 @@ import uuid
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -66,13 +66,26 @@ class PastRun:
     whole: bool
 
 
+STAMP = "%Y%m%dT%H%M%S.%fZ"
+"""Of a journal's name, by which runs are in order."""
+
+
+def _after_all_in(folder: Path, now: datetime) -> datetime:
+    """Now, or just after the newest journal of a folder where that is later: the clock was wrong then, or is now."""
+    names = [entry.name for entry in os.scandir(folder) if entry.name.endswith(".jsonl")]
+    with suppress(ValueError, OverflowError):  # no name of ours
+        newest = datetime.strptime(max(names, default="").partition("-")[0], STAMP).replace(tzinfo=UTC)
+        return max(now, newest + timedelta(microseconds=1))
+    return now
+
+
 class Journal:
     """The file of a run under way."""
 
     def __init__(self, folder: Path, **facts: object) -> None:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         started = datetime.now(UTC)
-        self.path = folder / f"{started:%Y%m%dT%H%M%S.%fZ}-{uuid.uuid4().hex[:8]}.jsonl"
+        self.path = folder / f"{_after_all_in(folder, started):{STAMP}}-{uuid.uuid4().hex[:8]}.jsonl"
         descriptor = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o600)
         self._file = os.fdopen(descriptor, "ab", buffering=0)
         self._unfinished = False

@@ -23,6 +23,8 @@ def open_store(address: str | Path, make: bool = True) -> Store:
     """
     if "://" in str(address):
         return RemoteStore(Bucket(str(address)))
+    if str(address).startswith("s3:"):
+        raise CommandError("no address of a bucket", found=address, expected="s3://BUCKET/PREFIX, with two slashes")
     root = from_home(address)
     if not str(address):
         raise CommandError("the address of the store is empty", expected="a folder, or s3://BUCKET/PREFIX")

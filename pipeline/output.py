@@ -7,6 +7,7 @@ exit status than that of the work.
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Iterator
@@ -46,6 +47,14 @@ def open_closed_streams() -> None:
             else:  # the lowest that is free is another: this one was taken meanwhile
                 os.close(nowhere)
             setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115  # for as long as the process
+
+
+def spell_what_cannot_be_printed() -> None:
+    """Has standard output spell what its encoding lacks, as standard error does: an arrow in Latin-1, or the name of a
+    folder that is no UTF-8, is no reason to fail when all is done.
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 @contextmanager

@@ -21,7 +21,10 @@ from pipeline.store import Store
 from pipeline.workflow import read_workflow
 
 LIBRARIES = ("opencl",)
-"""First-party packages, besides the one of the stages, whose code a result depends on."""
+"""First-party packages, besides those of stages, whose code a result depends on."""
+
+OURS = "stages"
+"""The package of the project's own stages, which those of another package may use."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ def open_project(
         if problems.missing and not settings and not vars_files:
             with suppress(PipelineError, OSError):  # a bucket that cannot be reached must not hide the problems
                 _remind(problems, file, opened.history.last_given(workflow.name))
-        catalogue = Catalogue(package, LIBRARIES, opened)
+        catalogue = Catalogue(package, (OURS, *LIBRARIES), opened)
         graph = build_graph(workflow, catalogue, ExternalCache(opened, sys.stderr), problems, stages)
     given = [word for vars_file in vars_files for word in ("--vars", str(vars_file))]
     given += [word for setting in settings for word in ("--set", setting)]

@@ -146,7 +146,7 @@ class _Table:
         return Located(values, row[0].place, self.base, keys)
 
     def cells(self) -> Iterator[list[Cell]]:
-        """The cells of every line that is not empty."""
+        """The cells of every line in which something stands: spreadsheets write empty cells below a table."""
         row: list[Cell] = []
         position = 0
         while position < len(self.text):
@@ -159,7 +159,7 @@ class _Table:
             if delimiter == self.delimiter and position >= len(self.text):
                 row.append(Cell("", False, self.place(len(self.text))))
             if delimiter != self.delimiter or position >= len(self.text):
-                if len(row) > 1 or row[0].text or row[0].quoted:
+                if any(cell.text or cell.quoted for cell in row):
                     yield row
                 row = []
 

@@ -109,6 +109,13 @@ def test_what_can_be_no_store_is_refused_all_the_same(here: Workspace) -> None:
     assert "Name a folder that you can write to, with --store or $GS_HIDER_STORE." in output
 
 
+def test_a_bucket_whose_address_lacks_a_slash_is_no_folder(here: Workspace) -> None:
+    """Else results, secrets among them, would lie in a folder called s3: wherever one stands."""
+    code, output = call("run", "--store", "s3:/bucket/results")
+    assert (code, "no address of a bucket; found s3:/bucket/results" in output) == (2, True)
+    assert not Path("s3:").exists()
+
+
 def test_it_is_empty_and_cannot_be_written(tmp_path: Path) -> None:
     store = open_store(tmp_path / "nowhere", make=False)
     assert (store.actions, store.objects, store.history.workflows(), store.pins.names) == (set(), set(), [], [])

@@ -195,8 +195,18 @@ def test_what_a_selected_module_says_of_parameters_is_asked_anew(package: Packag
     assert (planned(), planned()) == (2, 2)
 
 
-def test_hidden_imports_are_errors(package: Package, tmp_path: Path) -> None:
-    package.write_stage(body=DYNAMIC)
+def test_what_the_projects_own_package_holds_counts_for_stages_of_another(package: Package, tmp_path: Path) -> None:
+    """Who builds on `stages/` would otherwise be given results of its code as it was."""
+    package.write("lib/low.py", "import stages.scene.similarity\nSIZE = 1\n")
+    workspace = Workspace(tmp_path, package.name).write("stages:\n  made: {uses: make}\n")
+    assert "stages.scene.similarity" in workspace.open().graph.nodes["made"].code.modules
+
+
+@pytest.mark.parametrize(
+    "body", [DYNAMIC, DYNAMIC.replace("importlib.import_module(", "load = importlib.import_module; load(")]
+)
+def test_hidden_imports_are_errors(package: Package, tmp_path: Path, body: str) -> None:
+    package.write_stage(body=body)
     (problem,) = problems(package, tmp_path)
     assert problem.startswith("2:16: the code of make imports modules by computed names")
     assert f"{package.folder / 'make.py'}:" in problem

@@ -44,6 +44,17 @@ def test_the_last_runs_stay_and_older_ones_go(chain: Workspace) -> None:
     assert collected(chain, keep_last=2).size == 0, "there is nothing left to delete"
 
 
+def test_runs_are_in_order_though_the_clock_was_wrong_once(chain: Workspace) -> None:
+    """Those of the days when it was a year ahead were taken for the last ones ever after."""
+    chain.run("factor=2")
+    for journal in store_of(chain).history.journals("chain"):
+        journal.rename(journal.with_name(f"2999{journal.name[4:]}"))
+    for factor in ("factor=3", "factor=4"):
+        chain.run(factor)
+    collected(chain, keep_last=2)
+    assert [is_cached(chain, factor) for factor in ("factor=2", "factor=3", "factor=4")] == [False, True, True]
+
+
 def test_what_cannot_be_made_again_stays(workspace: Workspace) -> None:
     """A key of a scene that was hidden long ago: with it a run makes the same container again, to the last bit."""
     workspace.write("""

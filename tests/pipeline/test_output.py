@@ -94,6 +94,22 @@ def test_what_can_be_printed_is_printed(capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr() == ("to whom it may concern\n", "and to others\n")
 
 
+@pytest.mark.parametrize(("encoding", "folder"), [("latin-1", "store"), ("utf-8:strict", "st\udce9re")])
+def test_what_cannot_be_printed_is_spelled(workspace: Workspace, encoding: str, folder: str) -> None:
+    """An arrow in Latin-1, and a folder whose name is not UTF-8."""
+    workspace.write("stages:\n  a: {uses: numbers}\n  b: {uses: scale, in: {numbers: a}}\n")
+    for command in (["graph"], ["run", "--serial"], ["status"]):
+        arguments = [*command, str(workspace.file), "--stages", TOYS, "--store", str(workspace.folder / folder)]
+        done = subprocess.run(
+            [sys.executable, "-m", "pipeline", *arguments],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONIOENCODING": encoding},
+            capture_output=True,
+            check=False,
+        )
+        assert (done.returncode, b"Traceback" in done.stderr) == (0, False)
+
+
 @pytest.mark.parametrize("closed", [1, 2])
 def test_a_stream_that_was_closed_before(workspace: Workspace, closed: int) -> None:
     """`>&-` and `2>&-`: the exit status is as ever, and so is what the stage makes."""

@@ -208,6 +208,12 @@ def test_cells(tmp_path: Path, cell: str, value: object) -> None:
     assert (rows[0]["a"], type(rows[0]["a"])) == (value, type(value))
 
 
+def test_lines_of_empty_cells_are_no_rows(tmp_path: Path) -> None:
+    """Spreadsheets write them below a table; taken for rows, they ran with what a stage does by itself."""
+    rows, problems = read(tmp_path / "rows.csv", b"a,b\n1,x\n,\n , \n2,y\n,\n")
+    assert (rows, len(problems)) == ([{"a": 1, "b": "x"}, {"a": 2, "b": "y"}], 0)
+
+
 @settings(deadline=None, max_examples=50)
 @given(st.binary(max_size=60))
 def test_any_bytes_give_rows_or_a_reason(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
