@@ -15,6 +15,10 @@ VARYING = (
     (re.compile(r"\b0x[0-9a-f]+\b", re.IGNORECASE), "0x…"),
     (re.compile(r"\b[0-9a-f]{16,}\b", re.IGNORECASE), "…"),  # digests and names drawn by chance
     (re.compile(r"\b[0-9.]+ ?(?:ms|s|seconds?|min|minutes?|h|hours?)\b"), "some time"),
+    (re.compile(r"\b[0-9.]+ ?[kMGT]?i?B free\b"), "some free"),
+    (re.compile(r"\bafter [0-9.]+ ?[kMGT]?i?B were written\b"), "after some were written"),
+    (re.compile(r"\b(pid|process) \d+\b"), r"\1 …"),
+    (re.compile(r"(?<=\d:)\d{4,5}\b"), "…"),  # ports
 )
 
 
@@ -30,6 +34,8 @@ def lasting_words(cause: str, folders: Iterable[str] = ()) -> str:
 
     >>> lasting_words("/photos/fox/7.jpg: found 10 bytes after 3.2 s at 0x7f3a")
     '7.jpg: found 10 bytes after some time at 0x…'
+    >>> lasting_words("tls://127.0.0.1:38059 cannot do the work; found 41.0 kB free, process 4711")
+    'tls://127.0.0.1:… cannot do the work; found some free, process …'
     >>> lasting_words("/my photos/fox/a/7.jpg: not a picture", ["/my photos/fox"])
     'fox/a/7.jpg: not a picture'
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from statistics import fmean
 
 import torch
 from jaxtyping import Float
@@ -49,16 +50,15 @@ class Scorer:
         self.views, self.rows = tuple(views), scene.rows(views)
 
     def cover_psnr(self, attacked: Target) -> float:
-        """PSNR of the cover: all that an attack's severity is set by."""
+        """PSNR of the cover: all that an attack's severity is set by. NaN where a view of it cannot be rendered."""
         pictures = self._pictures(attacked, (COVER,))
-        return mean_of_known(
-            [psnr(shown[COVER], self._truth(row)) for row, shown in zip(self.rows, pictures, strict=True)]
-        )
+        return fmean([psnr(shown[COVER], self._truth(row)) for row, shown in zip(self.rows, pictures, strict=True)])
 
     def figures(self, attacked: Target, perceptual: Perceptual | None = None) -> Figures:
         """PSNR and SSIM of cover and messages, PSNR over the messages' covered pixels, LPIPS of the cover if asked.
 
-        Views in which nothing of a message is seen do not count for it, as for `one_colour`.
+        Views in which nothing of a message is seen do not count for it, as for `one_colour`. A view of the cover that
+        cannot be rendered makes its figures NaN, or an attack that destroys some views would seem to spare the cover.
         """
         found: dict[tuple[str | None, str], list[float]] = {}
         for row, shown in zip(self.rows, self._pictures(attacked, (COVER, *self.messages)), strict=True):
@@ -70,7 +70,7 @@ class Scorer:
                 figures = picture_figures(shown[name], truth, {}) | {"psnr_covered": covered["psnr_covered"]}
                 for quantity, value in where_seen(figures, truth).items():
                     found.setdefault((name, quantity), []).append(value)
-        return {key: mean_of_known(values) for key, values in found.items()}
+        return {key: (fmean if key[0] is None else mean_of_known)(values) for key, values in found.items()}
 
     def one_colour(self) -> Figures:
         """PSNR of the best picture of one colour for each view of each message: what reads worse shows none of it."""

@@ -145,6 +145,17 @@ def test_a_view_that_shows_nothing_of_the_message_does_not_count_for_it() -> Non
     assert both.figures(each.target)[MESSAGE, "psnr"] == first.figures(each.target)[MESSAGE, "psnr"]
 
 
+def test_a_view_of_the_cover_that_cannot_be_rendered_is_no_view_that_is_spared() -> None:
+    each, seen = assay("gs_hider"), iter(range(10))
+
+    def broken_second(picture: torch.Tensor) -> torch.Tensor:
+        return picture if next(seen) % 2 == 0 else picture / 0 * 0
+
+    attacked = replace(each.target, on_pictures=broken_second)
+    assert np.isnan(each.scorer.cover_psnr(attacked))
+    assert np.isnan(each.scorer.figures(attacked)[None, "psnr"])
+
+
 def test_messages_are_read_off_renders_in_the_order_of_the_secret() -> None:
     """Whatever order they are given in, and however many of them."""
     target, _ = target_and_owner("decoder")
