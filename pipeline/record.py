@@ -135,4 +135,5 @@ def newest_makers(records: Iterable[Record]) -> dict[str, Record]:
 
 
 def _by_start(records: Iterable[Record]) -> list[Record]:
-    return sorted(records, key=lambda record: str(record.provenance.get("started", "")))
+    """What was accepted began when that did which it was made from, and comes after it."""
+    return sorted(records, key=lambda record: (str(record.provenance.get("started", "")), len(record.accepted)))
