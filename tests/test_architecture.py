@@ -29,7 +29,7 @@ ENGINE = [
     "declaration opening outside_files",
     "graph action naming storewords cluster",
     "room keys changes repeating description exporting urgency cause",
-    "loss",
+    "loss kindred",
     "plan runner showing pictures",
     "explanation accept readiness",
     "project planwords foretelling",

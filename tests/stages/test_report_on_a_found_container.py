@@ -17,6 +17,7 @@ def recovered(path: Path, verdict: str, **others: float) -> dict[str, tuple[Arti
     """Figures as the stage `recover` writes them, of a container that was turned and pruned."""
     figures = {
         verdict: 1.0,
+        "mirrored": 0.0,
         "degrees": 12.04,
         "shift": 3.5,
         "scale": 1.0,
@@ -45,6 +46,11 @@ def recovered(path: Path, verdict: str, **others: float) -> dict[str, tuple[Arti
             IS_YOURS,
             {"degrees": 0, "shift": 0, "feature_change": 0.2},
             "of its own. It lies where you left it, and its features were changed.",
+        ),
+        (
+            IS_YOURS,
+            {"mirrored": 1, "degrees": 0},
+            "of its own. It was mirrored, moved by 3.5.",
         ),
         (
             MAY_BE_YOURS,
