@@ -33,17 +33,18 @@ class Kindred:
         """The record of the newest result that asked for the same as these parts, by other code, and is whole.
 
         Where there is none that of `last`, whole or not; None without any. Of a stage whose results no run can make
-        again all are looked at that the store has, of whatever workflow.
+        again all are looked at that the store has, of whatever workflow. Raises RemoteError where a bucket does not
+        answer.
         """
         newest = self._store.record(str(last.key)) if last is not None else None
         if key is None or (newest is not None and (newest.key == key or asks_the_same(newest.parts, parts))):
             return newest
-        earlier = self._earlier(node, key)
-        return next((record for record in earlier if asks_the_same(record.parts, parts)), newest)
+        alike = (record for record in self._earlier(node, key) if asks_the_same(record.parts, parts))
+        return next((record for record in alike if self._store.find(record.key)), newest)
 
     def _earlier(self, node: Node, key: str) -> Iterator[Record]:
         for other in self._made.get(node.name, ())[:LOOKED_BACK]:
-            record = self._store.find(other) if other != key else None
+            record = self._store.record(other) if other != key else None
             if record is not None:
                 yield record
         if node.unrepeatable:
@@ -58,5 +59,5 @@ class Kindred:
     @cached_property
     def _irreplaceable(self) -> list[Record]:
         """The newest first."""
-        found = [record for record in self._store.records() if record.unrepeatable and self._store.find(record.key)]
+        found = [record for record in self._store.records() if record.unrepeatable]
         return sorted(found, key=lambda record: str(record.provenance.get("started", "")), reverse=True)

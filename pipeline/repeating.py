@@ -1,7 +1,8 @@
 """The command that has a workflow run as it is being run, for pages that say how they were made.
 
-It is to hold on other machines, and pages are shown around: paths of this one are left out, and so are settings of
-which only private stages hear. What changes no result (`--store`, `--workers`, which stages) is not in it.
+It is to hold on other machines, and pages are shown around: paths of this one are left out, and so are values of
+settings of which only private stages hear, or none. What changes no result (`--store`, `--workers`, which stages) is
+not in it.
 """
 
 from __future__ import annotations

@@ -184,6 +184,8 @@ class Run:
         key = key_of(parts)
         try:
             record = self._found(name, key)
+            is_drawn = node.unrepeatable and record is None
+            before = self._kindred.before(node, key, parts, self._before.get(name)) if is_drawn else None
         except Unreachable as error:
             self._ask_again(name, error)
             return False
@@ -194,7 +196,6 @@ class Run:
         if key in self._running.values() or (self._running and (node.declaration.alone or self._someone_is_alone())):
             self._held.add(name)  # another stage is just doing the same, or one of them has to be alone
             return False
-        before = self._kindred.before(node, key, parts, self._before.get(name)) if node.unrepeatable else None
         cause = refusal(node, key, parts, before, self.graph, self.store)
         if cause:
             self._causes[name] = lasting_cause(node, cause, self.store)

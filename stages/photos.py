@@ -97,15 +97,12 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     facts, broken = facts_of(context, found, posed)
     if broken and (posed or not parameters.any_pictures or not facts):
         raise _of_all(broken)
-    copies = () if posed or parameters.any_pictures else copies_among({name: found.photos[name] for name in facts})
-    facts = {name: one for name, one in facts.items() if name not in copies}
+    copies = [] if posed or parameters.any_pictures else copies_among({name: found.photos[name] for name in facts})
+    for name in copies:
+        del facts[name]
     poses, names = _poses(context, parameters, place, splits, facts)
     unseen = files_not_among({*found.photos.values()}, parameters.folder) if parameters.any_pictures else []
-    _say_what_was_left_out(context, found, unseen, parameters.folder)
-    if copies:
-        context.log(
-            f"{len(copies)} photos are copies of others, to the last byte, and are left out: {', '.join(copies)}"
-        )
+    _say_what_was_left_out(context, found, copies, unseen, parameters.folder)
     for name, error in broken.items():
         context.log(f"{name} is left out: {error}")
     capture = Capture(
@@ -191,9 +188,13 @@ def _poses(
     return poses, names
 
 
-def _say_what_was_left_out(context: Context, found: PhotoFolder, unseen: Sequence[Path], folder: Path) -> None:
+def _say_what_was_left_out(
+    context: Context, found: PhotoFolder, copies: Sequence[str], unseen: Sequence[Path], folder: Path
+) -> None:
     if found.left_out:
         context.log(f"{len(found.left_out)} photos lie elsewhere and were left out, the first is {found.left_out[0]}")
+    if copies:
+        context.log(f"{len(copies)} photos are copies of others, to the last byte, left out: {', '.join(copies)}")
     if found.ignored:
         context.log(f"{found.ignored} files beside the photos are no photos and were ignored")
     if unseen:

@@ -38,11 +38,11 @@ class Recovery:
     """`gaussians` are the found ones in the published world, with features as they were published.
 
     `motion` carried the published world to where it was found, or, of a `mirrored` one, to where its mirror image
-    (`stages/scene/moved_splats.py`) stands. `matched` is the share of the found Gaussians that are
-    published ones, `found_again` that of the published ones that are there; `is_certain` where this is enough to say
-    that the one was made from the other (`Registration` has all three). `feature_change` is by how much
-    features were changed back, root mean square of activated features in [0, 1], of channels that both have: 0 where
-    they were left as they are. `centre` is the median of the published means.
+    (`stages/scene/moved_splats.py`) stands. `matched` is the share of the found Gaussians that are published ones,
+    `found_again` that of the published ones that are there; `is_certain` where this is enough to say that the one was
+    made from the other (`Registration` has all three). `feature_change` is by how much features were changed back, root
+    mean square of activated features in [0, 1], of channels that both have: 0 where they were left as they are.
+    `centre` is the median of the published means.
     """
 
     gaussians: Gaussians

@@ -87,7 +87,7 @@ def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str]
     )
 
 
-def copies_among(photos: Mapping[str, Path]) -> tuple[str, ...]:
+def copies_among(photos: Mapping[str, Path]) -> list[str]:
     """The names of photos that are, to the last byte, one whose name comes before."""
     same_size = Counter(photo.stat().st_size for photo in photos.values())
     seen: set[bytes] = set()
@@ -98,7 +98,7 @@ def copies_among(photos: Mapping[str, Path]) -> tuple[str, ...]:
             if digest in seen:
                 copies.append(name)
             seen.add(digest)
-    return tuple(copies)
+    return copies
 
 
 def find_pictures(folder: Path, suffixes: Sequence[str]) -> PhotoFolder:

@@ -109,7 +109,9 @@ class _Places:
         [matched] = np.nonzero(distances <= near)
         again = len(np.unique(rows[matched]))
         is_certain = again >= max(FEWEST, ENOUGH * min(count, known))
-        return Registration(motion, matched, rows[matched], len(matched) / count, again / known, is_certain, is_certain)
+        return Registration(
+            motion, matched, rows[matched], len(matched) / count, again / known, is_certain, by_place=is_certain
+        )
 
 
 def _by_closest_points(points: Float[np.ndarray, "F 3"], places: _Places, start: Registration) -> Registration:

@@ -50,19 +50,6 @@ def capture(folder: Path, directory: Path, log: list[str] | None = None, **param
     return run_stage(photos, PhotosParameters(folder=folder, **parameters), {}, directory, services=services)["capture"]
 
 
-def test_copies_of_a_photo_are_left_out_where_no_poses_came(tmp_path: Path) -> None:
-    folder = tmp_path / "photos"
-    for name in ("a.jpg", "b.jpg", "c.png"):
-        take(folder / name)
-    for name, source in (("a (1).jpg", "a.jpg"), ("z.jpg", "a.jpg"), ("d.png", "c.png")):
-        (folder / name).write_bytes((folder / source).read_bytes())
-    log: list[str] = []
-    assert read_capture(capture(folder, tmp_path / "out", log)).names == ("a (1).jpg", "b.jpg", "c.png")
-    assert any("3 photos are copies of others" in line and "a.jpg, d.png, z.jpg" in line for line in log)
-    every = read_capture(capture(folder, tmp_path / "all", any_pictures=True))
-    assert len(every.names) == 6, "who looks through pictures is answered for each"
-
-
 def test_photos_are_kept_as_they_came(tmp_path: Path) -> None:
     folder = tmp_path / "photos"
     take(folder / "IMG_2.jpg")

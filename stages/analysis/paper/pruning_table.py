@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 from stages.analysis.attacks.catalogue import UNATTACKED, AttackName
 from stages.analysis.page.figures import label
 from stages.analysis.page.material import GS_HIDER, OURS
 from stages.analysis.paper.attack_curves import at_severity
 from stages.analysis.paper.chapter import title_of
-from stages.analysis.paper.grid import HERE, PAPER, Grid, Line, average_cell, published_cell, some_of
+from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, published_cell, some_of
 from stages.analysis.paper.measuring import Measured, MeasuredErrors
 from stages.analysis.paper.published import Published, Variant, average, published_name
 from stages.analysis.paper.relations import Relation
@@ -125,7 +124,7 @@ def _lines(name: str, by_method: Groups, condition: str, severity: float | None)
         Line(
             (name, title_of(method), HERE),
             tuple(
-                replace(average_cell(quantity, figure, captures), note=some_of(figure, captures))
+                Cell(figure_cell(quantity, figure.average).text, some_of(figure, captures), figure.average)
                 for message, quantity in COLUMNS
                 for figure in [at_severity(group, condition, severity, message, quantity)]
             ),

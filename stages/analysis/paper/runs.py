@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from pipeline.errors import UserError
 from pipeline.stage import Item
 from stages.analysis.measurements import Measurement, read_measurements
 from stages.analysis.page.material import METHOD_TITLES, OURS, PLAIN
+from stages.analysis.paper.telling import Told, others, telling, told
 from stages.analysis.probes import probed
 from stages.hiding.methods.homogeneous import PRESETS, SCENE_PRESETS
 from stages.imaging.metric_table import MetricRow, read_rows
@@ -50,7 +50,7 @@ class Run:
     """One training, as scored or as timed.
 
     `settings` are those that its item states and that are not the usual ones, in the order of `SETTINGS`, and then such
-    values as alone tell it from another run (`_told`); `other` is whatever else the item states, such as the message:
+    values as alone tell it from another run (`telling`); `other` is whatever else the item states, such as the message:
     runs that differ in their seed alone have the same. `stage` is the name, in the workflow, of the stage that measured
     it, `digest` that of the artifact that says what it measured.
     """
@@ -154,11 +154,11 @@ def read_study(
 
     scored = _distinct(run for item in scores for run in _runs_of(item, columns, usual_of(item)))
     timed = _distinct(run for item in timings for run in _runs_of(item, columns, usual_of(item)))
-    telling = _telling(timed) | _telling(scored)  # times name no message, so that less tells them apart
+    names = _telling(timed) | _telling(scored)  # times name no message, so that less tells them apart
     tried = [experiment for item in experiments for experiment in _experiments_of(item, columns, usual_of(item))]
     return Study(
-        tuple(_with_settings(run, telling[run.method]) for run in scored),
-        tuple(_with_settings(run, telling[run.method]) for run in timed),
+        tuple(_with_settings(run, names[run.method]) for run in scored),
+        tuple(_with_settings(run, names[run.method]) for run in timed),
         tuple((item.label, item.cause or "not made") for item in items if item.artifact is None),
         iterations,
         _told_apart(tried, columns),
@@ -240,7 +240,7 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
         if method != PLAIN or row.message is None:  # of plain 3DGS, messages are only a control
             by_method.setdefault(method, []).append(row)
     capture, seed = (item.values.get(column) for column in (columns.capture, columns.seed))
-    other = tuple(f"{name}={value}" for name, value in sorted(_others(item.values, columns).items()))
+    other = tuple(f"{name}={value}" for name, value in sorted(others(item.values, _known(columns)).items()))
     return [
         Run(
             "" if capture is None else str(capture),
@@ -280,8 +280,8 @@ def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) ->
 
 def usual_settings(method: str, setup: Mapping[str, float]) -> Mapping[str, float]:
     """A method's usual settings, also of its probes: those of the paper, and what our own takes by itself."""
-    of_ours = method == OURS or (probed(method) or ("",))[0] == OURS
-    own = {**PRESETS, **SCENE_PRESETS} if of_ours else {}
+    probe = probed(method)
+    own = {**PRESETS, **SCENE_PRESETS} if (probe[0] if probe else method) == OURS else {}
     return {**setup, "decoder_width": DECODER_WIDTH, **{name: own[name] for name in SETTINGS if name in own}}
 
 
@@ -319,65 +319,43 @@ def _distinct(runs: Iterable[Run]) -> tuple[Run, ...]:
     return tuple(kept)
 
 
-def _others(values: Mapping[str, object], columns: Columns) -> dict[str, object]:
-    """What else an item states; what a mapping holds, such as the settings of one's own method, as `own.levels`."""
-    known = {columns.capture, columns.method, columns.seed, *SETTINGS}
-    found: dict[str, object] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            found |= {f"{name}.{key}": each for key, each in value.items()}
-        elif name not in known:
-            found[name] = value
-    return found
-
-
-def _told(others: Mapping[str, object]) -> dict[str, float | str]:
-    """Of what else is stated that which may be a setting: numbers but for seeds, and all that is in a mapping."""
-    texts = {name: str(value) for name, value in others.items() if not name.endswith("seed")}
-    numbers = {name: float(text) for name, text in texts.items() if re.fullmatch(r"-?\d+(\.\d+)?(e-?\d+)?", text)}
-    return {name: numbers.get(name, text) for name, text in texts.items() if name in numbers or "." in name}
-
-
-def _differing(alike: Iterable[tuple[str, object, Mapping[str, float | str]]]) -> dict[str, set[str]]:
-    """By method, the names of the values in which alone some differ that have the same method and key."""
-    groups: dict[tuple[str, object], list[Mapping[str, float | str]]] = {}
-    for method, key, told in alike:
-        groups.setdefault((method, key), []).append(told)
-    telling: dict[str, set[str]] = {method: set() for method, _ in groups}
-    for (method, _), group in groups.items():
-        telling[method] |= {name for name in set().union(*group) if len({own.get(name) for own in group}) > 1}
-    return telling
+def _known(columns: Columns) -> set[str]:
+    return {columns.capture, columns.method, columns.seed, *SETTINGS}
 
 
 def _telling(runs: Sequence[Run]) -> dict[str, set[str]]:
-    """Runs that differ in nothing but such values have these among their settings: tables would average them."""
-    return _differing((run.method, (run.capture, run.kind, run.seed), _told(_stated_by(run))) for run in runs)
-
-
-def _told_apart(experiments: Sequence[Experiment], columns: Columns) -> tuple[Experiment, ...]:
-    """The experiments, in the same way; those of several stages are different measurements of one container."""
-    told = [_told(_others(each.values, columns)) for each in experiments]
-    telling = _differing(
-        (each.method, (each.stage, each.capture, each.settings, each.seed), own)
-        for each, own in zip(experiments, told, strict=True)
-    )
-    return tuple(
-        replace(each, settings=(*each.settings, *_among(own, telling[each.method])))
-        for each, own in zip(experiments, told, strict=True)
-    )
+    """By method, what tells runs apart that differ in nothing else."""
+    return telling((run.method, (run.capture, run.kind, run.seed), told(_stated_by(run))) for run in runs)
 
 
 def _stated_by(run: Run) -> dict[str, str]:
     return dict(text.split("=", 1) for text in run.other)
 
 
-def _among(told: Mapping[str, float | str], names: set[str]) -> Settings:
-    return tuple((name, value) for name, value in told.items() if name in names)
-
-
 def _with_settings(run: Run, names: set[str]) -> Run:
+    """With these of what else its item states among its settings."""
     other = tuple(text for text in run.other if text.split("=", 1)[0] not in names)
-    return replace(run, settings=(*run.settings, *_among(_told(_stated_by(run)), names)), other=other)
+    return replace(run, settings=(*run.settings, *_among(told(_stated_by(run)), names)), other=other)
+
+
+def _told_apart(experiments: Sequence[Experiment], columns: Columns) -> tuple[Experiment, ...]:
+    """The experiments, with what tells them apart among their settings.
+
+    Those of several stages are different measurements of one container.
+    """
+    stated = [told(others(each.values, _known(columns))) for each in experiments]
+    names = telling(
+        (each.method, (each.stage, each.capture, each.settings, each.seed), own)
+        for each, own in zip(experiments, stated, strict=True)
+    )
+    return tuple(
+        replace(each, settings=(*each.settings, *_among(own, names[each.method])))
+        for each, own in zip(experiments, stated, strict=True)
+    )
+
+
+def _among(stated: Told, names: set[str]) -> Settings:
+    return tuple((name, value) for name, value in stated.items() if name in names)
 
 
 def _scored(run: Run) -> set[tuple[MetricRow, bool]]:

@@ -184,3 +184,16 @@ def test_a_folder_of_pictures_that_are_not_read_is_refused_with_what_to_do(tmp_p
     with pytest.raises(UserError) as raised:
         find_photos(folder)
     assert str(raised.value.remedy).startswith("Those of several folders")
+
+
+def test_copies_of_a_photo_are_left_out_where_no_poses_came(tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    for name in ("a.jpg", "b.jpg", "c.png"):
+        take(folder / name)
+    for name, source in (("a (1).jpg", "a.jpg"), ("z.jpg", "a.jpg"), ("d.png", "c.png")):
+        (folder / name).write_bytes((folder / source).read_bytes())
+    log: list[str] = []
+    assert read_capture(capture(folder, tmp_path / "out", log)).names == ("a (1).jpg", "b.jpg", "c.png")
+    assert any("3 photos are copies of others" in line and "a.jpg, d.png, z.jpg" in line for line in log)
+    every = read_capture(capture(folder, tmp_path / "all", any_pictures=True))
+    assert len(every.names) == 6, "who looks through pictures is answered for each"
