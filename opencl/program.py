@@ -19,7 +19,7 @@ TILE = 16
 Schedule = Literal["cpu", "gpu"]
 """How work is cut: a tile for each work-item, or a tile for each work-group and a pixel for each of its work-items."""
 
-Part = Literal["geometry", "blending", "harmonics", "ssim", "convolution", "pixel_decoder"]
+Part = Literal["geometry", "blending", "harmonics", "ssim", "convolution", "pixel_decoder", "separation"]
 """Two programs draw a picture: what happens to Gaussians does not depend on how many features they have. The others do
 what else a training step would spend its time on: colours of spherical harmonics, structural similarity, and, on the
 CPU, decoders and their convolutions."""
@@ -45,7 +45,14 @@ _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
         *("real.cl", "cpu/lanes.cl", "cpu/products.cl"),
         *("cpu/winograd.cl", "cpu/convolution.cl"),
     ),
-    ("cpu", "pixel_decoder"): ("real.cl", "cpu/lanes.cl", "cpu/products.cl", "cpu/pixel_decoder.cl"),
+    ("cpu", "pixel_decoder"): (
+        *("real.cl", "cpu/lanes.cl", "cpu/products.cl"),
+        *("cpu/layers.cl", "cpu/pixel_decoder.cl"),
+    ),
+    ("cpu", "separation"): (
+        *("real.cl", "cpu/lanes.cl", "cpu/products.cl"),
+        *("cpu/layers.cl", "cpu/separation.cl"),
+    ),
     ("gpu", "ssim"): ("real.cl", "ssim.cl", "gpu/ssim.cl"),
 }
 _KERNELS = Path(__file__).parent / "kernels"

@@ -46,7 +46,11 @@ STAGE_FACING = {
 }
 LIBRARY_FLOORS = ["timing", "imaging", "scene", "tracing", "hiding", "training", "analysis"]
 RASTERIZER_FACING = {
-    f"opencl.{name}" for name in ("rasterizer", "device", "harmonics", "routes", "ssim", "convolution", "pixel_decoder")
+    f"opencl.{name}"
+    for name in (
+        *("rasterizer", "device", "harmonics", "routes", "ssim", "convolution", "pixel_decoder"),
+        "separation",
+    )
 }
 
 

@@ -1,4 +1,4 @@
-"""The decoders' kernels on the CPU beside torch's own convolutions, in interleaved repeats on one core.
+"""The decoders' kernels on the CPU, and those beside them, beside torch's own, in interleaved repeats on one core.
 
     POCL_MAX_PTHREAD_COUNT=1 python -m tests.benchmarks.decoder_kernels [--height 200] [--width 112]
 
@@ -20,12 +20,14 @@ from torch.nn.functional import conv2d
 from opencl.convolution import convolve
 from opencl.pixel_decoder import decode_pixels
 from pipeline.freed_memory import keep_freed_memory
+from tests.opencl import test_separation
 
 REPEATS = 15
 CHANNELS = [(64, 64), (16, 64), (32, 32), (96, 96)]
 """In and out: GS-Hider's inner convolutions and its first, those of a decoder half as wide, and of a wider one."""
 LAYERS = (16, 32, 32, 32, 32, 3)
 """Channels of the input and of each layer of our decoder."""
+GAUSSIANS = (60_000, 150_000)
 
 Step = Callable[[], object]
 
@@ -91,6 +93,19 @@ def compare_decoders(height: int, width: int) -> None:
     compare(f"{' '.join(map(str, LAYERS))} channels, 1 x 1, both ways", *steps)
 
 
+def compare_separations(count: int) -> None:
+    """Forward and backward of what keeps two pictures apart."""
+    features = torch.randn(count, 16, requires_grad=True)
+    directions, readings = torch.linalg.qr(torch.randn(16, 16))[0].split([2, 14])
+    readings = readings.reshape(2, 7, 16).clone().requires_grad_()
+
+    def both_ways(way: Callable[..., Tensor]) -> Step:
+        return lambda: torch.autograd.grad(way(features, directions, readings), [features, readings])
+
+    title = f"what keeps 2 pictures of {count:,} Gaussians apart"
+    compare(title, *(both_ways(way) for way in (test_separation.penalty, test_separation.expected)))
+
+
 def main(height: int, width: int) -> None:
     torch.set_num_threads(1)
     keep_freed_memory()
@@ -98,6 +113,8 @@ def main(height: int, width: int) -> None:
     for channels, outputs in CHANNELS:
         compare_convolutions(channels, outputs, height, width)
     compare_decoders(height, width)
+    for count in GAUSSIANS:
+        compare_separations(count)
 
 
 if __name__ == "__main__":

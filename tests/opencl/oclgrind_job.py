@@ -1,5 +1,5 @@
 """What runs under Oclgrind: `python -m tests.opencl.oclgrind_job draw SCHEDULE FEATURE_DIM DTYPE`, `crowd SCHEDULE`,
-`convolve`, `decode_pixels` or `broken`.
+`convolve`, `decode_pixels`, `separate` or `broken`.
 
 Oclgrind interprets kernels, so the picture is small. The broken kernels prove that its reports reach the test.
 """
@@ -12,10 +12,10 @@ import numpy as np
 import pyopencl
 from torch import Tensor
 
-from opencl import convolution, pixel_decoder
+from opencl import convolution, pixel_decoder, separation
 from opencl.device import choose_device
 from opencl.program import Schedule
-from tests.opencl import test_convolution, test_pixel_decoder
+from tests.opencl import test_convolution, test_pixel_decoder, test_separation
 from tests.opencl.differentiated import with_gradients
 from tests.opencl.runtimes import backend_of, draw_with_gradients, dtype_of
 from tests.opencl.scenes import Scene, gradients, make_scene
@@ -79,6 +79,17 @@ def decode_pixels() -> None:
     print(largest_error(found, with_gradients(expected, listed)))
 
 
+def separate() -> None:
+    """The same of what keeps pictures apart, of which the last chunk has one Gaussian."""
+    features, directions, readings = test_separation.inputs(33, 5, 2, 3)
+    backend = backend_of("cpu")
+    separation.backend_in_place = lambda: backend
+    separation.works_in_place = lambda _: True
+    found = with_gradients(test_separation.penalty(features, directions, readings), [features, readings])
+    expected = test_separation.expected(features, directions, readings)
+    print(largest_error(found, with_gradients(expected, [features, readings])))
+
+
 def largest_error(found: list[Tensor], expected: list[Tensor]) -> float:
     return max(((one - other).norm() / other.norm()).item() for one, other in zip(found, expected, strict=True))
 
@@ -106,5 +117,7 @@ if __name__ == "__main__":
         convolve()
     elif sys.argv[1] == "decode_pixels":
         decode_pixels()
+    elif sys.argv[1] == "separate":
+        separate()
     else:
         run_broken()

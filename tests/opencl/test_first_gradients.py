@@ -13,6 +13,7 @@ from opencl.convolution import convolve
 from opencl.harmonics import colors_of_harmonics
 from opencl.pixel_decoder import decode_pixels
 from opencl.rasterizer import rasterize
+from opencl.separation import separation_penalty
 from opencl.ssim import mean_ssim
 from tests.opencl.scenes import make_scene
 
@@ -31,6 +32,11 @@ def of_a_convolution() -> tuple[Function, Tensor]:
 def of_a_pixel_decoder() -> tuple[Function, Tensor]:
     weights, biases = [random(32, 16).requires_grad_(), random(3, 32)], [random(32), random(3)]
     return lambda picture: decode_pixels(picture, weights, biases), random(7, 16)
+
+
+def of_a_separation() -> tuple[Function, Tensor]:
+    directions, readings = random(2, 16), random(2, 7, 16).requires_grad_()
+    return lambda features: separation_penalty(features, directions, readings, 100, 60), random(9, 16)
 
 
 def of_structural_similarity() -> tuple[Function, Tensor]:
@@ -57,6 +63,7 @@ def of_centres_on_the_screen() -> tuple[Function, Tensor]:
 KERNELS = [
     of_a_convolution,
     of_a_pixel_decoder,
+    of_a_separation,
     of_structural_similarity,
     of_harmonics,
     of_a_picture,

@@ -75,8 +75,8 @@ def test_batches_that_follow_each_other(oclgrind, schedule):
     assert float(printed) < 1e-4
 
 
-@pytest.mark.parametrize("job", ["convolve", "decode_pixels"])
-def test_decoders(oclgrind, job):
+@pytest.mark.parametrize("job", ["convolve", "decode_pixels", "separate"])
+def test_what_only_cpus_do(oclgrind, job):
     printed, reports = oclgrind(job)
     assert reports == []
     assert float(printed) < 1e-10

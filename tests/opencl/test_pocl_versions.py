@@ -38,6 +38,7 @@ def other_pocl(tmp_path):
     [
         ("test_rasterizer", "gpu"),  # whose kernels no CPU runs but in tests
         ("test_pixel_decoder", "threads"),
+        ("test_separation", "threads"),
         pytest.param("test_convolution", "threads", marks=pytest.mark.slow),
         pytest.param("test_gradients", "gradcheck", marks=pytest.mark.slow),
         pytest.param("test_determinism", "", marks=pytest.mark.slow),

@@ -19,6 +19,8 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
+from opencl.routes import works_in_place
+from opencl.separation import separation_penalty
 from stages.hiding.coupled import COUPLED_SETTINGS, FEATURE_RANGE, FEATURES, CoupledFeatures
 from stages.hiding.decoders import Decoder, decode, rows_along
 from stages.hiding.mixture import orthonormal_rows
@@ -205,6 +207,8 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
             return None
         directions = torch.cat([decoder.directions for decoder in self.decoders]).detach()
         readings = torch.cat([decoder.readings for decoder in self.decoders])
+        if works_in_place(gaussians.device):
+            return separation_penalty(gaussians[FEATURES], directions, readings, SHARED_WEIGHT, BEYOND_WEIGHT)
         centred = gaussians[FEATURES].sigmoid() - 0.5
         shares = (centred @ directions.T + 0.5).clamp(0, 1)
         shared = (shares.sum(dim=1).square() - shares.square().sum(dim=1)) / 2

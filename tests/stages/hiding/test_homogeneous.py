@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from stages.hiding.methods import homogeneous
 from stages.hiding.methods.homogeneous import (
     BEYOND_WEIGHT,
     READINGS,
@@ -126,7 +127,11 @@ def penalised(hider: Homogeneous, features: torch.Tensor) -> torch.Tensor:
     return penalty.detach()
 
 
-def test_the_penalty_is_on_what_serves_two_pictures_and_on_what_is_held_beyond_a_share() -> None:
+@pytest.mark.parametrize("in_place", [True, False], ids=["the CPU's kernels", "torch, as on GPUs"])
+def test_the_penalty_is_on_what_serves_two_pictures_and_on_what_is_held_beyond_a_share(
+    monkeypatch: pytest.MonkeyPatch, in_place: bool
+) -> None:
+    monkeypatch.setattr(homogeneous, "works_in_place", lambda device: in_place)
     hider = method()
     scene(hider, 0.5)  # gives the decoders their directions
     own, other = hider.scene_decoder.directions[0].detach(), hider.message_decoder.directions[0].detach()
