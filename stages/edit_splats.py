@@ -18,6 +18,7 @@ from stages.scene.frames import rig_frame
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import degree_of
 from stages.scene.scene import read_scene
+from stages.scene.world_scale import stated, world_scale_of
 
 METHOD = "plain"
 """Of the splats: those of other methods have no colours to change."""
@@ -54,6 +55,7 @@ def edit_splats(context: Context, parameters: EditSplatsParameters) -> None:
         context.progress(number, len(parameters.edits))
         context.stop_if_requested()
     _write(context, gaussians)
+    context.output("splats").attributes.update(stated(world_scale_of(context.input("splats"))))
     context.record(gaussians=len(gaussians))
 
 

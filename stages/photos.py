@@ -45,7 +45,7 @@ class PhotosParameters(Parameters):
 
     folder: ExternalPath = Field(
         description="Folder of photos; a COLMAP model (sparse/0), a transforms.json or a transforms_train.json in it "
-        "is used for the poses, and the model's points are kept."
+        "is used for the poses, and the model's points are kept, or those of the PLY that a transforms.json names."
     )
     images: str | None = Field(
         None,
@@ -176,7 +176,7 @@ def _poses(
     sizes = {name: one.size for name, one in facts.items()}
     resized = parameters.images is not None
     source, posed = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
-    points = None if place is None else known_points(place, posed)
+    points = None if place is None else known_points(place, posed, parameters.folder)
     poses, names = known_poses(source, posed, points), tuple(photo.name for photo in posed)
     refuse_far_poses(poses.world_to_camera, place or parameters.folder)
     came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))

@@ -33,6 +33,7 @@ from stages.scene.message_views import LEGAL_COVERAGE, MessageViews, write_messa
 from stages.scene.scene import Scene, read_scene
 from stages.scene.similarity import Similarity
 from stages.scene.spherical_harmonics import BASE
+from stages.scene.world_scale import scaled, world_scale_of
 
 METHOD = "plain"
 """Of the message's splats."""
@@ -45,7 +46,7 @@ class RenderHiddenParameters(Parameters):
     placement: Literal["aligned", "same_world"] = Field(
         "aligned",
         description="aligned: where the cover's cameras see most of it. same_world: where it is, for splats of the "
-        "cover's own world, such as the cover edited.",
+        "cover's own world, such as the cover edited, or trained elsewhere with the cover's poses.",
     )
     search_width: int = Field(48, ge=8, description="Picture width at which the candidates for alignment are scored.")
     up: Up = Field(
@@ -95,7 +96,8 @@ def _placed(
 ) -> tuple[Gaussians, Similarity, float]:
     """The message in a world that is large enough, the way from there into the cover's, and by what factor it grew."""
     if parameters.placement == "same_world":
-        return gaussians, Similarity.identity(), 1.0
+        factor = world_scale_of(context.input("cover")) / world_scale_of(context.input("splats"))
+        return gaussians if factor == 1 else scaled(gaussians, factor), Similarity.identity(), factor
     artifact = context.input_optional("message")
     gaussians, message, factor = enlarged(gaussians, None if artifact is None else read_scene(artifact))
     if factor != 1:

@@ -20,6 +20,7 @@ from stages.scene.pose_errors import pose_errors
 from stages.scene.reconstruction_job import Reconstruction
 from stages.scene.scene import Scene, write_scene
 from stages.scene.structure_from_motion import FEWEST_POINTS, PROCESS, WHERE, Settings, Watcher, reconstruct
+from stages.scene.world_scale import stated
 
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
 
@@ -76,6 +77,7 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
     watcher = Watcher(lambda done: context.progress(round(100 * done, 1), 100), context.log, context.stop_requested)
     pictures = {name: picture_path(artifact, name) for name in capture.names}
     scene, result = reconstruct(capture, pictures, poses, settings, context.scratch, watcher)
+    factor = 1.0
     if poses is not None:
         scene, factor = drawn_scene(scene)
         if factor != 1:
@@ -90,6 +92,7 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
         total=len(capture.names),
         mean_reprojection_error=result.mean_reprojection_error,
         pose_source="estimated" if poses is None else poses.source,
+        **stated(factor),
         **errors,
     )
     error = result.mean_reprojection_error

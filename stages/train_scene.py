@@ -15,6 +15,7 @@ from stages.imaging.metric_table import write_rows
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
 from stages.scene.scene import read_scene
+from stages.scene.world_scale import stated, world_scale_of
 from stages.training.loop import Training
 from stages.training.objectives import cover_term
 from stages.training.parameters import TrainingParameters
@@ -54,5 +55,6 @@ def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
     )
     curves = train(context, training)
     write_container(context.output("splats"), training.gaussians, method)
+    context.output("splats").attributes.update(stated(world_scale_of(context.input("scene"))))
     write_rows(context.output("curves"), curves)
     context.record(device=describe_drawing(training.device), gaussians=len(training.gaussians))

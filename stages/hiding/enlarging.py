@@ -6,13 +6,12 @@ own, a thing of a tenth of a unit in metres say, would lie before that plane, wh
 
 from __future__ import annotations
 
-import math
-
 from stages.hiding.placing import clear_depth
 from stages.hiding.placing_alone import CLEAR_RADII, middle_and_radius
 from stages.scene.drawn_depths import AMPLE, NEAR, enlarged_scene
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import Scene
+from stages.scene.world_scale import scaled
 
 
 def enlarged(gaussians: Gaussians, message: Scene | None) -> tuple[Gaussians, Scene | None, float]:
@@ -27,6 +26,5 @@ def enlarged(gaussians: Gaussians, message: Scene | None) -> tuple[Gaussians, Sc
     if clear_from >= NEAR:
         return gaussians, message, 1.0
     factor = AMPLE / clear_from
-    grown = {"means": gaussians.means * factor, "log_scales": gaussians["log_scales"] + math.log(factor)}
     scene = None if message is None else enlarged_scene(message, factor)
-    return Gaussians(gaussians.parameters | grown), scene, factor
+    return scaled(gaussians, factor), scene, factor

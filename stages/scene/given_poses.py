@@ -18,10 +18,10 @@ from stages.scene.colmap_points import points_seen_by, read_colmap_points
 from stages.scene.known_points import KnownPoints
 from stages.scene.lens import Lens
 from stages.scene.photo_folder import what_is_there
+from stages.scene.ply_points import points_of_transforms
 from stages.scene.transforms import FILE, read_transforms
 
 ASPECT_TOLERANCE = 0.01
-LARGEST_SIDE = 1_000_000
 LONGEST_PATH = 4096
 """Characters, as Linux has it: what is longer in a file of poses is none of a photo."""
 
@@ -119,10 +119,7 @@ def read_poses(
 
 def _fitted(place: Path, photo: PosedPhoto, size: tuple[int, int]) -> Lens:
     lens = photo.lens
-    if (
-        max(lens.width, lens.height) > LARGEST_SIDE
-        or abs(lens.width / lens.height / (size[0] / size[1]) - 1) > ASPECT_TOLERANCE
-    ):
+    if abs(lens.width / lens.height / (size[0] / size[1]) - 1) > ASPECT_TOLERANCE:
         raise UserError(
             f"the poses are for a photo {photo.name} of another shape",
             where=place,
@@ -139,13 +136,15 @@ def known_poses(source: PoseSource, posed: Sequence[PosedPhoto], points: KnownPo
     return KnownPoses(source, poses, tuple(photo.lens for photo in posed), points)
 
 
-def known_points(place: Path, posed: Sequence[PosedPhoto]) -> KnownPoints | None:
-    """The points of the COLMAP model at `place` that these photos of it see; None where there are none, and for a
-    transforms.json.
+def known_points(place: Path, posed: Sequence[PosedPhoto], folder: Path) -> KnownPoints | None:
+    """The points of the COLMAP model at `place` that these photos of it see, or those that a transforms.json there
+    names within `folder`; None where there are none.
 
     Raises `UserError` for points that cannot be read, and where they cannot tell two photos apart.
     """
-    points = read_colmap_points(place) if place.is_dir() else None
+    if not place.is_dir():
+        return points_of_transforms(place, posed, folder)
+    points = read_colmap_points(place)
     if points is None:
         return None
     numbers = [photo.number for photo in posed if photo.number is not None]

@@ -33,6 +33,21 @@ The parameters are the focal lengths, the principal point (two), then the distor
 """
 
 
+TWO_FOCAL_LENGTHS = {
+    "SIMPLE_PINHOLE": "PINHOLE",
+    "SIMPLE_RADIAL": "OPENCV",
+    "RADIAL": "OPENCV",
+    "SIMPLE_RADIAL_FISHEYE": "OPENCV_FISHEYE",
+    "RADIAL_FISHEYE": "OPENCV_FISHEYE",
+    "SIMPLE_DIVISION": "DIVISION",
+    "SIMPLE_FISHEYE": "FISHEYE",
+}
+"""Models with one focal length, by the one that says the same with two; the distortion of the first is the beginning of
+the other's, whose rest is zero."""
+
+LARGEST_SIDE = 1_000_000
+"""Pixels of a picture's side: no file holds more, and none of COLMAP's numbers must be larger than a float."""
+
 LONGEST, SHORTEST = 1e5, 1e-3
 """Focal lengths, and the first also principal points off the corner, in longer sides of the picture. Beyond these no
 lens is, and float32 loses the pixel."""
@@ -46,7 +61,8 @@ class Lens:
     """A camera's COLMAP model, its parameters in COLMAP's order, and the picture's size in pixels.
 
     Pixel centres are at +0.5. Raises `ValueError` for an unknown model, a wrong number of parameters, numbers that are
-    not finite, focal lengths that are not positive, and what no lens has (`LONGEST`, `SHORTEST`, `STRONGEST`).
+    not finite, focal lengths that are not positive, and what no lens has (`LARGEST_SIDE`, `LONGEST`, `SHORTEST`,
+    `STRONGEST`).
     """
 
     model: str
@@ -64,6 +80,8 @@ class Lens:
             raise ValueError(f"a {self.model} camera's parameters are not finite: {self.parameters}")
         if min(self.parameters[: MODELS[self.model][0]]) <= 0 or min(self.width, self.height) < 1:
             raise ValueError(f"a camera has a focal length or a size that is not positive: {self}")
+        if max(self.width, self.height) > LARGEST_SIDE:
+            raise ValueError(f"a camera has a side of more than {LARGEST_SIDE:,} pixels")
         self._refuse_what_no_lens_has()
 
     def _refuse_what_no_lens_has(self) -> None:
@@ -92,10 +110,21 @@ class Lens:
         return np.array([[self.parameters[0], 0, x], [0, self.parameters[count - 1], y], [0, 0, 1.0]])
 
     def resized(self, width: int, height: int) -> Lens:
-        """The same lens in front of a resized picture: distortion is relative to the focal length and stays."""
+        """The same lens in front of a resized picture: distortion is relative to the focal length and stays.
+
+        Where both sides have not the same factor, as sides are whole numbers of pixels, it has two focal lengths.
+        """
         across, down = width / self.width, height / self.height
-        focal_lengths, distortions = MODELS[self.model]
-        factors = [across, down] if focal_lengths == 2 else [(across + down) / 2]
-        factors += [across, down] + [1.0] * distortions
-        scaled = tuple(value * factor for value, factor in zip(self.parameters, factors, strict=True))
-        return replace(self, parameters=scaled, width=width, height=height)
+        lens = self if across == down else self.with_two_focal_lengths()
+        focal_lengths, distortions = MODELS[lens.model]
+        factors = [across, down][:focal_lengths] + [across, down] + [1.0] * distortions
+        scaled = tuple(value * factor for value, factor in zip(lens.parameters, factors, strict=True))
+        return replace(lens, parameters=scaled, width=width, height=height)
+
+    def with_two_focal_lengths(self) -> Lens:
+        """The same lens by a model with a focal length of each side."""
+        if self.model not in TWO_FOCAL_LENGTHS:
+            return self
+        model, (focal, *others) = TWO_FOCAL_LENGTHS[self.model], self.parameters
+        zeros = [0.0] * (sum(MODELS[model]) - sum(MODELS[self.model]) - 1)
+        return replace(self, model=model, parameters=(focal, focal, *others, *zeros))

@@ -35,6 +35,8 @@ from stages.scene.undistortion import (
 
 SMALLEST_MODEL = 3  # photos
 SHORTEST_TRACK = 3  # photos that must see a point that is kept
+FAR_AWAY = 1e9
+UNPROJECTED_WITHIN = 0.1  # pixels between a position and where the point that it was inverted to is seen
 ENOUGH = 0.9  # share of photos placed below which the pairs in need are compared too
 
 
@@ -206,7 +208,24 @@ def row_of(name: str) -> int:
 
 
 def view_of(camera: pycolmap.Camera) -> LensView:
-    return LensView(camera.img_from_cam, camera.cam_from_img, camera.width, camera.height)
+    def unproject(pixels: Float64[np.ndarray, "N 2"]) -> Float64[np.ndarray, "N 2"]:
+        points = np.array(camera.cam_from_img(pixels))
+        return beyond_a_half_space(camera, pixels, points) if "FISHEYE" in camera.model.name else points
+
+    return LensView(camera.img_from_cam, unproject, camera.width, camera.height)
+
+
+def beyond_a_half_space(
+    camera: pycolmap.Camera, pixels: Float64[np.ndarray, "N 2"], points: Float64[np.ndarray, "N 2"]
+) -> Float64[np.ndarray, "N 2"]:
+    """The points, those of what a fisheye sees from 90 degrees on far away: no point of the plane is seen there.
+
+    pycolmap gives angles in place of tangents there, which are none of that plane, and as small as those of 58 degrees.
+    """
+    again = np.array(camera.img_from_cam(np.column_stack([points, np.ones(len(points))])))
+    angles = np.linalg.norm(points, axis=1)
+    beyond = ~(np.abs(again - pixels).max(axis=1) <= UNPROJECTED_WITHIN) & (angles >= np.pi / 2)
+    return np.where(beyond[:, None], FAR_AWAY * points, points)
 
 
 def folded_as_given(job: Job) -> tuple[int, ...]:

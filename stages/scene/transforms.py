@@ -14,7 +14,7 @@ from jaxtyping import Float64
 from pipeline.errors import UserError
 from pipeline.plain_text import in_a_line
 from stages.scene.colmap import PosedPhoto, refuse_far
-from stages.scene.lens import Lens
+from stages.scene.lens import TWO_FOCAL_LENGTHS, Lens
 
 FILE = "transforms.json"
 OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's cameras look down -z with y up
@@ -29,8 +29,6 @@ DISTORTIONS = {
     "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4"),
 }
 """Distortion parameters of the camera models, in COLMAP's order."""
-TWO_FOCAL_LENGTHS = {"SIMPLE_PINHOLE": "PINHOLE", "SIMPLE_RADIAL": "OPENCV", "RADIAL": "OPENCV"}
-"""Models of COLMAP with one focal length, by the one that says the same with two, as these files have them."""
 INTRINSICS = frozenset(
     (
         *("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", "x_fov", "y_fov"),
@@ -38,6 +36,8 @@ INTRINSICS = frozenset(
     )
 )
 """What the file may say for all frames, or a frame for itself."""
+FOCAL_LENGTHS = {axis: (f"fl_{axis}", f"camera_angle_{axis}", f"{axis}_fov") for axis in "xy"}
+"""What says the focal length along an axis; the first of them counts."""
 IN_PIXELS = frozenset(("fl_x", "fl_y", "cx", "cy"))
 
 
@@ -82,6 +82,13 @@ def held_out_files(path: Path) -> list[str]:
     return [_slashed(name) for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
 
 
+def points_file(path: Path) -> str | None:
+    """Where the file says that its points lie, relative to itself (nerfstudio's `ply_file_path`); None where it does
+    not."""
+    named = _content(path).get("ply_file_path")
+    return _slashed(named) if isinstance(named, str) and named else None
+
+
 def masked_frames(path: Path) -> int:
     """How many frames name a mask, as nerfstudio's `mask_path` does."""
     return sum(isinstance(frame, Mapping) and bool(frame.get("mask_path")) for frame in _content(path)["frames"])
@@ -110,10 +117,16 @@ def _content(path: Path) -> Mapping[str, Any]:
 def _posed_photo(
     shared: Mapping[str, Any], frame: Mapping[str, Any], size_of: Callable[[str], tuple[int, int]], resized: bool
 ) -> PosedPhoto:
-    name, given = Path(_slashed(frame["file_path"])).as_posix(), {**shared, **frame}
+    name, given = Path(_slashed(frame["file_path"])).as_posix(), {**_left_by(frame, shared), **frame}
     if resized and IN_PIXELS & given.keys() and not {"w", "h"} <= given.keys():
         raise ValueError("w and h are missing: resized photos do not tell what intrinsics in pixels are relative to")
     return PosedPhoto(name, _pose(frame["transform_matrix"]), _lens(given, lambda: size_of(name)))
+
+
+def _left_by(frame: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
+    """Of what is said for all frames, what a frame does not say otherwise: by an angle, too, where they have a length."""
+    given = {word for words in FOCAL_LENGTHS.values() if not frame.keys().isdisjoint(words) for word in words}
+    return {name: value for name, value in shared.items() if name not in given}
 
 
 def _pose(matrix: object) -> Float64[np.ndarray, "4 4"]:

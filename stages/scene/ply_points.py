@@ -1,0 +1,94 @@
+"""The points that a transforms.json names (`ply_file_path`), as nerfstudio writes them: a PLY with colours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64, Int64, UInt8
+
+from pipeline.errors import UserError
+from stages.scene.colmap import LARGEST_TRANSLATION, PosedPhoto
+from stages.scene.known_points import KnownPoints
+from stages.scene.ply.reading import Ply, listed, read_ply, types_of
+from stages.scene.transforms import points_file
+
+GREY = 128
+"""Of points without colours."""
+COUNTED = 20_000
+"""Points at most, evenly spread over the file, by which it is counted how many of all each photo sees."""
+REMEDY = "Write the file again, or take ply_file_path out of the file of poses to have points triangulated."
+
+
+def points_of_transforms(path: Path, posed: Sequence[PosedPhoto], folder: Path) -> KnownPoints | None:
+    """The points that the transforms.json at `path` names, in the world of its frames; None where it names none, and
+    for a file that is not there or lies outside of `folder`, since what does could change unseen.
+
+    Which photos see a point the file does not say: counted are those before which it lies within the picture, without
+    the lens's distortion. Raises `UserError` for a file that cannot be read.
+    """
+    named = points_file(path)
+    file = (path.parent / named).resolve() if named else None
+    if file is None or not file.is_file() or not file.is_relative_to(folder.resolve()):
+        return None
+    ply = read_ply(file)
+    positions, colors = _positions(ply), _colors(ply)
+    if not len(positions):
+        return None
+    return KnownPoints(positions, colors, _seen(posed, positions), None)
+
+
+def _positions(ply: Ply) -> Float64[np.ndarray, "P 3"]:
+    rows = _vertices(ply, ("x", "y", "z"), (np.dtype(np.float32), np.dtype(np.float64)))
+    positions = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    near = (np.abs(positions) <= LARGEST_TRANSLATION).all(axis=1)  # NaN is not
+    if not near.all():
+        row = int(np.argmin(near))
+        raise UserError(
+            f"point {row} of a PLY lies where no scene has any",
+            where=ply.path,
+            found=", ".join(f"{value:g}" for value in positions[row]),
+            expected=f"finite numbers within {LARGEST_TRANSLATION:g}",
+            remedy=REMEDY,
+        )
+    return positions
+
+
+def _colors(ply: Ply) -> UInt8[np.ndarray, "P 3"]:
+    names = ("red", "green", "blue")
+    if types_of(ply.rows("vertex").dtype).keys().isdisjoint(names):
+        return np.full((len(ply.rows("vertex")), 3), GREY, np.uint8)
+    rows = _vertices(ply, names, (np.dtype(np.uint8),))
+    return np.stack([rows[name] for name in names], axis=1)
+
+
+def _vertices(ply: Ply, names: Sequence[str], types: Sequence[np.dtype]) -> np.ndarray:
+    """The rows, of which these properties are there and of one of these types."""
+    rows = ply.rows("vertex")
+    found = types_of(rows.dtype)
+    for name in names:
+        if found.get(name) not in types:
+            raise UserError(
+                f"the points that a file of poses names have no usable {name}",
+                where=ply.path,
+                found=str(found.get(name, f"no {name} among {listed(list(found))}")),
+                expected=" or ".join(str(each) for each in types),
+                remedy=REMEDY,
+            )
+    return rows
+
+
+def _seen(posed: Sequence[PosedPhoto], positions: Float64[np.ndarray, "P 3"]) -> Int64[np.ndarray, " V"]:
+    every = -(-len(positions) // COUNTED)
+    sample = positions[::every]
+    return np.array([every * _within(photo, sample) for photo in posed], np.int64).clip(max=len(positions))
+
+
+def _within(photo: PosedPhoto, positions: Float64[np.ndarray, "P 3"]) -> int:
+    """How many points lie before the camera and within its picture."""
+    rotation, translation = photo.world_to_camera[:3, :3], photo.world_to_camera[:3, 3]
+    at_camera = positions @ rotation.T + translation
+    pixels = (at_camera[at_camera[:, 2] > 0] @ photo.lens.matrix().T).T
+    across, down = pixels[:2] / pixels[2]
+    return int(((across >= 0) & (across <= photo.lens.width) & (down >= 0) & (down <= photo.lens.height)).sum())
