@@ -7,7 +7,7 @@ from pydantic import Field
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import key_apart
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.sealing import SEAL, SEALED, Seal, Sealable, can_be_sealed, hash_of
+from stages.hiding.sealing import SEAL, SEALED, SIGNS, Seal, Sealable, can_be_sealed, hash_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container, write_secret
 from stages.scene.attributes import strings
 
@@ -47,7 +47,8 @@ def seal(context: Context, parameters: SealParameters) -> None:
                 f"{made.in_the_clear} of {len(gaussians)} Gaussians have no room for a seal and stay as they are"
             )
         gaussians = made.published
-        facts |= {SEAL: made.key.hex(), SEALED: hash_of(gaussians)} | made.expected.facts()
+        facts |= {SEAL: made.key.hex(), SEALED: hash_of(gaussians), SIGNS: made.signs().hex()}
+        facts |= made.expected.facts()
     else:
         context.log(
             "left as it is: its scene decoder reads all of its features; whoever has the container may see messages "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
 import torch
 from jaxtyping import Int
 from torch import Tensor
@@ -12,11 +13,15 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from stages.hiding.expected import Expected
 from stages.hiding.method import Method
-from stages.hiding.sealing import SEAL, SEALED, Seal, Sealable, hash_of
+from stages.hiding.sealing import SEAL, SEALED, SIGNS, Seal, Sealable, hash_of
 from stages.hiding.storage import read_gaussians, read_method
 from stages.scene.attributes import string
 from stages.scene.gaussians import Gaussians
 from stages.scene.identification import identified
+
+SAME_SEAL = 0.75
+"""Share of the signs (`Seal.signs`) that agree in a container as its secret was made for, whatever rounding and noise
+did to it."""
 
 
 def is_sealed(secret: Artifact) -> bool:
@@ -67,10 +72,13 @@ def open_container(
     """
     if not is_sealed(secret):
         return gaussians
+    originals = gaussians if published is None else published
+    _refuse_changed(originals, secret)
+    seal = _seal_of(secret, method, originals)
+    _refuse_another_seal(seal, secret)
     if published is None:
-        _refuse_changed(gaussians, secret)
-        return _seal_of(secret, method, gaussians).opened(gaussians, torch.arange(len(gaussians)))
-    opened = _opened(gaussians, _seal_of(secret, method, published), seed)
+        return seal.opened(gaussians, torch.arange(len(gaussians)))
+    opened = _opened(gaussians, seal, seed)
     if opened is None:
         raise UserError(
             "a sealed container cannot be opened: none of its Gaussians is known",
@@ -113,6 +121,31 @@ def _refuse_changed(gaussians: Gaussians, secret: Artifact) -> None:
             remedy="Give the secret that was exported with this container. If it was changed since then, "
             "workflows/recover_container.yaml opens it beside the one that was published.",
         )
+
+
+def _refuse_another_seal(seal: Seal, secret: Artifact) -> None:
+    """Where the same Gaussians were sealed with another key, or with other features, all of which it depends on."""
+    agreeing = _agreeing(seal, secret) if SIGNS in secret.attributes else 1.0  # there were none in earlier secrets
+    if agreeing < SAME_SEAL:
+        raise UserError(
+            "the secret is of another sealing of the same Gaussians",
+            where=str(secret.path),
+            found=f"{100 * agreeing:.0f} % of what was looked at as it was sealed, where chance gives 50 %",
+            expected=f"{100 * SAME_SEAL:.0f} % or more",
+            remedy="Give the secret that was exported with this container: with a grain it has another.",
+        )
+
+
+def _agreeing(seal: Seal, secret: Artifact) -> float:
+    """The share of the signs that are as the secret says."""
+    found = np.frombuffer(seal.signs(), np.uint8)
+    try:
+        told = np.frombuffer(bytes.fromhex(string(secret, SIGNS)), np.uint8)
+    except ValueError as error:
+        raise _broken(secret, "signs that are no hexadecimal number") from error
+    if len(told) != len(found):
+        raise _broken(secret, f"signs of {len(told)} bytes, where these Gaussians have {len(found)}")
+    return 1 - float(np.unpackbits(told ^ found).mean()) if len(found) else 1.0
 
 
 def rows_of(gaussians: Gaussians, seal: Seal, seed: int) -> Int[Tensor, " N"]:

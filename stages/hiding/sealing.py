@@ -32,9 +32,12 @@ from stages.hiding.stored_features import FARTHEST, stored
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import chosen
 
-SEAL, SEALED = "seal", "sealed_gaussians"
-"""Facts of a secret, beside what its owner expects (`Expected`): the key of its container's seal and a hash of its
-Gaussians (`hash_of`), in hexadecimal digits."""
+SEAL, SEALED, SIGNS = "seal", "sealed_gaussians", "sealed_signs"
+"""Facts of a secret, beside what its owner expects (`Expected`): the key of its container's seal, a hash of its
+Gaussians (`hash_of`), and how some of them were published (`Seal.signs`), in hexadecimal digits."""
+
+SAMPLED = 64
+"""Gaussians at most, evenly spread, of which a secret holds the signs."""
 
 UNREAD = 1e-3
 """Of the largest singular value of what the scene decoder reads along: a direction below that is not read."""
@@ -116,6 +119,16 @@ class Seal:
         """Gaussians that stayed as they are."""
         return int(is_cornered(self.places.origins).sum())
 
+    def signs(self) -> bytes:
+        """Of some of the published rests, whether each of their values is positive, eight in a byte.
+
+        The same Gaussians under another key, or with a grain, have others: half of the signs agree by chance. Noise and
+        few bits leave most.
+        """
+        numbers = torch.linspace(0, max(0, len(self.published) - 1), min(SAMPLED, len(self.published))).round().long()
+        rests = self.places.of_numbers(numbers).rests(_centred(self.published)[numbers])
+        return np.packbits((rests > 0).numpy().ravel()).tobytes()
+
     def opened(self, found: Gaussians, rows: Int[Tensor, " N"]) -> Gaussians:
         """Of F Gaussians that were found those that were published, in that order, with what they hold of messages.
 
@@ -163,12 +176,12 @@ class _Places:
         return expectations(
             self.cover_shares,
             centred @ self.rows.T,
-            lambda expected: (self._rests(centred) - self._expected_rests(expected)).norm(dim=1),
+            lambda expected: (self.rests(centred) - self._expected_rests(expected)).norm(dim=1),
         )
 
     def enciphered(self, centred: Float64[Tensor, "N M"], expected: Expected, key: bytes) -> Float64[Tensor, "N M"]:
         """Centred features; those at a corner of the cube as they are."""
-        differences = self._rests(centred) - self._expected_rests(expected)
+        differences = self.rests(centred) - self._expected_rests(expected)
         directions = torch.nn.functional.normalize(differences, dim=1)
         turned, shares = enciphered(directions, expected.lengths(self.cover_shares, differences.norm(dim=1)), key)
         offsets = turned * (shares * self._room(turned))[:, None]
@@ -178,7 +191,7 @@ class _Places:
         self, centred: Float64[Tensor, "N M"], numbers: Int[Tensor, " N"], expected: Expected, key: bytes
     ) -> Float64[Tensor, "N M"]:
         """Of such features, whatever was done to them, those that were sealed."""
-        rests = self._rests(centred)
+        rests = self.rests(centred)
         turned = torch.nn.functional.normalize(rests, dim=1)
         space = self._room(turned).clamp_min(torch.finfo(torch.float64).tiny)
         directions, lengths = deciphered(turned, rests.norm(dim=1) / space, numbers, key)
@@ -186,7 +199,7 @@ class _Places:
         own = self.origins + (self._expected_rests(expected) + differences) @ self.unread.T
         return torch.where(is_cornered(self.origins)[:, None], centred, own)
 
-    def _rests(self, centred: Float64[Tensor, "N M"]) -> Float64[Tensor, "N U"]:
+    def rests(self, centred: Float64[Tensor, "N M"]) -> Float64[Tensor, "N U"]:
         """What is not read of features, from the origins."""
         return (centred - self.origins) @ self.unread
 

@@ -124,7 +124,7 @@ def _posed_photo(
 
 
 def _left_by(frame: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
-    """Of what is said for all frames, what a frame does not say otherwise: by an angle, too, where they have a length."""
+    """Of what is said for all frames, what a frame does not say otherwise, though by an angle in place of a length."""
     given = {word for words in FOCAL_LENGTHS.values() if not frame.keys().isdisjoint(words) for word in words}
     return {name: value for name, value in shared.items() if name not in given}
 

@@ -45,7 +45,7 @@ def recovered(path: Path, verdict: str, **others: float) -> dict[str, tuple[Arti
         (
             IS_YOURS,
             {"degrees": 0, "shift": 0, "feature_change": 0.2},
-            "of its own. It lies where you left it, and its features were changed.",
+            "of its own. It lies where you left it, and its features were changed. So are those of another container",
         ),
         (
             IS_YOURS,

@@ -60,6 +60,13 @@ def _shown_summary(material: Material) -> str:
     return f"A Gaussian splatting scene, and what your secret shows in it: {', '.join(messages)}."
 
 
+OTHERS_OF_YOURS = (
+    "So are those of another container that you made of the same splats, such as one with a grain: if you published "
+    "several, look at it beside the files of each."
+)
+"""Beside the wrong one of several the message seems to be destroyed."""
+
+
 def owner_verdict(found: Found) -> str:
     """Whose a container is that was found, and what was done to it, in plain words."""
     again, own = f"{100 * found.found_again:.1f} %", f"{100 * found.matched:.1f} %"
@@ -76,7 +83,9 @@ def owner_verdict(found: Found) -> str:
         f"scaled by {found.scale:.4g}" if round(found.scale, 3) != 1 else "",
     )
     moved = f"was {', '.join(filter(None, done))}" if any(done) else "lies where you left it"
-    return f"{whose} It {moved}{', and its features were changed' if found.feature_change else ''}."
+    if not found.feature_change:
+        return f"{whose} It {moved}."
+    return f"{whose} It {moved}, and its features were changed. {OTHERS_OF_YOURS}"
 
 
 def scene_tiles(material: Material, name: str) -> tuple[Tile, ...]:
