@@ -175,12 +175,18 @@ def _poses(
         return None, tuple(facts)
     sizes = {name: one.size for name, one in facts.items()}
     resized = parameters.images is not None
-    source, posed = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
+    if place is not None:
+        source, posed, missing = read_poses(place, sizes, resized)
+    else:
+        (source, posed), missing = read_split_poses(splits, sizes), []
     points = None if place is None else known_points(place, posed, parameters.folder)
     poses, names = known_poses(source, posed, points), tuple(photo.name for photo in posed)
     refuse_far_poses(poses.world_to_camera, place or parameters.folder)
     came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))
     context.log(f"poses of {len(names)} photos from {came}; {len(facts) - len(names)} photos have none, left out")
+    if missing:
+        listed = ", ".join(missing[:MOST_NAMED])
+        context.log(f"the photos of {len(missing)} poses are not there; these are left out, such as {listed}")
     if points is not None:
         context.log(f"{len(points.positions)} points came with the poses")
     for other in [] if place is None else models_beside(place):

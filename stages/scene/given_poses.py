@@ -22,6 +22,8 @@ from stages.scene.ply_points import points_of_transforms
 from stages.scene.transforms import FILE, read_transforms
 
 ASPECT_TOLERANCE = 0.01
+MOST = 0.7
+"""Share of the posed photos that are to be there: a model of fewer is one of other photos."""
 LONGEST_PATH = 4096
 """Characters, as Linux has it: what is longer in a file of poses is none of a photo."""
 
@@ -84,12 +86,13 @@ def photo_finder(photos: Collection[str], place: Path) -> Callable[[str], str | 
 
 def read_poses(
     place: Path, sizes: Mapping[str, tuple[int, int]], resized: bool = False
-) -> tuple[PoseSource, list[PosedPhoto]]:
-    """The poses of a COLMAP model or a transforms.json, under the names of the photos in `sizes`.
+) -> tuple[PoseSource, list[PosedPhoto], list[str]]:
+    """The poses of a COLMAP model or a transforms.json, under the names of the photos in `sizes`; and as they are named
+    there, those whose photo is not there, which are left out: somebody threw it away.
 
     A posed photo is matched as `photo_finder` says; its lens is scaled to the photo's size, which is another than that
-    of the photos that were posed where they are `resized`. Raises `UserError` for what cannot be read, for poses whose
-    photo is not there, paths that are too long, twice posed photos, and other aspects.
+    of the photos that were posed where they are `resized`. Raises `UserError` for what cannot be read, for poses of
+    whose photos not even `MOST` are there, paths that are too long, twice posed photos, and other aspects.
     """
     photo_named = photo_finder(sizes, place)
 
@@ -101,20 +104,21 @@ def read_poses(
     posed = read_colmap_model(place) if place.is_dir() else read_transforms(place, size_of, resized=resized)
     matched = {each.name: photo_named(each.name) for each in posed}
     missing = [name for name, photo in matched.items() if photo is None]
-    if missing or not posed:
+    if len(missing) > (1 - MOST) * len(matched) or not posed:
         raise UserError(
             "poses came for photos that do not exist" if posed else "a file of poses without poses",
             where=place,
             found=f"{len(missing)} of {len(posed)}: {', '.join(missing[:3])}" if posed else "0 photos",
             expected=f"the names of the {len(sizes)} photos, such as {min(sizes)}" if sizes else "frames",
-            remedy="Put the photos there, or take the poses out of the folder to have them estimated.",
+            remedy="Put the photos there, or take the poses out of the folder to have them estimated. Few that are "
+            "missing would be left out.",
         )
-    renamed = [replace(each, name=str(matched[each.name])) for each in posed]
+    renamed = [replace(each, name=photo) for each in posed if (photo := matched[each.name]) is not None]
     name, times = Counter(each.name for each in renamed).most_common(1)[0]
     if times > 1:
         raise UserError(f"photo {name} is posed twice", where=place, remedy="Keep one pose for every photo.")
     fitted = [replace(photo, lens=_fitted(place, photo, sizes[photo.name])) for photo in renamed]
-    return source, sorted(fitted, key=lambda photo: photo.name)
+    return source, sorted(fitted, key=lambda photo: photo.name), missing
 
 
 def _fitted(place: Path, photo: PosedPhoto, size: tuple[int, int]) -> Lens:

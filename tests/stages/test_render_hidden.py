@@ -9,8 +9,10 @@ import pytest
 import torch
 
 from pipeline.artifact import Artifact, create, load
+from pipeline.canonical import Json
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
+from stages.export_splats import SPLATS_FILE, ExportSplatsParameters, export_splats
 from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method, write_container
@@ -20,6 +22,8 @@ from stages.scene.cameras import Cameras
 from stages.scene.gaussians import gaussians_at
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, write_scene
+from stages.scene.splat_files.reading import read_splats
+from stages.scene.world_scale import world_scale_of
 from stages.tracing.rig import orbit
 
 SIZE = (32, 24)
@@ -51,6 +55,15 @@ def wall_of_splats(folder: Path, points: np.ndarray, scale: float = 1.0) -> Arti
     gaussians.parameters["log_scales"] += np.log(scale)
     with create(folder, "splats") as writer:
         write_container(writer, gaussians, method)
+    return load(folder)
+
+
+def with_attributes(folder: Path, made: Artifact, **attributes: Json) -> Artifact:
+    """The same artifact, saying more of itself."""
+    with create(folder, made.kind) as writer:
+        for name in made.names:
+            writer.write(name, made.read(name))
+        writer.attributes.update({**made.attributes, **attributes})
     return load(folder)
 
 
@@ -134,6 +147,38 @@ def test_in_the_same_world_nothing_is_moved(tmp_path: Path) -> None:
     np.testing.assert_array_equal(views.coverage, coverage)
     assert views.pictures.any()
     np.testing.assert_array_equal(np.sort(views.points, axis=0), np.sort(points.astype(np.float32), axis=0))
+
+
+def test_in_an_enlarged_world_splats_from_elsewhere_are_enlarged_with_it(tmp_path: Path) -> None:
+    """Those that stood in it before, and those that were trained in it, at the same place; and what is exported of the
+    latter stands where the poses stood."""
+    points = np.random.default_rng(0).uniform(-1, 1, (400, 3))
+    cover = scene_artifact(tmp_path / "cover", ring(4, scale=1.0, prefix="cover"), points)
+    large = with_attributes(tmp_path / "large", cover, world_scale=8.0)
+    own = with_attributes(tmp_path / "own", wall_of_splats(tmp_path / "splats", points), world_scale=8.0)
+    other = wall_of_splats(tmp_path / "small", points, 1 / 8)
+    parameters = RenderHiddenParameters(name="itself", placement="same_world")
+
+    def views_of(splats: Artifact) -> MessageViews:
+        given = {"splats": splats, "cover": large}
+        made = run_stage(render_hidden, parameters, given, tmp_path / f"views {splats.path.name}")["views"]
+        return read_messages([made], [f"cover{view}.png" for view in range(4)])["itself"]
+
+    assert views_of(own).pictures.any()
+    assert np.abs(views_of(other).pictures.astype(int) - views_of(own).pictures).max() <= 1
+    np.testing.assert_allclose(views_of(other).points, views_of(own).points, atol=1e-5)
+    exported = run_stage(export_splats, ExportSplatsParameters(), {"splats": own}, tmp_path / "exported")["bundle"]
+    gaussians, _ = read_splats(exported.path / SPLATS_FILE)
+    expected = read_gaussians(other)
+    for name in ("means", "log_scales"):
+        torch.testing.assert_close(gaussians[name], expected[name], rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("scale", [0, -1, True, "2"])
+def test_a_world_of_no_size_is_refused(tmp_path: Path, scale: Json) -> None:
+    made = with_attributes(tmp_path / "made", wall_of_splats(tmp_path / "splats", np.zeros((3, 3))), world_scale=scale)
+    with pytest.raises(UserError, match="the world_scale of a splats is not what it should be"):
+        world_scale_of(made)
 
 
 def test_any_first_few_points_are_a_fair_sample_of_what_is_seen(tmp_path: Path) -> None:

@@ -114,6 +114,13 @@ def test_an_unknown_lens_is_named(tmp_path: Path) -> None:
         read_colmap_model(tmp_path)
 
 
+def test_a_side_of_more_digits_than_a_float_has_is_refused_with_its_line(tmp_path: Path) -> None:
+    write_text_model(tmp_path)
+    (tmp_path / "cameras.txt").write_text(f"7 PINHOLE {'1' * 400} 480 50 50 32 24\n")
+    with pytest.raises(UserError, match=r"cameras\.txt.*a side of more than 1,000,000 pixels"):
+        read_colmap_model(tmp_path)
+
+
 def test_text_is_read_as_colmap_reads_it(tmp_path: Path) -> None:
     write_text_model(tmp_path)
     for part in ("cameras.txt", "images.txt"):

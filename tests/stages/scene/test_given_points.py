@@ -23,6 +23,7 @@ from stages.scene.drawn_depths import AMPLE
 from stages.scene.known_points import KnownPoints
 from stages.scene.lens import Lens
 from stages.scene.scene import read_scene
+from stages.scene.world_scale import world_scale_of
 from stages.sfm import SfmParameters, points_to_keep
 from tests.stages.scene.rigs import arc
 from tests.stages.scene.test_colmap_points import binary_point
@@ -171,6 +172,7 @@ def test_points_of_small_units_are_enlarged_with_their_poses(
     scene = read_scene(run(load(tmp_path / "tiny"), tmp_path / "out"))
     assert nearest_depth(scene.cameras, scene.points) == pytest.approx(AMPLE, rel=1e-5)
     factor = scene.cameras.world_to_camera[0, :3, 3] / poses[0, :3, 3]
+    assert world_scale_of(load(tmp_path / "out" / "scene")) == pytest.approx(factor[0])
     np.testing.assert_allclose(scene.points, positions * 0.01 * factor[0], rtol=1e-5)
 
 

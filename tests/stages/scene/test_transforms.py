@@ -46,6 +46,12 @@ def test_a_frames_own_intrinsics_come_first(tmp_path: Path) -> None:
     assert (second.lens.width, second.lens.height) == (50, 40)
 
 
+def test_a_frames_own_angle_comes_before_the_focal_length_of_all(tmp_path: Path) -> None:
+    frame = {"file_path": "a.png", "transform_matrix": MATRIX, "camera_angle_x": math.pi / 2}
+    (photo,) = read_transforms(write(tmp_path, [frame], fl_x=100.0, fl_y=110.0, w=50, h=40), size_of)
+    assert photo.lens.parameters[:2] == pytest.approx((25.0, 110.0))
+
+
 @pytest.mark.parametrize(
     ("given", "model", "distortion"),
     [
