@@ -263,17 +263,20 @@ def test_the_owner_sees_what_moves_side_by_side(inputs: dict, tmp_path: Path) ->
 
 
 def test_test_views_come_first_and_the_rest_is_filled_up(inputs: dict, tmp_path: Path) -> None:
-    headings = re.findall(
-        r"<h3>(view\d+\.png) <span class=\"tag\">(\w+)", text_of(pages(inputs, tmp_path / "a", 4)["public"])
-    )
-    assert headings == [
-        ("view00.png", "test"),
-        ("view08.png", "test"),
-        ("view01.png", "train"),
-        ("view09.png", "train"),
-    ]
-    headings = re.findall(r"<h3>(view\d+\.png)", text_of(pages(inputs, tmp_path / "b", 1)["public"]))
-    assert headings == ["view00.png"]
+    made = pages(inputs, tmp_path / "a", 4)
+    expected = [("view00.png", "test"), ("view08.png", "test"), ("view01.png", "train"), ("view09.png", "train")]
+    assert headings(text_of(made["owner"]))[:4] == expected
+    assert headings(text_of(made["public"])) == [(f"View {n}", split) for n, (_, split) in enumerate(expected, start=1)]
+    assert headings(text_of(pages(inputs, tmp_path / "b", 1)["public"])) == [("View 1", "test")]
+
+
+def headings(text: str) -> list[tuple[str, str]]:
+    """Of the views: what each is called, and its split."""
+    return re.findall(r"<h3>([^<]+) <span class=\"tag\">(\w+)", text)
+
+
+def test_names_of_photos_are_not_on_the_public_page(inputs: dict, tmp_path: Path) -> None:
+    assert "view00.png" not in text_of(pages(inputs, tmp_path / "made")["public"])
 
 
 class Reader(HTMLParser):

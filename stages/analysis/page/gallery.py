@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import UInt8
@@ -65,6 +65,12 @@ class Gallery:
 
     title: str
     views: tuple[View, ...]
+
+    @property
+    def without_names(self) -> Gallery:
+        """The views by numbers: a photo's name may be of a person or a place, and is nobody's business."""
+        numbered = (replace(view, name=view.name and f"View {n}") for n, view in enumerate(self.views, start=1))
+        return replace(self, views=tuple(numbered))
 
     @property
     def narrow(self) -> bool:

@@ -125,8 +125,10 @@ def _title(material: Material, title: str, comparison: Comparison) -> str:
 
 
 def public_page(material: Material, views: int) -> Page:
-    """The scene alone, in words that fit any splatted scene; where nothing of it was given, that."""
-    gallery, films = cover_gallery(material.pictures, views, "Pictures", residual=False), public_films(material.videos)
+    """The scene alone, in words that fit any splatted scene, without names of photos; where nothing of it was given,
+    that."""
+    pictures, films = cover_gallery(material.pictures, views, "Pictures", residual=False), public_films(material.videos)
+    gallery = None if pictures is None else pictures.without_names
     tiles = (*scene_tiles(material, "Scene"), *public_placed_tiles(material))
     held = bool(material.scores) or any(each.has_truth for each in material.pictures)
     compared = f"A scene of 3D Gaussians{', compared with photos that it was not fitted to' if held else ''}."
