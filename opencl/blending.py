@@ -11,6 +11,7 @@ from torch import Tensor
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
 from opencl.first_gradients import first_gradients_only
+from opencl.memory import as_kernels_read
 from opencl.program import GROUP_SIZE, ProgramKey, Schedule
 from opencl.tiling import TileLists
 
@@ -79,6 +80,7 @@ class Blend(torch.autograd.Function):
     def backward(ctx: Any, grad_feature_map: Tensor, grad_alphas: Tensor) -> tuple[Any, ...]:
         records, features, feature_map, alphas = ctx.saved_tensors
         backend, program, lists = ctx.backend, ctx.program, ctx.lists
+        backend.memory.refuse_copies(records, features, feature_map, alphas)
         count, feature_dim = features.shape
         height, width = alphas.shape
         group_size = GROUP_SIZE[program.schedule]
@@ -92,7 +94,7 @@ class Blend(torch.autograd.Function):
             session.launch(
                 *(program, "blend_backward", lists.tiles, width, height, records, features),
                 *(lists.starts, lists.entries, lists.slots, ctx.walked, feature_map, alphas),
-                *(grad_feature_map.contiguous(), grad_alphas.contiguous(), gradient_rows, background_rows),
+                *(as_kernels_read(grad_feature_map), as_kernels_read(grad_alphas), gradient_rows, background_rows),
                 group_size=group_size,
             )
             session.launch(

@@ -11,6 +11,10 @@ from torch import Tensor
 
 SMALLEST_LOW_PASS = 1e-6
 """Square pixels: the square of this is far from the smallest number that float32 can tell from 0."""
+SMALLEST, LARGEST = 1e-30, 1e30
+"""Of every constant: in float32 these are neither 0 nor infinite."""
+CLEAREST = 1e-6
+"""What a Gaussian lets through at least; float32 can tell 1 less this from 1."""
 
 
 @dataclass(frozen=True)
@@ -18,9 +22,9 @@ class RasterSettings:
     """Every constant of the rasterizer; the defaults are those of 3D Gaussian Splatting (Kerbl et al. 2023).
 
     What differs from its code: a Gaussian is drawn wherever it is more opaque than `alpha_minimum`, where that draws
-    only tiles within 3 standard deviations; `radii` are 0 where no pixel is reached, where its are where no tile is
-    touched; opacities that were clamped to `alpha_maximum` pass no gradient, where it lets them; and where the field of
-    view is clamped the gradient of the depth is exact, of which it takes one term twice.
+    only tiles within 3 standard deviations; `radii` are 0 where the box around what is reached holds no pixel, where
+    its are where no tile is touched; opacities that were clamped to `alpha_maximum` pass no gradient, where it lets
+    them; and where the field of view is clamped the gradient of the depth is exact, of which it takes one term twice.
 
     gsplat's are `RasterSettings(near=0.01, alpha_maximum=0.999, radius_sigmas=3.33, clamp_about="principal_point")`.
     """
@@ -28,7 +32,8 @@ class RasterSettings:
     near: float = 0.2
     """Depth, in world units, up to which a Gaussian is not drawn."""
     low_pass: float = 0.3
-    """Added to both variances on the screen, in square pixels, so that no Gaussian falls between the pixels."""
+    """Added to both variances on the screen, in square pixels, so that no Gaussian falls between the pixels. In float32
+    on CPUs gradients of needles lose digits as it falls: 1e-3 of them at 0.01, 0.03 at 1e-4 (at 0.3 3e-6)."""
     field_of_view_margin: float = 1.3
     """Where the projection is linearised: at most this many half fields of view (as tangents) off the middle."""
     clamp_about: Literal["optical_axis", "principal_point"] = "optical_axis"
@@ -47,9 +52,8 @@ class RasterSettings:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, float) and not math.isfinite(value):
-                raise ValueError(f"RasterSettings.{field.name}: found {value}, expected a finite number")
+            if isinstance(field.default, float):
+                object.__setattr__(self, field.name, _finite(field.name, getattr(self, field.name)))
         if not isinstance(self.antialiased, bool):
             raise ValueError(f"RasterSettings.antialiased: found {self.antialiased!r}, expected True or False")
         if self.clamp_about not in ("optical_axis", "principal_point"):
@@ -57,21 +61,27 @@ class RasterSettings:
                 f"RasterSettings.clamp_about: found {self.clamp_about!r}, expected 'optical_axis' or 'principal_point'"
             )
         for name in ("near", "low_pass", "alpha_minimum", "radius_sigmas", "field_of_view_margin"):
-            if getattr(self, name) <= 0:
-                raise ValueError(f"RasterSettings.{name}: found {getattr(self, name)}, expected more than 0")
+            if not SMALLEST <= getattr(self, name) <= LARGEST:
+                raise ValueError(
+                    f"RasterSettings.{name}: found {getattr(self, name)}, expected more than 0, "
+                    f"from {SMALLEST:g} to {LARGEST:g}"
+                )
         if self.low_pass < SMALLEST_LOW_PASS:
             raise ValueError(
                 f"RasterSettings.low_pass: found {self.low_pass}, expected {SMALLEST_LOW_PASS} at least, under which "
                 "variances in float32 have no inverse"
             )
-        if not self.alpha_minimum <= self.alpha_maximum < 1:
+        if not self.alpha_minimum <= self.alpha_maximum <= 1 - CLEAREST:
             raise ValueError(
                 f"RasterSettings.alpha_maximum: found {self.alpha_maximum}, "
-                f"expected at least alpha_minimum ({self.alpha_minimum}) and less than 1"
+                f"expected at least alpha_minimum ({self.alpha_minimum}) and less than 1 by {CLEAREST:g}"
             )
-        if not 0 <= self.transmittance_minimum < 1:
+        let_through = (1 - self.alpha_maximum) * (1 + CLEAREST)
+        if not 0 <= self.transmittance_minimum <= let_through:
             raise ValueError(
-                f"RasterSettings.transmittance_minimum: found {self.transmittance_minimum}, expected 0 or more, under 1"
+                f"RasterSettings.transmittance_minimum: found {self.transmittance_minimum}, expected 0 or more, and no "
+                f"more than alpha_maximum lets through ({1 - self.alpha_maximum:.3g}): the first opaque Gaussian would "
+                "end its pixel before it is drawn"
             )
 
     def for_fewer_pixels(self, factor: float) -> RasterSettings:
@@ -80,6 +90,17 @@ class RasterSettings:
         The low-pass stays as wide as it is there; in as many of the larger pixels it would make Gaussians swell.
         """
         return replace(self, low_pass=max(self.low_pass * factor**2, SMALLEST_LOW_PASS))
+
+
+def _finite(name: str, value: object) -> float:
+    """A setting as Python's float: NumPy's and torch's numbers are none of its types."""
+    try:
+        number = math.nan if isinstance(value, bool | str) else float(value)  # type: ignore[arg-type]  # or TypeError
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError(f"RasterSettings.{name}: found {value!r:.80}, expected a finite number")
+    return number
 
 
 @dataclass(frozen=True)
@@ -91,7 +112,8 @@ class RasterOutput:
     alphas: Float[Tensor, "*cameras height width"]
     """How much of each pixel the Gaussians cover: one less the transmittance that is left."""
     radii: Int[Tensor, "*cameras N"]
-    """Pixels, `ceil(radius_sigmas · sigma)` of the longest axis (int32); 0 where no pixel is reached. No gradient."""
+    """Pixels, `ceil(radius_sigmas · sigma)` of the longest axis (int32); 0 where the box around what is reached holds
+    no pixel. No gradient."""
     means2d: Float[Tensor, "*cameras N 2"]
     """Centres in pixels, x then y, pixel centres at +0.5, zero where not visible; `.grad` is there after backward."""
     depths: Float[Tensor, "*cameras height width"] | None = None

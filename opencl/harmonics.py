@@ -11,6 +11,7 @@ from torch import Tensor
 from opencl.backend import Backend
 from opencl.contract import RasterSettings
 from opencl.first_gradients import first_gradients_only
+from opencl.memory import as_kernels_read
 from opencl.program import ProgramKey
 from opencl.projection import launch_size
 from opencl.routes import backend_for
@@ -42,7 +43,7 @@ def colors_of_harmonics(
             raise ValueError(f"{name}: found shape {tuple(given[name].shape)}, expected {shape}")
     if rest.ndim != 3 or rest.shape[::2] != (count, 3):
         raise ValueError(f"rest: found shape {tuple(rest.shape)}, expected ({count}, K, 3)")
-    if not 0 <= degree <= MAXIMUM_DEGREE or (degree + 1) ** 2 - 1 > rest.shape[1]:
+    if type(degree) is not int or not 0 <= degree <= MAXIMUM_DEGREE or (degree + 1) ** 2 - 1 > rest.shape[1]:
         raise ValueError(
             f"degree: found {degree}, expected 0 to {MAXIMUM_DEGREE}, of which K = {rest.shape[1]} harmonics are enough"
         )
@@ -82,7 +83,7 @@ class _Colors(torch.autograd.Function):
         with ctx.backend.session() as session:
             session.launch(
                 *(ctx.program, "colors_of_harmonics_backward", groups, len(means), rest.shape[1], ctx.degree),
-                *(base, rest, means, centre, grad_colors.contiguous(), *gradients),
+                *(base, rest, means, centre, as_kernels_read(grad_colors), *gradients),
                 group_size=group_size,
             )
             grad_base, grad_rest, grad_means = session.give(*gradients)

@@ -27,7 +27,7 @@ def reserve_kernel_cache(environment: MutableMapping[str, str] = os.environ) -> 
     for folder in (_in_users_cache, _for_this_process):
         try:
             return _reserve_slot(folder(environment), environment)
-        except OSError:
+        except (OSError, RuntimeError):  # the latter where nobody says what the home directory is
             continue
     raise OSError("no directory for compiled kernels can be written; set POCL_CACHE_DIR to one")
 

@@ -63,6 +63,9 @@ class Memory(Protocol):
     def receive(self, tensor: Tensor) -> Tensor:
         """The caller's tensor as kernels read it, contiguous, for as long as it is kept. Differentiable."""
 
+    def refuse_copies(self, *kept: Tensor) -> None:
+        """Of what was kept for the backward pass; `RuntimeError` where some came back as copies that hold nothing."""
+
 
 class BufferMemory(Memory, Protocol):
     """Memory that an OpenCL kernel sees as buffers. Tensors are contiguous and not empty."""
@@ -78,6 +81,11 @@ class BufferMemory(Memory, Protocol):
 
     def give(self, tensor: Tensor, buffer: pyopencl.Buffer) -> Tensor:
         """The caller's tensor with what the buffer holds, once the queue is finished."""
+
+
+def as_kernels_read(tensor: Tensor) -> Tensor:
+    """Contiguous, and every number as it is written: torch may negate lazily."""
+    return tensor.contiguous().resolve_neg()
 
 
 class TorchMemory:
@@ -100,7 +108,10 @@ class TorchMemory:
         return self.empty(*size, dtype=dtype).zero_()
 
     def receive(self, tensor: Tensor) -> Tensor:
-        return moved(tensor, self._tensor_device).contiguous().resolve_neg()  # torch may negate lazily
+        return as_kernels_read(moved(tensor, self._tensor_device))
+
+    def refuse_copies(self, *kept: Tensor) -> None:
+        """A copy holds what it is one of."""
 
 
 class SharedMemory(TorchMemory):

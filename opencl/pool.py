@@ -49,7 +49,10 @@ class _Pool:
                     self._remove(block)
                     return block
         _check_room(size)
-        unaligned = np.empty(size + _ALIGNMENT, np.uint8)
+        try:
+            unaligned = np.empty(size + _ALIGNMENT, np.uint8)
+        except MemoryError as error:  # a limit that free_memory does not see, such as ulimit's
+            raise RuntimeError(f"no room for {size / 2**30:.2f} GiB: {error}. {WAY_OUT}") from error
         return unaligned[-unaligned.ctypes.data % _ALIGNMENT :][:size]
 
     def release(self, block: np.ndarray) -> None:
@@ -78,7 +81,7 @@ def empty(*shape: int, dtype: torch.dtype) -> Tensor:
     """
     size = math.prod(shape) * dtype.itemsize
     if size < _SMALLEST:
-        return torch.empty(shape, dtype=dtype)
+        return torch.empty(shape, dtype=dtype, device="cpu")
     block = _pool.take(size)
     array = block[:size].view(_NUMPY[dtype]).reshape(shape)
     weakref.finalize(array, _pool.release, block).atexit = False  # torch holds the array as long as its storage lives

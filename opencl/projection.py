@@ -11,6 +11,7 @@ from torch import Tensor
 from opencl.backend import Backend
 from opencl.contract import RasterSettings, half_fields_of_view
 from opencl.first_gradients import first_gradients_only
+from opencl.memory import as_kernels_read
 from opencl.program import GROUP_SIZE, PROJECTION_CHUNK, ProgramKey
 
 RECORD = 8
@@ -29,7 +30,7 @@ def pack_camera(
     values = [value for row in rows[:3] for value in row[:3]] + [row[3] for row in rows[:3]]
     values += [calibration[0][0], calibration[1][1], calibration[0][2], calibration[1][2]]
     values += half_fields_of_view(intrinsics, width, height, settings)
-    return torch.tensor(values, dtype=world_to_camera.dtype)
+    return torch.tensor(values, dtype=world_to_camera.dtype, device="cpu")
 
 
 def launch_size(backend: Backend, count: int) -> tuple[int, int]:
@@ -83,8 +84,13 @@ class Project(torch.autograd.Function):
     def backward(ctx: Any, grad_means2d: Tensor | None, grad_records: Tensor | None, *_: None) -> tuple[Any, ...]:
         means, quats, scales, opacities, camera, radii, records = ctx.saved_tensors
         memory, dtype = ctx.backend.memory, means.dtype
-        grad_means2d = memory.zeros(len(means), 2, dtype=dtype) if grad_means2d is None else grad_means2d.contiguous()
-        grad_records = memory.zeros(*records.shape, dtype=dtype) if grad_records is None else grad_records.contiguous()
+        memory.refuse_copies(radii, records)
+        grad_means2d = (
+            memory.zeros(len(means), 2, dtype=dtype) if grad_means2d is None else as_kernels_read(grad_means2d)
+        )
+        grad_records = (
+            memory.zeros(*records.shape, dtype=dtype) if grad_records is None else as_kernels_read(grad_records)
+        )
         shapes = (means.shape, quats.shape, scales.shape, means.shape[:1])
         results = tuple(memory.empty(*shape, dtype=dtype) for shape in shapes)
         with ctx.backend.session() as session:

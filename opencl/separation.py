@@ -49,7 +49,7 @@ def separation_penalty(
         raise ValueError(
             f"separation_penalty: found {described}, expected float32 or float64 of a CPU that OpenCL works on"
         )
-    if directions.requires_grad:
+    if directions.requires_grad and torch.is_grad_enabled():
         raise ValueError("separation_penalty: found directions that ask for a gradient (none is computed): detach them")
     receive = backend_in_place().memory.receive
     penalty: Tensor = _Separation.apply(receive(features), receive(readings), directions, common_weight, beyond_weight)

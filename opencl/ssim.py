@@ -39,7 +39,7 @@ def mean_ssim(
         raise ValueError(f"pictures: found shape {tuple(pictures.shape)}, expected (..., height, width, 3), not empty")
     if pictures.dtype not in (torch.float32, torch.float64):
         raise ValueError(f"pictures: found {pictures.dtype}, expected float32 or float64")
-    if truths.requires_grad:
+    if truths.requires_grad and torch.is_grad_enabled():
         raise ValueError("truths: found requires_grad, expected pictures without gradient (none is computed)")
     backend = backend_for(pictures.device)
     similarity: Tensor = _MeanSsim.apply(backend, *(tensor.to(backend.tensor_device) for tensor in (pictures, truths)))

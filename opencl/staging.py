@@ -67,13 +67,13 @@ class StagedMemory:
         return self._pinned.downloaded
 
     def empty(self, *size: int, dtype: torch.dtype) -> Tensor:
-        tensor = torch.empty(size, dtype=dtype)
+        tensor = torch.empty(size, dtype=dtype, device="cpu")
         if tensor.numel():
             self._keep(tensor, on_host=False, buffer=self._allocate(tensor.nbytes))
         return tensor
 
     def zeros(self, *size: int, dtype: torch.dtype) -> Tensor:
-        tensor = torch.zeros(size, dtype=dtype)
+        tensor = torch.zeros(size, dtype=dtype, device="cpu")
         if tensor.numel():
             buffer = self._allocate(tensor.nbytes)
             pyopencl.enqueue_fill_buffer(self._queue, buffer, np.uint8(0), 0, tensor.nbytes)
@@ -85,6 +85,15 @@ class StagedMemory:
         if own.numel():
             self._keep(own, on_host=True, buffer=None)
         return own
+
+    def refuse_copies(self, *kept: Tensor) -> None:
+        for tensor in kept:
+            if tensor.numel() and tensor.untyped_storage()._cdata not in self._residents:
+                raise RuntimeError(
+                    f"tensor of shape {tuple(tensor.shape)}: found a copy of what was kept for the backward pass, as "
+                    "hooks on saved tensors make (torch.autograd.graph.saved_tensors_hooks, save_on_cpu), expected the "
+                    "tensor itself: only the device holds what is in it. Draw outside of such hooks"
+                )
 
     def _keep(self, tensor: Tensor, on_host: bool, buffer: pyopencl.Buffer | None) -> None:
         storage = tensor.untyped_storage()

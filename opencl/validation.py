@@ -84,7 +84,7 @@ def _check_shapes(tensors: dict[str, Tensor]) -> None:
 
 def _check_camera(world_to_camera: Tensor, intrinsics: Tensor) -> None:
     for name, tensor in (("world_to_camera", world_to_camera), ("intrinsics", intrinsics)):
-        if tensor.requires_grad:
+        if tensor.requires_grad and torch.is_grad_enabled():
             raise ValueError(f"{name}: found requires_grad, expected a camera without gradient (none is computed)")
         _check_finite(name, tensor)
     for pose in world_to_camera.reshape(-1, 4, 4).tolist():

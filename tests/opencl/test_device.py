@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
 from types import SimpleNamespace
 
 import pyopencl
@@ -98,6 +99,28 @@ def test_no_directory_is_left_where_none_is_needed(tmp_path, monkeypatch):
     monkeypatch.setattr(kernel_cache.tempfile, "mkdtemp", lambda prefix: made.append(prefix) or str(tmp_path / prefix))
     assert reserve_kernel_cache({"XDG_CACHE_HOME": str(tmp_path)}) is not None
     assert not made
+
+
+DRAW = """
+import pwd, sys
+def nobody(number):
+    raise KeyError(number)
+if sys.argv[1] == "nobody":
+    pwd.getpwuid = nobody
+from tests.opencl.scenes import make_scene
+print(float(make_scene(count=3).draw().alphas.max()) > 0)
+"""
+
+
+@pytest.mark.parametrize("home", ["/proc", "nobody"])
+def test_where_no_home_can_be_written_all_is_drawn_nevertheless(tmp_path, home):
+    """pyopencl would keep what it generates in the home directory, too; one that nobody has is none."""
+    environment = {name: value for name, value in os.environ.items() if name in ("PATH", "PYTHONPATH")}
+    environment |= {"TMPDIR": str(tmp_path)} | ({} if home == "nobody" else {"HOME": home})
+    command = [sys.executable, "-c", DRAW, home]
+    drawn = subprocess.run(command, cwd=Path(__file__).parents[2], env=environment, capture_output=True, text=True)
+    assert drawn.stdout == "True\n", drawn.stderr
+    assert list(tmp_path.glob("gs-hider-kernels-*"))
 
 
 def test_an_unwritable_home_is_no_obstacle(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -43,6 +44,18 @@ def test_what_there_is_no_room_for_is_refused_with_a_way_out(monkeypatch: pytest
     monkeypatch.setattr(pool, "free_memory", lambda: 3 * GIB)
     with pytest.raises(RuntimeError, match=r"no room for 4.00 GiB: 3.00 are free. Take a smaller picture"):
         pool.empty(GIB, dtype=torch.float32)
+
+
+def test_what_the_system_refuses_is_refused_with_a_way_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a limit that nothing tells of beforehand, such as ulimit's."""
+
+    def no_room(size: int, dtype: type) -> None:
+        raise MemoryError("Unable to allocate")
+
+    monkeypatch.setattr(pool, "_pool", pool._Pool())
+    monkeypatch.setattr(pool.np, "empty", no_room)
+    with pytest.raises(RuntimeError, match=f"no room for 0.00 GiB: Unable to allocate. {re.escape(pool.WAY_OUT)}"):
+        pool.empty(1 << 20, dtype=torch.float32)
 
 
 def test_small_ones_do_not_ask(monkeypatch: pytest.MonkeyPatch) -> None:

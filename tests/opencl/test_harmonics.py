@@ -110,6 +110,15 @@ def test_the_same_bits_every_time() -> None:
     assert all(torch.equal(one, other) for run in runs for one, other in zip(run, runs[0], strict=True))
 
 
+def test_a_gradient_that_torch_negates_lazily() -> None:
+    leaves = [tensor.requires_grad_() for tensor in (torch.rand(4, 3), torch.rand(4, 15, 3), torch.rand(4, 3))]
+    colors = colors_of_harmonics(*leaves, torch.zeros(3), 3)
+    upstream = torch.rand(4, 3)
+    found = torch.autograd.grad(colors, leaves, torch._neg_view(upstream), retain_graph=True)
+    for one, other in zip(found, torch.autograd.grad(colors, leaves, -upstream), strict=True):
+        assert torch.equal(one, other)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -117,6 +126,8 @@ def test_the_same_bits_every_time() -> None:
         ({"camera_centre": torch.zeros(2)}, "camera_centre: found shape"),
         ({"rest": torch.zeros(3, 15, 3)}, r"rest: found shape \(3, 15, 3\), expected \(4, K, 3\)"),
         ({"degree": 4}, "degree: found 4"),
+        ({"degree": 2.0}, "degree: found 2.0"),
+        ({"degree": True}, "degree: found True"),
         ({"rest": torch.zeros(4, 3, 3), "degree": 2}, "K = 3 harmonics"),
         ({"rest": torch.zeros(4, 15, 3, dtype=torch.float64)}, "rest: found torch.float64"),
     ],

@@ -206,3 +206,26 @@ def test_no_room_on_the_device_is_named(monkeypatch):
     monkeypatch.setattr(pyopencl, "Buffer", full)
     with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece.*at most .*Take a smaller picture"):
         rasterize(**arguments())
+
+
+@pytest.mark.parametrize("size", [(1, 1), (20, 18)])
+def test_gradients_that_torch_negates_lazily(size):
+    scene = make_scene(COUNT, 1, *size, dtype=torch.float32, size=0.5)
+    leaves = [tensor.requires_grad_() for tensor in scene.gaussians]
+    output = scene.draw()
+    outputs = [output.features, output.alphas, output.means2d]
+    upstream = [torch.rand_like(each) for each in outputs]
+    lazily = [torch._neg_view(each) for each in upstream]
+    found = torch.autograd.grad(outputs, leaves, lazily, retain_graph=True)
+    for one, other in zip(found, torch.autograd.grad(outputs, leaves, [-each for each in upstream]), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_tensors_of_the_cpu_are_drawn_whatever_device_new_ones_are_made_on():
+    scene = make_scene(COUNT, FEATURE_DIM, 20, 18, dtype=torch.float32)
+    leaves = [tensor.requires_grad_() for tensor in scene.gaussians]
+    expected = gradients(scene.draw(), leaves)
+    with torch.device("meta"):
+        output = scene.draw()
+    for one, other in zip(gradients(output, leaves), expected, strict=True):
+        assert torch.equal(one, other)

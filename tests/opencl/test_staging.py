@@ -174,6 +174,20 @@ def test_memory_at_the_same_address_is_not_mistaken(staged, shared):
         assert torch.equal(draw(staged, scene).features, draw(shared, scene).features)
 
 
+def test_copies_of_what_only_the_device_holds_are_refused(staged, shared):
+    """As hooks on saved tensors make them: gradients would be of whatever lay in that memory."""
+    leaves, scene = trainable(make_scene(count=20, dtype=torch.float32))
+    expected = gradients(draw(shared, scene), leaves)
+    for backend in (shared, staged):
+        with torch.autograd.graph.saved_tensors_hooks(lambda kept: kept.clone(), lambda kept: kept):
+            output = draw(backend, scene)
+        if backend is staged:
+            with pytest.raises(RuntimeError, match=r"found a copy of what was kept .* Draw outside of such hooks"):
+                gradients(output, leaves)
+        else:
+            assert all(torch.equal(*pair) for pair in zip(gradients(output, leaves), expected, strict=True))
+
+
 def test_a_part_of_what_only_the_device_holds_is_refused(staged):
     program = ProgramKey("geometry", staged.schedule, torch.float32, RasterSettings())
     whole = staged.memory.empty(8, dtype=torch.int32)

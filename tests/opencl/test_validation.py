@@ -73,6 +73,15 @@ def test_a_background_is_looked_at_on_the_cpu_alone():
     ("values", "message"),
     [
         ({"near": 0.0}, "near: found 0.0, expected more than 0"),
+        ({"near": np.float32("nan")}, "near: found .*nan.*, expected a finite number"),
+        ({"near": "0.2"}, "near: found '0.2', expected a finite number"),
+        ({"near": None}, "near: found None, expected a finite number"),
+        ({"near": 10**400}, "near: found 1000.*, expected a finite number"),
+        ({"alpha_minimum": 1e-46}, "alpha_minimum: found 1e-46, expected more than 0, from 1e-30 to 1e[+]30"),
+        ({"radius_sigmas": 1e-50}, "radius_sigmas: found 1e-50"),
+        ({"alpha_maximum": 1 - 1e-9}, "alpha_maximum: found 0.999999999, .* less than 1 by 1e-06"),
+        ({"alpha_maximum": 0.99995}, "transmittance_minimum: found 0.0001, .* alpha_maximum lets through .5e-05."),
+        ({"transmittance_minimum": 0.02}, "transmittance_minimum: found 0.02, .* end its pixel before it is drawn"),
         ({"low_pass": 1e-24}, "low_pass: found 1e-24, expected 1e-06 at least"),
         ({"low_pass": float("nan")}, "low_pass: found nan, expected a finite number"),
         ({"alpha_maximum": 1.0}, "alpha_maximum: found 1.0"),
@@ -84,6 +93,25 @@ def test_a_background_is_looked_at_on_the_cpu_alone():
 def test_settings_out_of_range(values, message):
     with pytest.raises(ValueError, match=message):
         RasterSettings(**values)
+
+
+@pytest.mark.parametrize(
+    "settings", [{"alpha_maximum": 0.9999}, {"alpha_maximum": 1 - 1e-6, "transmittance_minimum": 0}]
+)
+def test_the_most_opaque_pixel_is_drawn(settings):
+    """Of one Gaussian on a pixel's centre."""
+    camera = torch.eye(4), torch.tensor([[20.0, 0, 10.5], [0, 20.0, 9.5], [0, 0, 1]])
+    gaussian = torch.tensor([[0.0, 0, 2]]), torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), 0.2), torch.ones(1)
+    drawn = rasterize(*gaussian, torch.ones(1, 3), *camera, 20, 18, settings=RasterSettings(**settings))
+    assert float(drawn.alphas[9, 10]) > 0.999
+
+
+def test_without_gradients_a_camera_may_ask_for_one():
+    pose = torch.eye(4).requires_grad_()
+    with pytest.raises(ValueError, match="world_to_camera: found requires_grad"):
+        check_arguments(**_arguments(world_to_camera=pose))
+    with torch.no_grad():
+        check_arguments(**_arguments(world_to_camera=pose))
 
 
 def test_numbers_of_numpy_are_as_good_as_others():
