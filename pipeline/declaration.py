@@ -31,7 +31,7 @@ from pipeline.source_cache import SourceCache
 from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
 from pipeline.store import Store
 
-FORMAT = 7
+FORMAT = 8
 DECLARATION = "declaration"
 LITERAL = re.compile("'([^']*)'")
 TEXT_WANTED = ("string_type", "path_type")  # pydantic's words
@@ -51,6 +51,7 @@ class Declaration:
     resources: Mapping[str, float]
     selects_modules: bool
     external: tuple[str, ...]
+    unread: Mapping[str, Mapping[str, Json]]
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,7 @@ class Catalogue:
             resources=cached["resources"],
             selects_modules=cached["selects_modules"],
             external=tuple(cached["external"]),
+            unread=cached["unread"],
         )
 
     def complete(self, uses: str, arguments: Mapping[str, Json]) -> Completed | list[Refusal]:
@@ -265,6 +267,7 @@ def _describe(declared: Stage) -> dict[str, Any]:
         "resources": dict(declared.resources),
         "selects_modules": declared.modules is not None,
         "external": external_fields(declared.parameters),
+        "unread": {name: dict(values) for name, values in declared.unread.items()},
     }
 
 

@@ -5,8 +5,8 @@ scope (what most tools hash) misses an edited helper, and a silently stale resul
 The whole tree is safe, but then a line changed in the report repeats hours of training. Modules are safe, since Python
 cannot run code of a module that nobody imports, and as precise as the files are small. So:
 
-- a module counts by its syntax tree, without comments, docstrings, layout, and what `@stage(unrepeatable=…)` and
-  `@stage(remarks=…)` say, which changes no bit;
+- a module counts by its syntax tree, without comments, docstrings, layout, and what `@stage` is told by
+  `unrepeatable=`, `unread=` and `remarks=`, which changes no bit;
 - imports count wherever they stand, inside functions and under `TYPE_CHECKING` too, and so do the packages that they
   pass through: keep `__init__.py` thin;
 - `RESOURCES = ("kernels/*.cl",)` at the top of a module adds the bytes of files beside it;
@@ -32,7 +32,7 @@ ENGINE = "pipeline"
 DYNAMIC = ("import_module", "__import__", "run_module", "run_path", "spec_from_file_location")
 IMPORTS = "its imports"
 STATEMENTS = "its other statements"
-NOTES = ("unrepeatable", "remarks")  # arguments of `@stage` that say how to treat a result, not what it is
+NOTES = ("unrepeatable", "unread", "remarks")  # arguments of `@stage` that say how to treat a result, not what it is
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from pipeline.accept import is_acceptable
 from pipeline.graph import Graph
-from pipeline.loss import NOT_READ
+from pipeline.loss import NOT_READ, is_read
 from pipeline.plan import Step
 
 SHOWN = 4  # names of stages
@@ -22,7 +22,8 @@ def foretold(graph: Graph, steps: Mapping[str, Step]) -> Iterator[str]:
     if code:
         kept = f"to keep what was made before, stop this run and `accept` it ({code[0]} first), with the same settings"
         yield f"only code changed: {_names(code)}, done again; {kept}"
-    waiting = [name for name, step in steps.items() if graph.nodes[name].unrepeatable and step.state == "depends"]
+    unrepeatable = [name for name, node in graph.nodes.items() if node.unrepeatable and is_read(name, graph)]
+    waiting = [name for name in unrepeatable if steps[name].state == "depends"]
     if waiting:
         yield f"{_names(waiting)}: made anew if what is before it comes out differently; {NOT_READ}"
 

@@ -48,11 +48,30 @@ def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store)
     return str(error)
 
 
-def words_of_another(node: Node, key: str, last: StageResult | None) -> str | None:
-    """That a stage makes another than the last time; None where it made none, or the same action made it."""
-    if last is None or last.key == key:
+def words_of_another(node: Node, key: str, last: StageResult | None, graph: Graph) -> str | None:
+    """That a stage makes another than the last time; None where it made none, the same action made it, or nobody
+    reads it.
+    """
+    if last is None or last.key == key or not is_read(node.name, graph):
         return None
     return f"{node.name} is made anew, for what it depends on is not as it was; {NOT_READ}"
+
+
+def is_read(name: str, graph: Graph) -> bool:
+    """Whether a stage reads what a node makes, as far as the graph shows it: a person may read what no stage takes."""
+    takers = [graph.nodes[other] for other in graph.dependents[name]]
+    return not takers or any(_reads(taker, name) for taker in takers)
+
+
+def _reads(taker: Node, name: str) -> bool:
+    """Whether a node, with its parameters, reads what it takes from the one of that name."""
+    taken = [port for port, sources in taker.sources.items() if name in {source.node for source in sources}]
+    return any(not _is_unread(taker, port) for port in taken)
+
+
+def _is_unread(node: Node, port: str) -> bool:
+    values = node.declaration.unread.get(port)
+    return values is not None and all(node.parameters.get(name) == value for name, value in values.items())
 
 
 def words_of_keeping(

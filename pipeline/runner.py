@@ -274,7 +274,7 @@ class Run:
         if self._executor is None:
             self._commit = git_commit(self.package_folder)
             self._executor = self.make_executor()
-        another = words_of_another(node, key, self._before.get(node.name))
+        another = words_of_another(node, key, self._before.get(node.name), self.graph)
         if another and not self._failures[node.name]:
             self.tell(Noted(another))
         if self._journal:

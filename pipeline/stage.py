@@ -160,10 +160,8 @@ class Context:
         services: Services,
         items: Mapping[str, tuple[Item, ...]] | None = None,
     ) -> None:
-        self.inputs = inputs
-        self._items = items or {}
-        self.scratch = scratch
-        self.workflow_name = workflow_name
+        self.inputs, self._items = inputs, items or {}
+        self.scratch, self.workflow_name = scratch, workflow_name
         self.facts: dict[str, Json] = {}
         self.seconds_before = 0.0
         self._outputs = outputs
@@ -268,6 +266,7 @@ class Stage:
     resources: Mapping[str, float] = field(default_factory=dict)
     unrepeatable: Callable[[Any], bool] | None = None
     remarks: str | None = None
+    unread: Mapping[str, Mapping[str, Json]] = field(default_factory=dict)
     name: str = field(init=False)
 
     def __post_init__(self) -> None:
@@ -289,6 +288,7 @@ def stage(
     resources: Mapping[str, float | str] | None = None,
     unrepeatable: Callable[[Any], bool] | None = None,
     remarks: str | None = None,
+    unread: Mapping[str, Mapping[str, Json]] | None = None,
 ) -> Callable[[StageFunction], Stage]:
     """Declares a function `(context, parameters)` to be a stage; the type of its parameters comes from its annotation.
 
@@ -296,11 +296,12 @@ def stage(
     modules that the parameters select, which the stage imports dynamically: they join its code fingerprint. A stage
     that is to run `alone`, since it measures time, shares the run's machine with no other. `resources` is what it
     cannot do without while it runs, such as `{"memory": "8 GiB"}`, or `{"gpu": 1}` where there is no other way; a
-    workflow may say otherwise. Neither is in the key. `unrepeatable` says whether, with given parameters, the stage
-    draws what no run can draw again, such as a key: where such a result is damaged or gone, no run puts another in its
-    place unless a person has given it up. `remarks`, such as "stages.scene.remarks:photos_left_out", names the function
-    that makes a tuple of `Remark` out of what is `Finished`. The last two are no part of the code's fingerprint. Raises
-    TypeError where the declaration itself is wrong.
+    workflow may say otherwise. Neither is in the key. Raises TypeError where the declaration itself is wrong.
+
+    No part of the code's fingerprint: `unrepeatable` says whether, with given parameters, the stage draws what no run
+    can draw again, such as a key: no run puts another in its place unless a person has given it up. `unread` names
+    inputs that it leaves unread where parameters have these values: `{"key": {"level": 0}}`. `remarks`, such as
+    "stages.scene.remarks:photos_left_out", names the function that makes a tuple of `Remark` of what is `Finished`.
     """
 
     def declare(function: StageFunction) -> Stage:
@@ -316,7 +317,7 @@ def stage(
             if port.labelled and not port.many:
                 raise TypeError(f"stage {function.__name__}: the labelled input {name!r} is not declared many=True")
         ports = dict(inputs), dict(outputs)
-        return Stage(function, model, *ports, version, modules, alone, needed, unrepeatable, remarks)
+        return Stage(function, model, *ports, version, modules, alone, needed, unrepeatable, remarks, unread or {})
 
     return declare
 

@@ -45,6 +45,7 @@ class AddGrainParameters(Parameters):
     outputs={"container": Output("container", privacy="public")},
     version=1,
     modules=lambda parameters: [module_of(parameters.method)],
+    unread={"key": {"level": 0}},
 )
 def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     """Change every Gaussian a little in colour, one way or the other; nothing is trained, no decoder changes.

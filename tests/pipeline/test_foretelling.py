@@ -83,3 +83,25 @@ def test_another_that_is_the_only_one_of_its_kind(workspace: Workspace) -> None:
     assert run(workspace, "--set", "base.note=new")[1].startswith(WAITS)
     assert ANEW not in run(workspace, "--set", "base.note=newer")[1], "the same came out, so the same key is there"
     assert run(workspace, "--set", "base.first=4", "--set", "key.seed=1")[1] == "", "anybody can draw it again"
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_another_that_no_stage_reads_concerns_nobody(workspace: Workspace, level: int) -> None:
+    """Nothing was made with such a key, so that nothing is lost with it."""
+    workspace.write(f"{DRAWN}  mark: {{uses: mark, in: {{numbers: base, key: key}}, with: {{level: {level}}}}}\n")
+    assert run(workspace)[1] == ""
+    told = run(workspace, "--set", "base.first=3")[1].splitlines()
+    assert [line.startswith(words) for line, words in zip(told, (WAITS, ANEW), strict=False)] == [True, True] * level
+
+
+def test_another_that_one_of_two_stages_reads(workspace: Workspace) -> None:
+    workspace.write(
+        f"""{DRAWN}
+      mark: {{uses: mark, in: {{numbers: base, key: key}}, with: {{level: 0}}}}
+      hide: {{uses: scale, in: {{numbers: key}}}}
+    """
+    )
+    assert run(workspace)[1] == ""
+    waits, anew = run(workspace, "--set", "base.first=3")[1].splitlines()
+    assert (waits.startswith(WAITS), anew.startswith(ANEW)) == (True, True)
+    assert run(workspace, "key", "--set", "base.first=4")[1].count("key") >= 2, "no stage takes it: a person may"

@@ -175,6 +175,8 @@ def test_to_say_so_changes_no_key(tmp_path: Path) -> None:
 
     text = (Path(__file__).parent / "toys/draw.py").read_text()
     note = "    unrepeatable=lambda given: given.seed is None,\n"
+    text = text.replace(note, f'{note}    unread={{"of": {{"seed": 0}}}},\n')
+    note = text[text.index(note) : text.index(")\ndef draw")]
     assert note in text
     files = [tmp_path / name for name in ("with.py", "without.py", "other.py")]
     for file, content in zip(

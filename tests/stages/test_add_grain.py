@@ -71,3 +71,19 @@ def test_cover_and_message_of_a_container_with_a_grain_are_read_once_it_is_seale
     assert 255 * changes[COVER] == pytest.approx(parameters.level, rel=0.5)
     assert max(value for name, value in changes.items() if name != COVER) < 0.1 * changes[COVER]
     assert np.isfinite(list(changes.values())).all()
+
+
+def test_without_a_grain_its_key_is_unread(tmp_path: Path) -> None:
+    """It says so of itself, and then which key it is given changes nothing."""
+    assert add_grain.unread == {"key": {"level": 0}}
+    given = hidden(tmp_path, "homogeneous")
+    digests = {
+        run_stage(
+            add_grain,
+            AddGrainParameters(method="homogeneous", level=0),
+            {**given, "key": drawn(tmp_path / f"key {seed}", seed)},
+            tmp_path / f"left {seed}",
+        )["container"].digest
+        for seed in (1, 2)
+    }
+    assert len(digests) == 1

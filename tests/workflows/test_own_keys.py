@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.graph import Node
+from pipeline.graph import Graph, Node
+from pipeline.loss import is_read
 from pipeline.project import open_project
 
 WORKFLOWS = Path(__file__).parents[2] / "workflows"
@@ -22,6 +23,10 @@ MAKE_CONTAINERS = {"hide_scenes", "hide_image", "add_grain"}
 
 
 def nodes(tmp_path: Path, store: Path, workflow: str) -> dict[str, Node]:
+    return dict(graph(tmp_path, store, workflow).nodes)
+
+
+def graph(tmp_path: Path, store: Path, workflow: str, *more: str) -> Graph:
     for name in ("one", "two", "three"):
         (tmp_path / name).mkdir(exist_ok=True)
         (tmp_path / name / "a.jpg").write_bytes(b"1")
@@ -29,7 +34,7 @@ def nodes(tmp_path: Path, store: Path, workflow: str) -> dict[str, Node]:
     if workflow == "batch_pairs":
         pairs = [f"{{cover: {tmp_path}/{cover}, message: {tmp_path}/three}}" for cover in ("one", "two")]
         settings = [f"pairs=[{', '.join(pairs)}]"]
-    return dict(open_project(WORKFLOWS / f"{workflow}.yaml", store, settings).graph.nodes)
+    return open_project(WORKFLOWS / f"{workflow}.yaml", store, [*settings, *more]).graph
 
 
 @pytest.mark.parametrize("workflow", FOR_OWNERS)
@@ -57,3 +62,21 @@ def test_gaussians_from_before_the_grain_are_private(tmp_path: Path, store: Path
 def test_pairs_of_a_batch_have_a_key_each(tmp_path: Path, store: Path) -> None:
     makers = [node for node in nodes(tmp_path, store, "batch_pairs").values() if node.uses == "hide_scenes"]
     assert len({maker.sources["key"] for maker in makers}) == len(makers) == 2
+
+
+@pytest.mark.parametrize("level", [0, 1.5])
+@pytest.mark.parametrize("workflow", [name for name in FOR_OWNERS if name != "trace_pictures"])
+def test_a_key_is_read_but_that_of_no_grain(tmp_path: Path, store: Path, workflow: str, level: float) -> None:
+    """An owner is told of another key in its place, and is not troubled with one that nothing was made with."""
+    found = graph(tmp_path, store, workflow, f"grain={level}")
+    keys = {name: is_read(name, found) for name, node in found.nodes.items() if node.unrepeatable}
+    of_grains = {name: read for name, read in keys.items() if found.nodes[name].entry == "grain_key"}
+    assert set(of_grains.values()) == {level > 0}
+    others = keys.keys() - of_grains.keys()
+    assert others
+    assert all(keys[name] for name in others)
+
+
+def test_a_key_by_which_pictures_are_told_is_read(tmp_path: Path, store: Path) -> None:
+    found = graph(tmp_path, store, "trace_pictures", "grain=0")
+    assert [is_read(name, found) for name, node in found.nodes.items() if node.unrepeatable] == [True]
