@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import Annotated
 
 import typer
@@ -33,17 +34,20 @@ def verify(store: StoreAddress = "store", dry_run: DryRun = False, as_json: Json
 
     Looked at are artifacts, the records of how they were made, pins, and the links in `latest`. What is set aside
     lies in the store's folder `damaged` until the next `gc`. A file that is no part of the artifact in which it lies is
-    moved there too, and the artifact stays. Of a store in a bucket all is fetched to be looked at and none of
-    it kept; a sound copy on this machine takes the place of what is damaged there. Exit status: 0 all is sound, 1
-    something was damaged.
+    moved there too, and the artifact stays; on a disk that is read-only, all stays. Of a store in a bucket all is
+    fetched to be looked at and none of it kept; a sound copy on this machine takes the place of what is damaged there.
+    Exit status: 0 all is sound, 1 something was damaged.
     """
     with reported(store):
+        from pipeline.disk import is_read_only
         from pipeline.naming import open_existing
         from pipeline.storewords import Verified, verified_as_json, verified_words
         from pipeline.verification import verify_store
 
         opened = open_existing(store)
-        with opened.in_use():
+        fixed = is_read_only(opened.root)  # there nobody can delete meanwhile, nor hold a lock
+        dry_run = dry_run or fixed
+        with nullcontext() if fixed else opened.in_use():
             total = Verified()
             with total.shown(len(opened.objects), quiet=as_json) as progress:
                 for checked in verify_store(opened, dry_run):

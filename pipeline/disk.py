@@ -89,6 +89,12 @@ def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
 
     A full disk is that of `store`, unless the error names a file elsewhere, or there is much room on it.
     """
+    if error.errno == errno.EROFS and not _elsewhere(error.filename, store):
+        return (
+            f"{store}: the store cannot be written; found a read-only file system. Have that disk made writable, or "
+            "copy the store to one that is, and say where with --store or in $GS_HIDER_STORE; `status`, `show`, "
+            "`export` and `verify` can do with it as it is."
+        )
     if error.errno not in FULL:
         where = f"{error.filename}: " if error.filename else ""
         return f"{where}{error.strerror or error}"
@@ -197,6 +203,12 @@ def size_words(size: int) -> str:
             break
         amount /= 1000
     return f"{amount:.0f} {unit}" if unit == "B" else f"{amount:.1f} {unit}"
+
+
+def is_read_only(path: Path) -> bool:
+    """Whether the disk of a path, be it there or not yet, lets nobody write; False where that cannot be seen."""
+    room = _room_on(path)
+    return room is not None and bool(room.f_flag & os.ST_RDONLY)
 
 
 def _room_on(path: Path | str) -> os.statvfs_result | None:

@@ -61,6 +61,12 @@ class Disk:
         status, printed = commands.call(self.workspace, *arguments, *flags, command=command)
         print(json.dumps({"name": name, "status": status, "printed": printed}), flush=True)
 
+    def call_on_store(self, name: str, *words: str) -> None:
+        """A command that takes no workflow."""
+        command = [sys.executable, "-m", "pipeline", *words, "--store", str(self.store)]
+        done = subprocess.run(command, cwd=commands.ROOT, capture_output=True, text=True)
+        print(json.dumps({"name": name, "status": done.returncode, "printed": done.stdout + done.stderr}), flush=True)
+
     def check(self) -> None:
         commands.check_whole(Store(self.store))
 
@@ -111,11 +117,21 @@ def full_before(folder: Path) -> None:
 def read_only(folder: Path) -> None:
     disk = Disk(folder, ROOM)
     disk.call("read-only: before", "small")
+    disk.call("read-only: pinned before", "small", command="pin")
     mount("-o", "remount,ro", str(disk.store))
     for command, arguments in (("status", ()), ("graph", ()), ("explain", ("large",)), ("run", ("--dry-run",))):
         disk.call(f"read-only: {command}", *arguments, command=command)
     disk.call("read-only: plan with new parameters", "--set", "large.seed=9", command="status")
     disk.call("read-only: to run")
+    disk.call("read-only: to take", "small")
+    disk.call("read-only: to pin", "small", "--name", "other", command="pin")
+    for words in (("gc",), ("unpin", "disk.small")):
+        disk.call_on_store(f"read-only: to {words[0]}", *words)
+    disk.call_on_store("read-only: verify", "verify")
+    mount("-o", "remount,rw", str(disk.store))
+    next(disk.store.glob("objects/*/manifest.json")).write_text("{")
+    mount("-o", "remount,ro", str(disk.store))
+    disk.call_on_store("read-only: damaged", "verify")
 
 
 def main() -> None:

@@ -35,13 +35,18 @@ def test_small_and_read_only_disks(tmp_path: Path, flags: str) -> None:
     assert not [name for name, line in said.items() if "Traceback" in line["printed"]]
     statuses = {name: line["status"] for name, line in said.items()}
     full = {"large: full", "checkpoint: full", "before: full"}
-    failing = full | {"read-only: to run"}
+    unwritten = {f"read-only: to {what}" for what in ("run", "take", "pin", "gc", "unpin")}
+    failing = full | unwritten | {"read-only: damaged"}
     assert {name for name, status in statuses.items() if status == 1} - {"log: full"} == failing
     assert set(statuses.values()) == {0, 1}
     for name in full:
         assert "no space left on the disk that holds" in said[name]["printed"], said[name]
-    assert "Read-only file system" in said["read-only: to run"]["printed"]
-    assert len(said["read-only: to run"]["printed"].splitlines()) == 1
+    for name in unwritten:
+        store = tmp_path / "read-only/store"
+        assert said[name]["printed"].startswith(f"{store}: the store cannot be written; found a read-only file system.")
+        assert len(said[name]["printed"].splitlines()) == 1, said[name]
+    assert said["read-only: verify"]["printed"].startswith("All is sound")
+    assert "nothing was changed" in said["read-only: damaged"]["printed"]
     assert "1 cached" in said["read-only: status"]["printed"]
 
 
@@ -93,3 +98,11 @@ def test_a_disk_with_much_room_is_hardly_the_full_one(
     words = words_of(OSError(error, "No space left on device"), tmp_path)
     assert words.startswith("no space left on the disk that holds") == blamed
     assert ("probably not the one" in words, "480.0 GB free" in words) == (not blamed, True)
+
+
+def test_a_store_that_is_read_only_is_told_by_its_name(tmp_path: Path) -> None:
+    words = words_of(OSError(errno.EROFS, "Read-only file system", str(tmp_path / "store/locks/x")), tmp_path / "store")
+    assert words.startswith(f"{tmp_path / 'store'}: the store cannot be written; found a read-only file system. Have")
+    assert "--store" in words
+    elsewhere = OSError(errno.EROFS, "Read-only file system", str(tmp_path / "stick/copy"))
+    assert words_of(elsewhere, tmp_path / "store") == f"{tmp_path}/stick/copy: Read-only file system"
