@@ -9,7 +9,7 @@ from pathlib import Path
 from pipeline.graph import Node
 from pipeline.store import Store
 
-LONGEST = 300  # characters
+LONGEST = 4000  # characters: what to do stands at the end of a message, and is what is wanted of it
 VARYING = (
     (re.compile(r"(?<![\w.])/(?:[^\s/:;,'\"]+/)+"), ""),  # folders; the name at the end of a path stays
     (re.compile(r"\b0x[0-9a-f]+\b", re.IGNORECASE), "0x…"),

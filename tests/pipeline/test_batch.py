@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.cause import lasting_words
+from pipeline.errors import UserError
 from pipeline.events import StageEnded
 from tests.pipeline.helpers import Ran, Workspace
 from tests.pipeline.test_runner import Watched
@@ -195,3 +197,10 @@ def test_rows_from_yaml_and_from_csv_are_the_same_actions(workspace: Workspace) 
     for foreach in ("rows.csv", json.dumps(rows), json.dumps(columns)):
         keys.append([event.key for event in workspace.write(text.replace("FOREACH", foreach)).run().ended.values()])
     assert keys[0] == keys[1] == keys[2]
+
+
+def test_a_cause_says_to_its_end_what_to_do() -> None:
+    """Of a batch it is read in the table, where a store and its logs may be far away."""
+    told = str(UserError("no photos", found="x" * 400, expected="photos " * 100, remedy="Take others."))
+    assert lasting_words(told) == told.replace("  ", " ")
+    assert lasting_words("endless " * 10_000).endswith("…")
