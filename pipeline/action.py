@@ -22,7 +22,7 @@ from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.canonical import Json
 from pipeline.checkpoint import discard_scratch, scratch_directory
 from pipeline.declaration import check_completed, import_stage, is_unrepeatable, validate
-from pipeline.disk import FULL, bytes_below, leads_elsewhere, words_of
+from pipeline.disk import IN_WORDS, bytes_below, leads_elsewhere, words_of
 from pipeline.errors import CorruptArtifact, Interrupted, PipelineError, TransientError, UserError
 from pipeline.events import Noted, StageProgressed, StageStarted
 from pipeline.executor import Tell
@@ -389,7 +389,7 @@ def _accepted_fact(record: Record) -> dict[str, Json]:
 
 def _cause(error: BaseException, store: Path | str, written: int = 0) -> str:
     """One line for a person: our own messages as they are, the disk's in words, others with their type."""
-    if isinstance(error, OSError) and error.errno in FULL:
+    if isinstance(error, OSError) and error.errno in IN_WORDS:
         return words_of(error, store, written)
     lines = str(error).strip().splitlines() or [""]
     if isinstance(error, PipelineError):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import resource
 import shutil
 import stat
 from collections.abc import Iterator
@@ -17,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 FULL = {errno.ENOSPC, errno.EDQUOT}
+IN_WORDS = FULL | {errno.EFBIG, errno.EROFS}
+"""Errors of which `words_of` says what to do."""
 MUCH = 10**10
 """Free bytes with which a disk is hardly the one that is full: no stage writes so much at once."""
 
@@ -89,6 +92,8 @@ def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
 
     A full disk is that of `store`, unless the error names a file elsewhere, or there is much room on it.
     """
+    if error.errno == errno.EFBIG:
+        return _words_of_too_large(error.filename or store)
     if error.errno == errno.EROFS and not _elsewhere(error.filename, store):
         return (
             f"{store}: the store cannot be written; found a read-only file system. Have that disk made writable, or "
@@ -119,9 +124,21 @@ def written_to(place: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno in FULL:
+        if error.errno in IN_WORDS:
             error.filename = str(place)
         raise
+
+
+def _words_of_too_large(place: object) -> str:
+    """That a file would have been larger than it may be: by this process, or by its disk."""
+    allowed = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    kept = "What is done is kept; then run again."
+    if allowed == resource.RLIM_INFINITY:
+        return f"{place}: a file is larger than its disk takes. Have it on a disk that takes larger files. {kept}"
+    return (
+        f"{place}: a file is larger than this process may write; found a limit of {size_words(allowed)} a file, which "
+        f"`ulimit -f` sets. Raise it, as `ulimit -f unlimited` does. {kept}"
+    )
 
 
 def _elsewhere(file: object, store: Path | str) -> Path | None:

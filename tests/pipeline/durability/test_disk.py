@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -14,7 +15,8 @@ import pytest
 
 from pipeline.disk import words_of
 from tests.pipeline.durability import small_disk
-from tests.pipeline.durability.commands import ROOT
+from tests.pipeline.durability.commands import ROOT, TOYS
+from tests.pipeline.helpers import Workspace
 
 
 def may_mount() -> bool:
@@ -106,3 +108,22 @@ def test_a_store_that_is_read_only_is_told_by_its_name(tmp_path: Path) -> None:
     assert "--store" in words
     elsewhere = OSError(errno.EROFS, "Read-only file system", str(tmp_path / "stick/copy"))
     assert words_of(elsewhere, tmp_path / "store") == f"{tmp_path}/stick/copy: Read-only file system"
+
+
+def test_a_limit_of_the_size_of_files_is_told_with_what_sets_it(workspace: Workspace) -> None:
+    """A shell may have one that nobody thought of."""
+    workspace.package = TOYS
+    workspace.write("name: disk\nstages:\n  large: {uses: grow, with: {steps: 2, size: 60000, seed: 2}}\n")
+    command = [sys.executable, "-m", "pipeline", "run", str(workspace.file), "--serial", "--stages", TOYS]
+    limited = ["bash", "-c", 'ulimit -f 100; exec "$@"', "bash", *command, "--store", str(workspace.folder / "store")]
+    done = subprocess.run(limited, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "a file is larger than this process may write; found a limit of 102.4 kB a file" in done.stderr
+    assert "Raise it, as `ulimit -f unlimited` does" in done.stderr
+    assert "Errno" not in done.stderr
+
+
+def test_a_disk_that_takes_no_large_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    words = words_of(OSError(errno.EFBIG, "File too large", str(tmp_path / "stick/copy")), tmp_path)
+    assert words.startswith(f"{tmp_path}/stick/copy: a file is larger than its disk takes. Have it on a disk")
