@@ -13,6 +13,7 @@ from pipeline.events import Event, Noted, Remarked, StageEnded, StageProgressed,
 from pipeline.livetable import LiveTable
 from pipeline.wording import Pace, ending, progress_words, remark_words
 
+NEAR = 5  # lines from the end, where a failure is in sight
 SAY_EVERY = 10.0  # seconds between two plain lines about one stage
 
 
@@ -72,7 +73,8 @@ def _aside(event: Event) -> str | None:
 class PlainLines:
     """A line when a stage starts and ends, and at most one each ten seconds in between.
 
-    Remarks and failures are said once more at last: of many stages the last lines are what people read.
+    Remarks and failures are said once more at last: of many stages the last lines are what people read. A failure that
+    is the only one, and stands near the end, is in sight already.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -81,6 +83,7 @@ class PlainLines:
         self._said: dict[str, float] = {}
         self._remarks: list[Remarked] = []
         self._failed: dict[str, StageEnded] = {}
+        self._said_since = 0  # lines, since the last failure
 
     def __enter__(self) -> Self:
         return self
@@ -90,8 +93,9 @@ class PlainLines:
     ) -> None:
         for event in self._remarks:
             self._say(remark_words(event))
-        for failure in self._failed.values():
-            self._say(ending(failure))
+        if len(self._failed) > 1 or self._said_since > NEAR:
+            for failure in self._failed.values():
+                self._say(ending(failure))
         self._stream.flush()
 
     def __call__(self, event: Event) -> None:
@@ -115,10 +119,12 @@ class PlainLines:
 
     def _end(self, event: StageEnded) -> None:
         self._failed.pop(event.name, None)
-        if event.state == "failed":
-            self._failed[event.name] = event
         if event.state != "cached":
             self._say(ending(event))
+        if event.state == "failed":
+            self._failed[event.name] = event
+            self._said_since = 0
 
     def _say(self, text: str) -> None:
+        self._said_since += 1
         print(text, file=self._stream, flush=True)

@@ -44,7 +44,7 @@ def test_plain_lines(monkeypatch: pytest.MonkeyPatch, step: float, said: bool) -
         *middle,
         "a note",
         "hide: done in 1 min 1 s",
-        *["bad: failed: no pictures (log: bad.log)"] * 2,
+        "bad: failed: no pictures (log: bad.log)",
     ]
 
 
@@ -61,6 +61,18 @@ def test_what_failed_is_said_once_more_at_last() -> None:
         for event in events:
             display(event)
     assert stream.getvalue().splitlines()[-2:] == ["fine[39]: done in 1.0 s", "bad: failed: no pictures"]
+
+
+@pytest.mark.parametrize(("skipped", "others", "times"), [(0, 0, 1), (5, 0, 1), (6, 0, 2), (0, 1, 2)])
+def test_a_failure_in_sight_is_said_once(skipped: int, others: int, times: int) -> None:
+    """Such a line may be long; of several, all are said together."""
+    stream = io.StringIO()
+    with PlainLines(stream) as display:
+        for name in ("bad", *(f"other[{number}]" for number in range(others))):
+            display(StageEnded(name, "failed", "5e", 1.0, {}, "no pictures"))
+        for number in range(skipped):
+            display(StageEnded(f"after[{number}]", "skipped", None, 0.0, {}, "needs bad, which was not made"))
+    assert stream.getvalue().count("bad: failed: no pictures") == times
 
 
 def test_beside_lines_for_programs_a_person_is_told_the_rest(capsys: pytest.CaptureFixture[str]) -> None:
