@@ -104,9 +104,7 @@ class Catalogue:
         """The code behind a stage. Raises UserError where a module that it selects is missing or is not Python."""
         roots = (f"{self.package}.{uses}", *modules)
         if roots not in self._codes:
-            code = self._codes[roots] = self.sources.code(roots)
-            if not self._store.knows_code(code.digest):
-                self._store.keep_code(code.digest, code.modules, self.sources.definitions(code))
+            self._codes[roots] = self.sources.code(roots)
         return self._codes[roots]
 
     def names(self) -> list[str]:
@@ -159,9 +157,16 @@ class Catalogue:
         except UserError:
             return None
 
+    def keep_in(self, store: Store) -> None:
+        """From now on, `remember` writes into this store."""
+        self._store = self._source_cache.store = store
+
     def remember(self) -> None:
-        """Writes what was learnt of stages into the store's cache, for the next time."""
+        """Writes what was learnt of stages and their code into the store, for the next time."""
         self._source_cache.remember()
+        for code in self._codes.values():
+            if not self._store.knows_code(code.digest):
+                self._store.keep_code(code.digest, code.modules, self.sources.definitions(code))
         for uses in self._new:
             answers = self._answers[uses]
             if len(answers) > MOST_ANSWERS:

@@ -9,10 +9,9 @@ from functools import cached_property
 from pipeline.canonical import Json
 from pipeline.declaration import Catalogue, Completed, Declaration
 from pipeline.errors import CommandError, Place, UserError, nearest
-from pipeline.external_cache import ExternalCache
 from pipeline.fingerprint import Code
 from pipeline.located import Problems
-from pipeline.outside_files import Outside, OutsideFiles
+from pipeline.outside_files import MakesCache, Outside, OutsideFiles
 from pipeline.outside_paths import absolute, as_typed, check_there
 from pipeline.resources import amount
 from pipeline.stage import Input
@@ -135,19 +134,19 @@ class Graph:
 
 
 def build_graph(
-    workflow: Workflow, catalogue: Catalogue, external: ExternalCache, problems: Problems, stages: Sequence[str] = ()
+    workflow: Workflow, catalogue: Catalogue, external: MakesCache, problems: Problems, stages: Sequence[str] = ()
 ) -> Graph:
     """Checks a workflow and resolves it. Raises WorkflowError with all of `problems`, those found before included.
 
-    Raises CommandError where one of `stages` is none of its stages. What lies outside is read when all else is right:
-    that may be many gigabytes.
+    Raises CommandError where one of `stages` is none of its stages. What lies outside is read, with what `external`
+    makes, when all else is right: that may be many gigabytes.
     """
     try:
         builder = _Builder(workflow, catalogue, problems)
         graph = builder.build()
         if not problems:
             graph.needed_for(stages)
-            files = OutsideFiles(external, problems)
+            files = OutsideFiles(external(), problems)
             read = {name: files.digests(outside) for name, outside in builder.outside.items()}
             nodes = {name: replace(node, external=read[name]) for name, node in graph.nodes.items()}
             graph = replace(graph, nodes=nodes)

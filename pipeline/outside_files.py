@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,9 @@ from pipeline.errors import Place, UserError
 from pipeline.external import is_there
 from pipeline.external_cache import ExternalCache
 from pipeline.located import Problems
+
+MakesCache = Callable[[], ExternalCache]
+"""Called when all else is right: only then is anything read, or a place made to remember it in."""
 
 
 @dataclass(frozen=True)

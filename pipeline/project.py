@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pipeline.absent_store import AbsentStore
 from pipeline.collection import without_collection
 from pipeline.declaration import Catalogue
 from pipeline.errors import CommandError, PipelineError, Place
@@ -46,32 +47,45 @@ def open_project(
 ) -> Project:
     """Reads and checks a workflow. Unless `make`, a store that is missing is not made, and an empty one stands for it.
 
-    A workflow that cannot be read makes none either. Raises WorkflowError with all that is wrong, CommandError for a
-    bad store, or where one of `stages` is none of the workflow's.
+    Nor is one made where anything is wrong: in a wrong folder it would be all that is left of a mistake. Raises
+    WorkflowError with all that is wrong, CommandError for a bad store, or where one of `stages` is none of the
+    workflow's.
     """
     problems = Problems()
     with without_collection():
         workflow = read_workflow(file, settings, problems, vars_files)
-        try:
-            opened = open_store(store, make and not problems)
-        except OSError as error:
-            raise CommandError(
-                "cannot be a store",
-                where=store,
-                found=error.strerror,
-                remedy="Name a folder that you can write to, with --store or $GS_HIDER_STORE.",
-            ) from error
+        opened = _opened(store, make=False)
         if problems.missing and not settings and not vars_files:
             with suppress(PipelineError, OSError):  # a bucket that cannot be reached must not hide the problems
                 _remind(problems, file, opened.history.last_given(workflow.name))
         catalogue = Catalogue(package, (OURS, *LIBRARIES), opened)
-        graph = build_graph(workflow, catalogue, ExternalCache(opened, sys.stderr), problems, stages)
+
+        def external() -> ExternalCache:
+            nonlocal opened
+            if make and isinstance(opened, AbsentStore):
+                opened = _opened(store, make=True)
+                catalogue.keep_in(opened)
+            return ExternalCache(opened, sys.stderr)
+
+        graph = build_graph(workflow, catalogue, external, problems, stages)
     given = [word for vars_file in vars_files for word in ("--vars", str(vars_file))]
     given += [word for setting in settings for word in ("--set", setting)]
     command = command_of(file, settings, vars_files, workflow, graph)
     graph = replace(graph, command=command, given=tuple(given))
     module = catalogue.sources.module(package)
     return Project(graph, opened, package, module.path.parent if module else Path.cwd())
+
+
+def _opened(address: str | Path, make: bool) -> Store:
+    try:
+        return open_store(address, make)
+    except OSError as error:
+        raise CommandError(
+            "cannot be a store",
+            where=address,
+            found=error.strerror,
+            remedy="Name a folder that you can write to, with --store or $GS_HIDER_STORE.",
+        ) from error
 
 
 def _remind(problems: Problems, file: Path, given: Sequence[str]) -> None:

@@ -49,7 +49,7 @@ class SourceCache:
     """The modules of `package`, and those of others that its stages import."""
 
     def __init__(self, store: Store, package: str) -> None:
-        self._store = store
+        self.store = store
         self._package = package
         self._entries: dict[str, Entry] | None = None
         self._new = False
@@ -73,8 +73,8 @@ class SourceCache:
             return
         content = {name: _as_json(entry) for name, entry in self._known().items() if entry.module.path.is_file()}
         with suppress(OSError):  # a store that nobody can write to can be read
-            self._store.folder("cache", "sources")
-            write_text_whole(self._file(), sealed(content), self._store.temporary(), mode=0o600)
+            self.store.folder("cache", "sources")
+            write_text_whole(self._file(), sealed(content), self.store.temporary(), mode=0o600)
         self._new = False
 
     def _known(self) -> dict[str, Entry]:
@@ -84,7 +84,7 @@ class SourceCache:
 
     def _file(self) -> Path:
         reading = [sys.version, digest_of_file(Path(fingerprint.__file__)), digest_of_file(Path(__file__))]
-        return self._store.root / "cache" / "sources" / f"{digest_of([self._package, *reading])}.json"
+        return self.store.root / "cache" / "sources" / f"{digest_of([self._package, *reading])}.json"
 
 
 class _Reader:

@@ -78,6 +78,33 @@ def test_a_workflow_that_cannot_be_read_makes_no_store(here: Workspace, text: st
     assert files(here.folder) == before
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--set", "read.file=six.txt"),
+        ("--set", "twice.factor=two"),
+        ("--set", "twice.factr=2"),
+        ("--set", "width=2"),
+        ("trice",),
+        ("--vars", "profile.yaml"),
+    ],
+)
+def test_a_mistake_makes_no_store(here: Workspace, arguments: tuple[str, ...]) -> None:
+    """Least of all in the wrong folder, where nobody would look for what it left."""
+    before = files(here.folder)
+    code, output = call("run", *arguments)
+    assert code == 2, output
+    assert files(here.folder) == before
+
+
+def test_the_first_run_remembers_what_it_learnt(here: Workspace) -> None:
+    """Although the store is made when all was looked at: without that, none says what changed since."""
+    assert call("run", "--serial")[0] == 0
+    left = {path.name for path in (here.folder / "store/cache").iterdir()}
+    assert {"declarations", "sources"} <= left
+    assert all(list((here.folder / "store" / name).glob("*.json")) for name in ("code", "external"))
+
+
 def test_a_picture_of_the_graph_is_all_that_is_made(here: Workspace) -> None:
     before = files(here.folder)
     assert call("graph", "--svg", "graph.svg")[0] == 0

@@ -21,7 +21,7 @@ from tests.pipeline.helpers import Workspace
         ("a: {usess: numbers}", "2:3: stage 'a' does not say what it uses"),
         (
             "a: {uses: numbrs}",
-            "2:13: no stage 'numbrs'; there are doubt, draw, environment, equipped, fail, flaky, gate, keep, measure,",
+            "2:13: no stage 'numbrs'; there are doubt, draw, environment, equipped, fail, flaky, gate, keep, mark",
         ),
         ("a: {uses: }", "2:3: stage 'a' does not say what it uses"),
         ("a: {uses: ~}\n  b: {uses: total, in: {numbers: [a]}}", "2:3: stage 'a' does not say what it uses"),
