@@ -16,7 +16,7 @@ from pipeline.outside_paths import absolute, as_typed, check_there
 from pipeline.resources import amount
 from pipeline.stage import Input
 from pipeline.workflow import Entry, Instance, Reference, Workflow
-from pipeline.wrong_values import WrongValue, report, to_be_quoted
+from pipeline.wrong_values import WrongValue, report, wanting_text
 
 
 @dataclass(frozen=True)
@@ -355,7 +355,7 @@ class _Builder:
                 value = instance.parameters[first].at(refusal.path[1:])
                 known = len(refusal.path) > 1 or not message.startswith("unknown")
                 place = value.place if known else entry.parameter_places.get(first, value.place)
-                message += to_be_quoted(value) if refusal.text_wanted else ""
+                message = wanting_text(refusal.name, message, value) if refusal.text_wanted else message
             if refusal.path and not refusal.missing:
                 self.wrong.append(WrongValue(place, entry.name, refusal.name, message))
             else:

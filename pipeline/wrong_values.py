@@ -33,14 +33,16 @@ def report(found: Iterable[WrongValue], problems: Problems) -> None:
             problems.add(place, message.replace(f"parameter {name!r}", f"parameter {name!r}{of_stages}", 1))
 
 
-def to_be_quoted(value: Located) -> str:
-    """What to write where a text is wanted that YAML takes for something else, such as the name 2024."""
+def wanting_text(name: str, message: str, value: Located) -> str:
+    """Why a parameter refuses a value that is no text, and what to write where it is meant as one, such as the name
+    2024, which YAML takes for a number.
+    """
     if value.value is None:
-        return "; so are an empty cell of a table and the text null, which is to be quoted: 'null'"
+        return f"parameter {name!r}: no value was given; expected a text. The text null is to be quoted: 'null'"
     if value.typed is None:
-        return ""
+        return message
     quoted = "'" + value.typed.replace("'", "''") + "'"
-    return f"""; a text that looks so is to be quoted: {quoted} in a file, "{quoted}" after --set NAME="""
+    return f"""{message}; a text that looks so is to be quoted: {quoted} in a file, "{quoted}" after --set NAME="""
 
 
 def _listed(names: list[str]) -> str:

@@ -73,7 +73,7 @@ def test_null_is_as_if_nothing_were_stated(workspace: Workspace) -> None:
     assert workspace.open("key.seed=null").graph.nodes["key"].unrepeatable
     workspace.write("stages:\n  said: {uses: say, with: {word: this}}\n")
     (problem,) = workspace.problems("said.word=null")
-    assert problem.startswith("--set said.word: parameter 'word' should be a valid string; found null; so are an empty")
+    assert problem.startswith("--set said.word: parameter 'word': no value was given; expected a text. The text null")
 
 
 @pytest.mark.parametrize(

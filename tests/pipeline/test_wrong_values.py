@@ -91,3 +91,18 @@ def test_each_reason_is_told(workspace: Workspace) -> None:
         "--set many: parameter 'count' of a and b should be a valid integer; found \"x\"",
         "--set many: parameter 'first' should be a valid number; found \"x\"",
     ]
+
+
+@pytest.mark.parametrize("value", ["", "null", "~"])
+def test_a_value_that_is_none_is_told_so(workspace: Workspace, value: str) -> None:
+    """As where a variable of the shell is empty: `--set word=$WORD`."""
+    said = """
+    vars: {word: none}
+    stages:
+      one: {uses: say, with: {word: "${word}"}}
+      two: {uses: say, with: {word: "${word}"}}
+    """
+    assert workspace.write(said).problems(f"word={value}") == [
+        "--set word: parameter 'word' of one and two: no value was given; expected a text. The text null is to be "
+        "quoted: 'null'"
+    ]
