@@ -137,7 +137,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         unread=dict(found.unread),
         unreadable=list(broken),
         not_looked_at=len(unseen),
-        below=found.below,
+        below=len(found.below),
         copies=len(copies),
         masked=0 if place is None or place.is_dir() else masked_frames(place),
     )
@@ -199,6 +199,10 @@ def _say_what_was_left_out(
 ) -> None:
     if found.left_out:
         context.log(f"{len(found.left_out)} photos lie elsewhere and were left out, the first is {found.left_out[0]}")
+    if found.below:
+        folders = dict.fromkeys(photo.parent.relative_to(folder).as_posix() for photo in found.below)
+        listed = ", ".join([*folders][:MOST_NAMED])
+        context.log(f"{len(found.below)} photos lie in folders beside those taken and were left out: in {listed}")
     if copies:
         context.log(f"{len(copies)} photos are copies of others, to the last byte, left out: {', '.join(copies)}")
     if found.ignored:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from pipeline.errors import UserError
 from stages.imaging.names import LONGEST_NAME, can_be_written
+from stages.scene.photos_below import is_photo, photos_below
 
 SUFFIXES = (".jpg", ".jpeg", ".jfif", ".png", ".webp", ".bmp", ".tif", ".tiff")
 ANIMATIONS = (".gif",)
@@ -30,15 +31,15 @@ class PhotoFolder:
 
     `unread`: how many of these are pictures that are not read, by suffix, but those whose photo is there as well.
     `left_out`: photos that lie in another place where they could have been looked for, such as a preview beside images.
-    `below`: how many lie in the folders beside the photos, where they outnumber these: of a rig with a few strays, most
-    likely, while depths and masks are as many as the photos.
+    `below`: photos in other folders below this one, which may belong to the capture, such as those of a rig with a few
+    strays beside its folders.
     """
 
     photos: dict[str, Path]
     ignored: int
     left_out: tuple[Path, ...] = ()
     unread: Mapping[str, int] = field(default_factory=dict)
-    below: int = 0
+    below: tuple[Path, ...] = ()
 
 
 def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str] = SUFFIXES) -> PhotoFolder:
@@ -64,17 +65,17 @@ def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str]
     (place, photos), (_, left_out) = (beside, inside) if len(beside[1]) >= len(inside[1]) else (inside, beside)
     if photos:
         files = [file for file in place.iterdir() if file.is_file()]
-        below = _photos_below(place, suffixes, {*left_out})
+        below = photos_below(folder if images is None else place, photos, left_out, {*own} - {place}, suffixes)
         return PhotoFolder(
             named_photos(place, photos),
             len(files) - len(photos),
             tuple(left_out),
             _unread(files, photos),
-            below if below > len(photos) else 0,
+            tuple(below),
         )
     for place in own:
         files = _files_below(place)
-        photos = [file for file in files if _is_photo(file, suffixes)]
+        photos = [file for file in files if is_photo(file, suffixes)]
         if photos:
             return PhotoFolder(named_photos(place, photos), len(files) - len(photos), unread=_unread(files, photos))
     searched = images or f"it or in its folder {', '.join(SUBFOLDERS)}"
@@ -150,13 +151,7 @@ def files_not_among(photos: Collection[Path], folder: Path) -> list[Path]:
 
 
 def _photos_in(place: Path, suffixes: Sequence[str]) -> list[Path]:
-    return sorted(file for file in place.iterdir() if file.is_file() and _is_photo(file, suffixes))
-
-
-def _photos_below(place: Path, suffixes: Sequence[str], known: Collection[Path]) -> int:
-    """How many photos lie in the folders of `place`, but those that are known."""
-    folders = [folder for folder in place.iterdir() if folder.is_dir() and not folder.name.startswith(".")]
-    return sum(photo not in known for folder in folders for photo in _photos_in(folder, suffixes))
+    return sorted(file for file in place.iterdir() if file.is_file() and is_photo(file, suffixes))
 
 
 def _files_below(place: Path) -> list[Path]:
@@ -189,10 +184,6 @@ def named_photos(place: Path, photos: Sequence[Path]) -> dict[str, Path]:
     refuse_unwritten_names(place, named)
     _refuse_equal_stems(place, named)
     return dict(sorted(named.items()))
-
-
-def _is_photo(file: Path, suffixes: Sequence[str]) -> bool:
-    return file.suffix.lower() in suffixes and not file.name.startswith(".")
 
 
 def refuse_unwritten_names(place: Path, names: Iterable[str]) -> None:

@@ -21,6 +21,7 @@ CHOOSE_ANOTHER = "Choose one that was photographed from all the sides from which
 WORTH_A_WORD = 0.8
 """Where the pictures show at least this share of most photos, nothing is said of the rest."""
 UNSURE_SHARE = 0.2
+RIG = "Those of several folders, such as the cameras of a rig, are taken where no photo lies beside the folders."
 OVERLAP = (
     "More overlap between photos places more, or a larger matching_size, or matching: exhaustive where they were not "
     "taken on one way."
@@ -68,12 +69,8 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
             )
         )
     if below:
-        remarks.append(
-            Remark(
-                f"{below} photos lie in folders beside the {kept + left} that were taken, and were left out. Those of "
-                "several folders, such as the cameras of a rig, are taken where no photo lies beside the folders."
-            )
-        )
+        beside = f"{below} photos lie in folders beside the {kept + left} that were taken, and were left out."
+        remarks.append(Remark(f"{beside} {RIG}" if below > kept + left else f"{beside} The log names the folders."))
     if masked:
         remarks.append(Remark(f"{masked} frames name masks, which are not used: what they cover is part of the scene."))
     unread = told_of_unread(finished.facts)

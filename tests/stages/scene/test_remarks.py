@@ -94,7 +94,11 @@ def test_photos_in_another_place() -> None:
 def test_photos_in_folders_beside_and_masks() -> None:
     below, masked = photos_left_out(finished({}, {}, photos=3, below=400, masked=2))
     assert below.text.startswith("400 photos lie in folders beside the 3 that were taken")
+    assert "cameras of a rig" in below.text
     assert masked.text.startswith("2 frames name masks, which are not used")
+    (few,) = photos_left_out(finished({}, {}, photos=12, below=6))
+    assert few.text.startswith("6 photos lie in folders beside the 12 that were taken, and were left out.")
+    assert "rig" not in few.text
 
 
 def test_pictures_that_are_not_read() -> None:

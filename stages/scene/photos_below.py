@@ -1,0 +1,64 @@
+"""Photos in folders below those that are taken: whether more of the capture lies there, which nobody asked for."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+
+OTHER_SIZES = re.compile(r"images_\d+")
+"""Beside the photos of Mip-NeRF 360, and where nerfstudio made them."""
+NO_PHOTOS = frozenset(
+    [
+        *("mask", "masks", "depth", "depths", "disparity", "normals", "segmentation", "segmentations", "semantic"),
+        *("semantics", "confidence", "thumb", "thumbs", "thumbnail", "thumbnails", "preview", "previews", "eadir"),
+        *("cache", "render", "renders", "rendered", "sparse", "stereo", "distorted", "undistorted"),
+    ]
+)
+"""A word in the name of a folder of pictures that were made of the photos, by COLMAP, a phone or a network."""
+
+
+def photos_below(
+    top: Path, taken: Collection[Path], left_out: Collection[Path], own: Collection[Path], suffixes: Sequence[str]
+) -> list[Path]:
+    """Photos in the folders of `top`, at any depth, that may belong to the capture, sorted: neither taken nor known as
+    left out.
+
+    Not those in hidden folders, in folders whose names say that they hold no photos, and in those with as many pictures
+    of the same names as were taken: copies, masks or depths of these. Of the folders `own`, where captures keep their
+    photos, one such name is enough: originals stand beside what was undistorted of some of them.
+    """
+    known, names = {*taken, *left_out}, {_stem(photo) for photo in taken}
+    below: list[Path] = []
+    for folder, files in _folders_below(top):
+        photos = [folder / name for name in files if is_photo(folder / name, suffixes)]
+        stems = {_stem(photo) for photo in photos}
+        if stems != names and not (folder in own and stems & names):
+            below += [photo for photo in photos if photo not in known]
+    return sorted(below)
+
+
+def is_photo(file: Path, suffixes: Sequence[str]) -> bool:
+    """Whether it is called like one; systems leave hidden files of such names behind."""
+    return file.suffix.lower() in suffixes and not file.name.startswith(".")
+
+
+def _folders_below(top: Path) -> Iterator[tuple[Path, list[str]]]:
+    """Each folder once, with its files: links may lead back up."""
+    seen = {os.path.realpath(top)}
+    for folder, inner, files in os.walk(top, followlinks=True):
+        real = {name: os.path.realpath(Path(folder, name)) for name in sorted(inner) if _may_hold_photos(name)}
+        inner[:] = [name for name, leads_to in real.items() if leads_to not in seen]
+        seen.update(real.values())
+        if Path(folder) != top:
+            yield Path(folder), files
+
+
+def _may_hold_photos(name: str) -> bool:
+    words = re.findall(r"[a-z]+", name.lower())
+    return not (name.startswith(".") or OTHER_SIZES.fullmatch(name.lower()) or NO_PHOTOS.intersection(words))
+
+
+def _stem(photo: Path) -> str:
+    return photo.stem.casefold()
