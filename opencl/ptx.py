@@ -79,8 +79,8 @@ def _decode(binary: bytes) -> str:
     text = binary.rstrip(b"\0")
     if b"\0" in text or b".version" not in text:
         raise ValueError(
-            f"binary of NVIDIA's OpenCL compiler: found {len(binary)} bytes that begin with {binary[:16]!r}, expected "
-            "PTX text; with this driver, draw tensors of the CPU instead: they are copied to the GPU"
+            f"binary of NVIDIA's OpenCL compiler: found {len(binary)} bytes ({binary[:16].hex(' ')}), expected PTX "
+            "text; with this driver, draw tensors of the CPU instead: they are copied to the GPU"
         )
     return text.decode("utf-8", errors="replace")
 

@@ -170,6 +170,14 @@ def text_of(place: Path, name: str) -> bytes:
 
 def _not_a_bundle(place: Path, name: str) -> UserError:
     """For a folder without the file `name`, which may be the other one of the two that were exported."""
+    if place.is_file():
+        return UserError(
+            "no folder of a bundle",
+            where=place,
+            found="a file",
+            expected="a folder",
+            remedy="Give the folder that was exported; if this is a zip of it, unpack it.",
+        )
     there = ", ".join(sorted(entry.name for entry in place.iterdir())[:5]) if place.is_dir() else "no folder"
     swapped = {
         DESCRIPTION: (SECRET_DESCRIPTION, "This is the secret folder: give it as `secret`, and the public one here."),

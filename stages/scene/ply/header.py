@@ -22,6 +22,7 @@ BYTE_ORDERS: Mapping[str, Literal["<", ">"]] = {LITTLE_ENDIAN: "<", BIG_ENDIAN: 
 
 LARGEST_HEADER = 2**20  # bytes: room for tens of thousands of properties; 3DGS's headers take 2,000
 MAGIC = re.compile(rb"ply[ \t]*\r?\n")
+ZIP = b"PK\x03\x04"
 END_OF_HEADER = re.compile(rb"\nend_header[ \t]*\r?\n")
 COUNT = re.compile(r"[0-9]{1,20}")
 NAME = re.compile(r"[!-~]{1,100}")
@@ -78,7 +79,7 @@ def read_header(path: Path, file: BinaryIO) -> Header:
     head = file.read(min(LARGEST_HEADER, os.fstat(file.fileno()).st_size))
     begins = MAGIC.match(head)
     if begins is None:
-        raise UserError("no PLY file", where=path, found=f"the first bytes {head[:8]!r}", expected="b'ply\\n'")
+        raise _no_ply(path, head)
     ends = END_OF_HEADER.search(head)
     if ends is None:
         raise UserError(
@@ -92,6 +93,24 @@ def read_header(path: Path, file: BinaryIO) -> Header:
     lines = [line.strip() for line in text.split("\n")]
     comments = tuple(line.removeprefix("comment").strip() for line in lines if line.startswith("comment "))
     return Header(_format(path, lines), comments, tuple(_elements(path, lines)), ends.end())
+
+
+def _no_ply(path: Path, head: bytes) -> UserError:
+    """For any other file, by its first bytes. Who is sent a folder often has it as a zip."""
+    zipped = head.startswith(ZIP)
+    return UserError(
+        "no PLY file",
+        where=path,
+        found="a zip" if zipped else f"a file that begins with {_first_bytes(head)}" if head else "an empty file",
+        expected="a file whose first line is ply",
+        remedy="Unpack it, and give the folder or the PLY that was in it." if zipped else REMEDY,
+    )
+
+
+def _first_bytes(head: bytes) -> str:
+    """As text where they are some, else as numbers."""
+    text = head[:8].decode("ascii", errors="replace")
+    return text if text.isascii() and text.isprintable() else f"the bytes {head[:8].hex(' ')}"
 
 
 def _format(path: Path, lines: Sequence[str]) -> str:

@@ -121,10 +121,18 @@ def swap_folders(folder: Path) -> None:
     (folder / "aside").rename(folder / "secret_bundle")
 
 
+def zip_folder(folder: Path) -> None:
+    shutil.make_archive(str(folder.parent / "aside"), "zip", folder)
+    shutil.rmtree(folder)
+    (folder.parent / "aside.zip").rename(folder)
+
+
 @pytest.mark.parametrize(
     ("damage", "expected"),
     [
         (lambda folder: shutil.rmtree(folder / "bundle"), "no such PLY file"),
+        (lambda folder: zip_folder(folder / "bundle"), "no PLY file; found a zip; .* Unpack it, and give the folder"),
+        (lambda folder: zip_folder(folder / "secret_bundle"), "found a file; expected a folder.*if this is a zip"),
         (
             lambda folder: (folder / "bundle/container.json").unlink(),
             "no bundle; found container.ply, .* expected a file",
