@@ -26,9 +26,9 @@ from stages.scene.photo_folder import (
     copies_among,
     files_not_among,
     find_photos,
-    find_pictures,
     refuse_unread,
 )
+from stages.scene.picture_folder import find_pictures
 from stages.scene.splits import TEST, find_split_photos, find_splits, read_split_poses
 from stages.scene.transforms import FILE, held_out_files, masked_frames
 from stages.scene.unreadable import write_unreadable_names
@@ -68,9 +68,13 @@ class PhotosParameters(Parameters):
     any_pictures: bool = Field(
         False,
         description="Whether the folder holds no capture but pictures of any kind to look through: those directly in "
-        "it and no others, GIFs too, by their first frame, without poses; if there are none, as of a capture. Those "
-        "that cannot be read are named and left out, as long as any can. It is said how many files of the folder and "
-        "of those below it were not looked at.",
+        "it and no others, GIFs too, by their first frame, without poses. Those that cannot be read are named and left "
+        "out, as long as any can. It is said how many files of the folder and of those below it were not looked at.",
+    )
+    own_photos: ExternalPath | None = Field(
+        None,
+        description="With any_pictures, the folder of your own photos: where `folder` is that one, nobody gave "
+        "pictures, and the photos of that capture are looked at.",
     )
     order: Literal["auto", "ordered", "unordered"] = Field(
         "auto",
@@ -101,7 +105,10 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     for name in copies:
         del facts[name]
     poses, names = _poses(context, parameters, place, splits, facts)
-    unseen = files_not_among({*found.photos.values()}, parameters.folder) if parameters.any_pictures else []
+    own = parameters.any_pictures and _are_own(parameters)
+    if own:
+        context.log(f"no pictures given: your own {len(names)} photos are tried")
+    unseen = files_not_among({*found.photos.values()}, parameters.folder) if parameters.any_pictures and not own else []
     _say_what_was_left_out(context, found, copies, unseen, parameters.folder)
     for name, error in broken.items():
         context.log(f"{name} is left out: {error}")
@@ -137,6 +144,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         unread=dict(found.unread),
         unreadable=list(broken),
         not_looked_at=len(unseen),
+        own_photos=own,
         below=len(found.below),
         copies=len(copies),
         masked=0 if place is None or place.is_dir() else masked_frames(place),
@@ -145,22 +153,28 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
 
 def _found(parameters: PhotosParameters) -> tuple[PhotoFolder, Path | None, Mapping[str, Path]]:
     """The photos, and what their poses come from: a model or a file, or the file of each split; neither for pictures
-    of any kind, where some lie directly in the folder.
+    of any kind, unless they are one's own photos.
     """
-    folder, suffixes = parameters.folder, (*SUFFIXES, *ANIMATIONS) if parameters.any_pictures else SUFFIXES
-    if parameters.any_pictures and (pictures := find_pictures(folder, suffixes)).photos:
-        return pictures, None, {}
+    folder = parameters.folder
+    if parameters.any_pictures and not _are_own(parameters):
+        return find_pictures(folder, (*SUFFIXES, *ANIMATIONS)), None, {}
     place = find_poses(folder) if parameters.poses is None else poses_at(parameters.poses)
     splits = find_splits(folder) if place is None else {}
     _refuse_images(parameters, splits)
     if splits:
         return find_split_photos(folder, splits), place, splits
     if place == folder / FILE and parameters.images is None:
-        return find_posed_photos(folder, place, suffixes), place, splits
-    found = find_photos(folder, parameters.images, suffixes)
+        return find_posed_photos(folder, place), place, splits
+    found = find_photos(folder, parameters.images)
     if place is None and not parameters.any_pictures:
         refuse_unread(folder, found)
     return found, place, splits
+
+
+def _are_own(parameters: PhotosParameters) -> bool:
+    """Whether nobody gave other pictures than the photos of the capture itself."""
+    own = parameters.own_photos
+    return own is not None and parameters.folder.resolve() == own.resolve()
 
 
 def _poses(

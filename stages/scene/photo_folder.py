@@ -60,8 +60,8 @@ def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str]
             expected="a folder of that name (parameter images)",
         )
     own = [folder / name for name in (SUBFOLDERS if images is None else (images,)) if (folder / name).is_dir()]
-    inside = next(((place, photos) for place in own if (photos := _photos_in(place, suffixes))), (folder, []))
-    beside = (folder, _photos_in(folder, suffixes) if images is None else [])
+    inside = next(((place, photos) for place in own if (photos := photos_in(place, suffixes))), (folder, []))
+    beside = (folder, photos_in(folder, suffixes) if images is None else [])
     (place, photos), (_, left_out) = (beside, inside) if len(beside[1]) >= len(inside[1]) else (inside, beside)
     if photos:
         files = [file for file in place.iterdir() if file.is_file()]
@@ -70,21 +70,23 @@ def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str]
             named_photos(place, photos),
             len(files) - len(photos),
             tuple(left_out),
-            _unread(files, photos),
+            unread_among(files, photos),
             tuple(below),
         )
     for place in own:
-        files = _files_below(place)
+        files = files_below(place)
         photos = [file for file in files if is_photo(file, suffixes)]
         if photos:
-            return PhotoFolder(named_photos(place, photos), len(files) - len(photos), unread=_unread(files, photos))
+            return PhotoFolder(
+                named_photos(place, photos), len(files) - len(photos), unread=unread_among(files, photos)
+            )
     searched = images or f"it or in its folder {', '.join(SUBFOLDERS)}"
     raise UserError(
         "a folder without photos",
         where=folder,
         found=what_is_there(folder),
         expected=f"photos ({', '.join(suffixes)}) in {searched}",
-        remedy=_how_to_have_photos([*folder.iterdir(), *(file for place in own for file in _files_below(place))]),
+        remedy=_how_to_have_photos([*folder.iterdir(), *(file for place in own for file in files_below(place))]),
     )
 
 
@@ -102,20 +104,8 @@ def copies_among(photos: Mapping[str, Path]) -> list[str]:
     return copies
 
 
-def find_pictures(folder: Path, suffixes: Sequence[str]) -> PhotoFolder:
-    """The pictures directly in a folder, each for itself, so that only their extensions may tell them apart.
-
-    There may be none, or no folder. Raises `UserError` for names that tables cannot hold.
-    """
-    files = [file for file in folder.iterdir() if file.is_file()] if folder.is_dir() else []
-    pictures = _photos_in(folder, suffixes) if files else []
-    refuse_unwritten_names(folder, [picture.name for picture in pictures])
-    named = {picture.name: picture for picture in pictures}
-    return PhotoFolder(named, len(files) - len(pictures), unread=_unread(files, pictures))
-
-
 def _how_to_have_photos(found: Sequence[Path]) -> str:
-    unread = _unread(found, ())
+    unread = unread_among(found, ())
     convert = f"Convert the pictures ({', '.join(unread)}), which cannot be read, to JPEG. " if unread else ""
     if unread and not any(entry.is_dir() for entry in found):
         return convert.strip()
@@ -125,7 +115,7 @@ def _how_to_have_photos(found: Sequence[Path]) -> str:
     )
 
 
-def _unread(files: Iterable[Path], photos: Iterable[Path]) -> dict[str, int]:
+def unread_among(files: Iterable[Path], photos: Iterable[Path]) -> dict[str, int]:
     """How many of the files are pictures that are not read, by suffix; a camera may write each beside its photo."""
     read = {photo.with_suffix("") for photo in photos}
     unread = [file for file in files if file.suffix.lower() in OTHER_PICTURES and not file.name.startswith(".")]
@@ -147,14 +137,15 @@ def refuse_unread(folder: Path, found: PhotoFolder) -> None:
 
 def files_not_among(photos: Collection[Path], folder: Path) -> list[Path]:
     """Files of the folder and of those below it that are none of the photos, sorted; of hidden ones none."""
-    return [file for file in _files_below(folder) if file not in photos and not file.name.startswith(".")]
+    return [file for file in files_below(folder) if file not in photos and not file.name.startswith(".")]
 
 
-def _photos_in(place: Path, suffixes: Sequence[str]) -> list[Path]:
+def photos_in(place: Path, suffixes: Sequence[str]) -> list[Path]:
+    """The photos directly in a folder, sorted."""
     return sorted(file for file in place.iterdir() if file.is_file() and is_photo(file, suffixes))
 
 
-def _files_below(place: Path) -> list[Path]:
+def files_below(place: Path) -> list[Path]:
     """The files in the folders of `place`, at any depth, sorted; of hidden folders none."""
     found: list[Path] = []
     for folder, inner, files in os.walk(place, followlinks=True):

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pipeline.artifact import Artifact
 from pipeline.stage import Finished, Remark
 from stages.scene.attributes import strings
+from stages.scene.counting import counted
 from stages.scene.message_views import LEGAL_COVERAGE
 
 HARDLY_SEEN = (
@@ -36,6 +37,8 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
         int(str(finished.facts.get(fact, 0))) for fact in ("photos", "without_pose", "left_out", "not_looked_at")
     )
     remarks = []
+    if finished.facts.get("own_photos"):
+        remarks.append(Remark(f"No pictures given: your own {counted(kept, 'photo')} are tried."))
     if unseen:
         remarks.append(
             Remark(

@@ -90,12 +90,6 @@ def test_of_any_pictures_those_directly_in_the_folder_are_looked_at_whatever_lie
     assert read.poses is None
 
 
-def test_of_a_captures_folder_any_pictures_are_its_photos(tmp_path: Path) -> None:
-    """As where a cover's own photos are looked at first."""
-    take(tmp_path / "scan" / "images" / "1.png")
-    assert read_capture(capture(tmp_path / "scan", tmp_path / "out", any_pictures=True)).names == ("1.png",)
-
-
 def test_photos_that_folders_give_the_same_name_are_refused(tmp_path: Path) -> None:
     for path in ("images/left_far/1.jpg", "images/left/far_1.jpg"):
         take(tmp_path / "rig" / path)

@@ -115,6 +115,11 @@ def test_files_of_a_folder_of_any_pictures_that_were_not_looked_at() -> None:
     assert photos_left_out(finished({}, {}, photos=3, not_looked_at=0)) == ()
 
 
+def test_where_no_pictures_are_given_it_is_said_that_the_photos_are_tried() -> None:
+    (remark,) = photos_left_out(finished({}, {}, photos=30, not_looked_at=0, own_photos=True))
+    assert remark.text == "No pictures given: your own 30 photos are tried."
+
+
 def test_pictures_of_a_folder_of_any_that_cannot_be_read() -> None:
     (remark,) = photos_left_out(finished({}, {}, photos=20, unreadable=["a.jpg"]))
     assert remark.text == "1 of 21 pictures cannot be read and are left out; the log names them."
