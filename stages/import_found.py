@@ -10,6 +10,7 @@ from stages.hiding.found_files import read_found
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.scene.gaussians import Gaussians
+from stages.scene.ply.reading import listed
 
 
 class ImportFoundParameters(Parameters):
@@ -41,4 +42,6 @@ def import_found(context: Context, parameters: ImportFoundParameters) -> None:
     write_container(context.output("container"), gaussians, read_method(published))
     without = f"; {found.left_out} with values that no scene has are left out" if found.left_out else ""
     context.log(f"{len(gaussians)} Gaussians, of {len(originals)} that were published{without}")
+    if found.renamed:
+        context.log(f"no columns are called as features; {listed(found.renamed)} are read as these")
     context.record(gaussians=len(gaussians), left_out=found.left_out)

@@ -20,8 +20,9 @@ from stages.hiding.bundle import GAUSSIANS
 from stages.hiding.columns import VERTEX, attribute_of, layout_of
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import LARGEST_SETTING
+from stages.hiding.renamed_features import renamed_features, unknown_columns
 from stages.scene.garbage import LARGEST, SMALLEST_QUATERNION
-from stages.scene.ply.reading import ROWS_AT_ONCE, Ply, listed, read_ply
+from stages.scene.ply.reading import ROWS_AT_ONCE, Ply, listed, read_ply, types_of
 from stages.scene.splat_files.values import LARGEST_LOGIT
 
 PLY_SUFFIX = ".ply"
@@ -34,28 +35,35 @@ Shapes = Mapping[str, tuple[int, ...]]
 
 @dataclass(frozen=True)
 class Found:
-    """Attributes [N, ...] of the Gaussians that were found, N > 0, and how many others were `left_out`."""
+    """Attributes [N, ...] of the Gaussians that were found, N > 0, and how many others were `left_out`.
+
+    `renamed` are the columns that were read as the features, where these have other names than the published ones.
+    """
 
     attributes: Mapping[str, Float32[np.ndarray, "N ..."]]
     left_out: int
+    renamed: tuple[str, ...] = ()
 
 
 def read_found(place: Path, published: Shapes) -> Found:
     """Read a PLY, or the one in a folder, by the names of its columns: any order and type, others beside them.
 
-    `published` are the shapes of a Gaussian's attributes; features may be of any number up to 1024. Gaussians that no
-    scene has (NaN, infinity, absurd values) are left out, since a single one, which no viewer shows, would else keep
-    the owner from what is his. Raises `UserError` where there is no PLY or several, for a file that is broken, columns
+    `published` are the shapes of a Gaussian's attributes; features may be of any number up to 1024, and, of the same
+    number, columns of one other name: whether they are features, who reads them finds out. Gaussians that no scene
+    has (NaN, infinity, absurd values) are left out, since a single one, which no viewer shows, would else keep the
+    owner from what is his. Raises `UserError` where there is no PLY or several, for a file that is broken, columns
     that are missing, and where no Gaussian is left. Time and memory are in proportion to the file.
     """
     ply = read_ply(_ply_at(place))
     rows = ply.rows(VERTEX)
     channels = _channels(rows.dtype.names or ())
+    unknown = unknown_columns(types_of(rows.dtype), _columns(published))
+    renamed = [] if channels else renamed_features(unknown, math.prod(published.get(FEATURES, (0,))))
+    channels = channels or renamed
     shapes = dict(published) | ({FEATURES: (max(len(channels), 1),)} if FEATURES in published else {})
-    columns = [column for name, shape in shapes.items() for column in layout_of(name).columns(math.prod(shape))]
     numbered = dict(zip(layout_of(FEATURES).columns(len(channels)), channels, strict=True))
-    sources = {column: numbered.get(column, column) for column in columns}
-    _check_columns(ply, list(sources.values()))
+    sources = {column: numbered.get(column, column) for column in _columns(shapes)}
+    _check_columns(ply, list(sources.values()), unknown)
     table = _finite(rows, sources)
     finite = Ply(ply.path, ply.comments, {VERTEX: table})
     attributes = {name: attribute_of(finite, name, shape) for name, shape in shapes.items()}
@@ -68,7 +76,7 @@ def read_found(place: Path, published: Shapes) -> Found:
             expected="at least one",
         )
     kept = attributes if sound.all() else {name: values[sound] for name, values in attributes.items()}
-    return Found(kept, len(rows) - int(sound.sum()))
+    return Found(kept, len(rows) - int(sound.sum()), tuple(renamed))
 
 
 def _ply_at(place: Path) -> Path:
@@ -91,6 +99,10 @@ def _ply_at(place: Path) -> Path:
     return place / files[0]
 
 
+def _columns(shapes: Shapes) -> list[str]:
+    return [column for name, shape in shapes.items() for column in layout_of(name).columns(math.prod(shape))]
+
+
 def _channels(names: Sequence[str]) -> list[str]:
     """The columns of features, in the order of their numbers, whichever are missing; the first 1024."""
     prefix = layout_of(FEATURES).names.removesuffix("*")
@@ -98,7 +110,7 @@ def _channels(names: Sequence[str]) -> list[str]:
     return [f"{prefix}{number}" for number in numbers[:LARGEST_SETTING]]
 
 
-def _check_columns(ply: Ply, columns: Sequence[str]) -> None:
+def _check_columns(ply: Ply, columns: Sequence[str], unknown: Sequence[str]) -> None:
     names = ply.rows(VERTEX).dtype.names or ()
     missing = [name for name in columns if name not in names]
     if missing:
@@ -107,9 +119,20 @@ def _check_columns(ply: Ply, columns: Sequence[str]) -> None:
             where=ply.path,
             found=f"no columns {listed(missing)} among {listed(names) or 'none'}",
             expected="those of the published container, in any order",
-            remedy="Check that it is the file that was found. Splats without what a container's Gaussians carry hide "
-            "no message, from whatever they were made.",
+            remedy=_how_to_have_columns(missing, unknown),
         )
+
+
+def _how_to_have_columns(missing: Sequence[str], unknown: Sequence[str]) -> str:
+    if not unknown:
+        return (
+            "Check that it is the file that was found. Splats without what a container's Gaussians carry hide no "
+            "message, from whatever they were made."
+        )
+    first = layout_of(FEATURES).columns(1)
+    if [*missing] == first:
+        return f"These may be its features: {listed(unknown)}. Rename them to {first[0]}, ... in their order."
+    return f"These may be the missing ones: {listed(unknown)}. Rename them as they were, in their order."
 
 
 def _finite(rows: Shaped[np.ndarray, " N"], sources: Mapping[str, str]) -> Shaped[np.ndarray, " K"]:

@@ -37,6 +37,17 @@ def test_it_is_the_published_container_where_nothing_was_done(tmp_path: Path, me
     assert made.digest == container.digest
 
 
+def test_features_under_another_name_are_read_and_that_is_said(tmp_path: Path) -> None:
+    container, columns = published(tmp_path, "homogeneous")
+    renamed = {name.replace("feature_", "f_feat_"): values for name, values in columns.items()}
+    place = write_ply(tmp_path / "found.ply", dict(reversed(renamed.items())))
+    asking, parameters = Asking(), ImportFoundParameters(place=place, method="homogeneous")
+    inputs = {"published": container}
+    made = run_stage(import_found, parameters, inputs, tmp_path / "outputs", services=asking.services())["container"]
+    assert made.digest == container.digest
+    assert "no columns are called as features; f_feat_0, f_feat_1, " in asking.lines[1]
+
+
 def test_what_is_left_out_is_said_and_features_of_another_number_are_recovered(tmp_path: Path) -> None:
     container, columns = published(tmp_path, "homogeneous")
     del columns["feature_3"]
