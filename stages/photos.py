@@ -16,6 +16,7 @@ from stages.imaging.pictures import encode_png, read_picture
 from stages.scene.camera_checks import refuse_far_poses
 from stages.scene.capture import Capture, KnownPoses, numbered, write_capture
 from stages.scene.colmap import models_beside, photos_in_model
+from stages.scene.counting import agreeing, counted
 from stages.scene.given_poses import find_poses, known_points, known_poses, photo_finder, poses_at, read_poses
 from stages.scene.named_frames import find_posed_photos
 from stages.scene.photo_facts import PhotoFacts, read_facts, taken_by
@@ -107,7 +108,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     poses, names = _poses(context, parameters, place, splits, facts)
     own = parameters.any_pictures and _are_own(parameters)
     if own:
-        context.log(f"no pictures given: your own {len(names)} photos are tried")
+        context.log(agreeing(len(names), f"no pictures given: your own {len(names)} photo[s] [is|are] tried"))
     unseen = files_not_among({*found.photos.values()}, parameters.folder) if parameters.any_pictures and not own else []
     _say_what_was_left_out(context, found, copies, unseen, parameters.folder)
     for name, error in broken.items():
@@ -123,7 +124,8 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     )
     turned = sum(facts[name].turned != UPRIGHT for name in names)
     if turned:
-        context.log(f"{turned} photos lie as their pixels are stored, of which the poses are; EXIF would turn them")
+        lie = f"{turned} photo[s] [lies as its|lie as their] pixels are stored, of which the poses are"
+        context.log(agreeing(turned, f"{lie}; EXIF would turn [it|them]"))
 
     places = {name: place for place, name in enumerate(names)}
 
@@ -135,7 +137,8 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     write_capture(context.output("capture"), capture, kept)
     write_unreadable_names(context.output("capture"), broken)
     if capture.test_names:
-        context.log(f"{len(capture.test_names)} photos are test views by the files of poses")
+        held_out = len(capture.test_names)
+        context.log(agreeing(held_out, f"{held_out} photo[s] [is a test view|are test views] by the files of poses"))
     context.record(
         photos=len(names),
         ignored_files=found.ignored,
@@ -197,14 +200,16 @@ def _poses(
     poses, names = known_poses(source, posed, points), tuple(photo.name for photo in posed)
     refuse_far_poses(poses.world_to_camera, place or parameters.folder)
     came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))
-    context.log(f"poses of {len(names)} photos from {came}; {len(facts) - len(names)} photos have none, left out")
+    without = len(facts) - len(names)
+    left_out = agreeing(without, f"{without} photo[s] [has|have] none, left out")
+    context.log(f"poses of {counted(len(names), 'photo')} from {came}; {left_out}")
     if missing:
-        listed = ", ".join(missing[:MOST_NAMED])
-        context.log(f"the photos of {len(missing)} poses are not there; these are left out, such as {listed}")
+        are_not_there = agreeing(len(missing), "pose[s] [is|are] of [a photo|photos] that [is|are] not there")
+        context.log(f"{len(missing)} {are_not_there}, left out, such as {', '.join(missing[:MOST_NAMED])}")
     if points is not None:
         context.log(f"{len(points.positions)} points came with the poses")
     for other in [] if place is None else models_beside(place):
-        context.log(f"model {other.name} beside it poses {photos_in_model(other)} photos, and was left out")
+        context.log(f"model {other.name} beside it poses {counted(photos_in_model(other), 'photo')}, and was left out")
     return poses, names
 
 
@@ -212,18 +217,29 @@ def _say_what_was_left_out(
     context: Context, found: PhotoFolder, copies: Sequence[str], unseen: Sequence[Path], folder: Path
 ) -> None:
     if found.left_out:
-        context.log(f"{len(found.left_out)} photos lie elsewhere and were left out, the first is {found.left_out[0]}")
+        count = len(found.left_out)
+        lie = agreeing(count, f"{count} photo[s] [lies elsewhere and was|lie elsewhere and were] left out")
+        context.log(f"{lie}, the first is {found.left_out[0]}")
     if found.below:
         folders = dict.fromkeys(photo.parent.relative_to(folder).as_posix() for photo in found.below)
         listed = ", ".join([*folders][:MOST_NAMED])
-        context.log(f"{len(found.below)} photos lie in folders beside those taken and were left out: in {listed}")
+        count = len(found.below)
+        lie = agreeing(count, f"{count} photo[s] [lies|lie] in folders beside those taken and [was|were] left out")
+        context.log(f"{lie}: in {listed}")
     if copies:
-        context.log(f"{len(copies)} photos are copies of others, to the last byte, left out: {', '.join(copies)}")
+        count = len(copies)
+        are = agreeing(count, f"{count} photo[s] [is a copy of another|are copies of others], to the last byte")
+        context.log(f"{are}, left out: {', '.join(copies)}")
     if found.ignored:
-        context.log(f"{found.ignored} files beside the photos are no photos and were ignored")
+        count = found.ignored
+        context.log(
+            agreeing(count, f"{count} file[s] beside the photos [is no photo and was|are no photos and were] ignored")
+        )
     if unseen:
         listed = ", ".join(file.relative_to(folder).as_posix() for file in unseen[:MOST_NAMED])
-        context.log(f"{len(unseen)} files of the folder and of those below it were not looked at, such as {listed}")
+        count = len(unseen)
+        files = agreeing(count, f"{count} file[s] of the folder and of those below it [was|were] not looked at")
+        context.log(f"{files}, such as {listed}")
 
 
 def _refuse_images(parameters: PhotosParameters, splits: Mapping[str, Path]) -> None:

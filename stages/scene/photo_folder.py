@@ -11,6 +11,7 @@ from pathlib import Path
 
 from pipeline.errors import UserError
 from stages.imaging.names import LONGEST_NAME, can_be_written
+from stages.scene.counting import agreeing, counted
 from stages.scene.photos_below import is_photo, photos_below
 
 SUFFIXES = (".jpg", ".jpeg", ".jfif", ".png", ".webp", ".bmp", ".tif", ".tiff")
@@ -221,6 +222,6 @@ def what_is_there(folder: Path) -> str:
     """For an error: how many files of which kinds, and the folders."""
     kinds = Counter(entry.suffix.lower() or "no extension" for entry in folder.iterdir() if entry.is_file())
     subfolders = sorted(entry.name for entry in folder.iterdir() if entry.is_dir())
-    parts = [f"{count} files ({kind})" for kind, count in kinds.most_common(5)]
-    parts += [f"folders {', '.join(subfolders[:5])}"] if subfolders else []
+    parts = [f"{counted(count, 'file')} ({kind})" for kind, count in kinds.most_common(5)]
+    parts += [f"{agreeing(len(subfolders), 'folder[s]')} {', '.join(subfolders[:5])}"] if subfolders else []
     return "; ".join(parts) or "an empty folder"

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pipeline.artifact import Artifact
 from pipeline.stage import Finished, Remark
 from stages.scene.attributes import strings
-from stages.scene.counting import counted
+from stages.scene.counting import agreeing, counted
 from stages.scene.message_views import LEGAL_COVERAGE
 
 HARDLY_SEEN = (
@@ -38,44 +38,52 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
     )
     remarks = []
     if finished.facts.get("own_photos"):
-        remarks.append(Remark(f"No pictures given: your own {counted(kept, 'photo')} are tried."))
+        remarks.append(Remark(agreeing(kept, f"No pictures given: your own {kept} photo[s] [is|are] tried.")))
     if unseen:
         remarks.append(
             Remark(
-                f"{kept} pictures are looked at. {unseen} other files of the folder and of those below it are not: "
-                "only pictures directly in it count, of formats that are read. The log names some."
+                f"{agreeing(kept, f'{kept} picture[s] [is|are] looked at')}. "
+                f"{agreeing(unseen, f'{unseen} other file[s] of the folder and of those below it [is|are] not')}: only "
+                "pictures directly in it count, of formats that are read. The log names some."
             )
         )
     broken = _recorded(finished.facts, "unreadable")
     if broken:
         remarks.append(
             Remark(
-                f"{len(broken)} of {kept + len(broken)} pictures cannot be read and are left out; the log names them.",
+                f"{len(broken)} of {counted(kept + len(broken), 'picture')} cannot be read and "
+                f"{agreeing(len(broken), '[is left out; the log names it|are left out; the log names them]')}.",
                 f"Cannot be read: {', '.join(broken)}",
             )
         )
     if left:
-        remarks.append(Remark(f"{kept} of {kept + left} photos came with a pose; the others are left out."))
+        others = agreeing(left, "the other[s] [is|are] left out")
+        remarks.append(Remark(f"{kept} of {kept + left} photos came with a pose; {others}."))
     if elsewhere:
         remarks.append(
             Remark(
-                f"{elsewhere} more photos were left out, which lie in the folder itself or in another in it; the log "
-                "says where."
+                agreeing(elsewhere, f"{elsewhere} more photo[s] [was|were] left out, which [lies|lie] in the folder ")
+                + "itself or in another in it; the log says where."
             )
         )
     below, masked, copies = (int(str(finished.facts.get(fact, 0))) for fact in ("below", "masked", "copies"))
     if copies:
         remarks.append(
             Remark(
-                f"{copies} of {kept + copies} photos are copies of others, to the last byte, and are left out; the log "
-                "names them."
+                agreeing(
+                    copies,
+                    f"{copies} of {kept + copies} photos [is a copy of another|are copies of others], to the last "
+                    "byte, and [is|are] left out; the log names [it|them].",
+                )
             )
         )
     if below:
-        beside = f"{below} photos lie in folders beside the {kept + left} that were taken, and were left out."
+        taken = agreeing(kept + left, f"the {kept + left} that [was|were] taken")
+        beside = agreeing(below, f"{below} photo[s] [lies|lie] in folders beside {taken}, and [was|were] left out.")
         remarks.append(Remark(f"{beside} {RIG}" if below > kept + left else f"{beside} The log names the folders."))
     if masked:
-        remarks.append(Remark(f"{masked} frames name masks, which are not used: what they cover is part of the scene."))
+        name = f"{masked} frame[s] [names a mask, which is|name masks, which are] not used"
+        remarks.append(Remark(agreeing(masked, f"{name}: what [it covers|they cover] is part of the scene.")))
     unread = told_of_unread(finished.facts)
     if unread:
         remarks.append(Remark(unread))
@@ -88,7 +96,10 @@ def told_of_unread(facts: Mapping[str, object]) -> str:
     if not isinstance(unread, dict) or not unread:
         return ""
     suffixes = ", ".join(map(str, unread))
-    return f"{sum(unread.values())} pictures ({suffixes}) cannot be read and were left out; convert them to JPEG."
+    count = sum(unread.values())
+    return agreeing(
+        count, f"{count} picture[s] ({suffixes}) cannot be read and [was|were] left out; convert [it|them] to JPEG."
+    )
 
 
 def photos_missing_or_cropped(finished: Finished) -> tuple[Remark, ...]:
@@ -104,8 +115,12 @@ def poses_unsure(finished: Finished) -> tuple[Remark, ...]:
         return ()
     return (
         Remark(
-            f"{len(unsure)} of {len(names)} photos see hardly a point that their given poses explain: these may be "
-            "wrong, or there is nothing to match. With poses=estimate the stage finds its own.",
+            agreeing(
+                len(unsure),
+                f"{len(unsure)} of {counted(len(names), 'photo')} [sees|see] hardly a point that "
+                "[its given pose explains: this|their given poses explain: these] may be wrong, or there is nothing to "
+                "match. With poses=estimate the stage finds its own.",
+            ),
             f"These are {', '.join(unsure)}",
         ),
     )
@@ -125,7 +140,8 @@ def photos_not_placed(finished: Finished) -> tuple[Remark, ...]:
     ]
     return (
         Remark(
-            f"{len(placed)} of {len(names)} photos placed; the log names the others. {why_not_placed(finished.facts)}",
+            f"{len(placed)} of {counted(len(names), 'photo')} placed; the log names "
+            f"{agreeing(len(missing), 'the other[s]')}. {why_not_placed(finished.facts)}",
             "; ".join(details),
         ),
     )
@@ -137,12 +153,16 @@ def why_not_placed(facts: Mapping[str, object]) -> str:
     said = []
     if folded:
         said.append(
-            f"{folded} of them fit no real lens, and were left out: panoramas and crops do not belong in such a folder."
+            agreeing(folded, f"{folded} of them [fits|fit] no real lens, and [was|were] left out: ")
+            + "panoramas and crops do not belong in such a folder."
         )
     if cropping:
         said.append(
-            f"{cropping} of them were held the other way (upright or wide) or zoomed, and were left out: all others "
-            "would have been cropped to what they show."
+            agreeing(
+                cropping,
+                f"{cropping} of them [was|were] held the other way (upright or wide) or zoomed, and [was|were] left "
+                "out: all others would have been cropped to what [it shows|they show].",
+            )
         )
     return " ".join(said) or OVERLAP
 
@@ -164,8 +184,12 @@ def photos_cropped(finished: Finished) -> tuple[Remark, ...]:
     narrowest = [name for name, share in zip(names, shares, strict=True) if share >= WORTH_A_WORD * max(shares)]
     return (
         Remark(
-            f"{said} The log names {len(narrowest)} of {len(names)} that were held the other way (upright or wide) or "
-            "zoomed; without them the pictures show more.",
+            f"{said} The log names {len(narrowest)} of {len(names)} "
+            + agreeing(
+                len(narrowest),
+                "that [was|were] held the other way (upright or wide) or zoomed; without [it|them] the pictures show "
+                "more.",
+            ),
             f"They show least: {', '.join(narrowest)}",
         ),
     )

@@ -261,7 +261,7 @@ def test_a_folder_without_photos_is_refused_with_what_is_there(tmp_path: Path) -
     expect_refusal(folder, tmp_path / "second", "without photos", "an empty folder")
     (folder / "a.heic").write_bytes(b"1")
     (folder / "more").mkdir()
-    expect_refusal(folder, tmp_path / "third", "1 files (.heic)", "folders more")
+    expect_refusal(folder, tmp_path / "third", "1 file (.heic)", "folder more")
 
 
 @pytest.mark.parametrize("kept", [0, 100, -5])

@@ -70,8 +70,8 @@ def test_why_photos_were_left_out_stands_at_the_top(inputs: dict, tmp_path: Path
     services = Services(lineage=lambda: tuple(lineage))
     given = {**inputs, "scenes": tuple(item.artifact for item in items["scenes"])}
     made = run_stage(report, ReportParameters(), given, tmp_path / "made", services=services, items=items)
-    assert "1 of them fit no real lens" in top_of(text_of(made["owner"]))
-    assert "fit no real lens" not in text_of(made["public"])
+    assert "1 of them fits no real lens" in top_of(text_of(made["owner"]))
+    assert "no real lens" not in text_of(made["public"])
 
 
 def test_what_crops_all_pictures_stands_at_the_top(inputs: dict, tmp_path: Path) -> None:

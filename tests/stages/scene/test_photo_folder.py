@@ -99,7 +99,7 @@ def test_photos_that_folders_give_the_same_name_are_refused(tmp_path: Path) -> N
 def test_a_folder_of_folders_is_refused_with_what_to_do(tmp_path: Path) -> None:
     """Which of them hold photos of the capture, and not masks or other sizes, nobody said."""
     take(tmp_path / "rig" / "left" / "1.jpg")
-    expect_refusal(tmp_path / "rig", tmp_path / "out", "folders left", "in one called images", "parameter images")
+    expect_refusal(tmp_path / "rig", tmp_path / "out", "folder left", "in one called images", "parameter images")
 
 
 @pytest.mark.parametrize("place", ["", "images/left"])

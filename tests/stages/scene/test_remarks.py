@@ -38,7 +38,7 @@ def test_photos_that_no_lens_took(tmp_path: Path) -> None:
     capture = artifact(tmp_path / "capture", "capture", names=["a.jpg", "b.jpg", "c.jpg"])
     scene = artifact(tmp_path / "scene", "scene", names=["b.jpg"])
     (remark,) = photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene}, folded=["c.jpg"]))
-    assert remark.text.startswith("1 of 3 photos placed; the log names the others. 1 of them fit no real lens")
+    assert remark.text.startswith("1 of 3 photos placed; the log names the others. 1 of them fits no real lens")
     assert "overlap" not in remark.text
     assert remark.details == "Not placed: a.jpg, c.jpg; for their lenses: c.jpg"
 
@@ -48,8 +48,9 @@ def test_photos_that_would_have_cropped_all_others_are_told(tmp_path: Path) -> N
     scene = artifact(tmp_path / "scene", "scene", names=["a.jpg"])
     facts = {"folded": ["b.jpg"], "cropping": ["c.jpg"]}
     (remark,) = photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene}, **facts))
-    assert "1 of them fit no real lens" in remark.text
-    assert "1 of them were held the other way (upright or wide) or zoomed, and were left out" in remark.text
+    assert "1 of them fits no real lens, and was left out" in remark.text
+    assert "1 of them was held the other way (upright or wide) or zoomed, and was left out: all others" in remark.text
+    assert remark.text.endswith("cropped to what it shows.")
     assert remark.details == ("Not placed: b.jpg, c.jpg; for their lenses: b.jpg; held the other way or zoomed: c.jpg")
 
 
@@ -88,7 +89,7 @@ def test_photos_without_poses(left: int, said: tuple[str, ...]) -> None:
 
 def test_photos_in_another_place() -> None:
     (remark,) = photos_left_out(finished({}, {}, photos=22, without_pose=0, left_out=1))
-    assert remark.text.startswith("1 more photos were left out")
+    assert remark.text.startswith("1 more photo was left out, which lies in the folder itself")
 
 
 def test_photos_in_folders_beside_and_masks() -> None:
@@ -107,6 +108,12 @@ def test_pictures_that_are_not_read() -> None:
     (remark,) = photos_left_out(finished({}, {}, photos=3, unread={".heic": 30, ".dng": 1}))
     assert remark.text == "31 pictures (.heic, .dng) cannot be read and were left out; convert them to JPEG."
     assert photos_left_out(finished({}, {}, photos=3, unread={})) == ()
+    (remark,) = photos_left_out(finished({}, {}, photos=3, unread={".heic": 1}))
+    assert remark.text == "1 picture (.heic) cannot be read and was left out; convert it to JPEG."
+    (remark,) = photos_left_out(finished({}, {}, photos=8, copies=1))
+    assert remark.text.startswith(
+        "1 of 9 photos is a copy of another, to the last byte, and is left out; the log names it"
+    )
 
 
 def test_files_of_a_folder_of_any_pictures_that_were_not_looked_at() -> None:
@@ -122,7 +129,7 @@ def test_where_no_pictures_are_given_it_is_said_that_the_photos_are_tried() -> N
 
 def test_pictures_of_a_folder_of_any_that_cannot_be_read() -> None:
     (remark,) = photos_left_out(finished({}, {}, photos=20, unreadable=["a.jpg"]))
-    assert remark.text == "1 of 21 pictures cannot be read and are left out; the log names them."
+    assert remark.text == "1 of 21 pictures cannot be read and is left out; the log names it."
     assert remark.details.endswith("a.jpg")
     assert photos_left_out(finished({}, {}, photos=3, unreadable=[])) == ()
 
