@@ -43,11 +43,15 @@ class StageEnded:
 
 @dataclass(frozen=True)
 class Remarked:
-    """What a person should know of a result that a stage just made; `log` is where to read more, if there is more."""
+    """What a person should know of a result that a stage just made; `log` is where to read more, if there is more.
+
+    What is `as_wished` is not said once more when the run ends.
+    """
 
     name: str
     text: str
     log: Path | None = None
+    as_wished: bool = False
 
 
 @dataclass(frozen=True)

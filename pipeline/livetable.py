@@ -100,8 +100,8 @@ class LiveTable:
         elif isinstance(event, StageEnded):
             return self._end(event)
         elif isinstance(event, Remarked):
-            self._remarks.append(event)
-            return Text(remark_words(event), REMARK)
+            self._remarks += [] if event.as_wished else [event]
+            return Text(remark_words(event), STYLES["ran"] if event.as_wished else REMARK)
         elif isinstance(event, Noted):
             return Text(event.text, "yellow")
         return None

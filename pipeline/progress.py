@@ -112,7 +112,7 @@ class PlainLines:
         elif isinstance(event, StageEnded):
             self._end(event)
         elif isinstance(event, Remarked):
-            self._remarks.append(event)
+            self._remarks += [] if event.as_wished else [event]
             self._say(remark_words(event))
         elif isinstance(event, Noted):
             self._say(event.text)

@@ -308,7 +308,7 @@ class Run:
             result = StageResult(name, state, key, outcome.outputs, outcome.seconds, outcome.private)
             self._finish(result, outcome.log)
             for remark in outcome.remarks:
-                self.tell(Remarked(name, remark.text, outcome.log if remark.details else None))
+                self.tell(Remarked(name, remark.text, outcome.log if remark.details else None, remark.as_wished))
         return self._dependents[name]
 
     def _lost(self, name: str, key: str, lost: Lost, begun: bool) -> Outcome:

@@ -129,11 +129,13 @@ class Finished:
 class Remark:
     """What a person should know of a result although nothing failed: on the screen, and once more when the run ends.
 
-    `details` go to the stage's log alone: they may be long, or nobody else's affair.
+    `details` go to the stage's log alone: they may be long, or nobody else's affair. What is `as_wished` is said once:
+    at the end of many stages it would bury the others.
     """
 
     text: str
     details: str = ""
+    as_wished: bool = False
 
 
 @dataclass(frozen=True)

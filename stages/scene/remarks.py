@@ -103,8 +103,8 @@ def told_of_unread(facts: Mapping[str, object]) -> str:
 
 
 def photos_missing_or_cropped(finished: Finished) -> tuple[Remark, ...]:
-    """Of `sfm`: photos that are not in the scene, or by wrong poses, and pictures that show little of theirs."""
-    return photos_not_placed(finished) + poses_unsure(finished) + photos_cropped(finished)
+    """Of `sfm`: how many photos are in the scene, how many by wrong poses, and pictures that show little of theirs."""
+    return (photos_placed(finished), *poses_unsure(finished), *photos_cropped(finished))
 
 
 def poses_unsure(finished: Finished) -> tuple[Remark, ...]:
@@ -126,25 +126,21 @@ def poses_unsure(finished: Finished) -> tuple[Remark, ...]:
     )
 
 
-def photos_not_placed(finished: Finished) -> tuple[Remark, ...]:
-    """Of `sfm`: how many photos of the capture are in the scene, where not all are; the details name the others."""
+def photos_placed(finished: Finished) -> Remark:
+    """Of `sfm`: how many photos of the capture are in the scene; the details name the others."""
     names, placed = strings(finished.input("capture"), "names"), strings(finished.outputs["scene"], "names")
     missing = sorted(set(names) - set(placed))
+    share = f"{len(placed)} of {counted(len(names), 'photo')} placed"
     if not missing:
-        return ()
+        return Remark(share, as_wished=True)
     folded, cropping = (_recorded(finished.facts, why) for why in ("folded", "cropping"))
     details = [
         f"Not placed: {', '.join(missing)}",
         *([f"for their lenses: {', '.join(folded)}"] if folded else []),
         *([f"held the other way or zoomed: {', '.join(cropping)}"] if cropping else []),
     ]
-    return (
-        Remark(
-            f"{len(placed)} of {counted(len(names), 'photo')} placed; the log names "
-            f"{agreeing(len(missing), 'the other[s]')}. {why_not_placed(finished.facts)}",
-            "; ".join(details),
-        ),
-    )
+    others = agreeing(len(missing), "the other[s]")
+    return Remark(f"{share}; the log names {others}. {why_not_placed(finished.facts)}", "; ".join(details))
 
 
 def why_not_placed(facts: Mapping[str, object]) -> str:

@@ -14,7 +14,7 @@ from pipeline.events import Remarked, StageEnded
 from pipeline.fingerprint import read_module
 from pipeline.livetable import LiveTable
 from pipeline.progress import PlainLines
-from pipeline.stage import Stage
+from pipeline.stage import Remark, Stage
 from tests.pipeline.helpers import Ran, Workspace
 
 WORKFLOW = "name: doubtful\nvars: {number: 1.5}\nstages:\n  first: {uses: doubt, with: {number: '${number}'}}\n"
@@ -70,7 +70,14 @@ def test_to_have_something_to_say_changes_no_key(tmp_path: Path) -> None:
     assert len(digests) == 1
 
 
+def test_what_is_as_wished_is_told_as_that(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.pipeline.toys.doubt.doubts", lambda finished: (Remark("all is well", as_wished=True),))
+    (remark,) = remarks(Workspace(tmp_path).write(WORKFLOW).run())
+    assert (remark.text, remark.as_wished) == ("all is well", True)
+
+
 EVENT = Remarked("cover", "15 of 25 photos placed", Path("cover.log"))
+WISHED = Remarked("cover", "25 of 25 photos placed", as_wished=True)
 LINE = "cover: 15 of 25 photos placed (log: cover.log)"
 
 
@@ -90,6 +97,16 @@ def test_the_live_table_says_it_twice() -> None:
         before = stream.getvalue()
     assert LINE in before
     assert LINE in stream.getvalue().removeprefix(before)
+
+
+def test_what_is_as_wished_is_said_once() -> None:
+    plain, terminal = io.StringIO(), io.StringIO()
+    with PlainLines(plain) as display:
+        display(WISHED)
+    console = Console(file=terminal, force_terminal=True, width=120, height=25, color_system=None)
+    with LiveTable(console, "hide", 3) as table:
+        table(WISHED)
+    assert plain.getvalue().count(WISHED.text) == terminal.getvalue().count(WISHED.text) == 1
 
 
 @pytest.mark.parametrize("path", sorted(STAGES.glob("[!_]*.py")), ids=lambda path: path.stem)

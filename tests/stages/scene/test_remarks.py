@@ -29,6 +29,7 @@ def test_photos_that_structure_from_motion_could_not_place(tmp_path: Path) -> No
     scene = artifact(tmp_path / "scene", "scene", names=["b.jpg"])
     (remark,) = photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene}))
     assert remark.text.startswith("1 of 3 photos placed;")
+    assert not remark.as_wished
     assert ".jpg" not in remark.text
     assert remark.details == "Not placed: a.jpg, c.jpg"
 
@@ -54,9 +55,10 @@ def test_photos_that_would_have_cropped_all_others_are_told(tmp_path: Path) -> N
     assert remark.details == ("Not placed: b.jpg, c.jpg; for their lenses: b.jpg; held the other way or zoomed: c.jpg")
 
 
-def test_nothing_is_said_where_all_are_placed(tmp_path: Path) -> None:
+def test_where_all_are_placed_that_is_said_as_what_was_wished(tmp_path: Path) -> None:
     capture, scene = (artifact(tmp_path / kind, kind, names=["a.jpg"]) for kind in ("capture", "scene"))
-    assert photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene})) == ()
+    (remark,) = photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene}))
+    assert remark == Remark("1 of 1 photo placed", as_wished=True)
 
 
 @pytest.mark.parametrize(
@@ -71,7 +73,10 @@ def test_nothing_is_said_where_all_are_placed(tmp_path: Path) -> None:
 def test_pictures_that_one_photo_crops(tmp_path: Path, shares: list[float], said: str) -> None:
     names = ["a.jpg", "b.jpg", "c.jpg"]
     capture, scene = (artifact(tmp_path / kind, kind, names=[*names]) for kind in ("capture", "scene"))
-    remarks = photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene}, shares_shown=[*shares]))
+    placed, *remarks = photos_missing_or_cropped(
+        finished({"capture": capture}, {"scene": scene}, shares_shown=[*shares])
+    )
+    assert placed.text == "3 of 3 photos placed"
     assert bool(remarks) is bool(said)
     for remark in remarks:
         assert said in remark.text
