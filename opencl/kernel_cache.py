@@ -10,6 +10,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 _SLOTS = 64
+_USERS_CACHE = "XDG_CACHE_HOME"
 _CACHE, _RESERVED = "POCL_CACHE_DIR", "GS_HIDER_KERNELS_OF"
 """Variables: PoCL's own, and beside it which process reserved that directory. A child inherits both."""
 
@@ -19,7 +20,8 @@ def reserve_kernel_cache(environment: MutableMapping[str, str] = os.environ) -> 
 
     Slots under the user's cache directory are taken in order, so that compiled kernels are found again by the next
     process. A `POCL_CACHE_DIR` that is set already is respected (None is returned), unless another process reserved it
-    for itself, the parent of this one. To be called before any platform is asked for.
+    for itself, the parent of this one. Where nothing can be written in the user's cache, `XDG_CACHE_HOME` names another
+    folder from then on: pyopencl keeps there what it generates. To be called before any platform is asked for.
     """
     given = environment.get(_CACHE)
     if given and not _is_anothers(given, environment.get(_RESERVED, "")):
@@ -39,13 +41,15 @@ def _is_anothers(directory: str, reserved: str) -> bool:
 
 
 def _in_users_cache(environment: Mapping[str, str]) -> Path:
-    root = Path(environment.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "gs-hider" / "kernels"
+    root = Path(environment.get(_USERS_CACHE) or "~/.cache").expanduser() / "gs-hider" / "kernels"
     root.mkdir(parents=True, exist_ok=True)
     return root
 
 
-def _for_this_process(environment: Mapping[str, str]) -> Path:
-    return Path(tempfile.mkdtemp(prefix="gs-hider-kernels-"))
+def _for_this_process(environment: MutableMapping[str, str]) -> Path:
+    folder = tempfile.mkdtemp(prefix="gs-hider-kernels-")
+    environment[_USERS_CACHE] = folder
+    return Path(folder)
 
 
 def _reserve_slot(root: Path, environment: MutableMapping[str, str]) -> FileLock:
