@@ -37,6 +37,7 @@ from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws  # noqa: 
 from stages.hide_image import HideImageParameters, hide_image  # noqa: E402
 from stages.hide_scenes import HideScenesParameters, hide_scenes  # noqa: E402
 from stages.hiding import convolution, decoders, placing_alone  # noqa: E402
+from stages.hiding.methods import homogeneous  # noqa: E402
 from stages.hiding.method import move_networks  # noqa: E402
 from stages.imaging.metric_table import read_rows  # noqa: E402
 from stages.imprint_watermark import ImprintWatermarkParameters, imprint_watermark  # noqa: E402
@@ -213,9 +214,10 @@ FILES: dict[str, Callable[[Path], Artifact]] = {
 
 @pytest.fixture(autouse=True)
 def little_work_and_the_same_kernels(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The CPU's own tensors are convolved another way, which is none of the matter here."""
+    """The CPU's own tensors have kernels that a GPU's have not, which is none of the matter here."""
     monkeypatch.setattr(convolution, "can_convolve", lambda *_: False)
     monkeypatch.setattr(decoders, "works_in_place", lambda _: False)
+    monkeypatch.setattr(homogeneous, "works_in_place", lambda _: False)
     monkeypatch.setattr(placing_alone, "TURNS", 1)
     monkeypatch.setattr(painting, "STEPS", 4)
     torch.set_num_threads(1)
