@@ -37,8 +37,8 @@ from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws  # noqa: 
 from stages.hide_image import HideImageParameters, hide_image  # noqa: E402
 from stages.hide_scenes import HideScenesParameters, hide_scenes  # noqa: E402
 from stages.hiding import convolution, decoders, placing_alone  # noqa: E402
-from stages.hiding.methods import homogeneous  # noqa: E402
 from stages.hiding.method import move_networks  # noqa: E402
+from stages.hiding.methods import homogeneous  # noqa: E402
 from stages.imaging.metric_table import read_rows  # noqa: E402
 from stages.imprint_watermark import ImprintWatermarkParameters, imprint_watermark  # noqa: E402
 from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy  # noqa: E402
