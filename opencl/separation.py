@@ -12,7 +12,7 @@ operations, forward and backward, 16; of 150,000 13.6 and 41 (one core of Zen 3,
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -61,55 +61,80 @@ class _Separation(torch.autograd.Function):
     def forward(
         ctx: Any, features: Tensor, readings: Tensor, directions: Tensor, common_weight: float, beyond_weight: float
     ) -> Tensor:
-        backend, like = backend_in_place(), features.new_empty(0)
         (count, channels), (pictures, each, _) = features.shape, readings.shape
-        sizes = [filled(size) for size in (channels, pictures * each, pictures)]
-        weights, turned = _layer(directions, readings, sizes)
-        groups = summing_items(-(-count // PIXEL_CHUNK))
-        scratch_size = PIXEL_CHUNK * (2 * sizes[0] + 2 * sizes[1] + sizes[2])
-        empty = backend.memory.empty
-        scratch = empty(groups, scratch_size, dtype=features.dtype)
-        gradient = empty(*features.shape, dtype=features.dtype) if any(ctx.needs_input_grad[:2]) else like
-        sums = empty(groups, (sizes[0] + 1) * sizes[1] + 2, dtype=features.dtype)
+        sizes = _Filled(filled(channels), filled(pictures * each), filled(pictures))
+        weights, turned = _layer(directions, readings.detach(), sizes)
         slopes = features.new_tensor([common_weight / count, beyond_weight / (count * each)])
+        backend = backend_in_place()
+        groups = summing_items(-(-count // PIXEL_CHUNK))
+        scratch, sums, gradient = (
+            backend.memory.empty(*shape, dtype=features.dtype)
+            for shape in (
+                (groups, sizes.scratch),
+                (groups, sizes.gradients + 2),
+                features.shape if any(ctx.needs_input_grad[:2]) else (0,),  # kernels take an empty tensor for nothing
+            )
+        )
         program = product_program(backend, "separation", features.dtype)
         with backend.session() as session:
-            numbers = (count, channels, pictures, *sizes, scratch_size)
+            numbers = (count, channels, pictures, *sizes, sizes.scratch)
             read = (slopes, features, weights, turned)
             session.launch(program, "separation", groups, *numbers, scratch, *read, gradient, sums)
             session.finish(gradient, sums)
-        of_readings, _, totals = added(sums).split([sizes[0] * sizes[1], sizes[1], 2])
-        of_readings = of_readings.view(sizes[0], sizes[1])[:channels, : pictures * each].T
-        ctx.save_for_backward(gradient, of_readings.reshape(readings.shape))
+        of_layer, totals = added(sums).split([sizes.gradients, 2])
+        of_readings = of_layer.view(-1, sizes.readings)[:channels, : pictures * each].T.reshape(readings.shape)
+        ctx.save_for_backward(gradient, of_readings)
         return slopes @ totals
 
     @staticmethod
     @first_gradients_only
     def backward(ctx: Any, grad_penalty: Tensor) -> tuple[Tensor | None, ...]:
-        gradients = (each * grad_penalty if needed else None for each, needed in _needed(ctx))
-        return *gradients, None, None, None
+        of_features, of_readings = ctx.saved_tensors
+        needs_features, needs_readings = ctx.needs_input_grad[:2]
+        return (
+            grad_penalty * of_features if needs_features else None,
+            grad_penalty * of_readings if needs_readings else None,
+            *(None, None, None),
+        )
 
 
-def _needed(ctx: Any) -> list[tuple[Tensor, bool]]:
-    return list(zip(ctx.saved_tensors, ctx.needs_input_grad[:2], strict=True))
+class _Filled(NamedTuple):
+    """Channels of a feature, readings of all pictures, and pictures, each filled up to sixteens."""
+
+    channels: int
+    readings: int
+    pictures: int
+
+    @property
+    def gradients(self) -> int:
+        """Values of the gradient of all readings, and of a bias that nobody needs."""
+        return (self.channels + 1) * self.readings
+
+    @property
+    def scratch(self) -> int:
+        """Values of a chunk: features and their gradients, what is read of them, and shares for each reading."""
+        return PIXEL_CHUNK * (2 * self.channels + 2 * self.readings + self.pictures)
 
 
 def _layer(
-    directions: Float[Tensor, "P M"], readings: Float[Tensor, "P R M"], sizes: list[int]
+    directions: Float[Tensor, "P M"], readings: Float[Tensor, "P R M"], sizes: _Filled
 ) -> tuple[Float[Tensor, " weights"], Float[Tensor, "passing channels"]]:
     """As the kernel has them: [channels][readings, pictures, readings' own pictures] and a bias; and of the first two
     parts, along which gradients pass back, a row for each."""
-    channels, each = directions.shape[1], readings.shape[1]
-    half = torch.ones_like(directions[:, :1]) / 2
-    parts = [
-        (readings.detach().flatten(0, 1), torch.zeros_like(half).repeat_interleave(each, dim=0)),
-        (directions, half),
-        (directions.repeat_interleave(each, dim=0), half.repeat_interleave(each, dim=0)),
-    ]
-    rows = []
-    for (part, bias), size in zip(parts, (sizes[1], sizes[2], sizes[1]), strict=True):
-        whole = part.new_zeros(size, sizes[0] + 1)
-        whole[: len(part), :channels], whole[: len(part), -1:] = part, bias
-        rows.append(whole)
-    layer = torch.cat(rows)
-    return layer.T.flatten(), layer[: sizes[1] + sizes[2], :-1].contiguous()
+    each = readings.shape[1]
+    layer = torch.cat(
+        [
+            _rows(readings.flatten(0, 1), 0.0, sizes.readings, sizes.channels),
+            _rows(directions, 0.5, sizes.pictures, sizes.channels),
+            _rows(directions.repeat_interleave(each, dim=0), 0.5, sizes.readings, sizes.channels),
+        ]
+    )
+    return layer.T.flatten(), layer[: sizes.readings + sizes.pictures, :-1].contiguous()
+
+
+def _rows(part: Float[Tensor, "K M"], bias: float, size: int, channels: int) -> Float[Tensor, "size channels+1"]:
+    """A part of the layer, the bias after the channels, zeros where there is no row and no channel."""
+    rows = part.new_zeros(size, channels + 1)
+    rows[: len(part), : part.shape[1]] = part
+    rows[: len(part), -1] = bias
+    return rows
