@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from typing import Literal
+from typing import Literal, SupportsFloat
 
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -94,10 +95,10 @@ class RasterSettings:
 
 def _finite(name: str, value: object) -> float:
     """A setting as Python's float: NumPy's and torch's numbers are none of its types."""
-    try:
-        number = math.nan if isinstance(value, bool | str) else float(value)  # type: ignore[arg-type]  # or TypeError
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
+    number = math.nan
+    if isinstance(value, SupportsFloat) and not isinstance(value, bool):
+        with suppress(ValueError, OverflowError):
+            number = float(value)
     if not math.isfinite(number):
         raise ValueError(f"RasterSettings.{name}: found {value!r:.80}, expected a finite number")
     return number

@@ -100,8 +100,10 @@ class LiveTable:
         elif isinstance(event, StageEnded):
             return self._end(event)
         elif isinstance(event, Remarked):
-            self._remarks += [] if event.as_wished else [event]
-            return Text(remark_words(event), STYLES["ran"] if event.as_wished else REMARK)
+            if event.as_wished:
+                return Text(remark_words(event), STYLES["ran"])
+            self._remarks.append(event)
+            return Text(remark_words(event), REMARK)
         elif isinstance(event, Noted):
             return Text(event.text, "yellow")
         return None

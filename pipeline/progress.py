@@ -112,8 +112,9 @@ class PlainLines:
         elif isinstance(event, StageEnded):
             self._end(event)
         elif isinstance(event, Remarked):
-            self._remarks += [] if event.as_wished else [event]
             self._say(remark_words(event))
+            if not event.as_wished:
+                self._remarks.append(event)
         elif isinstance(event, Noted):
             self._say(event.text)
 

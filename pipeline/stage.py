@@ -162,8 +162,10 @@ class Context:
         services: Services,
         items: Mapping[str, tuple[Item, ...]] | None = None,
     ) -> None:
-        self.inputs, self._items = inputs, items or {}
-        self.scratch, self.workflow_name = scratch, workflow_name
+        self.inputs = inputs
+        self._items = items or {}
+        self.scratch = scratch
+        self.workflow_name = workflow_name
         self.facts: dict[str, Json] = {}
         self.seconds_before = 0.0
         self._outputs = outputs

@@ -16,7 +16,6 @@ from stages.imaging.pictures import encode_png, read_picture
 from stages.scene.camera_checks import refuse_far_poses
 from stages.scene.capture import Capture, KnownPoses, numbered, write_capture
 from stages.scene.colmap import models_beside, photos_in_model
-from stages.scene.counting import agreeing, counted
 from stages.scene.given_poses import find_poses, known_points, known_poses, photo_finder, poses_at, read_poses
 from stages.scene.named_frames import find_posed_photos
 from stages.scene.photo_facts import PhotoFacts, read_facts, taken_by
@@ -30,6 +29,7 @@ from stages.scene.photo_folder import (
     refuse_unread,
 )
 from stages.scene.picture_folder import find_pictures
+from stages.scene.plurals import agreeing, counted
 from stages.scene.splits import TEST, find_split_photos, find_splits, read_split_poses
 from stages.scene.transforms import FILE, held_out_files, masked_frames
 from stages.scene.unreadable import write_unreadable_names
@@ -203,6 +203,7 @@ def _poses(
     without = len(facts) - len(names)
     left_out = agreeing(without, f"{without} photo[s] [has|have] none, left out")
     context.log(f"poses of {counted(len(names), 'photo')} from {came}; {left_out}")
+    context.record(without_photo=len(missing))
     if missing:
         are_not_there = agreeing(len(missing), "pose[s] [is|are] of [a photo|photos] that [is|are] not there")
         context.log(f"{len(missing)} {are_not_there}, left out, such as {', '.join(missing[:MOST_NAMED])}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,8 +10,9 @@ from pathlib import Path
 
 from pipeline.errors import UserError
 from stages.imaging.names import LONGEST_NAME, can_be_written
-from stages.scene.counting import agreeing, counted
+from stages.scene.folder_walk import folders_from
 from stages.scene.photos_below import is_photo, photos_below
+from stages.scene.plurals import agreeing, counted
 
 SUFFIXES = (".jpg", ".jpeg", ".jfif", ".png", ".webp", ".bmp", ".tif", ".tiff")
 ANIMATIONS = (".gif",)
@@ -148,11 +148,8 @@ def photos_in(place: Path, suffixes: Sequence[str]) -> list[Path]:
 
 def files_below(place: Path) -> list[Path]:
     """The files in the folders of `place`, at any depth, sorted; of hidden folders none."""
-    found: list[Path] = []
-    for folder, inner, files in os.walk(place, followlinks=True):
-        inner[:] = [name for name in inner if not name.startswith(".")]
-        found += [Path(folder) / name for name in files]
-    return sorted(found)
+    walked = folders_from(place, lambda name: not name.startswith("."))
+    return sorted(folder / name for folder, files in walked for name in files)
 
 
 def named_photos(place: Path, photos: Sequence[Path]) -> dict[str, Path]:

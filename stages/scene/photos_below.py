@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
+
+from stages.scene.folder_walk import folders_from
 
 OTHER_SIZES = re.compile(r"images_\d+")
 """Beside the photos of Mip-NeRF 360, and where nerfstudio made them."""
@@ -31,10 +32,10 @@ def photos_below(
     """
     known, names = {*taken, *left_out}, {_stem(photo) for photo in taken}
     below: list[Path] = []
-    for folder, files in _folders_below(top):
+    for folder, files in folders_from(top, _may_hold_photos):
         photos = [folder / name for name in files if is_photo(folder / name, suffixes)]
         stems = {_stem(photo) for photo in photos}
-        if stems != names and not (folder in own and stems & names):
+        if folder != top and stems != names and not (folder in own and stems & names):
             below += [photo for photo in photos if photo not in known]
     return sorted(below)
 
@@ -42,17 +43,6 @@ def photos_below(
 def is_photo(file: Path, suffixes: Sequence[str]) -> bool:
     """Whether it is called like one; systems leave hidden files of such names behind."""
     return file.suffix.lower() in suffixes and not file.name.startswith(".")
-
-
-def _folders_below(top: Path) -> Iterator[tuple[Path, list[str]]]:
-    """Each folder once, with its files: links may lead back up."""
-    seen = {os.path.realpath(top)}
-    for folder, inner, files in os.walk(top, followlinks=True):
-        real = {name: os.path.realpath(Path(folder, name)) for name in sorted(inner) if _may_hold_photos(name)}
-        inner[:] = [name for name, leads_to in real.items() if leads_to not in seen]
-        seen.update(real.values())
-        if Path(folder) != top:
-            yield Path(folder), files
 
 
 def _may_hold_photos(name: str) -> bool:

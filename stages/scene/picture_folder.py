@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.errors import UserError
-from stages.scene.counting import counted
 from stages.scene.photo_folder import (
     PhotoFolder,
     files_below,
@@ -17,6 +16,7 @@ from stages.scene.photo_folder import (
     what_is_there,
 )
 from stages.scene.photos_below import is_photo
+from stages.scene.plurals import counted
 
 MOST_NAMED = 5
 """Folders in an error."""

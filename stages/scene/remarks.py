@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from pipeline.artifact import Artifact
 from pipeline.stage import Finished, Remark
 from stages.scene.attributes import strings
-from stages.scene.counting import agreeing, counted
 from stages.scene.message_views import LEGAL_COVERAGE
+from stages.scene.plurals import agreeing, counted
 
 HARDLY_SEEN = (
     f"The message fills less than {100 * LEGAL_COVERAGE:.0f} % of every test view: none counts as legal, and its "
@@ -59,6 +59,10 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
     if left:
         others = agreeing(left, "the other[s] [is|are] left out")
         remarks.append(Remark(f"{kept} of {kept + left} photos came with a pose; {others}."))
+    thrown_away = int(str(finished.facts.get("without_photo", 0)))
+    if thrown_away:
+        poses = agreeing(thrown_away, "pose[s] [is of a photo that is|are of photos that are] not there, and left out")
+        remarks.append(Remark(f"{thrown_away} {poses}; the log names some."))
     if elsewhere:
         remarks.append(
             Remark(

@@ -12,6 +12,12 @@ from stages.analysis.page.placed import Placed
 from stages.analysis.page.tables import Column, mean_of, rows_about
 from stages.scene.remarks import CHOOSE_ANOTHER, HARDLY_SEEN, told_of_cropping, told_of_unread, why_not_placed
 
+OTHERS_OF_YOURS = (
+    "So are those of another container that you made of the same splats, such as one with a grain: if you published "
+    "several, look at it beside the files of each."
+)
+"""Beside the wrong one of several the message seems to be destroyed."""
+
 
 @dataclass(frozen=True)
 class Tile:
@@ -58,13 +64,6 @@ def _shown_summary(material: Material) -> str:
     if not messages:
         return "A Gaussian splatting scene, as anyone sees it who has its files."
     return f"A Gaussian splatting scene, and what your secret shows in it: {', '.join(messages)}."
-
-
-OTHERS_OF_YOURS = (
-    "So are those of another container that you made of the same splats, such as one with a grain: if you published "
-    "several, look at it beside the files of each."
-)
-"""Beside the wrong one of several the message seems to be destroyed."""
 
 
 def owner_verdict(found: Found) -> str:

@@ -191,3 +191,11 @@ def test_copies_of_a_photo_are_left_out_where_no_poses_came(tmp_path: Path) -> N
     assert any("3 photos are copies of others" in line and "a.jpg, d.png, z.jpg" in line for line in log)
     every = read_capture(capture(folder, tmp_path / "all", any_pictures=True))
     assert len(every.names) == 6, "who looks through pictures is answered for each"
+
+
+def test_links_that_lead_round_in_a_circle_end(tmp_path: Path) -> None:
+    """Two of them would be followed without end; a folder that is there twice is taken by the name that is no link."""
+    take(tmp_path / "rig" / "images" / "right" / "1.jpg")
+    for name, leads_to in (("a", "images"), ("b", "images"), ("left", "images/right")):
+        (tmp_path / "rig" / "images" / name).symlink_to(tmp_path / "rig" / leads_to)
+    assert [*find_photos(tmp_path / "rig").photos] == ["right_1.jpg"]

@@ -92,6 +92,11 @@ def test_photos_without_poses(left: int, said: tuple[str, ...]) -> None:
     assert all(remark.text.startswith(text) for remark, text in zip(remarks, said, strict=True))
 
 
+def test_poses_without_photos() -> None:
+    (remark,) = photos_left_out(finished({}, {}, photos=22, without_photo=2))
+    assert remark.text == "2 poses are of photos that are not there, and left out; the log names some."
+
+
 def test_photos_in_another_place() -> None:
     (remark,) = photos_left_out(finished({}, {}, photos=22, without_pose=0, left_out=1))
     assert remark.text.startswith("1 more photo was left out, which lies in the folder itself")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from stages.scene.counting import agreeing, counted
+from stages.scene.plurals import agreeing, counted
 
 TEXT = "photo[s] [was|were] left out ([it|they], |)"
 
