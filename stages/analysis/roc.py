@@ -15,10 +15,18 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int
+from scipy.stats import norm
+from scipy.stats import t as student
 
-RUNS = 25
-"""A resampled scene is put together from so many runs of consecutive views: neighbours look alike, and views drawn one
-by one would pretend to be as many observations as there are pictures."""
+RUNS = 6
+"""Runs of consecutive views that a resampled scene is put together from.
+
+Neighbouring views get similar scores (StegExpose's, of 250 renders along a rig: a correlation of 0.8 to 0.9 from one to
+the next, 0.5 to 0.6 over ten), so views drawn one by one, or in short runs, would count as more observations than they
+are. With simulated scores of such correlation (0.9, 150 experiments) an interval that should cover 95 % covered 71 to
+72 % with 25 runs, and 93 % with six that are widened (`_widening`); with independent scores 96 to 97 %. At a
+correlation of 0.95 from one view to the next it covers 83 to 89 %.
+"""
 
 CONFIDENCE = 0.95
 
@@ -199,13 +207,30 @@ def _areas(scores: DetectorScores, drawn: Counts) -> Float64[np.ndarray, " R"]:
 
 def _mean_areas(scores: Sequence[DetectorScores], counts: Sequence[Counts]) -> Float64[np.ndarray, " R"]:
     """For each repeat: the mean of the areas of what was drawn, of what was drawn twice twice."""
-    areas = np.stack([_areas(each, drawn) for each, drawn in zip(scores, counts, strict=True)])
+    areas = np.stack([_widened(_areas(each, drawn), each) for each, drawn in zip(scores, counts, strict=True)])
     times = np.stack(
         [drawn.positives.sum(axis=1) / len(each.positives) for each, drawn in zip(scores, counts, strict=True)]
     )
     times = times * ~np.isnan(areas)
     with np.errstate(invalid="ignore"):
         return np.asarray((np.nan_to_num(areas) * times).sum(axis=0) / times.sum(axis=0))
+
+
+def _widened(areas: Float64[np.ndarray, " R"], scores: DetectorScores) -> Float64[np.ndarray, " R"]:
+    """Resampled areas of one scene, farther from its area by what the bootstrap of so few runs falls short of."""
+    value = _area(scores)
+    runs = min(_runs(len(values)) for values in _classes(scores))
+    return np.clip(value + _widening(runs) * (areas - value), 0, 1)
+
+
+def _widening(runs: int) -> float:
+    """A bootstrap takes n runs for all there are, which shrinks its deviation by √((n - 1) / n), and has the quantiles
+    of a normal distribution where Student's are right. A single run shows no deviation that could be widened.
+    """
+    if runs < 2:
+        return 1.0
+    upper = (1 + CONFIDENCE) / 2
+    return float(student.ppf(upper, runs - 1) / norm.ppf(upper)) * math.sqrt(runs / (runs - 1))
 
 
 def _drawn(scenes: Sequence[Sequence[DetectorScores]], generator: np.random.Generator, repeats: int) -> list[Counts]:
@@ -228,9 +253,16 @@ def _drawn(scenes: Sequence[Sequence[DetectorScores]], generator: np.random.Gene
 
 def _drawn_counts(views: int, repeats: int, generator: np.random.Generator) -> Int[np.ndarray, "R V"]:
     """How often each of `views` is drawn in each repeat: runs of neighbours, the last view's being the first."""
-    length = max(1, round(views / RUNS))
-    runs = math.ceil(views / length)
+    runs, length = _runs(views), _run_length(views)
     begins = generator.integers(views, size=(repeats, runs, 1))
     chosen = ((begins + np.arange(length)) % views).reshape(repeats, runs * length)[:, :views]
     flat = (chosen + views * np.arange(repeats)[:, None]).ravel()
     return np.bincount(flat, minlength=repeats * views).reshape(repeats, views)
+
+
+def _run_length(views: int) -> int:
+    return max(1, round(views / RUNS))
+
+
+def _runs(views: int) -> int:
+    return math.ceil(views / _run_length(views))

@@ -55,7 +55,7 @@ def scored(hiding: np.ndarray, chance: np.ndarray, clean: np.ndarray) -> Experim
 def test_a_control_is_as_unsure_as_what_it_is_a_control_for() -> None:
     """Alone its area is under the interval of what hides, and views drawn anew could well turn both round."""
     first, second, clean = np.random.default_rng(0).normal(0, 1, (3, VIEWS))
-    unsure = [scored(first + 0.7, second + 0.4, 0.3 * clean)]
+    unsure = [scored(first + 0.8, second + 0.4, 0.3 * clean)]
     hiding, chance = (area_of(unsure, LOGIT, each) for each in (HIDING, CHANCE))
     assert 0.5 < chance.value < hiding.low
     assert excess_of(unsure, LOGIT).low < 0 < excess_of(unsure, LOGIT).value
