@@ -39,7 +39,10 @@ def edges(grey: Float[Tensor, "H W"]) -> Float[Tensor, "H W"]:
 def picture_readings(
     readings: Sequence[Float[Tensor, "L H W C"]], views: Sequence[Observed]
 ) -> Iterator[tuple[int, int, Figures]]:
-    """View, message and figures of readings in three channels:
+    """View, message and figures of readings in three channels, in [0, 1] or beyond.
+
+    Only the decibels of the reading as it is take it as a screen would, clamped. An attacker who stretches it to be
+    recognised loses nothing that lies outside [0, 1], as half of what random decoders put out does.
 
     - `psnr`, NaN where the view shows nothing of the message, and, as in `covered_psnrs`, `psnr_covered` and, of the
       best picture of one colour, `psnr_constant`;
@@ -50,7 +53,7 @@ def picture_readings(
     for message in range(len(readings[0]) if readings else 0):
         greys = torch.stack([luma(seen.truths[message]) for seen in views], dim=-1)
         for view, seen in enumerate(views):
-            picture, truth, coverage = readings[view][message].clamp(0, 1), seen.truths[message], seen.coverage[message]
+            picture, truth, coverage = readings[view][message], seen.truths[message], seen.coverage[message]
             coloured = with_true_colours(picture, truth, coverage)
             values = multiple_correlations(neighbourhoods(picture, 1), greys)
             own = values.pop(view)

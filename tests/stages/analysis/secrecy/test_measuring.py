@@ -45,11 +45,16 @@ def test_true_colours_are_those_of_the_covered_pixels() -> None:
     assert found["psnr"] < 20
 
 
-def test_a_reading_is_measured_as_it_can_be_seen() -> None:
-    """What is brighter than white is white."""
+def test_what_lies_outside_the_range_of_a_screen_can_be_recognised() -> None:
+    """As it is, what is brighter than white is white; stretched, nothing of it is lost."""
     observed = views(OPENLY, 2)
     readings = [20 * seen.truths - 9 for seen in observed]
-    assert figures(readings, observed) == figures([reading.clamp(0, 1) for reading in readings], observed)
+    found, clamped = (figures(each, observed) for each in (readings, [reading.clamp(0, 1) for reading in readings]))
+    assert found["psnr"] == clamped["psnr"]
+    assert found["psnr_covered"] == clamped["psnr_covered"]
+    assert found["psnr_coloured"] > 60 > clamped["psnr_coloured"]
+    assert found["correlation"] == pytest.approx(1, abs=1e-4)
+    assert clamped["correlation"] < 0.9
 
 
 def test_another_picture_is_recognised_no_more_than_others() -> None:
