@@ -171,5 +171,5 @@ def _relation(
         0.0,
         at(better).minus(at(worse)),
         printed[better] - printed[worse],
-        noises(runs, study)[subject].deviation,
+        noises(runs, study)[subject],
     )

@@ -11,7 +11,7 @@ from typing import Literal
 
 from stages.analysis.attacks.catalogue import ONE_COLOUR, UNATTACKED, restored
 from stages.analysis.measurements import Measurement
-from stages.analysis.paper.measuring import Measured, Spread, mean, together
+from stages.analysis.paper.measuring import Measured, Spread, mean, spread_of, together
 from stages.analysis.paper.runs import Experiment
 from stages.imaging.metric_table import mean_of_known
 
@@ -266,12 +266,8 @@ def _by_capture(spreads: Mapping[str, Sequence[Spread]]) -> Measured:
 
 
 def spread(values: Sequence[float]) -> Spread:
-    """The mean and the standard deviation, NaN for fewer than two values."""
-    middle = mean(values)
-    if len(values) < 2:
-        return Spread(middle, math.nan, len(values))
-    squares = math.fsum((value - middle) ** 2 for value in values)
-    return Spread(middle, math.sqrt(squares / (len(values) - 1)), len(values))
+    """Over seeds of an attack on one container: however many there are, they are worth one training."""
+    return replace(spread_of(values), worth=1.0)
 
 
 def _point(rows: Sequence[Measurement], severity: float, floors: Mapping[str | None, float]) -> Point:

@@ -32,7 +32,7 @@ def paper_relations(runs: Sequence[Run], study: Study, tables: Published) -> lis
                     of_method(runs, GS_HIDER, figure).minus(of_method(runs, rival, figure)),
                     average(row_of(tables, GS_HIDER, subject, "psnr"))
                     - average(row_of(tables, rival, subject, "psnr")),
-                    spreads[subject].deviation,
+                    spreads[subject],
                 )
             )
     plain, hider = tables.fidelity[PLAIN], tables.fidelity[GS_HIDER]
@@ -45,7 +45,7 @@ def paper_relations(runs: Sequence[Run], study: Study, tables: Published) -> lis
             -MOST_LOST_ON_THE_COVER,
             of_method(runs, GS_HIDER, cover("psnr")).minus(of_method(runs, PLAIN, cover("psnr"))),
             average(hider.cover) - average(plain.cover),
-            spreads["cover"].deviation,
+            spreads["cover"],
         ),
         Relation(
             f"{title_of(GS_HIDER)}'s bytes, decoders included, over those of 3DGS",
@@ -75,7 +75,7 @@ def own_relations(runs: Sequence[Run], study: Study, tables: Published) -> list[
                 gain,
                 of_method(runs, OURS, figure).minus(of_method(runs, GS_HIDER, figure)),
                 gain,
-                spreads[subject].deviation,
+                spreads[subject],
                 rival.name,
             )
             for subject, figure, gain in gains
@@ -87,7 +87,7 @@ def own_relations(runs: Sequence[Run], study: Study, tables: Published) -> list[
             0.0,
             of_method(runs, OURS, cover("psnr")).minus(of_method(runs, PLAIN, cover("psnr"))),
             rival.cover - average(tables.fidelity[PLAIN].cover),
-            spreads["cover"].deviation,
+            spreads["cover"],
             rival.name,
         ),
         Relation(

@@ -67,7 +67,7 @@ def _published_line(method: str, quantity: str, study: Study, tables: Published)
 
 
 def _relations(runs: tuple[Run, ...], study: Study, tables: Published) -> tuple[Relation, ...]:
-    name, noise = title_of(GS_HIDER), noises(runs, study)["cover"].deviation
+    name, noise = title_of(GS_HIDER), noises(runs, study)["cover"]
     bare = of_method(usual(runs), GS_HIDER, cover("psnr"))
     larger = of_method([run for run in runs if _is_larger(run, tables)], GS_HIDER, cover("psnr"))
     return (

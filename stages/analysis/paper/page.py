@@ -19,7 +19,7 @@ from stages.analysis.paper.plateau import plateau
 from stages.analysis.paper.probes import probes
 from stages.analysis.paper.public import public_chapter, public_sources, public_study
 from stages.analysis.paper.published import Published, wrong_averages
-from stages.analysis.paper.relations import NOISES, Relation, relations_grid
+from stages.analysis.paper.relations import Relation, relations_grid
 from stages.analysis.paper.robustness import robustness
 from stages.analysis.paper.rtws import rtws
 from stages.analysis.paper.runs import Study, capture_title, method_title
@@ -137,10 +137,11 @@ def _remarks(study: Study, chapters: Sequence[Chapter], wanted: Sequence[str], t
         "Second figures under a capture are differences to what the last column names. Average: over the captures that "
         "are shown; the paper's over all nine of its own. ±: standard deviation of n runs that differ in their seed "
         "alone; of an average, that of the average, each capture having n runs.",
-        f"Within noise: nearer to what is asked for than {NOISES} standard deviations of what is compared, which "
-        "follow from that of a run from one seed to the next, and from how many runs are compared. It is pooled over "
-        "the methods, of a table's runs or of all, whichever is more, and taken to be the same on captures where no "
-        "seeds were repeated, which need not be so. Where the tables tell no noise, none is known. Of areas under a "
+        "Within noise: so near to what is asked for that other seeds could well change the verdict. What is compared "
+        "lies, in 95 % of cases, no farther from its mean than this (Student's t, by the standard deviation from one "
+        "seed to the next, how many runs told it, and how many are compared). The deviation is pooled over the "
+        "methods, of a table's runs or of all, whichever is more, and taken to be the same on captures where no seeds "
+        "were repeated, which need not be so. Where the tables tell no noise, none is known. Of areas under a "
         "curve the deviation follows from their 95 % intervals, over views and detectors: how far another training "
         "would differ they do not know.",
         *(

@@ -59,7 +59,7 @@ def _gains(runs: Sequence[Run], study: Study) -> Iterator[Relation]:
                     gained = measure(by_count[2 * count], figure).minus(measure(once, figure))
                     more = f"{2 * count:,.0f} iterations gain over {count:,.0f}"
                     text = f"{title_of(method)}: what {more} on the {subject}"
-                    yield Relation(text, "difference", "less than", most, gained, noise=spreads[subject].deviation)
+                    yield Relation(text, "difference", "less than", most, gained, noise=spreads[subject])
 
 
 def _beyond(runs: Sequence[Run], study: Study, tables: Published) -> Iterator[Relation]:

@@ -9,19 +9,16 @@ from typing import Literal
 
 from stages.analysis.page.figures import MISSING
 from stages.analysis.paper.grid import AVERAGE, Cell, Grid, Line
-from stages.analysis.paper.measuring import UNMEASURED, Measured, Spread
+from stages.analysis.paper.measuring import NO_NOISE, UNMEASURED, Measured, Noise, Spread
 from stages.analysis.paper.runs import capture_title
-
-NOISES = 2
-"""A relation that is nearer to its bound than so many of its own standard deviations could be chance."""
 
 
 @dataclass(frozen=True)
 class Relation:
     """A difference in dB, a ratio, or a figure in dB, which is to lie on one side of `bound`.
 
-    `published` is the same of the paper, or of whom `source` names, NaN where it gives no figure; `noise` the standard
-    deviation of a single run from one seed to the next: that of the average follows from how many runs it is made of.
+    `published` is the same of the paper, or of whom `source` names, NaN where it gives no figure; `noise` that of a
+    single run from one seed to the next: that of the average follows from how many runs it is made of.
     """
 
     text: str
@@ -30,7 +27,7 @@ class Relation:
     bound: float
     measured: Measured
     published: float = math.nan
-    noise: float = math.nan
+    noise: Noise = NO_NOISE
     source: str = ""
 
     def holds(self, value: float) -> bool:
@@ -68,7 +65,7 @@ class Relation:
     @property
     def within_noise(self) -> bool:
         """Whether other seeds could well change the verdict."""
-        return abs(self.value - self.bound) < NOISES * self.noise / math.sqrt(self.measured.average.worth)
+        return abs(self.value - self.bound) < self.noise.reach / math.sqrt(self.measured.average.worth)
 
     @property
     def verdict(self) -> str:
@@ -98,7 +95,7 @@ class OnEachCapture(Relation):
         """Whether another seed could well change the verdict, which is that of the worst capture."""
         sign = 1 if self.sense in ("at most", "less than") else -1
         worst = max(self.measured.by_capture.values(), key=lambda each: sign * each.mean)
-        return abs(worst.mean - self.bound) < NOISES * self.noise / math.sqrt(worst.worth)
+        return abs(worst.mean - self.bound) < self.noise.reach / math.sqrt(worst.worth)
 
 
 @dataclass(frozen=True)

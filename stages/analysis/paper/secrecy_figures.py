@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from stages.analysis.measurements import Measurement
 from stages.analysis.page.material import METHOD_TITLES
-from stages.analysis.paper.measuring import Measured, Spread
+from stages.analysis.paper.measuring import NO_NOISE, Measured, Noise, Spread, spread_of
 from stages.analysis.paper.runs import Experiment, Settings, Study, capture_title, settings_title
 from stages.analysis.secrecy.conditions import BLIND, NOTHING_HIDDEN, OWNER, SURROGATE, SURROGATES
 from stages.imaging.metric_table import mean_of_known
@@ -86,22 +86,15 @@ def rows_of(
     ]
 
 
-def mean_over(rows: Sequence[Measurement]) -> float:
-    """Over views, messages and seeds; NaN where nothing was measured."""
-    return mean_of_known(row.value for row in rows)
-
-
 def by_seed(rows: Sequence[Measurement]) -> Spread:
     """The mean, and the standard deviation from one seed, of decoders or of surrogates, to the next."""
-    means = [mean_over([row for row in rows if row.seed == seed]) for seed in dict.fromkeys(row.seed for row in rows)]
-    means = [value for value in means if not math.isnan(value)]
-    if not means:
-        return Spread(math.nan)
-    middle = math.fsum(means) / len(means)
-    if len(means) < 2:
-        return Spread(middle, math.nan, len(means))
-    variance = math.fsum((value - middle) ** 2 for value in means) / (len(means) - 1)
-    return Spread(middle, math.sqrt(variance), len(means), len(means))
+    return spread_of([value for value in _means_by_seed(rows) if not math.isnan(value)])
+
+
+def _means_by_seed(rows: Sequence[Measurement]) -> list[float]:
+    """Over views and messages; NaN where nothing was measured."""
+    seeds = dict.fromkeys(row.seed for row in rows)
+    return [mean_of_known(row.value for row in rows if row.seed == seed) for seed in seeds]
 
 
 def figure(experiments: Sequence[Experiment], quantity: str, condition: str, severity: float | None = None) -> Spread:
@@ -127,16 +120,19 @@ def best_decoder(experiments: Sequence[Experiment], condition: str) -> Measured:
     found = {}
     for capture in dict.fromkeys(each.capture for each in experiments):
         rows = rows_of([each for each in experiments if each.capture == capture], "psnr_covered", condition)
-        means = [mean_over([row for row in rows if row.seed == seed]) for seed in {row.seed for row in rows}]
+        means = _means_by_seed(rows)
         if len(means) > 1:
             found[capture] = Spread(max(means))
     return Measured(found)
 
 
-def deviation_of_one(spreads: Measured) -> float:
-    """The standard deviation from one seed to the next, pooled over the captures; NaN where one has a single seed."""
-    variances = [spread.deviation**2 for spread in spreads.by_capture.values()]
-    return math.sqrt(math.fsum(variances) / len(variances)) if variances else math.nan
+def noise_of(*kinds: Measured) -> Noise:
+    """From one seed to the next, pooled over the captures of all kinds; not known where one has a single seed."""
+    spreads = [spread for kind in kinds for spread in kind.by_capture.values()]
+    if not spreads:
+        return NO_NOISE
+    deviation = math.sqrt(math.fsum(spread.deviation**2 for spread in spreads) / len(spreads))
+    return Noise(deviation, sum(spread.count - 1 for spread in spreads))
 
 
 def behind_owner(experiments: Sequence[Experiment], share: float) -> Measured:

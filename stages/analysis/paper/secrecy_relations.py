@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from stages.analysis.paper.measuring import Measured
+from stages.analysis.paper.measuring import NO_NOISE, Measured, Noise
 from stages.analysis.paper.relations import OnEachCapture, Relation
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.paper.secrecy_figures import (
@@ -16,8 +16,8 @@ from stages.analysis.paper.secrecy_figures import (
     best_decoder,
     best_surrogate,
     by_size,
-    deviation_of_one,
     measured,
+    noise_of,
     shares,
 )
 from stages.analysis.secrecy.conditions import COVER_ITSELF, OPEN, OTHER_START, OWNER, RANDOM, SURROGATE
@@ -55,12 +55,12 @@ def _of_kind(kind: Kind, experiments: Sequence[Experiment]) -> list[Relation]:
         if share > 0:
             text = f"{kind.title}: message over one colour, the best surrogate with {share:.0%} of the views"
             shown = measured(experiments, "psnr_covered", best_surrogate(experiments, share), share)
-            relations.append(_over_one_colour(text, shown, experiments, deviation_of_one(shown)))
+            relations.append(_over_one_colour(text, shown, experiments, noise_of(shown)))
     return relations
 
 
 def _over_one_colour(
-    text: str, shown: Measured, experiments: Sequence[Experiment], noise: float = math.nan
+    text: str, shown: Measured, experiments: Sequence[Experiment], noise: Noise = NO_NOISE
 ) -> Relation:
     floor = measured(experiments, "psnr_constant", OWNER)
     return OnEachCapture(
@@ -95,13 +95,8 @@ def _of_sizes(title: str, own: Mapping[float, Sequence[Experiment]]) -> list[Rel
             0.0,
             behind_owner(small, share).minus(behind_owner(large, share)),
             math.nan,
-            _of_both(*(deviation_of_one(measured(each, "psnr_covered", SURROGATE, share)) for each in (small, large))),
+            noise_of(*(measured(each, "psnr_covered", SURROGATE, share) for each in (small, large))),
         )
         for share in shares(small)
         if share > 0
     ]
-
-
-def _of_both(small: float, large: float) -> float:
-    """The standard deviation of a single run, of two kinds with so many runs each: the mean of both variances."""
-    return math.hypot(small, large) / math.sqrt(2)

@@ -143,8 +143,8 @@ def _published_lines(method: str, captures: Sequence[str], tables: Published) ->
 
 def _relations(runs: Sequence[Run], study: Study, tables: Published) -> tuple[Relation, ...]:
     name, rival = title_of(GS_HIDER), title_of(DECODER)
-    of_cover = noises(runs, study)["cover"].deviation
-    of_image, of_the_loss = (noise(runs, figure).deviation for figure in (image_psnr, lost_where_it_hides))
+    of_cover = noises(runs, study)["cover"]
+    of_image, of_the_loss = (noise(runs, figure) for figure in (image_psnr, lost_where_it_hides))
     hider, decoder = tables.single_image[GS_HIDER], tables.single_image[DECODER]
 
     def of(method: str, figure: Figure) -> Measured:

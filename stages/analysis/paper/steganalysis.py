@@ -10,7 +10,7 @@ from stages.analysis.learned_detection import LEARNED, TRAINING_SCENES
 from stages.analysis.paper.attribute_tables import attribute_charts, attributes_grid
 from stages.analysis.paper.chapter import Chapter, title_of
 from stages.analysis.paper.detection import HIDING, UNNOTICED, ByMethod, area_of
-from stages.analysis.paper.measuring import Measured, Spread
+from stages.analysis.paper.measuring import Measured, Noise, Spread
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import OnEachCapture, Relation
 from stages.analysis.paper.roc_charts import roc_charts
@@ -79,6 +79,6 @@ def _relations(experiments_of: ByMethod, quantity: str, detector: str) -> Iterat
             )
 
 
-def _of_one(deviations: Sequence[float]) -> float:
+def _of_one(deviations: Sequence[float]) -> Noise:
     """What each capture's deviation would be if they were all alike, and that of the average as it is with these."""
-    return math.hypot(*deviations) / math.sqrt(len(deviations))
+    return Noise(math.hypot(*deviations) / math.sqrt(len(deviations)), math.inf)

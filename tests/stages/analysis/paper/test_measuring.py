@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from stages.analysis.paper.measuring import Measured, MeasuredErrors, Spread, cover, measure, message, noise
+from stages.analysis.paper.measuring import Measured, MeasuredErrors, Noise, Spread, cover, measure, message, noise
 from stages.analysis.paper.relations import OnEachCapture, Relation
 from stages.analysis.paper.runs import Run
 from stages.imaging.metric_table import MetricRow
@@ -106,7 +106,7 @@ def test_legal_views_of_each_message_apart() -> None:
 
 def relation(values: list[float], bound: float = 0.0, noise: float = math.nan, sense: str = "more than") -> Relation:
     measured = Measured({str(number): Spread(value) for number, value in enumerate(values)})
-    return Relation("", "difference", sense, bound, measured, noise=noise)  # type: ignore[arg-type]
+    return Relation("", "difference", sense, bound, measured, noise=Noise(noise, math.inf))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,16 @@ def test_verdicts(found: Relation, verdict: str) -> None:
 )
 def test_what_is_not_secure_on_one_capture_is_not_secure(values: list[float], noise: float, verdict: str) -> None:
     measured = Measured({str(number): Spread(value) for number, value in enumerate(values)})
-    assert OnEachCapture("", "ratio", "at most", 0.6, measured, noise=noise).verdict == verdict
+    assert OnEachCapture("", "ratio", "at most", 0.6, measured, noise=Noise(noise, math.inf)).verdict == verdict
+
+
+def test_few_runs_tell_no_deviation_for_sure() -> None:
+    """Student's t of three runs, with two degrees of freedom, is 4.30; of three on each of twenty captures, 2.02."""
+    three = [run(24.0), run(25.0), run(26.0)]
+    many = [run(psnr, f"capture {number}") for number in range(20) for psnr in (24.0, 25.0, 26.0)]
+    found = [noise(runs, PSNR) for runs in (three, many)]
+    assert [each.deviation for each in found] == [1.0, 1.0]
+    assert [each.reach for each in found] == pytest.approx([4.303, 2.021], abs=1e-3)
 
 
 def test_noise_of_what_is_compared_follows_from_how_many_runs_it_is_made_of() -> None:

@@ -16,8 +16,8 @@ from pipeline.artifact import Artifact, create, load
 from pipeline.stage import Item, run_stage
 from stages.analysis.measurements import KIND, Measurement, write_measurements
 from stages.analysis.paper.runs import Experiment
-from stages.analysis.paper.secrecy_figures import deviation_of_one
 from stages.analysis.paper.secrecy_figures import measured as measured_of
+from stages.analysis.paper.secrecy_figures import noise_of
 from stages.analysis.secrecy.conditions import (
     BLIND,
     CHANNEL,
@@ -243,7 +243,7 @@ def test_the_noise_of_one_run_does_not_shrink_with_more_captures(tmp_path: Path)
         shaken.append(Experiment(capture, "gs_hider", "0", tuple(rows), {"feature_dim": 8}))
     for count in (1, 4):
         spreads = measured_of(shaken[:count], "psnr_covered", SURROGATE, 0.2)
-        assert deviation_of_one(spreads) == pytest.approx(1.155, abs=0.2)
+        assert noise_of(spreads).deviation == pytest.approx(1.155, abs=0.2)
 
 
 def test_the_reading_that_is_farthest_beyond_chance_is_told_of(tmp_path: Path) -> None:
