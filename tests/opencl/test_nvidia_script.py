@@ -211,7 +211,7 @@ def test_nothing_else_that_the_project_depends_on_is_needed():
     others = "dask distributed cryptography zarr numcodecs pycolmap cv2 PIL plyfile safetensors ruamel.yaml typer rich"
     code = f"""
 import sys
-sys.modules.update(dict.fromkeys({[*others.split(), "matplotlib", "pytest", "hypothesis"]!r}))
+sys.modules.update(dict.fromkeys({[*others.split(), "pytest", "hypothesis"]!r}))
 import torch
 from tests.benchmarks import nvidia, nvidia_checks, nvidia_timing, nvidia_training
 nvidia_training.prepared(torch.device("cpu"), "bfloat16", nvidia_training.{SMALL!r}).step(1)
