@@ -1,4 +1,4 @@
-"""Sealing: what a container's scene decoder does not read of its features is enciphered, as a key says.
+"""Sealing: what a container's scene decoder does not read of its features is encrypted, as a key says.
 
 In homogeneous features a Gaussian says how much of it is the cover's. Whoever knows the method renders those alone that
 are not, and sees the messages, in false colours, without their decoder. The scene decoder reads a feature along few of
@@ -6,9 +6,9 @@ its M dimensions. The rest, which holds the messages, becomes here what chance a
 as it is, and what is rendered of the rest is noise. Where a message's surfaces stand can still be told: means, sizes,
 rotations and opacities are not changed, nor how much of a Gaussian is the cover's.
 
-The rest of each Gaussian is enciphered by itself, so that whoever takes some away takes nothing from others: not as it
+The rest of each Gaussian is encrypted by itself, so that whoever takes some away takes nothing from others: not as it
 is, but as the direction and the distance by which it differs from what the owner expects (`Expected`). What comes out,
-as likely whatever went in (`one_time_pad`), is a direction from an origin that what is read tells, and a share of the
+as likely whatever went in (`keystream`), is a direction from an origin that what is read tells, and a share of the
 room that there is in the cube of features. So what is published says nothing of a rest that what is read, and where the
 Gaussian stands, do not say.
 """
@@ -27,7 +27,7 @@ from torch import Tensor
 from stages.hiding.coupled import FEATURES
 from stages.hiding.cube import is_cornered, origins_of, room
 from stages.hiding.expected import Expected, expectations
-from stages.hiding.one_time_pad import deciphered, enciphered
+from stages.hiding.keystream import decrypted, encrypted
 from stages.hiding.stored_features import FARTHEST, stored
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import chosen
@@ -107,7 +107,7 @@ class Seal:
         centred, key = _centred(gaussians), key_for(gaussians, method, drawn)
         places = _Places.of(_with(gaussians, centred), method)  # of what can be stored, which is all that opens it
         expected = places.expected(centred)
-        return cls(_with(gaussians, places.enciphered(centred, expected, key)), key, expected, places)
+        return cls(_with(gaussians, places.encrypted(centred, expected, key)), key, expected, places)
 
     @classmethod
     def of(cls, published: Gaussians, method: Sealable, key: bytes, expected: Expected) -> Seal:
@@ -138,7 +138,7 @@ class Seal:
         """
         [numbers] = torch.nonzero(rows >= 0, as_tuple=True)
         own = rows[numbers]
-        features = self.places.of_numbers(numbers).deciphered(_centred(found)[own], numbers, self.expected, self.key)
+        features = self.places.of_numbers(numbers).decrypted(_centred(found)[own], numbers, self.expected, self.key)
         return _with(chosen(found, own), features)
 
     def told(self, gaussians: Gaussians) -> Float64[Tensor, "N R"]:
@@ -179,22 +179,22 @@ class _Places:
             lambda expected: (self.rests(centred) - self._expected_rests(expected)).norm(dim=1),
         )
 
-    def enciphered(self, centred: Float64[Tensor, "N M"], expected: Expected, key: bytes) -> Float64[Tensor, "N M"]:
+    def encrypted(self, centred: Float64[Tensor, "N M"], expected: Expected, key: bytes) -> Float64[Tensor, "N M"]:
         """Centred features; those at a corner of the cube as they are."""
         differences = self.rests(centred) - self._expected_rests(expected)
         directions = torch.nn.functional.normalize(differences, dim=1)
-        turned, shares = enciphered(directions, expected.lengths(self.cover_shares, differences.norm(dim=1)), key)
+        turned, shares = encrypted(directions, expected.lengths(self.cover_shares, differences.norm(dim=1)), key)
         offsets = turned * (shares * self._room(turned))[:, None]
         return torch.where(is_cornered(self.origins)[:, None], centred, self.origins + offsets @ self.unread.T)
 
-    def deciphered(
+    def decrypted(
         self, centred: Float64[Tensor, "N M"], numbers: Int[Tensor, " N"], expected: Expected, key: bytes
     ) -> Float64[Tensor, "N M"]:
         """Of such features, whatever was done to them, those that were sealed."""
         rests = self.rests(centred)
         turned = torch.nn.functional.normalize(rests, dim=1)
         space = self._room(turned).clamp_min(torch.finfo(torch.float64).tiny)
-        directions, lengths = deciphered(turned, rests.norm(dim=1) / space, numbers, key)
+        directions, lengths = decrypted(turned, rests.norm(dim=1) / space, numbers, key)
         differences = directions * expected.distances(self.cover_shares, lengths)[:, None]
         own = self.origins + (self._expected_rests(expected) + differences) @ self.unread.T
         return torch.where(is_cornered(self.origins)[:, None], centred, own)

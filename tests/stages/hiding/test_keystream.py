@@ -1,4 +1,4 @@
-"""What comes out of a pad is as likely whatever went in, and is put back by who has the key."""
+"""Encrypted values are uniform whatever the input was, and the key gets the input back."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stages.hiding.one_time_pad import LONGEST, SHORTEST, deciphered, enciphered
+from stages.hiding.keystream import LONGEST, SHORTEST, decrypted, encrypted
 
 KEY = bytes(range(32))
 
@@ -23,17 +23,17 @@ def some_values(count: int, dimensions: int = 8) -> tuple[torch.Tensor, torch.Te
 @given(count=st.integers(0, 30), dimensions=st.integers(1, 20), key=st.binary(max_size=40))
 def test_who_has_the_key_gets_everything_back(count: int, dimensions: int, key: bytes) -> None:
     values = some_values(count, dimensions)
-    closed, shares = enciphered(*values, key)
+    closed, shares = encrypted(*values, key)
     assert ((shares >= SHORTEST) & (shares <= LONGEST)).all()
-    for back, own in zip(deciphered(closed, shares, torch.arange(count), key), values, strict=True):
+    for back, own in zip(decrypted(closed, shares, torch.arange(count), key), values, strict=True):
         torch.testing.assert_close(back, own, rtol=0, atol=1e-9)
 
 
 def test_some_of_them_are_put_back_by_their_numbers() -> None:
     values = some_values(1000)
-    closed = enciphered(*values, KEY)
+    closed = encrypted(*values, KEY)
     numbers = torch.tensor([999, 3, 500, 0])
-    back = deciphered(*(each[numbers] for each in closed), numbers, KEY)
+    back = decrypted(*(each[numbers] for each in closed), numbers, KEY)
     for found, own in zip(back, values, strict=True):
         torch.testing.assert_close(found, own[numbers], rtol=0, atol=1e-9)
 
@@ -48,7 +48,7 @@ def test_what_comes_out_says_nothing_of_what_went_in(axis: int | None, dimension
         same[axis] = 1
     elif length:
         same += dimensions**-0.5
-    along, shares = enciphered(same.expand(count, -1), torch.full((count,), length, dtype=torch.float64), KEY)
+    along, shares = encrypted(same.expand(count, -1), torch.full((count,), length, dtype=torch.float64), KEY)
     even = torch.eye(dimensions, dtype=torch.float64) / dimensions
     torch.testing.assert_close(along.norm(dim=1), torch.ones(count, dtype=torch.float64))
     torch.testing.assert_close(along.mean(dim=0), torch.zeros(dimensions, dtype=torch.float64), rtol=0, atol=0.025)
@@ -60,19 +60,19 @@ def test_what_comes_out_says_nothing_of_what_went_in(axis: int | None, dimension
     assert (along[1:] * along[:-1]).sum(dim=1).mean().abs() < 0.025, "of values beside each other"
 
 
-def test_another_key_and_another_number_have_another_pad() -> None:
+def test_another_key_or_number_has_another_keystream() -> None:
     directions, lengths = some_values(500)
-    closed = enciphered(directions, lengths, KEY)
+    closed = encrypted(directions, lengths, KEY)
     numbers = torch.arange(500)
-    for wrong, _ in (deciphered(*closed, numbers, bytes(32)), deciphered(*closed, numbers + 1, KEY), closed):
+    for wrong, _ in (decrypted(*closed, numbers, bytes(32)), decrypted(*closed, numbers + 1, KEY), closed):
         assert (wrong * directions).sum(dim=1).mean().abs() < 0.08
 
 
 def test_a_little_noise_stays_little() -> None:
     directions, lengths = some_values(500)
     lengths[:250] = 1
-    closed, shares = enciphered(directions, lengths, KEY)
+    closed, shares = encrypted(directions, lengths, KEY)
     noise = 0.02 * torch.randn(500, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
-    back, found = deciphered(closed, shares + noise, torch.arange(500), KEY)
+    back, found = decrypted(closed, shares + noise, torch.arange(500), KEY)
     assert (found - lengths).abs().max() < 0.2
     torch.testing.assert_close(back, directions, rtol=0, atol=1e-9)

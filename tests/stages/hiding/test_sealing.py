@@ -1,4 +1,4 @@
-"""A seal leaves the cover as it is, gives back all that it enciphered to who has the key, and to nobody else."""
+"""A seal leaves the cover as it is, gives back all that it encrypted to who has the key, and to nobody else."""
 
 from __future__ import annotations
 
