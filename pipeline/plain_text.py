@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 LONGEST_LINE = 120  # characters
 
 
@@ -12,6 +14,16 @@ def without_controls(text: str, allowed: str = "") -> str:
     'red ?[31m'
     """
     return "".join(character if character.isprintable() or character in allowed else "?" for character in text)
+
+
+def listed(names: Sequence[str], most: int = 8) -> str:
+    """The names with commas between them, or the first of many and how many more there are.
+
+    >>> listed(["a", "b"]), listed(["a", "b", "c", "d"], 2), listed([])
+    ('a, b', 'a, b and 2 more', '')
+    """
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return f"{', '.join(names[:most])}{more}"
 
 
 def in_a_line(text: str, longest: int = LONGEST_LINE) -> str:

@@ -36,7 +36,7 @@ from stages.analysis.watermark_trials import (
 )
 from stages.analysis.watermarked_containers import attacked_containers
 from stages.hiding.method import move_networks
-from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.method_names import PLAIN, MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.watermark.reading import FOUND_SHARE, owners_reader
 from stages.hiding.watermark.rendering import each_render, renders
@@ -55,9 +55,6 @@ from stages.training.codec_photos import read_photos
 from stages.training.libraries import LIBRARIES
 
 COVER_SCENE = "the cover"
-OTHER_METHOD = "plain"
-"""Of the clean models of other scenes."""
-
 OWN_PHOTOS, OTHER_PHOTOS = "test photos of the cover", "photos of other things"
 OWN_RENDERS, OTHER_RENDERS = "renders from before", "renders of other scenes"
 NOISY_PHOTOS = "photos of other things, noise of 5 levels"
@@ -121,7 +118,7 @@ class DetectWatermarkParameters(Parameters):
     },
     outputs={"scores": Output("measurements", privacy="private")},
     version=1,
-    modules=lambda parameters: [module_of(parameters.method), module_of(OTHER_METHOD)],
+    modules=lambda parameters: [module_of(parameters.method), module_of(PLAIN)],
 )
 def detect_watermark(context: Context, parameters: DetectWatermarkParameters) -> None:
     """Score renders with the watermark, distorted ones, those of attacked containers, photos, and renders without it.

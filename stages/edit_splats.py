@@ -9,7 +9,7 @@ from pydantic import Field
 from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.method import build_method
-from stages.hiding.method_names import module_of
+from stages.hiding.method_names import PLAIN, module_of
 from stages.hiding.storage import check_method, read_gaussians, write_container
 from stages.scene.alignment import rig_of
 from stages.scene.editing import Splats, edited
@@ -19,9 +19,6 @@ from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import degree_of
 from stages.scene.scene import read_scene
 from stages.scene.world_scale import stated, world_scale_of
-
-METHOD = "plain"
-"""Of the splats: those of other methods have no colours to change."""
 
 
 class EditSplatsParameters(Parameters):
@@ -41,7 +38,7 @@ class EditSplatsParameters(Parameters):
     },
     outputs={"splats": Output("splats")},
     version=1,
-    modules=lambda parameters: [module_of(METHOD)],
+    modules=lambda parameters: [module_of(PLAIN)],
 )
 def edit_splats(context: Context, parameters: EditSplatsParameters) -> None:
     """Make the edits. `scene` and `added_scene`, on which the splats were trained, give the coordinates of rigs."""
@@ -60,7 +57,7 @@ def edit_splats(context: Context, parameters: EditSplatsParameters) -> None:
 
 
 def _read(splats: Artifact, scene: Artifact | None, name: str) -> Splats:
-    check_method(splats, METHOD)
+    check_method(splats, PLAIN)
     if scene is None:
         return Splats(read_gaussians(splats), None, name)
     photographed = read_scene(scene)
@@ -69,4 +66,4 @@ def _read(splats: Artifact, scene: Artifact | None, name: str) -> Splats:
 
 def _write(context: Context, gaussians: Gaussians) -> None:
     degree = degree_of(gaussians["sh_rest"])
-    write_container(context.output("splats"), gaussians, build_method(METHOD, {"sh_degree": degree}))
+    write_container(context.output("splats"), gaussians, build_method(PLAIN, {"sh_degree": degree}))

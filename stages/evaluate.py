@@ -16,7 +16,7 @@ from stages.analysis.comparisons import Comparison, write_comparisons
 from stages.analysis.fidelity import Perceptual
 from stages.analysis.public_scores import comparisons_for_the_public, rows_for_the_public
 from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score, views_for_the_public
-from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.method_names import PLAIN, MethodName, module_of
 from stages.hiding.opening import read_container
 from stages.hiding.storage import bytes_of, check_method
 from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
@@ -27,7 +27,6 @@ from stages.imaging.metric_table import MetricRow, write_rows
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
 
-REFERENCE_METHOD = "plain"
 Networks = Literal["vgg", "alex", "both", "none"]
 NETWORKS: Mapping[Networks, tuple[Network, ...]] = {
     "vgg": ("vgg",),
@@ -71,7 +70,7 @@ class EvaluateParameters(Parameters):
         "public_pictures": Output("comparisons", privacy="public"),
     },
     version=1,
-    modules=lambda parameters: [module_of(parameters.method), module_of(REFERENCE_METHOD)],
+    modules=lambda parameters: [module_of(parameters.method), module_of(PLAIN)],
 )
 def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     """Score the container's cover and messages or hidden image, and plain 3DGS of the same cover where it is given.
@@ -108,7 +107,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     every = [scored(container, parameters.method, messages, 0)]
     published = [] if container.private else [*every]
     if reference is not None:
-        every.append(scored(reference, REFERENCE_METHOD, {}, 1))
+        every.append(scored(reference, PLAIN, {}, 1))
         published += [] if reference.private else every[-1:]
     _write(context, every, scene, published, views_for_the_public(scene, parameters.shown_train_views))
     context.record(device=describe_drawing(device))

@@ -71,7 +71,7 @@ def export_container(context: Context, parameters: ExportContainerParameters) ->
 
 def _path_along(scene: Scene, parameters: ExportContainerParameters) -> Cameras:
     """The path along the training cameras, or along all where none was trained on: the secret has no say in it."""
-    cameras = scene.cameras.select(scene.train_names or scene.cameras.names)
+    cameras = scene.training_cameras
     return camera_path(cameras, scene.points, parameters.frames, parameters.bends)
 
 

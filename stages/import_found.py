@@ -5,12 +5,12 @@ from __future__ import annotations
 import torch
 from pydantic import Field
 
+from pipeline.plain_text import listed
 from pipeline.stage import Context, ExternalPath, Input, Output, Parameters, stage
 from stages.hiding.found_files import read_found
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.scene.gaussians import Gaussians
-from stages.scene.ply.reading import listed
 
 
 class ImportFoundParameters(Parameters):

@@ -6,11 +6,9 @@ from pydantic import Field
 
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
 from stages.hiding.method import build_method
-from stages.hiding.method_names import module_of
+from stages.hiding.method_names import PLAIN, module_of
 from stages.hiding.storage import write_container
 from stages.scene.splat_files.reading import read_splats
-
-METHOD = "plain"
 
 
 class ImportSplatsParameters(Parameters):
@@ -25,11 +23,11 @@ class ImportSplatsParameters(Parameters):
     inputs={},
     outputs={"splats": Output("splats")},
     version=1,
-    modules=lambda parameters: [module_of(METHOD)],
+    modules=lambda parameters: [module_of(PLAIN)],
 )
 def import_splats(context: Context, parameters: ImportSplatsParameters) -> None:
     """Read and check every Gaussian, and keep them as `train_scene` would have written them."""
     gaussians, degree = read_splats(parameters.file)
-    write_container(context.output("splats"), gaussians, build_method(METHOD, {"sh_degree": degree}))
+    write_container(context.output("splats"), gaussians, build_method(PLAIN, {"sh_degree": degree}))
     context.log(f"{len(gaussians)} Gaussians with spherical harmonics of degree {degree}")
     context.record(gaussians=len(gaussians), sh_degree=degree)

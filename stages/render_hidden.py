@@ -19,7 +19,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.enlarging import enlarged
 from stages.hiding.message_names import MessageName
 from stages.hiding.method import Method
-from stages.hiding.method_names import module_of
+from stages.hiding.method_names import PLAIN, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.placing import place
 from stages.hiding.placing_alone import Up, place_alone, visibility
@@ -34,9 +34,6 @@ from stages.scene.scene import Scene, read_scene
 from stages.scene.similarity import Similarity
 from stages.scene.spherical_harmonics import BASE
 from stages.scene.world_scale import scaled, world_scale_of
-
-METHOD = "plain"
-"""Of the message's splats."""
 
 
 class RenderHiddenParameters(Parameters):
@@ -61,7 +58,7 @@ class RenderHiddenParameters(Parameters):
     inputs={"splats": Input("splats"), "message": Input("scene", optional=True), "cover": Input("scene")},
     outputs={"views": Output("views")},
     version=3,
-    modules=lambda parameters: [module_of(METHOD)],
+    modules=lambda parameters: [module_of(PLAIN)],
     remarks="stages.scene.remarks:message_hardly_seen",
 )
 def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:

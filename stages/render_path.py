@@ -78,7 +78,7 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
 
 def path_along(scene: Scene, parameters: RenderPathParameters) -> Cameras:
     """The path along the training cameras, or along all where none was trained on."""
-    cameras = scene.cameras.select(scene.train_names or scene.cameras.names)
+    cameras = scene.training_cameras
     return camera_path(cameras, scene.points, parameters.frames, parameters.bends, parameters.course)
 
 

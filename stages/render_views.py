@@ -41,7 +41,7 @@ def render_views(context: Context, parameters: RenderViewsParameters) -> None:
     torch.set_num_threads(parameters.threads)
     container, scene, device = context.input("container"), read_scene(context.input("cover")), working_device()
     check_method(container, parameters.method)
-    rig = scene.cameras.select(scene.train_names or scene.cameras.names)
+    rig = scene.training_cameras
     path = camera_path(rig, scene.points, parameters.views, parameters.bends)
 
     def told() -> Iterator[Rendering]:

@@ -9,7 +9,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, stage
 from stages.hiding.method import build_method
-from stages.hiding.method_names import module_of
+from stages.hiding.method_names import PLAIN, module_of
 from stages.hiding.storage import write_container
 from stages.imaging.metric_table import write_rows
 from stages.scene.cameras import rig_extent
@@ -23,8 +23,6 @@ from stages.training.session import train
 from stages.training.starting_points import starting_points
 from stages.training.views import training_views
 
-METHOD = "plain"
-
 
 class TrainSceneParameters(TrainingParameters):
     """3DGS's parameters."""
@@ -37,13 +35,13 @@ class TrainSceneParameters(TrainingParameters):
     inputs={"scene": Input("scene")},
     outputs={"splats": Output("splats"), "curves": Output("metrics")},
     version=1,
-    modules=lambda parameters: [module_of(METHOD)],
+    modules=lambda parameters: [module_of(PLAIN)],
 )
 def train_scene(context: Context, parameters: TrainSceneParameters) -> None:
     """Train splats on a scene's training views; test views are never seen."""
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("scene"))
-    method = build_method(METHOD, {"sh_degree": parameters.sh_degree})
+    method = build_method(PLAIN, {"sh_degree": parameters.sh_degree})
     points, colors = starting_points(scene, {}, parameters.start())
     generator = np.random.default_rng(parameters.seed)
     training = Training(

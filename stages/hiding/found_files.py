@@ -16,13 +16,14 @@ import numpy as np
 from jaxtyping import Bool, Float32, Shaped
 
 from pipeline.errors import UserError
+from pipeline.plain_text import listed
 from stages.hiding.bundle import GAUSSIANS
 from stages.hiding.columns import VERTEX, attribute_of, layout_of
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import LARGEST_SETTING
 from stages.hiding.renamed_features import renamed_features, unknown_columns
 from stages.scene.garbage import LARGEST, SMALLEST_QUATERNION
-from stages.scene.ply.reading import ROWS_AT_ONCE, Ply, listed, read_ply, types_of
+from stages.scene.ply.reading import ROWS_AT_ONCE, Ply, read_ply, types_of
 from stages.scene.splat_files.values import LARGEST_LOGIT
 
 PLY_SUFFIX = ".ply"
@@ -88,11 +89,10 @@ def _ply_at(place: Path) -> Path:
     files = [name for name in there if name.lower().endswith(PLY_SUFFIX)]
     if len(files) != 1:
         shown = files or there
-        more = f" and {len(shown) - LISTED} more" if len(shown) > LISTED else ""
         raise UserError(
             "no container" if not files else "several files that may be the container",
             where=place,
-            found=", ".join(shown[:LISTED]) + more if shown else "an empty folder",
+            found=listed(shown, LISTED) if shown else "an empty folder",
             expected=f"{GAUSSIANS}, or one other file {PLY_SUFFIX}",
             remedy="give the file itself" if files else "give the folder or the PLY that was found",
         )

@@ -8,6 +8,9 @@ from pipeline.module_names import ModuleIn
 
 PACKAGE = "stages.hiding.methods"
 
+PLAIN = "plain"
+"""3DGS without a message: what splats, references and clean models are of."""
+
 MethodName = Annotated[str, ModuleIn("stages.hiding.methods")]
 """One more file there is one more method. Said in full, as shells complete it from the source alone."""
 

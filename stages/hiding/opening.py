@@ -24,6 +24,10 @@ SAME_SEAL = 0.75
 did to it."""
 
 
+SEED = 0
+"""For `register`, inside `identified`: whoever opens a container has no seed to choose."""
+
+
 def is_sealed(secret: Artifact) -> bool:
     """Whether the secret is that of a sealed container."""
     return SEAL in secret.attributes
@@ -34,7 +38,6 @@ def read_container(
     secret: Artifact | None,
     device: torch.device | str = "cpu",
     published: Artifact | None = None,
-    seed: int = 0,
 ) -> tuple[Gaussians, Method]:
     """A container as its secret reads it, or without one as it is published; both on a device.
 
@@ -43,7 +46,7 @@ def read_container(
     gaussians, method = read_gaussians(container), read_method(container, secret, device)
     if secret is not None:
         originals = read_gaussians(published) if published is not None and is_sealed(secret) else None
-        gaussians = open_container(gaussians, method, secret, originals, seed)
+        gaussians = open_container(gaussians, method, secret, originals)
     return gaussians.to(device), method
 
 
@@ -60,13 +63,12 @@ def refuse_sealed(secret: Artifact | None, stage: str) -> None:
 
 
 def open_container(
-    gaussians: Gaussians, method: Method, secret: Artifact, published: Gaussians | None = None, seed: int = 0
+    gaussians: Gaussians, method: Method, secret: Artifact, published: Gaussians | None = None
 ) -> Gaussians:
     """The Gaussians with the messages where they were hidden; as they are, if their secret is of no seal.
 
     Without `published` they must be those that were sealed, at their places and as opaque. With it they may be some of
-    these and others, each changed a little, as `recover` gives them (`identified`, whose `seed` it is). Others are left
-    out (`opened`).
+    these and others, each changed a little, as `recover` gives them (`identified`). Others are left out (`opened`).
 
     Raises `UserError` where they are not those that were sealed, and for a seal that is none of this method.
     """
@@ -78,7 +80,7 @@ def open_container(
     _refuse_another_seal(seal, secret)
     if published is None:
         return seal.opened(gaussians, torch.arange(len(gaussians)))
-    opened = _opened(gaussians, seal, seed)
+    opened = _opened(gaussians, seal)
     if opened is None:
         raise UserError(
             "a sealed container cannot be opened: none of its Gaussians is known",
@@ -89,7 +91,7 @@ def open_container(
     return opened
 
 
-def opener(method: Method, secret: Artifact, published: Gaussians, seed: int = 0) -> Callable[[Gaussians], Gaussians]:
+def opener(method: Method, secret: Artifact, published: Gaussians) -> Callable[[Gaussians], Gaussians]:
     """`open_container` beside what was published, for many that were found; where none is known they are left sealed.
 
     For what was done to them to be measured, however much it was. Raises `UserError` for a seal that is none of this
@@ -100,15 +102,15 @@ def opener(method: Method, secret: Artifact, published: Gaussians, seed: int = 0
     seal = _seal_of(secret, method, published)
 
     def opened(gaussians: Gaussians) -> Gaussians:
-        known = _opened(gaussians, seal, seed)
+        known = _opened(gaussians, seal)
         return gaussians if known is None else known
 
     return opened
 
 
-def _opened(gaussians: Gaussians, seal: Seal, seed: int) -> Gaussians | None:
+def _opened(gaussians: Gaussians, seal: Seal) -> Gaussians | None:
     """None where none of them is known."""
-    rows = rows_of(gaussians, seal, seed)
+    rows = rows_of(gaussians, seal)
     return seal.opened(gaussians, rows) if (rows >= 0).any() else None
 
 
@@ -125,7 +127,7 @@ def _refuse_changed(gaussians: Gaussians, secret: Artifact) -> None:
 
 def _refuse_another_seal(seal: Seal, secret: Artifact) -> None:
     """Where the same Gaussians were sealed with another key, or with other features, all of which it depends on."""
-    agreeing = _agreeing(seal, secret) if SIGNS in secret.attributes else 1.0  # there were none in earlier secrets
+    agreeing = _agreeing(seal, secret)
     if agreeing < SAME_SEAL:
         raise UserError(
             "the secret is of another sealing of the same Gaussians",
@@ -148,10 +150,10 @@ def _agreeing(seal: Seal, secret: Artifact) -> float:
     return 1 - float(np.unpackbits(told ^ found).mean()) if len(found) else 1.0
 
 
-def rows_of(gaussians: Gaussians, seal: Seal, seed: int) -> Int[Tensor, " N"]:
+def rows_of(gaussians: Gaussians, seal: Seal) -> Int[Tensor, " N"]:
     """Which of the Gaussians each published one is (`identified`); negative for one that is not among them."""
     told = seal.told(gaussians).numpy(), seal.told(seal.published).numpy()
-    return torch.from_numpy(identified(gaussians, seal.published, seed, [told]))
+    return torch.from_numpy(identified(gaussians, seal.published, SEED, [told]))
 
 
 def _seal_of(secret: Artifact, method: Method, published: Gaussians) -> Seal:

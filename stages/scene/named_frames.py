@@ -12,7 +12,7 @@ from stages.scene.photo_folder import SUFFIXES, PhotoFolder, find_photos, named_
 from stages.scene.transforms import frame_files
 
 
-def find_posed_photos(folder: Path, file: Path, suffixes: Sequence[str] = SUFFIXES) -> PhotoFolder:
+def find_posed_photos(folder: Path, file: Path) -> PhotoFolder:
     """The photos of a `folder` whose poses are in the transforms.json `file`.
 
     Those that `find_photos` finds, unless all photos that the frames name are there and some are others: they may lie
@@ -20,7 +20,7 @@ def find_posed_photos(folder: Path, file: Path, suffixes: Sequence[str] = SUFFIX
     """
     named = _named(folder, file)
     try:
-        found = find_photos(folder, suffixes=suffixes)
+        found = find_photos(folder)
     except UserError:
         if named:
             return PhotoFolder(named, 0)

@@ -43,7 +43,7 @@ class PhotoFolder:
     below: tuple[Path, ...] = ()
 
 
-def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str] = SUFFIXES) -> PhotoFolder:
+def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
     """The photos of `folder`, or of the first of its `SUBFOLDERS` with any where that has more than it has itself.
 
     Where neither has any, those in the folders below one of the `SUBFOLDERS`, at any depth: of the cameras of a rig, or
@@ -61,12 +61,12 @@ def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str]
             expected="a folder of that name (parameter images)",
         )
     own = [folder / name for name in (SUBFOLDERS if images is None else (images,)) if (folder / name).is_dir()]
-    inside = next(((place, photos) for place in own if (photos := photos_in(place, suffixes))), (folder, []))
-    beside = (folder, photos_in(folder, suffixes) if images is None else [])
+    inside = next(((place, photos) for place in own if (photos := photos_in(place, SUFFIXES))), (folder, []))
+    beside = (folder, photos_in(folder, SUFFIXES) if images is None else [])
     (place, photos), (_, left_out) = (beside, inside) if len(beside[1]) >= len(inside[1]) else (inside, beside)
     if photos:
         files = [file for file in place.iterdir() if file.is_file()]
-        below = photos_below(folder if images is None else place, photos, left_out, {*own} - {place}, suffixes)
+        below = photos_below(folder if images is None else place, photos, left_out, {*own} - {place}, SUFFIXES)
         return PhotoFolder(
             named_photos(place, photos),
             len(files) - len(photos),
@@ -76,7 +76,7 @@ def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str]
         )
     for place in own:
         files = files_below(place)
-        photos = [file for file in files if is_photo(file, suffixes)]
+        photos = [file for file in files if is_photo(file, SUFFIXES)]
         if photos:
             return PhotoFolder(
                 named_photos(place, photos), len(files) - len(photos), unread=unread_among(files, photos)
@@ -86,7 +86,7 @@ def find_photos(folder: Path, images: str | None = None, suffixes: Sequence[str]
         "a folder without photos",
         where=folder,
         found=what_is_there(folder),
-        expected=f"photos ({', '.join(suffixes)}) in {searched}",
+        expected=f"photos ({', '.join(SUFFIXES)}) in {searched}",
         remedy=_how_to_have_photos([*folder.iterdir(), *(file for place in own for file in files_below(place))]),
     )
 

@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Float64, Int64, UInt8
 
 from pipeline.errors import UserError
+from pipeline.plain_text import listed
 from stages.scene.colmap import LARGEST_TRANSLATION, PosedPhoto
 from stages.scene.known_points import KnownPoints
-from stages.scene.ply.reading import Ply, listed, read_ply, types_of
+from stages.scene.ply.reading import Ply, read_ply, types_of
 from stages.scene.transforms import points_file
 
 GREY = 128

@@ -31,8 +31,14 @@ class Scene:
 
     @property
     def train_names(self) -> tuple[str, ...]:
+        """The names of the views that are not held out, in the cameras' order; empty if all are."""
         held_out = set(self.test_names)
         return tuple(name for name in self.cameras.names if name not in held_out)
+
+    @property
+    def training_cameras(self) -> Cameras:
+        """The cameras of the training views; all cameras where every view is held out."""
+        return self.cameras.select(self.train_names or self.cameras.names)
 
     def rows(self, names: Sequence[str]) -> list[int]:
         """Positions of the named views among `cameras` and `pictures`."""

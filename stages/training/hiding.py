@@ -27,7 +27,7 @@ from stages.hiding.method import (
     presets_of,
     settings_of,
 )
-from stages.hiding.method_names import MethodName, module_of
+from stages.hiding.method_names import PLAIN, MethodName, module_of
 from stages.hiding.rendering import COVER
 from stages.scene.cameras import rig_extent
 from stages.scene.gaussians import gaussians_at
@@ -37,9 +37,6 @@ from stages.training.loop import Training, TrainingSettings, TrainingViews
 from stages.training.objectives import FixedView, PictureTerm
 from stages.training.parameters import TrainingParameters
 from stages.training.starting_points import GREY, Points, starting_points
-
-PLAIN = "plain"
-"""The one method that hides nothing."""
 
 
 class HidingParameters(TrainingParameters):

@@ -16,7 +16,6 @@ from scipy.spatial import cKDTree
 from pipeline.errors import UserError
 from stages.hiding.rendering import COVER
 from stages.scene.alignment import nearest_depth
-from stages.scene.cameras import Cameras
 from stages.scene.message_views import MessagePictures
 from stages.scene.scene import Scene
 
@@ -96,7 +95,7 @@ def clear_of_cameras(scene: Scene, points: Points) -> Int[np.ndarray, " K"]:
     """
     if len(points) == 0:
         return np.zeros(0, np.int64)
-    cameras = _training_cameras(scene)
+    cameras = scene.training_cameras
     distances, _ = cKDTree(cameras.centres()).query(points)
     return np.flatnonzero(distances >= CLEAR_SHARE * nearest_depth(cameras, scene.points))
 
@@ -106,7 +105,7 @@ def points_before_cameras(scene: Scene, count: int, generator: np.random.Generat
 
     They know nothing of a message, so that they can serve it without betraying its shape.
     """
-    cameras = _training_cameras(scene)
+    cameras = scene.training_cameras
     views = generator.integers(len(cameras), size=count)
     pixels = generator.uniform(0, 1, (count, 2)) * (cameras.width, cameras.height)
     limits = np.array([_depth_limits(scene.points, pose) for pose in cameras.world_to_camera]).reshape(-1, 2)
@@ -116,10 +115,6 @@ def points_before_cameras(scene: Scene, count: int, generator: np.random.Generat
     rays = np.einsum("nij,nj->ni", np.linalg.inv(cameras.intrinsics)[views], homogeneous)
     poses = cameras.world_to_camera[views]
     return np.einsum("nij,ni->nj", poses[:, :3, :3], rays * depths[:, None] - poses[:, :3, 3])
-
-
-def _training_cameras(scene: Scene) -> Cameras:
-    return scene.cameras.select(scene.train_names or scene.cameras.names)
 
 
 def _depth_limits(points: Points, world_to_camera: Float[np.ndarray, "4 4"]) -> tuple[float, float]:

@@ -70,7 +70,7 @@ def set_state(training: Training, state: State) -> None:
     }
     _set_statistics(training.density, tensors)
     if training.density is not None:
-        training.density.limited = values.get("limited", False)
+        training.density.limited = values["limited"]
     _set_curves(training.curves, state.arrays)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from statistics import fmean
 
 import torch
@@ -95,10 +96,8 @@ class Scorer:
         opened = self.opened(found) if for_messages else found
         shares = [(wanted, found)] if opened is found else [([COVER], found), (for_messages, opened)]
         shares = [(names, gaussians.to(self.device)) for names, gaussians in shares]
-        moved = attacked.motion.world_to_camera(cameras.world_to_camera)
-        for camera in single_cameras(
-            type(cameras)(cameras.names, moved, cameras.intrinsics, cameras.width, cameras.height)
-        ):
+        moved = replace(cameras, world_to_camera=attacked.motion.world_to_camera(cameras.world_to_camera))
+        for camera in single_cameras(moved):
             pictures: dict[str, Float[Tensor, "H W 3"]] = {}
             for names, gaussians in shares:
                 rendered = self.owner.render(gaussians, camera, wanted=tuple(names)).pictures

@@ -17,6 +17,7 @@ from stages.analysis.comparisons import Comparison, read_comparisons
 from stages.analysis.page.found import Found, read_found
 from stages.analysis.page.placed import Placed, public_scenes, read_placed
 from stages.analysis.videos import Video, read_videos
+from stages.hiding.method_names import PLAIN
 from stages.imaging.metric_table import MetricRow, read_rows
 
 PUBLIC_QUANTITIES = frozenset(
@@ -26,7 +27,7 @@ PUBLIC_ROLES = frozenset({"cover"})
 PUBLIC_FACTS = frozenset({"device"})
 ACCEPTED, PUBLICLY_ACCEPTED = "accepted", "kept after a change of code"
 
-PLAIN, SECOND_HARMONICS, DECODER, GS_HIDER = "plain", "sh", "decoder", "gs_hider"
+SECOND_HARMONICS, DECODER, GS_HIDER = "sh", "decoder", "gs_hider"
 OURS = "homogeneous"
 METHOD_TITLES = {  # the paper's, in its order, and ours
     PLAIN: "3DGS",

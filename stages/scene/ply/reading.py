@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Shaped
 
 from pipeline.errors import UserError
+from pipeline.plain_text import listed
 from stages.scene.ply.header import ASCII, NAMES, REMEDY, read_header
 from stages.scene.ply.rows import Elements, read_binary, read_text
 
@@ -119,8 +120,3 @@ def read_ply(path: Path) -> Ply:
 def types_of(row: np.dtype) -> dict[str, np.dtype]:
     """The type of each property of a row."""
     return {name: row[name] for name in row.names or ()}
-
-
-def listed(names: Sequence[str]) -> str:
-    """The names, or the first of many."""
-    return ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:8])} and {len(names) - 8} more"

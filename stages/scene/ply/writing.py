@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Shaped
 
+from pipeline.plain_text import listed
 from stages.scene.ply.header import LARGEST_HEADER, LITTLE_ENDIAN, NAME, NAMES
-from stages.scene.ply.reading import ROWS_AT_ONCE, listed, types_of
+from stages.scene.ply.reading import ROWS_AT_ONCE, types_of
 
 
 def write_ply(path: Path, columns: Mapping[str, Shaped[np.ndarray, " N"]], comments: Sequence[str] = ()) -> None:
