@@ -1,4 +1,4 @@
-"""Transparent pictures laid over a colour."""
+"""Compositing of transparent pictures over a background colour."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from stages.imaging.pictures import Picture, in_eight_bits, open_picture
 
 
 def over_background(path: Path, color: str) -> Picture | None:
-    """The picture in a file, upright, over a colour; None where nothing of it is transparent.
+    """The picture in a file, upright, composited over a colour; None if every pixel is opaque.
 
-    The file is one that `read_picture` can read; `color` is a name or #rrggbb. Transparency is straight, not
-    premultiplied, and mixed in sRGB, as the renderings of NeRF's synthetic scenes are by others.
+    The file must be readable by `read_picture`; `color` is a name or #rrggbb. Alpha is straight, not premultiplied, and
+    blended in sRGB, as is usual for the renderings of NeRF's synthetic scenes.
     """
     with open_picture(path) as image:
         if not image.has_transparency_data:

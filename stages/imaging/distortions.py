@@ -1,4 +1,4 @@
-"""What happens to pictures on their way: compression, other sizes, cuts, blur, noise, brightness. All in 8 bits."""
+"""Distortions of 8-bit pictures in transmission: compression, resizing, cropping, blur, noise and brightness."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Applied = Callable[[Picture, np.random.Generator], Picture]
 
 @dataclass(frozen=True)
 class Distortion:
-    """`severity` in the unit of its kind: see `DISTORTIONS`."""
+    """`severity` is in the unit that `WORDING` states for `name`."""
 
     name: str
     severity: float
@@ -24,13 +24,13 @@ class Distortion:
 
 
 def jpeg(quality: int, full_color: bool = False) -> Distortion:
-    """Saved as JPEG of this quality and read again: 4:2:0, or with colours at full resolution (4:4:4)."""
+    """JPEG compression of this quality (1 to 95), with 4:2:0 chroma or at full resolution (4:4:4)."""
     name = "jpeg_full_color" if full_color else "jpeg"
     return Distortion(name, quality, lambda picture, generator: through_jpeg(picture, quality, full_color))
 
 
 def resized(scale: float) -> Distortion:
-    """Reduced to this share of its sides, and enlarged again to what it was."""
+    """Downscaling of both sides by `scale`, then upscaling to the original size."""
 
     def apply(picture: Picture, generator: np.random.Generator) -> Picture:
         height, width = picture.shape[:2]
@@ -41,7 +41,7 @@ def resized(scale: float) -> Distortion:
 
 
 def smaller(scale: float) -> Distortion:
-    """Reduced to this share of its sides, and left so; its own sides are even, as decoders need them."""
+    """Downscaling of both sides by `scale`, rounded to even sizes, which decoders need."""
 
     def apply(picture: Picture, generator: np.random.Generator) -> Picture:
         height, width = _even_sides(picture, scale)
@@ -51,7 +51,7 @@ def smaller(scale: float) -> Distortion:
 
 
 def cropped(share: float) -> Distortion:
-    """A window of this share of its sides, anywhere in it; its own sides are even."""
+    """A window at a random place, with both sides scaled by `share` and rounded to even sizes."""
 
     def apply(picture: Picture, generator: np.random.Generator) -> Picture:
         height, width = _even_sides(picture, share)
@@ -68,7 +68,7 @@ def _even_sides(picture: Picture, share: float) -> tuple[int, int]:
 
 
 def blurred(sigma: float) -> Distortion:
-    """A Gaussian of this standard deviation in pixels, cut off beyond four of them."""
+    """Gaussian blur with a standard deviation of `sigma` pixels, truncated at four of them."""
     return Distortion(
         "blur",
         sigma,
@@ -77,14 +77,14 @@ def blurred(sigma: float) -> Distortion:
 
 
 def noisy(sigma: float) -> Distortion:
-    """Gaussian noise of this standard deviation, in levels of 255, before rounding and clamping."""
+    """Gaussian noise with a standard deviation of `sigma` levels of 255, before rounding and clamping."""
     return Distortion(
         "noise", sigma, lambda picture, generator: to_bytes(picture + generator.normal(0, sigma, picture.shape))
     )
 
 
 def brightened(factor: float) -> Distortion:
-    """All values times this factor, clamped."""
+    """All values multiplied by `factor`, then rounded and clamped."""
     return Distortion("brightness", factor, lambda picture, generator: to_bytes(picture * factor))
 
 
@@ -104,7 +104,7 @@ DISTORTIONS = (
     brightened(0.8),
     brightened(1.2),
 )
-"""Those that detection is measured under."""
+"""The distortions under which detection is measured."""
 
 WORDING = {
     "jpeg": "JPEG (4:2:0), quality",
@@ -119,8 +119,10 @@ WORDING = {
 
 
 def random_distortion(picture: Picture, generator: np.random.Generator) -> Picture:
-    """One distortion of a random kind and strength, or none: JPEG 50 to 95 with full colours, resizing to 0.5 to 1,
-    blur of up to 1 pixel, noise of up to 5 levels, brightness of 0.8 to 1.2, a window of 0.7 to 1 of the sides.
+    """Apply one distortion of random kind and strength, or none; all seven choices are equally likely.
+
+    JPEG of quality 50 to 94 (4:4:4), resizing by 0.5 to 1, cropping to 0.7 to 1, blur of 0.2 to 1 pixel, noise of up to
+    5 levels, brightness times 0.8 to 1.2.
     """
     drawn = generator.uniform
     kinds: tuple[Callable[[], Distortion], ...] = (
@@ -136,16 +138,16 @@ def random_distortion(picture: Picture, generator: np.random.Generator) -> Pictu
 
 
 def random_tint(generator: np.random.Generator) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """Factors of 0.8 to 1.2 for each colour, and what is added, -0.1 to 0.1 of the whole range: float32."""
+    """Random gains (0.8 to 1.2) and offsets (-0.1 to 0.1, for values in [0, 1]), one per channel, float32."""
     gains, shifts = generator.uniform(0.8, 1.2, 3), generator.uniform(-0.1, 0.1, 3)
     return gains.astype(np.float32), shifts.astype(np.float32)
 
 
 def random_recoloring(picture: Picture, generator: np.random.Generator) -> Picture:
-    """Other contrast, brightness and colours, as far as flat, pale, dark and gaudy pictures; or none, every other time.
+    """Half the time, change contrast, brightness and colours at random, up to flat, pale, dark or gaudy pictures.
 
-    Differences from the mean colour times 0 to 1.5, and for each colour 0.7 to 1.3 of that; the mean moves by up to
-    0.4 of the whole range, and each colour by up to 0.2.
+    Differences from the mean colour are multiplied by 0 to 1.5, and each channel's by a further 0.7 to 1.3. The mean
+    moves by up to 0.4 of the full range, and each channel by up to 0.2 more.
     """
     if generator.uniform() < 0.5:
         return picture
@@ -156,5 +158,5 @@ def random_recoloring(picture: Picture, generator: np.random.Generator) -> Pictu
 
 
 def to_bytes(values: Float[np.ndarray, "H W 3"]) -> Picture:
-    """Rounded and clamped to 0..255."""
+    """Round and clamp to 0..255."""
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Frames of one colour around a picture, as screenshots, letterboxes and white pages have them."""
+"""Removes plain borders around a picture, such as those of screenshots, letterboxes and white pages."""
 
 from __future__ import annotations
 
@@ -7,19 +7,18 @@ import numpy as np
 from stages.imaging.pictures import Picture
 
 TOLERANCE = 8
-"""Levels of 255 in which a row of one colour may vary: JPEG changes what is even by a few."""
+"""Range, in levels of 255, within which a row counts as plain: JPEG changes plain areas by a few levels."""
 
 
 PASSES = 4
-"""Each takes off one frame at least of those within one another, such as a letterbox on a white page on a desktop. A
-hostile picture may be of nothing else."""
+"""Each removes at least one of several nested borders, such as a letterbox on a white page on a desktop. Limited, as
+a hostile picture may be nothing but borders."""
 
 
 def without_frame(picture: Picture) -> Picture:
     """The picture without the rows and columns at its edges that are of one colour each; a view, not a copy.
 
-    Frames within one another go, whatever their colours. Of a picture that is nothing else no pixel is left: a side is
-    0.
+    Nested borders of any colours are removed in up to `PASSES` passes. A side of the result is 0 if nothing is left.
     """
     for _ in range(PASSES):
         across = _without_even_rows(picture).swapaxes(0, 1)
@@ -31,7 +30,7 @@ def without_frame(picture: Picture) -> Picture:
 
 
 def _without_even_rows(picture: Picture) -> Picture:
-    """Without those before the first and after the last row that varies."""
+    """The picture without its plain rows at the top and bottom; no rows if all are plain."""
     if picture.size == 0:
         return picture
     varied = np.flatnonzero((np.ptp(picture, axis=1) > TOLERANCE).any(axis=-1))

@@ -1,4 +1,4 @@
-"""An image to hide: one picture with a name, and how it fills the picture of a camera."""
+"""The `image` artifact, a named picture to hide, and its scaling to the size of a camera's picture."""
 
 from __future__ import annotations
 
@@ -7,28 +7,31 @@ from pipeline.errors import UserError
 from stages.imaging.pictures import Picture, resize_picture
 
 MOST_CUT_OFF = 64
-"""Times the pixels that are kept: of a ribbon that fills a picture next to nothing is seen."""
+"""Largest ratio of the scaled picture's area to the part kept; beyond it, next to nothing would be seen."""
 
 
 def write_image(writer: ArtifactWriter, name: str, picture: Picture) -> None:
-    """Write an `image` artifact, its picture as one file: of a camera's the engine would take rows for pictures."""
+    """Write an `image` artifact.
+
+    The picture is one chunk: by default, each row of a camera-sized picture would be stored as a file of its own.
+    """
     writer.write("picture", picture, chunks=picture.shape)
     writer.attributes.update(name=name)
 
 
 def read_image(artifact: Artifact) -> tuple[str, Picture]:
-    """Its name and its picture."""
+    """The name and the picture of an `image` artifact."""
     return str(artifact.attributes["name"]), artifact.read("picture")
 
 
 def filling(picture: Picture, width: int, height: int) -> Picture:
-    """The picture scaled so that it just fills width x height, and its middle: nothing is stretched or left black.
+    """The picture scaled to cover width x height, without distortion, and cropped to its centre.
 
     >>> import numpy as np
     >>> filling(np.zeros((40, 80, 3), np.uint8), 10, 20).shape
     (20, 10, 3)
 
-    Raises `UserError` for a picture so long and narrow that more than 63 of 64 parts of it would be cut off.
+    Raises `UserError` if more than 63/64 of the picture would be cut off.
     """
     longer = (picture.shape[1] * height) / (picture.shape[0] * width)
     if max(longer, 1 / longer) > MOST_CUT_OFF:

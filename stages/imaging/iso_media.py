@@ -1,4 +1,4 @@
-"""Coded pictures in a file of boxes (ISO 14496-12), as an encoder of AVIF writes them."""
+"""Extracts the coded pictures from the boxes (ISO/IEC 14496-12) of an animated AVIF file."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import struct
 from collections.abc import Iterator
 
 HEADERS = {b"stsd": 8, b"av01": 78}
-"""Bytes between the head of a box and the boxes in it, where there are any."""
+"""Bytes between a box's header and its child boxes, if not 0."""
 
 TEMPORAL_DELIMITER = b"\x12\x00"
 
 
 def coded_pictures(file: bytes) -> tuple[bytes, list[bytes]]:
-    """The codec's configuration (`av1C`) and the AV1 data of each picture of an animated AVIF file, in order.
+    """The codec configuration (`av1C`) and the AV1 data of each picture of an animated AVIF file, in order.
 
-    Without the marks between pictures, which containers forbid.
-    For files of our own encoder only: one track, all pictures in one chunk. Raises `ValueError` for others.
+    Temporal delimiters are removed, since containers forbid them. Only for files of our own encoder: one track, all
+    pictures in one chunk. Raises `ValueError` for others.
     """
     table = _inside(file, b"moov", b"trak", b"mdia", b"minf", b"stbl")
     configuration = _inside(table, b"stsd", b"av01", b"av1C")
@@ -32,7 +32,7 @@ def coded_pictures(file: bytes) -> tuple[bytes, list[bytes]]:
 
 
 def _inside(data: bytes, *path: bytes) -> bytes:
-    """What is in the first box of each name, one in the other."""
+    """The content of a nested box: at each level of `path`, the first box of that name."""
     for name in path:
         found = next((content for box, content in _boxes(data) if box == name), None)
         if found is None:

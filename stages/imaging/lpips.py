@@ -11,17 +11,17 @@ from torch.nn import functional
 
 from stages.imaging.lpips_weights import Network, Weights, read_weights
 
-# Mean and deviation of ImageNet's pictures once their colours are scaled to [-1, 1], as the metric defines them.
+# ImageNet's mean and standard deviation for colours scaled to [-1, 1], as LPIPS defines them.
 MEAN = (-0.030, -0.088, -0.188)
 DEVIATION = (0.458, 0.448, 0.450)
-SMALLEST_SIDE = {"vgg": 16, "alex": 31}  # below it a pooling layer has nothing left
+SMALLEST_SIDE = {"vgg": 16, "alex": 31}  # below it, the output of a pooling layer would be empty
 
 
 class Lpips:
-    """The distance of two pictures; ``load_lpips`` makes one.
+    """The LPIPS metric between two pictures; see ``load_lpips``.
 
-    Both networks halve resolution four or five times, so that on pictures below about 64 pixels a side the deepest
-    layers see hardly more than one position: such figures compare only with those of pictures of the same size.
+    Both networks reduce resolution 16-fold, so that for pictures below 64 pixels a side the deepest features have at
+    most 3 x 3 positions: compare such values only with those of pictures of the same size.
     """
 
     def __init__(self, network: Network, weights: Weights, device: torch.device | str = "cpu") -> None:
@@ -33,10 +33,10 @@ class Lpips:
 
     @torch.no_grad()
     def __call__(self, picture: Float[Tensor, "height width 3"], truth: Float[Tensor, "height width 3"]) -> float:
-        """The distance, 0 for equal pictures; colours in [0, 1], which are scaled to [-1, 1] first.
+        """The distance, 0 for equal pictures. Colours are in [0, 1] and are scaled to [-1, 1] first.
 
-        (The evaluation script of 3DGS leaves that scaling out, so its figures are others.) Raises ``ValueError`` if
-        the sizes differ, or a side is below 16 (VGG16) or 31 (AlexNet) pixels.
+        (The evaluation script of 3DGS omits that scaling, so its values differ.) Raises ``ValueError`` if the sizes
+        differ, or a side is below 16 (VGG16) or 31 (AlexNet) pixels.
         """
         if picture.shape != truth.shape or min(picture.shape[:2]) < SMALLEST_SIDE[self.network]:
             raise ValueError(
@@ -71,7 +71,7 @@ class Lpips:
 
 
 def networks_for(wanted: Sequence[Network], width: int, height: int, log: Callable[[str], None]) -> tuple[Network, ...]:
-    """Those of the networks that pictures of this size are large enough for; `log` is told of the others."""
+    """The networks in `wanted` that can measure pictures of this size; the others are reported to `log`."""
     side = min(width, height)
     for network in wanted:
         if side < SMALLEST_SIDE[network]:
@@ -83,7 +83,7 @@ def networks_for(wanted: Sequence[Network], width: int, height: int, log: Callab
 
 
 def load_lpips(network: Network, device: torch.device | str = "cpu") -> Lpips | None:
-    """The metric, or None where its weights are not installed (``lpips_weights.HOW_TO_INSTALL`` says how)."""
+    """The metric, or None if its weights are not installed (see ``lpips_weights.HOW_TO_INSTALL``)."""
     weights = read_weights(network)
     return None if weights is None else Lpips(network, weights, device)
 
@@ -93,6 +93,6 @@ def _layers(weights: Weights) -> range:
 
 
 def _distance(features: Float[Tensor, "2 channels height width"], head: Float[Tensor, " channels"]) -> float:
-    """The weighted squared difference of features of unit length, averaged over all positions."""
+    """The weighted squared difference of unit-normalised features, averaged over all positions."""
     unit = features / (features.square().sum(1, keepdim=True).sqrt() + 1e-10)
     return float(torch.einsum("chw,c->hw", (unit[0] - unit[1]).square(), head).mean())

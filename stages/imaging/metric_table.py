@@ -1,4 +1,4 @@
-"""Rows of figures: what the stages measure and the report tabulates."""
+"""Rows of measured figures, which the stages write and the report tabulates."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ ROWS_FILE = "rows.jsonl"
 
 @dataclass(frozen=True)
 class MetricRow:
-    """One figure. ``None`` where a column does not apply.
+    """One measured figure. A column that does not apply is ``None``.
 
     view: the picture's name; split: "train" or "test"; message: the message's name, None for the cover (rows with a
-    message are private); quantity and unit: see ``QUANTITIES``; value: NaN where it could not be measured;
-    iteration: for curves, the training step after which it was measured; method: what made the picture ("plain",
-    "gs_hider", …), the row of a table to which the figure belongs.
+    message are private); quantity and unit: see ``QUANTITIES``; value: NaN if it could not be measured;
+    iteration: for curves, the training step after which it was measured; method: what produced the picture ("plain",
+    "gs_hider", …), which selects the figure's row in a table.
     """
 
     quantity: str
@@ -36,9 +36,9 @@ class MetricRow:
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a figure is: its unit, and whether "higher" or "lower" is better, or "" where neither is.
+    """A measured quantity: its unit, and whether "higher" or "lower" is better ("" if neither).
 
-    How it is called and explained is the report's business: no word of it must cost a training.
+    Labels and explanations belong to the report, so that rewording them never repeats a training.
     """
 
     unit: str
@@ -68,14 +68,14 @@ QUANTITIES: dict[str, Quantity] = {
 
 
 def write_rows(writer: ArtifactWriter, rows: Iterable[MetricRow]) -> None:
-    """Writes the rows in their order, one JSON object a line, into the artifact's file ``rows.jsonl``."""
+    """Writes the rows in order to the artifact's file ``rows.jsonl``, one JSON object per line."""
     writer.write_file(ROWS_FILE, "".join(_to_line(row) for row in rows))
 
 
 def read_rows(artifact: Artifact) -> tuple[MetricRow, ...]:
-    """The rows of an artifact of kind ``metrics``, in the order written; empty if none were.
+    """The rows of a ``metrics`` artifact, in the order written; empty if there are none.
 
-    Raises ``UserError`` with the file and line if a row is not one.
+    Raises ``UserError`` with the file and line if a row is malformed.
     """
     path = artifact.file(ROWS_FILE)
     lines = path.read_text(encoding="utf-8").splitlines()
@@ -91,7 +91,7 @@ def _to_line(row: MetricRow) -> str:
         fields["value"] = None
     elif math.isinf(row.value):  # JSON has no infinity; float() reads this back
         fields["value"] = str(row.value)
-    return json.dumps(fields, allow_nan=False) + "\n"  # in ASCII: a name may hold what ends a line elsewhere
+    return json.dumps(fields, allow_nan=False) + "\n"  # ASCII, as names may hold U+2028, at which splitlines() splits
 
 
 def _from_line(line: str, where: str) -> MetricRow:
@@ -111,6 +111,6 @@ def mean_value(rows: Sequence[MetricRow]) -> float:
 
 
 def mean_of_known(values: Iterable[float]) -> float:
-    """The mean of what is not NaN; NaN where nothing is."""
+    """The mean of the values that are not NaN; NaN if there are none."""
     known = [value for value in values if not math.isnan(value)]
     return math.fsum(known) / len(known) if known else math.nan

@@ -1,17 +1,17 @@
-"""What pictures, photos and messages may be called: what tables, pages and files can say."""
+"""Valid names of pictures, photos and messages: those that tables, pages and files can all represent."""
 
 from __future__ import annotations
 
 import unicodedata
 
 LONGEST_NAME = 300
-"""Characters: a file's name has up to 255, and may have its split before it."""
+"""In characters: a file name has up to 255, and its split may precede it."""
 UNWRITTEN = ("Cc", "Cs")
-"""Unicode's categories of control characters, and of what Python makes of bytes that are no UTF-8."""
+"""Unicode categories of control characters and of surrogates, which Python makes of bytes that are not UTF-8."""
 
 
 def can_be_written(name: str) -> bool:
-    """Whether a name is text that any program reads back: spaces of all widths are, line ends are not.
+    """Whether a name is text that any program can read back: any kind of space is, a control character is not.
 
     >>> can_be_written("Screenshot 3.45\\u202fPM.png"), can_be_written("caf\\udce9.jpg"), can_be_written("")
     (True, False, False)

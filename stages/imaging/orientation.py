@@ -1,4 +1,4 @@
-"""EXIF's orientation: how a viewer is to turn or mirror the pixels that a file holds."""
+"""EXIF orientation: how a viewer must rotate or mirror the pixels stored in a file."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from jaxtyping import UInt8
 from PIL import Image
 
 ORIENTATION = 0x0112
-"""EXIF's tag."""
+"""The EXIF tag."""
 UPRIGHT = 1
 SIDEWAYS = frozenset((5, 6, 7, 8))
-"""Those that exchange width and height."""
+"""Orientations that swap width and height."""
 BACK_AS_STORED: Mapping[int, Image.Transpose] = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
@@ -23,20 +23,20 @@ BACK_AS_STORED: Mapping[int, Image.Transpose] = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_270,
 }
-"""What undoes a viewer's turn."""
+"""From upright to stored pixels, by orientation."""
 AS_VIEWED: Mapping[int, Image.Transpose] = {
     **BACK_AS_STORED,
     6: Image.Transpose.ROTATE_270,
     8: Image.Transpose.ROTATE_90,
 }
-"""A viewer's turn. Of all but quarter turns it is what undoes it, too."""
+"""From stored to upright pixels, by orientation. All but the quarter turns, 6 and 8, are their own inverses."""
 
 BROKEN_EXIF = (OSError, SyntaxError, ValueError, TypeError, AttributeError, KeyError, ArithmeticError, struct.error)
-"""What Pillow raises for tags of a wrong type, of no length, or that point to nowhere."""
+"""What Pillow raises for tags of a wrong type, empty ones, or ones that point outside the data."""
 
 
 def orientation_of(image: Image.Image) -> int:
-    """1 to 8; 1, upright, where EXIF says nothing of it or cannot be read."""
+    """The EXIF orientation, 1 to 8; 1 (upright) if it is missing, invalid or unreadable."""
     try:
         stated = image.getexif().get(ORIENTATION)
     except BROKEN_EXIF:
@@ -47,12 +47,12 @@ def orientation_of(image: Image.Image) -> int:
 def upright(image: Image.Image) -> Image.Image:
     """The image as a viewer shows it.
 
-    Pillow's own `exif_transpose` encodes all of EXIF again, and so fails for any tag in it that is broken.
+    Pillow's own `exif_transpose` re-encodes all EXIF data, and so fails if any tag is broken.
     """
     orientation = orientation_of(image)
     return image if orientation == UPRIGHT else image.transpose(AS_VIEWED[orientation])
 
 
 def as_stored(picture: UInt8[np.ndarray, "height width 3"], orientation: int) -> UInt8[np.ndarray, "h w 3"]:
-    """The pixels of an upright picture as a file of this orientation, 2 to 8, holds them."""
+    """The pixels of an upright picture as stored in a file of this orientation (2 to 8)."""
     return np.array(Image.fromarray(picture).transpose(BACK_AS_STORED[orientation]))

@@ -1,4 +1,4 @@
-"""Pictures of one size side by side, as one picture: what plays in one video stays in step."""
+"""Tiles pictures of one size into a single picture, so that in one video they play in step."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from stages.imaging.pictures import Picture, resize_picture
 
 WIDEST_ROW = 4
-"""Pictures in a row."""
+"""Most pictures in a row."""
 
 WIDEST = 1920
-"""Pixels; what is wider is shrunk, or several large pictures would make a picture that few machines can play."""
+"""Largest width in pixels; few machines can play wider videos, so wider panels are shrunk."""
 
 
 def columns_of(count: int) -> int:
-    """How many of so many pictures stand in a row: all up to four, else half of them in two rows, and so on.
+    """Columns for `count` pictures: one row of up to four, otherwise as few even rows as possible.
 
     >>> [columns_of(count) for count in (1, 3, 4, 5, 6, 8, 9)]
     [1, 3, 4, 3, 3, 4, 3]
@@ -26,9 +26,9 @@ def columns_of(count: int) -> int:
 
 
 def side_by_side(pictures: Sequence[Picture]) -> Picture:
-    """The pictures in reading order; places that are left over at the end are black.
+    """The pictures, all of one size, tiled in reading order; unused places at the end are black.
 
-    Shrunk to `WIDEST` pixels, and then of even height. Raises `ValueError` for no pictures.
+    A result wider than `WIDEST` is shrunk to it, with an even height. Raises `ValueError` if there are no pictures.
     """
     if not pictures:
         raise ValueError("there are no pictures to put side by side")

@@ -1,4 +1,4 @@
-"""SHA-256 of photos that packages ship, and which of them nothing learns from."""
+"""SHA-256 of photos shipped in packages, and which of them are held out from all training."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ SAMPLES: Mapping[str, str] = {
     "motorcycle_left.png": "db18e9c4157617403c3537a6ba355dfeafe9a7eabb6b9b94cb33f6525dd49179",
     "rocket.jpg": "c2dd0de7c538df8d111e479619b129464d0269d0ae5fd18ca91d33a7fdfea95c",
 }
-"""SHA-256 of each file, of scikit-image's and scikit-learn's. All that are colour photos of one picture each: the rest
-of what these packages ship is grey, drawn, or seen through a microscope."""
+"""SHA-256 of the colour photos in scikit-image and scikit-learn, whose other pictures are grey, drawn, microscopic or
+composites."""
 
 WALLPAPERS: Mapping[str, str] = {
     "Aqua.jpg": "5c30118205982da441bf7e6a1ada636a8a0be879408140b3148280c665ed6bce",
@@ -43,7 +43,7 @@ WALLPAPERS: Mapping[str, str] = {
     "seeding_by_Clements_Engelhardt.jpg": "a5634d1ab5e41a3568e92d4a894a500c92b891f9ff734e50bd224d6e185a605f",
     "sunset_by_Aitzol_Berasategi.jpg": "474dab6a4b9f94dc76c29dfe30e9f5db4af0fd2e33fe5d695f8152b371efca18",
 }
-"""The same of Debian's wallpapers that are photos: those of nature of mate-backgrounds, and lomiri-wallpapers-16.04."""
+"""SHA-256 of photos among Debian's wallpapers: in mate-backgrounds (nature only) and lomiri-wallpapers-16.04."""
 
 EXAMPLES: Mapping[str, str] = {
     "robin.jpg": "e4fec7e2e67a8a425b512dc32452825655b11c7fa83326ae509c5c7ab138da9a",
@@ -86,8 +86,8 @@ EXAMPLES: Mapping[str, str] = {
     "squirrel_cls.jpg": "20bb6e8ae96918a36c9886b6d48e54eedeb3948591e1485c206bc1dc60c8dc8b",
     "summer_1am.jpg": "c868b50789591dd42910153c768053f1ba0a98cb36bbfc2b7a96a1045d0477f8",
 }
-"""The same of photos in Debian's opencv-doc and plasma-workspace-wallpapers. In the latter all files have one name:
-here they have that of their folder."""
+"""SHA-256 of photos in Debian's opencv-doc and plasma-workspace-wallpapers. In the latter all files have the same name;
+here each is named after its folder."""
 
 PLACES: Mapping[str, str] = {
     "darknet-dog.jpg": "5a9522051c3cec2bbd2f6323fccba32e8fbf3ddcc2b3e2fd46b04c720bc6f866",
@@ -206,8 +206,8 @@ PLACES: Mapping[str, str] = {
     "scratch-playing-field.jpg": "bee22943bceb3e8b654f4a15e8467cb6ca32f91a6971a8e7a0b055678376eaec",
     "scratch-tennis-backboard.jpg": "dee231ff34eccfd7847ccd52dc05a5fc005ad317352a42f6160200dfaa61a49a",
 }
-"""The same of photos of places, animals and people in Debian's darknet, gnome-control-center-data (its `faces`),
-kphotoalbum, labelme-examples, libdlib19.1 (`dlib`) and scratch: names say which, where files of two have one."""
+"""SHA-256 of photos of places, animals and people in Debian's darknet, gnome-control-center-data (`faces`),
+kphotoalbum, labelme-examples, libdlib19.1 (`dlib`) and scratch. Prefixes name the packages, as some share names."""
 
 DIGESTS: Mapping[str, str] = {**SAMPLES, **WALLPAPERS, **EXAMPLES, **PLACES}
 
@@ -236,7 +236,7 @@ HELD_OUT = (
     "squirrel_cls.jpg",
     *PLACES,
 )
-"""Those that nothing is trained on: they alone show things that no photo of a training shows. Among the first ten are
-pale skies and lamps before a grey wall, in which decoders see watermarks first; the next twelve were every third of
-`EXAMPLES`, before an orange left that lies where the apple does. `PLACES` came last, and to learn from two thirds of
-them made no decoder better (`workflows/figures/tried.md`)."""
+"""Photos that nothing is trained on: no training photo shows the same things. The first ten include pale skies, and
+lamps in front of a grey wall, where decoders are most prone to see watermarks. The next twelve were every third of
+`EXAMPLES`; a thirteenth was removed, since its orange is in the same place as the apple of `apple.jpg`. `PLACES` were
+added last: training on two thirds of them made no decoder better (`workflows/figures/tried.md`)."""

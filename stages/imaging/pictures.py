@@ -20,30 +20,30 @@ from stages.imaging.orientation import upright
 
 Picture = UInt8[np.ndarray, "height width 3"]
 
-# Pillow has no common ancestor for what a damaged file raises: its PNG reader even uses SyntaxError.
+# The exceptions that Pillow raises for damaged files have no common base class: its PNG reader even uses SyntaxError.
 _UNREADABLE = (
     *(OSError, SyntaxError, ValueError, TypeError, AttributeError, EOFError, RuntimeError, struct.error),
     *(MemoryError, Image.DecompressionBombError),
 )
 
 HEIF = (b"heic", b"heix", b"hevc", b"hevx", b"heim", b"heis", b"mif1", b"msf1", b"avif", b"avis")
-"""Brands of files that hold pictures in the manner of HEIF."""
+"""Brands (ISO 14496-12) of HEIF and AVIF files."""
 
 FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF", "GIF")
-"""All that Pillow may try, whatever a file is called: its reader of EPS starts Ghostscript. MPO is read as JPEG."""
+"""The only formats that Pillow may try, whatever the suffix: its EPS reader runs Ghostscript. JPEG includes MPO."""
 MOST_PIXELS = 210_000_000
-"""Phones take up to 200 million (16320 x 12240). A pixel takes 14 to 18 bytes while it is read, such a photo 3 to 4 GB,
-and a few bytes of PNG may claim any number of them."""
-Image.MAX_IMAGE_PIXELS = MOST_PIXELS  # Pillow's own limit, 179 million, would come first, and warn of half as many
+"""Phones take photos of up to 200 million pixels (16320 x 12240). Reading takes 14 to 18 bytes per pixel, or 3 to 4 GB
+for such a photo, and a PNG file of a few bytes can claim any number of pixels."""
+Image.MAX_IMAGE_PIXELS = MOST_PIXELS  # else Pillow would warn at 89 million and fail at 179 million
 
 
 def open_picture(path: Path) -> Image.Image:
     """The picture in a file, not decoded yet; raises what `read_picture` turns into `UserError`.
 
-    `ValueError` for one of over `MOST_PIXELS`, before there is any room for them.
+    Raises `ValueError` for more than `MOST_PIXELS`, before any memory is allocated for them.
     """
     image = Image.open(path, formats=FORMATS)
-    image.filename = ""  # else Pillow 13 maps the file: TIFFs that EXIF turns by a quarter in rows of a wrong length
+    image.filename = ""  # else Pillow 13 maps the file, with a wrong row length for TIFFs with EXIF quarter turns
     if image.width * image.height > MOST_PIXELS:
         image.close()
         raise ValueError(f"{image.width} x {image.height} pixels, of which at most {MOST_PIXELS:,} are read")
@@ -51,10 +51,10 @@ def open_picture(path: Path) -> Image.Image:
 
 
 def read_picture(path: Path) -> Picture:
-    """The picture in a file, upright by its EXIF orientation; the first frame of an animation.
+    """The picture in a file, turned upright by its EXIF orientation; the first frame of an animation.
 
-    Transparency is laid over white; grey, palette, CMYK and 16-bit pictures become 8-bit RGB. Colour profiles are
-    ignored: values count as sRGB. Raises ``UserError`` naming the file if it cannot be read to its last byte.
+    Transparent pictures are composited over white; grey, palette, CMYK and 16-bit pictures become 8-bit RGB. Colour
+    profiles are ignored: values are taken as sRGB. Raises ``UserError`` naming the file if it is unreadable or cut off.
     """
     try:
         with open_picture(path) as image:
@@ -73,18 +73,18 @@ def read_picture(path: Path) -> Picture:
 
 
 def _what_it_is(path: Path, error: BaseException) -> str:
-    """What is wrong with a file, without its name, which Pillow repeats."""
+    """What is wrong with an unreadable file, without its name, which Pillow's message repeats."""
     if not isinstance(error, UnidentifiedImageError):
         return str(error) or type(error).__name__
     with path.open("rb") as file:
         head = file.read(12)
-    if head[4:8] == b"ftyp":  # ISO 14496-12: what kind of file, in four letters
+    if head[4:8] == b"ftyp":  # ISO 14496-12: followed by the brand, in four letters
         return f"{'HEIC or AVIF' if head[8:12] in HEIF else 'a video or a raw photo'}, whatever the file is called"
     return "an empty file" if not head else "none of these formats"
 
 
 def _refuse_missing_strips(image: Image.Image) -> None:
-    """Of a TIFF, whose rows lie in strips or tiles: Pillow leaves what its file does not list black."""
+    """Raise `ValueError` for a TIFF file that lacks strips or tiles, which Pillow would leave black."""
     if isinstance(image, TiffImageFile):
         places = np.array([place for _, place, *_ in image.tile]).reshape(-1, 4)  # left, upper, right, lower
         listed = int(np.prod(places[:, 2:] - places[:, :2], axis=1).sum())
@@ -93,10 +93,10 @@ def _refuse_missing_strips(image: Image.Image) -> None:
 
 
 def in_eight_bits(image: Image.Image) -> Image.Image:
-    """16-bit grey in 8 bits, with alpha where the file calls one grey transparent; any other picture as it is.
+    """Convert 16-bit grey to 8 bits, with alpha if the file declares one grey transparent; return others unchanged.
 
-    Pillow itself reduces 16-bit colours, but cuts greys off at 255, and leaves the colour that the file calls
-    transparent as it was. The picture must be loaded.
+    Pillow itself reduces 16-bit colours, but clips greys at 255 and does not reduce the colour that the file declares
+    transparent; this reduces it in place. The image must be loaded.
     """
     transparent = image.info.get("transparency")
     if image.mode == "RGB" and isinstance(transparent, tuple) and max(transparent) > 255:
@@ -121,7 +121,7 @@ def _to_rgb(image: Image.Image) -> Picture:
 
 
 def resize_picture(picture: Picture, width: int, height: int) -> Picture:
-    """The picture at another size: the mean over each new pixel's area when both sides shrink, otherwise bicubic.
+    """The picture at another size: averaged over each new pixel's area if neither side grows, otherwise bicubic.
 
     Pixel centres are at +0.5, so intrinsics scale by ``width / old width`` and ``height / old height``.
     Raises ``ValueError`` if a side is below one pixel.
@@ -136,22 +136,22 @@ def resize_picture(picture: Picture, width: int, height: int) -> Picture:
 
 
 def encode_png(picture: Picture) -> bytes:
-    """The picture as a PNG file, without loss; the same bytes for the same picture.
+    """The picture as a PNG file, lossless; the same bytes for the same picture.
 
-    At level 4 photos take 3 % more bytes and a seventh of the time of the highest level.
+    For photos, compression level 4 takes 3 % more bytes and a seventh of the time of the highest level.
     """
     return _encode(picture, "PNG", compress_level=4)
 
 
 def encode_jpeg(picture: Picture, quality: int) -> bytes:
-    """The picture as a JPEG file of the given quality (1 to 95), with colours at full resolution."""
+    """The picture as a JPEG file of the given quality (1 to 95), with chroma at full resolution (4:4:4)."""
     return _encode(picture, "JPEG", quality=quality, subsampling=0, optimize=True)
 
 
 def through_jpeg(picture: Picture, quality: int, full_color: bool = False) -> Picture:
-    """The picture saved as a JPEG file of the given quality (1 to 95), and read again.
+    """The picture after saving as JPEG of the given quality (1 to 95) and reading again.
 
-    With colours at half resolution each way, as most programs save (4:2:0); or at full (4:4:4).
+    Chroma has half resolution in both directions (4:2:0), as most programs save it, or full resolution (4:4:4).
     """
     file = _encode(picture, "JPEG", quality=quality, subsampling=0 if full_color else 2)
     with Image.open(io.BytesIO(file)) as saved:
@@ -165,11 +165,11 @@ def _encode(picture: Picture, file_format: str, **options: int | bool) -> bytes:
 
 
 def picture_to_tensor(picture: NDArray[np.uint8], device: torch.device | str = "cpu") -> Float[Tensor, "*shape"]:
-    """Bytes 0 to 255 as float32 in [0, 1], of the same shape (one picture or many)."""
+    """Bytes 0 to 255 as float32 in [0, 1], of the same shape (one picture or several)."""
     return torch.from_numpy(np.array(picture)).to(device).float() / 255
 
 
 def tensor_to_picture(values: Float[Tensor, "*shape"]) -> NDArray[np.uint8]:
-    """Values, clamped to [0, 1], as the nearest bytes 0 to 255, of the same shape."""
+    """Values clamped to [0, 1] and rounded to bytes 0 to 255, of the same shape."""
     scaled = (values.detach().clamp(0, 1) * 255).round()
     return scaled.to(torch.uint8).cpu().numpy()

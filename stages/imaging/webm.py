@@ -1,4 +1,4 @@
-"""Coded AV1 pictures as a WebM file: https://www.webmproject.org/docs/container, with nothing that varies."""
+"""A deterministic WebM writer for coded AV1 pictures: https://www.webmproject.org/docs/container."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ CODED = "V_AV1"
 FULL_RANGE, SRGB, BT601, BT709 = 2, 13, 6, 1
 VIDEO_TRACK = 1
 KEY_PICTURE = 0x80
-LONGEST_CLUSTER = 30_000  # milliseconds: within a cluster times are 16 bits
+LONGEST_CLUSTER = 30_000  # milliseconds: times within a cluster are signed 16-bit numbers
 
 WRITER = "webm"
-"""Files need such a name; it says nothing of what made the pictures."""
+"""The muxer's name, which files must state; it does not reveal what made the pictures."""
 
 MILLISECOND = 1_000_000  # nanoseconds, in which files state their unit of time
 
@@ -20,17 +20,17 @@ MILLISECOND = 1_000_000  # nanoseconds, in which files state their unit of time
 def write_webm(
     configuration: bytes, pictures: Sequence[bytes], size: tuple[int, int], pictures_a_second: float
 ) -> bytes:
-    """A file of one track; `configuration` is the codec's (`av1C`), `size` width and height.
+    """A file with one video track; `configuration` is the codec's (`av1C`), `size` is width and height.
 
-    Colours are full-range BT.601, as Pillow codes them. Only the first picture is said to be decodable by itself.
+    Colours are full-range BT.601, as Pillow codes them. Only the first picture is marked as a key frame.
     """
     times = [round(1000 * number / pictures_a_second) for number in range(len(pictures) + 1)]
     information = _element(
         0x1549A966,
         _number(0x2AD7B1, MILLISECOND),
         _element(0x4489, struct.pack(">d", times[-1])),  # duration
-        _text(0x4D80, WRITER),  # what put it together
-        _text(0x5741, WRITER),  # what wrote it
+        _text(0x4D80, WRITER),  # the muxer
+        _text(0x5741, WRITER),  # the application
     )
     track = _element(0x1654AE6B, _track(configuration, size, pictures_a_second))
     clusters = _clusters(pictures, times)
@@ -41,12 +41,12 @@ def write_webm(
 def _header() -> bytes:
     return _element(
         0x1A45DFA3,
-        _number(0x4286, 1),  # version of EBML, and the least that a reader must know
+        _number(0x4286, 1),  # EBML version, and the lowest that a reader must support
         _number(0x42F7, 1),
-        _number(0x42F2, 4),  # longest identifier and longest size, in bytes
+        _number(0x42F2, 4),  # maximum lengths of identifiers and of sizes, in bytes
         _number(0x42F3, 8),
         _text(0x4282, "webm"),
-        _number(0x4287, 4),  # version of WebM, and the least that a reader must know
+        _number(0x4287, 4),  # WebM version, and the lowest that a reader must support
         _number(0x4285, 2),
     )
 
@@ -58,10 +58,10 @@ def _track(configuration: bytes, size: tuple[int, int], pictures_a_second: float
     video = _element(0xE0, _number(0xB0, size[0]), _number(0xBA, size[1]), colour)
     return _element(
         0xAE,
-        _number(0xD7, 1),  # number and identifier
+        _number(0xD7, 1),  # track number and unique identifier
         _number(0x73C5, 1),
         _number(0x83, VIDEO_TRACK),
-        _number(0x9C, 0),  # without lacing
+        _number(0x9C, 0),  # no lacing
         _number(0x23E383, round(1000 * MILLISECOND / pictures_a_second)),
         _text(0x86, CODED),
         _element(0x63A2, configuration),
@@ -70,7 +70,7 @@ def _track(configuration: bytes, size: tuple[int, int], pictures_a_second: float
 
 
 def _clusters(pictures: Sequence[bytes], times: Sequence[int]) -> list[bytes]:
-    """The pictures, in as many clusters as their times need."""
+    """The pictures, in clusters of at most `LONGEST_CLUSTER` milliseconds."""
     clusters: list[bytes] = []
     blocks: list[bytes] = []
     start = 0
@@ -84,13 +84,13 @@ def _clusters(pictures: Sequence[bytes], times: Sequence[int]) -> list[bytes]:
 
 
 def _cues(position: int) -> bytes:
-    """Where to begin: the first cluster, `position` bytes after the start of the segment's content."""
+    """An index with one entry: the first cluster, `position` bytes after the start of the segment's content."""
     place = _element(0xB7, _number(0xF7, 1), _number(0xF1, position))
     return _element(0x1C53BB6B, _element(0xBB, _number(0xB3, 0), place))
 
 
 def _element(identifier: int, *contents: bytes) -> bytes:
-    """An EBML element: identifier, size in eight bytes, content."""
+    """An EBML element: identifier, size in eight bytes, contents."""
     name = identifier.to_bytes((identifier.bit_length() + 7) // 8, "big")
     return name + (1 << 56 | sum(map(len, contents))).to_bytes(8, "big") + b"".join(contents)
 

@@ -1,4 +1,4 @@
-"""Windows cut out of photos at random places and sizes: many pictures of one size out of few photos."""
+"""Random windows of photos: many pictures of one size from a few photos."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from stages.imaging.pictures import Picture, resize_picture
 
 
 def random_window(picture: Picture, width: int, height: int, generator: np.random.Generator) -> Picture:
-    """A window of this shape, anywhere in the picture and of any size that fits, scaled to width x height.
+    """A window of this aspect ratio, at a random place and of a random size, scaled to width x height.
 
-    Sizes are drawn evenly in their logarithm, from width x height up to the whole picture; a picture that is smaller
-    than that gives its largest window, enlarged.
+    Sizes are log-uniform, from width x height up to the largest that fits. A picture smaller than width x height gives
+    its largest window, enlarged.
     """
     largest = min(picture.shape[1] / width, picture.shape[0] / height)
     scale = float(np.exp(generator.uniform(0, np.log(largest)))) if largest > 1 else largest
@@ -26,10 +26,10 @@ def random_window(picture: Picture, width: int, height: int, generator: np.rando
 def windows_of_all(
     photos: Sequence[tuple[str, Picture]], count: int, width: int, height: int, generator: np.random.Generator
 ) -> Iterator[tuple[str, Picture]]:
-    """`count` windows with their photos' names, of one photo after the other, as trials of what sees a watermark.
+    """Up to `count` random windows of the photos in turn, with their names, to test watermark detectors on.
 
-    None is enlarged, for that has no fine grain, nor can one photo be tried for ever: a photo that is smaller gives
-    none, and one of the very size as many as there are places in it. So there may be fewer, or none at all.
+    A photo smaller than width x height gives none, since enlarged windows lack fine grain. A photo of exactly that
+    width or height gives at most as many as it has positions. So there may be fewer than `count`, or none at all.
     """
     left = [_most_windows(photo, width, height) for _, photo in photos]
     while count > 0 and any(left):
@@ -40,7 +40,7 @@ def windows_of_all(
 
 
 def _most_windows(photo: Picture, width: int, height: int) -> float:
-    """How many windows differ; without end where their size may, too."""
+    """The number of different windows; infinite if their size can vary, too."""
     across, down = photo.shape[1] - width, photo.shape[0] - height
     if min(across, down) < 0:
         return 0

@@ -1,4 +1,4 @@
-"""Solids that stand together and are placed as one: a machine, a bench, what hangs on a wall."""
+"""Groups of solids that are placed as one: a machine, a bench, the fittings of a wall."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stages.tracing.world import Builder, Material, Vector, turned
 
 @dataclass(frozen=True)
 class Group:
-    """Solids that stand together: their places are given in a frame at `place`, turned by `axes`."""
+    """Adds solids to `builder` in a local frame with its origin at `place` and the rows of `axes` as its axes."""
 
     builder: Builder
     place: Float64[np.ndarray, " 3"]
@@ -33,7 +33,7 @@ class Group:
         turn: Vector = (0, 0, 0),
         patch: Vector | None = None,
     ) -> None:
-        """A box with a tone of its own, turned in the group by yaw, pitch and roll."""
+        """Add a box with a random tone; `turn` is its yaw, pitch and roll within the group, in degrees."""
         axes, tint = turned(*turn) @ self.axes, self.builder.tone(0.12).tolist()
         bevel = 0.15 * min(half)
         self.builder.box(self.at(place), half, material, axes=axes, bevel=bevel, tint=tint, patch=patch)
@@ -46,7 +46,7 @@ class Group:
         self.builder.ball(self.at(place), half, material, axes=self.axes, tint=self.builder.tone(0.12).tolist())
 
     def wheel(self, place: Vector, radius: float, width: float, tyre: Material, rim: Material) -> None:
-        """A tyre with rounded shoulders and a rim, its axle along the group's y axis."""
+        """Add a tyre with rounded shoulders and a rim, its axle along the group's y axis."""
         x, y, z = place
         self.rod((x, y - width, z), (x, y + width, z), radius, tyre)
         for side in (-width, width):

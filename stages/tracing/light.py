@@ -1,7 +1,7 @@
-"""Shadows of the suns, and how much of the sky each place sees.
+"""Shadow maps of the suns, and ambient occlusion of the sky.
 
-Both are worked out once a scene by looking at it from where the light comes from, so that every picture of the scene
-agrees about them, as pictures of a real place do.
+Both are computed once per scene by tracing rays from the light, so that they are consistent in all its pictures, as in
+photos of a real place.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from stages.tracing.tracer import Tracer
 from stages.tracing.world import Sun, along
 
 REACH = 6.5
-"""Shadows are kept within this distance of the scene's middle, in world units."""
+"""Half the side of a shadow map and of the sky grid, in world units."""
 
 MIDDLE = (0.0, 0.0, 1.5)
 
@@ -25,11 +25,11 @@ TILE = 256
 SKY_DIRECTIONS = 28
 SKY_RESOLUTION = 256
 SKY_STEP = 0.125
-"""Distance of the places where the sky's light is worked out."""
+"""Spacing of the sky grid, in world units."""
 
 
 class ShadowMap:
-    """How far light from one direction comes: the height, towards the light, of the first surface that it meets."""
+    """Orthographic shadow map: the height, towards the light, of the first surface that it meets; -inf if none."""
 
     def __init__(self, casters: Tracer, towards: tuple[float, float, float], resolution: int) -> None:
         self._axes = along(towards)
@@ -54,7 +54,7 @@ class ShadowMap:
         return (2 * REACH - distance).reshape(TILE, TILE)
 
     def lit(self, point: Coordinates) -> Float32[np.ndarray, " n"]:
-        """How much of the light reaches N points, in [0, 1], blended over the four nearest rays."""
+        """Fraction of the light that reaches N points, in [0, 1]: percentage-closer filtering over four texels."""
         column, row, height = self._project(point)
         column, row = column - np.float32(0.5), row - np.float32(0.5)
         left, top = np.floor(column), np.floor(row)
@@ -70,7 +70,7 @@ class ShadowMap:
         return np.clip(upper + (lower - upper) * down_share, 0, 1)
 
     def lit_at_nearest(self, point: Coordinates) -> Float32[np.ndarray, " n"]:
-        """1 for the points that the light reaches, by the nearest ray alone."""
+        """1 for points that the light reaches, otherwise 0, by the nearest texel alone."""
         column, row, height = self._project(point)
         last = self._resolution - 1
         column, row = (np.clip(place.astype(np.int32), 0, last) for place in (column, row))
@@ -87,9 +87,9 @@ class ShadowMap:
 
 
 class SkyLight:
-    """Ambient light with occlusion: at the corners of a coarse grid, how much sky is open on average and to which side.
+    """Ambient light with occlusion, precomputed on a coarse grid.
 
-    Four numbers a corner: the constant and the three linear parts of the visible sky as a function of the normal.
+    Each grid corner holds four numbers, a and b [3]: its visible sky lights a surface of normal n with a + b · n.
     """
 
     def __init__(self, casters: Tracer) -> None:
@@ -105,11 +105,11 @@ class SkyLight:
             for axis in range(3):
                 total[axis + 1] += lit * np.float32(towards[axis])
             weights += 1 + towards[2]
-        # An upward surface under an open sky has light 1.
+        # Normalised: an upward surface under an open sky has light 1.
         self._grid = np.ascontiguousarray((total / np.float32(weights)).T)
 
     def __call__(self, point: Coordinates, normal: Coordinates) -> Float32[np.ndarray, " n"]:
-        """Light of the sky on surfaces at N points, 1 for an upward one in the open."""
+        """Sky light on surfaces at N points, interpolated trilinearly; 1 for an upward surface in the open."""
         lift = np.float32(0.6 * SKY_STEP)
         start = (point[0] + normal[0] * lift + REACH, point[1] + normal[1] * lift + REACH, point[2] + normal[2] * lift)
         cells, shares = [], []
@@ -131,7 +131,7 @@ class SkyLight:
 
 
 def _sky_directions() -> list[tuple[float, float, float]]:
-    """Directions spread evenly over the upper half of the sphere (a Fibonacci spiral)."""
+    """Unit vectors evenly spaced on the upper hemisphere (a Fibonacci spiral), with z between 0.08 and 0.98."""
     directions = []
     for number in range(SKY_DIRECTIONS):
         height = 0.08 + 0.9 * (number + 0.5) / SKY_DIRECTIONS
@@ -142,7 +142,7 @@ def _sky_directions() -> list[tuple[float, float, float]]:
 
 
 class Lighting:
-    """All light in a scene: one shadow map for each sun, and the sky."""
+    """The precomputed light of a scene: one shadow map per sun, and the sky."""
 
     def __init__(self, casters: Tracer, suns: tuple[Sun, ...]) -> None:
         self.suns = tuple((sun, ShadowMap(casters, sun.towards, SHADOW_RESOLUTION)) for sun in suns)

@@ -1,4 +1,4 @@
-"""Painted pages that more than one scene uses. Each takes a generator and colours, and returns a page."""
+"""Procedural textures shared by several scenes. Each takes a generator and colours, and returns a page."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from stages.tracing.world import PAGE_SIZE as SIZE
 def mottled(
     generator: np.random.Generator, dark: np.ndarray, bright: np.ndarray, period: int = 4, rough: float = 0.5
 ) -> Page:
-    """Plaster, stone, soil: clouds of two colours down to the grain."""
+    """Plaster, stone or soil: fractal clouds of two colours, with fine grain."""
     field = fractal(SIZE, period, generator, octaves=8, gain=0.55 + 0.25 * rough)
     grain = fractal(SIZE, 64, generator, octaves=3, gain=0.8)
     return shade(mix(dark, bright, step(field, 0.2, 0.8)), 0.8 + 0.4 * grain)
 
 
 def bricks(generator: np.random.Generator, colors: np.ndarray, mortar: np.ndarray, rows: int, columns: int) -> Page:
-    """Courses of bricks, no two of one tone, some sooty, with chipped edges."""
+    """Courses of bricks with chipped edges, each of its own tone, stained by soot."""
     size = 30 / rows
     wall = courses(SIZE, rows, columns, generator, variation=0.35, heights=0.3)
     rough = fractal(SIZE, 32, generator, octaves=4, gain=0.75)
@@ -45,7 +45,7 @@ def bricks(generator: np.random.Generator, colors: np.ndarray, mortar: np.ndarra
 
 
 def cobbles(generator: np.random.Generator, colors: np.ndarray, joint: np.ndarray, count: int) -> Page:
-    """Rounded stones in a bed, each with a tone and a grain of its own."""
+    """Rounded, grainy stones in a bed, each of its own tone."""
     bed = stones(SIZE, count, generator, regularity=0.45)
     dome = step(bed.inset * count, 0.02, 0.32)
     grain = fractal(SIZE, 48, generator, octaves=4, gain=0.8)
@@ -57,7 +57,7 @@ def cobbles(generator: np.random.Generator, colors: np.ndarray, joint: np.ndarra
 
 
 def planks(generator: np.random.Generator, colors: np.ndarray, rows: int, columns: int) -> Page:
-    """Boards that run from left to right, with grain, knots, nails and dark joints."""
+    """Boards that run from left to right, with grain, knots and dark joints."""
     boards = courses(SIZE, rows, columns, generator, variation=0.8, heights=0.2)
     lean = boards.tone(generator)
     grain = spread(
@@ -74,7 +74,7 @@ def planks(generator: np.random.Generator, colors: np.ndarray, rows: int, column
 def leaves(
     generator: np.random.Generator, colors: np.ndarray, count: int = 44, flowers: np.ndarray | None = None
 ) -> Page:
-    """Overlapping leaves, darker between; with `flowers` [K, 3], some cells bloom."""
+    """Leaves with dark gaps between them; with `flowers` [K, 3], some cells bloom."""
     foliage = stones(SIZE, count, generator)
     lit = step(foliage.inset * count, 0.0, 0.35)
     picture = shade(foliage.color(colors, generator), 0.35 + 0.35 * lit + 0.4 * foliage.tone(generator))
@@ -91,7 +91,7 @@ def leaves(
 def shelves(
     generator: np.random.Generator, colors: np.ndarray, wood: np.ndarray, rows: int = 6, columns: int = 34
 ) -> Page:
-    """Bookshelves: spines of all widths, heights and colours, with bands and gilt titles, on wooden boards."""
+    """Bookshelves: spines of various widths, heights and colours, with bands and gilt titles, on wooden boards."""
     size = 6 / rows
     books = courses(SIZE, rows, columns, generator, variation=1.1)
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
@@ -120,7 +120,7 @@ def shelves(
 
 
 def mosaic(generator: np.random.Generator, colors: np.ndarray, ground: np.ndarray, count: int) -> Page:
-    """Square glazed tiles, each with a rosette, star or ring of its own drawn from a few."""
+    """Square glazed tiles, each with its own rosette and corner pieces, most with a ring."""
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE * count
     row = place.astype(np.int64)
     x = np.broadcast_to(2 * (place % 1) - 1, (SIZE, SIZE))
@@ -157,7 +157,7 @@ def cloth(generator: np.random.Generator, colors: np.ndarray, stripes: int) -> P
 
 
 def painted_metal(generator: np.random.Generator, color: np.ndarray, rust: np.ndarray, wear: float = 0.5) -> Page:
-    """Paint over steel: scratches, chips with rust beneath, dirt that ran down."""
+    """Paint over steel: scratches, chips that expose rust, and vertical streaks of dirt."""
     field = fractal(SIZE, 5, generator, octaves=8, gain=0.72)
     chips = step(field, 0.78 - 0.2 * wear, 0.8 - 0.2 * wear)
     runs = spread(noise(SIZE, 6, generator, 90))
@@ -171,7 +171,7 @@ def painted_metal(generator: np.random.Generator, color: np.ndarray, rust: np.nd
 
 
 def writing(generator: np.random.Generator, paper: np.ndarray, ink: np.ndarray, lines: int) -> Page:
-    """A page of text with margins, a picture here and there, and foxing."""
+    """A page of text blocks with margins, a few pictures and mottled paper."""
     text = marks(SIZE, lines, generator)
     blocks = courses(SIZE, 7, 3, generator, variation=0.4, heights=0.5)
     text = text * step(blocks.inset, 0.012, 0.016) * (blocks.tone(generator) < 0.8)
@@ -183,7 +183,7 @@ def writing(generator: np.random.Generator, paper: np.ndarray, ink: np.ndarray, 
 
 
 def clouds(generator: np.random.Generator, zenith: np.ndarray, horizon: np.ndarray, cloud: np.ndarray) -> Page:
-    """A sky for a dome, its zenith in the middle of the page and the horizon half of the way to the edge."""
+    """A sky for a dome: the zenith at the centre of the page, the horizon about halfway to its edge."""
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE - np.float32(0.5)
     distance = np.hypot(place[:, None], place[None, :])
     sky = mix(zenith, horizon, step(distance, 0.02, 0.27))

@@ -1,7 +1,7 @@
 """Tileable patterns on a square page: noise, courses of bricks or books, stones, marks.
 
-A page has `size` x `size` texels and joins up with itself on all sides. Values are float32 in [0, 1]. Every pattern
-draws from the generator it is given, so that the same seed gives the same page.
+A page has `size` x `size` texels and tiles seamlessly. Values are float32 in [0, 1] unless stated otherwise. All
+randomness comes from the generator passed in, so that the same seed gives the same page.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ import numpy as np
 from jaxtyping import Float32, Int
 
 STRIP = 32
-"""Rows of a page worked on together, so that their numbers stay in a core's own cache."""
+"""Rows of a page processed at a time, so that the working set fits in a core's own cache."""
 
 Field = Float32[np.ndarray, "size size"]
 Page = Float32[np.ndarray, "size size 3"]
 
 
 def noise(size: int, period: int, generator: np.random.Generator, period_across: int | None = None) -> Field:
-    """Value noise: random values on a lattice of `period` rows (and `period_across` columns), smoothly joined."""
+    """Value noise: random values on a lattice of `period` rows and `period_across` columns, smoothly interpolated."""
     lattice = generator.random((period, period_across or period), dtype=np.float32)
     return _stretch(np.ascontiguousarray(_stretch(lattice.T, size).T), size)
 
 
 def _stretch(lattice: np.ndarray, size: int) -> np.ndarray:
-    """Interpolate the rows of a periodic lattice to `size` rows with a smooth step."""
+    """Interpolate a periodic lattice along axis 0 to `size` rows, with smoothstep weights."""
     period = lattice.shape[0]
     position = np.arange(size, dtype=np.float32) * np.float32(period / size)
     row = position.astype(np.int64)
@@ -36,7 +36,7 @@ def _stretch(lattice: np.ndarray, size: int) -> np.ndarray:
 
 
 def fractal(size: int, period: int, generator: np.random.Generator, octaves: int = 6, gain: float = 0.6) -> Field:
-    """Octaves of value noise from `period` up, each twice as fine and `gain` times as strong, spread over [0, 1]."""
+    """Octaves of value noise from `period` up, each twice as fine and `gain` times as strong, scaled to fill [0, 1]."""
     total = np.zeros((size, size), np.float32)
     strength = 1.0
     for octave in range(octaves):
@@ -49,44 +49,44 @@ def fractal(size: int, period: int, generator: np.random.Generator, octaves: int
 
 
 def spread(field: np.ndarray) -> np.ndarray:
-    """Scale a field so that it fills [0, 1]."""
+    """Scale a field linearly so that it fills [0, 1]; a constant field becomes 0."""
     low, high = field.min(), field.max()
     return (field - low) / (high - low + np.float32(1e-9))
 
 
 def step(field: np.ndarray, start: float, stop: float) -> np.ndarray:
-    """0 below `start`, 1 above `stop`, smooth between."""
+    """Smoothstep: 0 below `start`, 1 above `stop`, smooth in between."""
     part = np.clip((field - np.float32(start)) * np.float32(1 / (stop - start)), 0, 1)
     return part * part * (3 - 2 * part)
 
 
 @dataclass(frozen=True)
 class Cells:
-    """A page divided into cells: which cell a texel is in, and how far from the cell's border, in pages."""
+    """A page divided into cells: the index of each texel's cell, and its distance from the cell's border, in pages."""
 
     index: Int[np.ndarray, "size size"]
     inset: Field
     count: int
 
     def tone(self, generator: np.random.Generator) -> Field:
-        """One random value a cell."""
+        """One random value per cell."""
         return generator.random(self.count, dtype=np.float32)[self.index]
 
     def color(self, palette: np.ndarray, generator: np.random.Generator) -> Page:
-        """One colour of the palette [K, 3] a cell."""
+        """A random colour of the palette [K, 3] for each cell."""
         return palette[generator.integers(len(palette), size=self.count)][self.index].astype(np.float32)
 
     def body(self, joint: float, edge: float) -> Field:
-        """1 inside the cells, 0 in the joints of half width `joint`, with an edge of width `edge`, in pages."""
+        """1 inside the cells, 0 in joints of half width `joint`, smooth over a width of `edge`; both in pages."""
         return step(self.inset, joint, joint + edge)
 
 
 def courses(
     size: int, rows: int, columns: int, generator: np.random.Generator, variation: float = 0.2, heights: float = 0.0
 ) -> Cells:
-    """Rows of cells whose upright joints are shifted from row to row: bricks, planks, tiles, books.
+    """Rows of cells with staggered vertical joints: bricks, planks, tiles, books.
 
-    `variation` and `heights`, in [0, 1), say how unequal the widths in a row and the heights of the rows are.
+    `variation` sets how unequal the widths in a row are, `heights` in [0, 1) the heights of the rows; 0 is equal.
     """
     place = (np.arange(size, dtype=np.float32) + np.float32(0.5)) / size
     row_edges = (np.arange(rows + 1) + np.r_[0, heights * (generator.random(rows - 1) - 0.5), 0]) / rows
@@ -105,7 +105,7 @@ def courses(
 
 
 def stones(size: int, count: int, generator: np.random.Generator, regularity: float = 0.0) -> Cells:
-    """Voronoi cells about one jittered seed in each square of a `count` x `count` grid: cobbles, leaves, cracks."""
+    """Voronoi cells of a `count` x `count` grid of seeds, jittered by 1 - `regularity` squares: cobbles, leaves."""
     jitter = generator.random((count, count, 2), dtype=np.float32) * np.float32(1 - regularity) + np.float32(
         regularity / 2
     )
@@ -122,7 +122,7 @@ def stones(size: int, count: int, generator: np.random.Generator, regularity: fl
 def _nearest_seeds(
     jitter: np.ndarray, rows: np.ndarray, row_squares: np.ndarray, columns: np.ndarray, column_squares: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of each texel the number of the nearest seed, and how much farther the second nearest is, in squares."""
+    """For each texel the index of the nearest seed, and how much farther the second nearest is, in grid squares."""
     count = len(jitter)
     first = np.full((len(rows), len(columns)), np.inf, np.float32)
     second = first.copy()
@@ -142,7 +142,7 @@ def _nearest_seeds(
 
 
 def marks(size: int, lines: int, generator: np.random.Generator, fill: float = 0.75) -> Field:
-    """Lines of random glyphs, like writing seen from afar: 1 where there is ink."""
+    """Lines of random glyphs, like distant writing: 1 where there is ink. `fill` is the probability of a glyph."""
     rows, columns = 8, 6
     across = lines * 2
     glyphs = (generator.random((lines, across, rows - 2, columns - 2)) < 0.5).astype(np.float32)
@@ -156,7 +156,7 @@ def marks(size: int, lines: int, generator: np.random.Generator, fill: float = 0
 
 
 def warp(picture: np.ndarray, amount: float, period: int, generator: np.random.Generator) -> np.ndarray:
-    """Push the texels of a page about by up to `amount` pages, as smooth noise says."""
+    """Displace the texels of a page by fractal noise, by up to `amount` / 2 pages along each axis."""
     size = picture.shape[0]
     place = np.arange(size)
     shift = [((fractal(size, period, generator, 3) - 0.5) * (amount * size)).astype(np.int64) for _ in range(2)]
@@ -164,7 +164,7 @@ def warp(picture: np.ndarray, amount: float, period: int, generator: np.random.G
 
 
 def soften(picture: Page, block: int, strength: float) -> Page:
-    """Keep only `strength` of the contrast that is finer than `block` texels, a divisor of the page's size."""
+    """Scale contrast finer than `block` texels by `strength`; `block` must divide the page's size."""
     size = picture.shape[0]
     coarse = picture.reshape(size // block, block, size // block, block, 3).mean(axis=(1, 3))
     for axis in (0, 1):
@@ -177,27 +177,27 @@ def soften(picture: Page, block: int, strength: float) -> Page:
 
 
 def relief(height: np.ndarray, strength: float) -> np.ndarray:
-    """How a height field catches light from one corner: a factor about 1 to paint with."""
+    """Shading of a height field lit from one corner: factors in [0.4, 1.6], 1 where it is flat."""
     slope = 2 * height - np.roll(height, 1, axis=0) - np.roll(height, 1, axis=1)
     return np.clip(1 + np.float32(strength) * slope, 0.4, 1.6)
 
 
 def mix(start: np.ndarray, stop: np.ndarray, weight: np.ndarray) -> Page:
-    """From colour or picture `start` to `stop`, by a field of weights."""
+    """Interpolate linearly from colour or picture `start` to `stop` by a field of weights."""
     part = weight[..., None]
     return (start * (1 - part) + stop * part).astype(np.float32)
 
 
 def shade(picture: np.ndarray, factor: np.ndarray) -> Page:
-    """Darken or brighten a picture by a field of factors."""
+    """Multiply a picture by a field of factors, clamped to [0, 1]."""
     return np.clip(picture * factor[..., None], 0, 1).astype(np.float32)
 
 
 def rgb(code: str) -> np.ndarray:
-    """`rgb("c8a070")` is the colour [3], float32 in [0, 1]."""
+    """The colour [3] of a hex code such as "c8a070", float32 in [0, 1]."""
     return np.frombuffer(bytes.fromhex(code), np.uint8).astype(np.float32) / 255
 
 
 def palette(*codes: str) -> np.ndarray:
-    """Several colours, [K, 3]."""
+    """The colours [K, 3] of K hex codes."""
     return np.stack([rgb(code) for code in codes])

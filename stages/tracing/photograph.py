@@ -1,4 +1,4 @@
-"""Pictures of a world: rays through the pixels, and one colour for all rays of a pixel that meet the same surface."""
+"""Rendering of a world: several rays per pixel, shaded once where all of them hit the same flat surface."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from stages.tracing.shapes import Coordinates
 from stages.tracing.world import World
 
 TILE_RAYS = 147456
-"""Rays traced together: enough to make each step worth its call, few enough for a core's own cache."""
+"""Rays traced at a time: enough to amortise NumPy's call overhead, few enough for a core's cache."""
 
 FLAT = 0.25
-"""A pixel is shaded once if all that its rays meet lies this close to one plane, in widths of the pixel there."""
+"""A pixel is shaded once if its hits are on one solid and within this many pixel widths of its tangent plane."""
 
 SHARPNESS = 0.7
-"""Paint is blurred over this part of a pixel; the slope of the surface blurs it further."""
+"""Width of the texture filter, in pixels; surfaces seen at a slant are filtered more."""
 
 
 class Studio:
-    """A world with everything that all its pictures share. `gloss` scales the shine of everything in it."""
+    """A world prepared for rendering, shared by all its pictures. `gloss` scales the gloss of all its materials."""
 
     def __init__(self, world: World, gloss: float = 1.0) -> None:
         self._shader = Shader(world, gloss)
@@ -36,7 +36,10 @@ class Studio:
         samples: int,
         generator: np.random.Generator,
     ) -> UInt8[np.ndarray, "height width 3"]:
-        """One picture, sRGB, the mean of `samples` rays a pixel, one in each of a square number of strata."""
+        """Render one sRGB picture with `samples` stratified rays per pixel.
+
+        The camera is x right, y down, z forward. Raises `ValueError` if `samples` is not a square number.
+        """
         strata = round(samples**0.5)
         if strata * strata != samples:
             raise ValueError(f"samples must be a square number: {samples}")
@@ -54,7 +57,7 @@ class Studio:
         intrinsics: Float64[np.ndarray, "3 3"],
         place: Float32[np.ndarray, "2 n"],
     ) -> Float32[np.ndarray, " n"]:
-        """Depth along the optical axis of what the picture shows at N places (x, y in pixels)."""
+        """Depth along the optical axis at N image points (x, y in pixels); infinite where nothing is hit."""
         direction = _directions(place, world_to_camera, intrinsics)
         distance, _ = self._shader.tracer.first(_origin(world_to_camera), direction)
         x, y, z = (float(part) for part in world_to_camera[2, :3])
@@ -63,7 +66,7 @@ class Studio:
     def _pixels(
         self, place: np.ndarray, world_to_camera: np.ndarray, intrinsics: np.ndarray, samples: int
     ) -> Float32[np.ndarray, "3 pixels"]:
-        """Linear light of pixels, of which each has `samples` consecutive places [2, pixels * samples]."""
+        """Linear radiance of pixels; `place` [2, pixels * samples] lists the image points of each in turn."""
         direction = _directions(place, world_to_camera, intrinsics)
         origin = _origin(world_to_camera)
         distance, solid = self._shader.tracer.first(origin, direction)
@@ -94,7 +97,7 @@ class Studio:
 def _height(
     point: Float32[np.ndarray, "3 rays"], spots: Spots, pixels: np.ndarray, samples: int
 ) -> Float32[np.ndarray, " n"]:
-    """How far, at most, what a pixel's rays met lies off the plane through the pixel's spot."""
+    """The largest distance of a pixel's hit points from the tangent plane of its spot, for N pixels."""
     off = np.zeros((pixels.size, samples), np.float32)
     for coordinate, centre, side in zip(point, spots.point, spots.normal, strict=True):
         off += (coordinate.reshape(-1, samples)[pixels] - centre[:, None]) * side[:, None]
@@ -116,7 +119,7 @@ def _tiles(width: int, height: int, samples: int) -> Iterator[tuple[slice, slice
 def _sample_places(
     rows: slice, columns: slice, strata: int, generator: np.random.Generator
 ) -> Float32[np.ndarray, "2 n"]:
-    """Where the samples of a tile's pixels lie, x and y in pixels: one at random in each stratum of each pixel."""
+    """Image points (x, y in pixels) of a tile's samples: one random point in each stratum of each pixel."""
     shape = (rows.stop - rows.start, columns.stop - columns.start, strata, strata)
     jitter = generator.random((2, *shape), dtype=np.float32)
     inner = np.arange(strata, dtype=np.float32)
@@ -133,7 +136,7 @@ def _origin(world_to_camera: np.ndarray) -> Coordinates:
 
 
 def _directions(place: np.ndarray, world_to_camera: np.ndarray, intrinsics: np.ndarray) -> Coordinates:
-    """Unit vectors, in the world, through places in the picture."""
+    """Unit ray directions, in world coordinates, through image points (x, y in pixels)."""
     x = (place[0] - np.float32(intrinsics[0, 2])) / np.float32(intrinsics[0, 0])
     y = (place[1] - np.float32(intrinsics[1, 2])) / np.float32(intrinsics[1, 1])
     right, down, forward = world_to_camera[:3, :3, None].astype(np.float32)
@@ -142,5 +145,5 @@ def _directions(place: np.ndarray, world_to_camera: np.ndarray, intrinsics: np.n
 
 
 def _develop(light: Float32[np.ndarray, "3 pixels"]) -> UInt8[np.ndarray, "3 pixels"]:
-    """Linear light to sRGB bytes, with a soft shoulder instead of burnt-out whites."""
+    """Tone-map linear light to sRGB bytes (gamma 2.2), with a soft shoulder instead of clipped highlights."""
     return ((1 - np.exp(-1.6 * light)) ** np.float32(1 / 2.2) * 255 + np.float32(0.5)).astype(np.uint8)

@@ -1,9 +1,9 @@
-"""A share of a capture's photos, taken by a companion of `synthesize`.
+"""Companion process of `synthesize` that renders some of a capture's photos.
 
 Run as `python -m stages.tracing.photograph_process JOB`.
 
-Ray tracing in NumPy holds the interpreter between its many short steps: two threads traced 48 photos of the workshop
-in 25.0 s, two processes in 16.7 s. Each process prepares the scene for itself, both at the same time.
+Ray tracing in NumPy takes many short steps and holds the interpreter lock between them: two threads rendered 48 photos
+of the workshop in 25.0 s, two processes in 16.7 s, although each process prepares the scene for itself.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ SCENES = "stages.tracing.scenes"
 
 @dataclass(frozen=True)
 class Job:
-    """Which of the `views` of a walk to photograph, and how; see the parameters of `synthesize`.
+    """The views to render (`chosen`, out of `views` on the orbit) and the parameters of `synthesize`.
 
-    The pictures go to the job's folder, for `read_picture_file`.
+    The pictures go to the folder of the job file, where `read_picture_file` finds them.
     """
 
     scene: str
@@ -45,7 +45,7 @@ class Job:
 
 
 def read_job(path: Path) -> Job:
-    """Read what `Job.write` wrote."""
+    """Read a job file written by `Job.write`."""
     content = json.loads(path.read_text())
     return Job(**content | {"chosen": tuple(content["chosen"])})
 
@@ -55,7 +55,7 @@ def _picture_file(folder: Path, view: int) -> Path:
 
 
 def take(job: Job, folder: Path) -> None:
-    """Photograph the chosen views. Every view has random numbers of its own, whoever takes it."""
+    """Render the chosen views into `folder`. Each view has its own seed, so any process renders it the same."""
     world = importlib.import_module(f"{SCENES}.{job.scene}").build(job.seed)
     studio = Studio(world, job.gloss)
     poses, intrinsics = orbit(job.views, job.width, job.height, job.seed)
@@ -67,7 +67,7 @@ def take(job: Job, folder: Path) -> None:
 
 
 def read_picture_file(folder: Path, view: int) -> UInt8[np.ndarray, "height width 3"]:
-    """The picture of a view that `take` has said to be there; its file is removed."""
+    """Read and delete the picture of a view that `take` has reported as finished."""
     path = _picture_file(folder, view)
     picture = np.load(path, allow_pickle=False)
     path.unlink()

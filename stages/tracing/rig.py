@@ -1,4 +1,4 @@
-"""The walk of the photographer: one closed round about the scene, rising and falling three times."""
+"""The camera path: one closed orbit of the scene that rises and falls three times."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ ELEVATION = 23.0
 ELEVATION_SWING = 8.0
 LOOK_AT_HEIGHT = 0.75
 FOCAL_RATIO = 0.92
-"""Focal length over the picture's width: about 57 degrees from side to side."""
+"""Focal length over picture width: a horizontal field of view of about 57 degrees."""
 
 
 def orbit(
     views: int, width: int, height: int, seed: int
 ) -> tuple[Float64[np.ndarray, "V 4 4"], Float64[np.ndarray, "V 3 3"]]:
-    """World-to-camera matrices and intrinsics of V cameras that look inwards; z is up in their world.
+    """World-to-camera matrices and pixel intrinsics of V inward-facing cameras; z is up in the world.
 
-    Consecutive views are neighbours and the last is next to the first, so no view lies at an end of the walk. Steps,
-    distance, aim and tilt vary a little, as a hand does.
+    The views are in order along a closed path: the last is next to the first, so no view is at an end. Step, height,
+    distance, aim and tilt vary slightly, as in handheld photos.
     """
     generator = np.random.default_rng([seed, 41])
     sway = generator.uniform(-1, 1, (views, 6))
@@ -39,7 +39,7 @@ def orbit(
 def look_at(
     centre: Float64[np.ndarray, " 3"], target: Float64[np.ndarray, " 3"], tilt: float = 0.0
 ) -> Float64[np.ndarray, "4 4"]:
-    """The pose, world to camera, of a camera at `centre` that sees `target` in its middle, turned by `tilt` radians."""
+    """World-to-camera pose (x right, y down, z forward) at `centre`, looking at `target`, rolled by `tilt` radians."""
     forward = target - centre
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])

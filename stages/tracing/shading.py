@@ -1,4 +1,4 @@
-"""The light that comes back from places on the surfaces: paint, shadows, highlights and one mirror image."""
+"""Shading of surface points: texture, shadows, highlights and one mirror reflection."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from stages.tracing.tracer import Tracer
 from stages.tracing.world import World
 
 FAINTEST_REFLECTION = np.float32(0.03)
-"""Mirror images are fainter by this share, and left out where nothing remains of them."""
+"""Subtracted from every reflectance; where nothing remains, no mirror ray is traced."""
 
 STRONGEST_REFLECTION = np.float32(0.5)
 REFLECTION_ANGLE = 0.01
-"""Mirror images are blurred over so many radians: nothing here is polished glass."""
+"""Blur of mirror images, in radians: nothing here is polished glass."""
 
 
 AWAY = 2e-3
-"""Mirrored rays start this far off the surface, lest they meet it again."""
+"""Mirror rays start this far off the surface, in world units, so that they do not hit it again."""
 
 LIFT = 0.02
-"""Shadows are asked for this far off the surface, in world units, lest it shadows itself."""
+"""Shadows are looked up this far off the surface, in world units, so that it does not shadow itself."""
 
 
 @dataclass(frozen=True)
 class Spots:
-    """N places on surfaces and how they are looked at.
+    """N surface points and the rays that see them.
 
-    `normal` is a unit vector on the side of the viewer, `u` and `v` the place on the page in pages, `direction` that of
-    the ray, of unit length, and `width` what the ray covers there, in world units across it. `solid` is -1, and all
-    else without meaning, where a ray met nothing.
+    `normal` is the unit normal on the viewer's side, `u` and `v` are texture coordinates in pages, `direction` is the
+    unit direction of the ray, and `width` is the ray's footprint across it, in world units. Where a ray hit nothing,
+    `solid` is -1 and the other fields are meaningless.
     """
 
     point: Float32[np.ndarray, "3 n"]
@@ -49,13 +49,13 @@ class Spots:
         return Spots(*(part[..., chosen] for part in vars(self).values()))
 
     def joined(self, others: Spots) -> Spots:
-        """These spots and then the others."""
+        """These spots followed by `others`."""
         pairs = zip(vars(self).values(), vars(others).values(), strict=True)
         return Spots(*(np.concatenate(pair, axis=-1) for pair in pairs))
 
 
 class Shader:
-    """Shades spots of one world. `gloss` scales the shine of everything in it."""
+    """Shades spots of one world. `gloss` scales the gloss of all its materials."""
 
     def __init__(self, world: World, gloss: float) -> None:
         self.tracer = Tracer(world.solids)
@@ -76,7 +76,7 @@ class Shader:
         direction: Float32[np.ndarray, "3 n"],
         width: Float32[np.ndarray, " n"],
     ) -> Spots:
-        """What N points on the surfaces of N solids are like, seen along `direction`."""
+        """The spots at N points on the surfaces of N solids, seen along the unit vectors `direction`."""
         found = np.zeros((5, solid.size), np.float32)
         order = np.argsort(solid.astype(np.int16), kind="stable")
         numbers, starts = np.unique(solid[order], return_index=True)
@@ -92,11 +92,11 @@ class Shader:
             found[4, chosen] = v * np.float32(1 / body.material.extent) + np.float32(body.patch[1])
         normal, (u, v) = found[:3], found[3:]
         away = (normal * direction).sum(axis=0) > 0
-        normal = normal * np.where(away, np.float32(-1), np.float32(1))  # rooms are seen from inside
+        normal = normal * np.where(away, np.float32(-1), np.float32(1))  # rooms are seen from the inside
         return Spots(point, normal, u, v, solid, direction, width)
 
     def radiance(self, spots: Spots, bounces: int = 1) -> Float32[np.ndarray, "3 n"]:
-        """Linear light that leaves N spots towards the viewer."""
+        """Linear radiance of N spots towards the viewer, 0 without a hit; `bounces=0` leaves out mirror images."""
         facing = np.maximum(-(spots.normal * spots.direction).sum(axis=0), np.float32(0.02))
         texels = spots.width * np.float32(self._pyramid.size) / (self._extent[spots.solid] * np.sqrt(facing))
         albedo = self._pyramid.lookup(self._page[spots.solid], spots.u, spots.v, texels) * self._tint[:, spots.solid]
@@ -109,7 +109,7 @@ class Shader:
         return light
 
     def _light(self, spots: Spots) -> tuple[np.ndarray, np.ndarray]:
-        """Diffuse light on the surfaces, and the highlights (Blinn and Phong's) to add to what they send back."""
+        """Diffuse light on N spots, before albedo, and Blinn-Phong highlights of the suns, both [3, N]."""
         point, normal, direction = spots.point, spots.normal, spots.direction
         gloss = self._gloss[spots.solid]
         sky = self._world.sky
@@ -137,13 +137,13 @@ class Shader:
         return diffuse, highlight
 
     def _reflect(self, light: np.ndarray, spots: Spots, facing: np.ndarray) -> None:
-        """Add to `light` what glossy surfaces mirror, by Schlick's share of it."""
+        """Blend mirror images into `light`, in place, weighted by gloss times Schlick's approximation."""
         share = self._gloss[spots.solid] * (np.float32(0.05) + np.float32(0.95) * (1 - facing) ** 5)
         share -= FAINTEST_REFLECTION
         chosen = np.flatnonzero(share > 0)
         if not chosen.size:
             return
-        chosen = chosen[np.argsort(spots.solid[chosen], kind="stable")]  # rays off one surface travel together
+        chosen = chosen[np.argsort(spots.solid[chosen], kind="stable")]  # keeps bundles coherent
         normal, direction = spots.normal[:, chosen], spots.direction[:, chosen]
         mirrored = direction + 2 * facing[chosen] * normal
         start = spots.point[:, chosen] + normal * np.float32(AWAY)

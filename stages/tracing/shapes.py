@@ -1,7 +1,7 @@
-"""The solids that scenes are made of: where a ray meets them, and what the surface is like there.
+"""The solids that scenes are made of: ray intersection, normals and texture coordinates.
 
-Coordinates travel as three separate float32 arrays (x, y, z), because that is how the arithmetic runs fastest. A shape
-answers in its own frame: a rotated, translated frame whose unit is the world's.
+Coordinates are passed as three separate float32 arrays (x, y, z), because the arithmetic runs fastest that way. Shapes
+work in their own frame, which is rotated and translated but not scaled against the world's.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 Coordinates = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""x, y and z of N points or directions, each float32 and of one shape (or a scalar array that broadcasts)."""
+"""x, y and z of N points or directions: float32 arrays of one shape, or of one element for a shared value."""
 
 NEAREST = 1e-3
-"""A hit nearer than this, in world units, is the surface that the ray has just left."""
+"""A hit nearer than this, in world units, is on the surface that the ray has just left."""
 
 TINY = np.float32(1e-12)
-"""Added to a divisor that may be zero: lost in any other float32."""
+"""Added to a divisor that may be zero; negligible against any other."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A shape's place: world = centre + axesᵀ local. The rows of `axes` are the local axes, orthonormal."""
+    """A shape's pose: world = centre + axesᵀ local. The rows of `axes` are the orthonormal local axes in the world."""
 
     centre: Float64[np.ndarray, " 3"]
     axes: Float64[np.ndarray, "3 3"]
@@ -41,7 +41,7 @@ class Frame:
 
 
 def _rotate(matrix: np.ndarray, vector: Coordinates) -> Coordinates:
-    """matrix @ vector, leaving out the products with zero: most shapes only turn about one axis."""
+    """matrix @ vector, skipping products with zero: most shapes are rotated about one axis only."""
     return _combine(matrix[0], vector), _combine(matrix[1], vector), _combine(matrix[2], vector)
 
 
@@ -62,16 +62,16 @@ class Shape(Protocol):
 
     @property
     def bounding_radius(self) -> float:
-        """Radius of a sphere about the frame's centre that holds the solid."""
+        """Radius of a sphere about the frame's centre that encloses the solid."""
 
     def hit(self, origin: Coordinates, direction: Coordinates) -> Float32[np.ndarray, "*rays"]:
-        """Distance in units of `direction`'s length to the first surface beyond `NEAREST`, infinite where none.
+        """Distance, in units of `direction`'s length, to the first surface beyond `NEAREST`; infinite if there is none.
 
-        Seen from inside, that is the far wall: a room is a box that one stands in.
+        From inside a solid this is its far wall, so a box can serve as a room.
         """
 
     def surface(self, point: Coordinates) -> tuple[Coordinates, np.ndarray, np.ndarray]:
-        """The outward normal at `point`, on the surface, and its place on the unrolled surface, in world units."""
+        """Outward unit normal at `point`, which is on the surface, and texture coordinates u and v in world units."""
 
 
 def _first_in_front(near: np.ndarray, far: np.ndarray, valid: np.ndarray) -> np.ndarray:
@@ -81,7 +81,7 @@ def _first_in_front(near: np.ndarray, far: np.ndarray, valid: np.ndarray) -> np.
 
 @dataclass(frozen=True)
 class Box:
-    """|x|, |y|, |z| ≤ `half`; `bevel` is how far from an edge, in world units, the normal starts to turn round it."""
+    """|x|, |y|, |z| ≤ `half`. Within `bevel` world units of an edge the normal bends, as if the edge were round."""
 
     half: tuple[float, float, float]
     bevel: float = 0.0
@@ -117,7 +117,7 @@ class Box:
             for on_face, amount, coordinate in zip((on_x, on_y, on_z), turn, point, strict=True)
         )
         side = np.where(on_x, np.copysign(1, x), np.where(on_y, np.copysign(2, y), np.copysign(3, z)))
-        u = np.where(on_x, y, x) + side.astype(np.float32) * np.float32(0.731)  # no two faces show the same patch
+        u = np.where(on_x, y, x) + side.astype(np.float32) * np.float32(0.731)  # a different patch for each face
         v = np.where(on_z, y, z)
         return _normalise(normal[0], normal[1], normal[2]), u, v
 
@@ -147,7 +147,7 @@ class Ellipsoid:
         x, y, z = (coordinate * (1 / half) for coordinate, half in zip(point, self.half, strict=True))
         a, b, c = self.half
         normal = _normalise(x * (1 / a), y * (1 / b), z * (1 / c))
-        # The map of a hemisphere about its pole: no seam, and no pinch where one looks down on it.
+        # Azimuthal equidistant map about the +z pole: no seam, and no pinch at the pole, which is seen from above.
         ring = np.sqrt(x * x + y * y)
         stretch = np.arctan2(ring, z) / (ring + np.float32(1e-6))
         return normal, x * stretch * a, y * stretch * b
@@ -155,7 +155,7 @@ class Ellipsoid:
 
 @dataclass(frozen=True)
 class Frustum:
-    """|z| ≤ `half_height`, of radius `bottom` at -half_height and `top` at +half_height: a cylinder, a cone, a disc."""
+    """|z| ≤ `half_height`, with radius `bottom` at -half_height and `top` at +half_height: a cylinder, cone or disc."""
 
     bottom: float
     top: float
@@ -181,7 +181,7 @@ class Frustum:
         cross = x * dx + y * dy - growth * radius
         excess = x * x + y * y - radius * radius
         discriminant = cross * cross - square * excess
-        # Of the two forms of each root the one without cancellation: along the slope of a cone, `square` is next to 0.
+        # The form of each root that is free of cancellation: for rays along the slope of a cone `square` is nearly 0.
         larger = -cross - np.copysign(np.sqrt(np.maximum(discriminant, 0)), cross)
         nearest = np.full(discriminant.shape, np.inf, np.float32)
         for distance in (larger / square, excess / (larger + TINY)):
@@ -217,6 +217,3 @@ class Frustum:
 def _normalise(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> Coordinates:
     inverse = 1 / np.sqrt(x * x + y * y + z * z + TINY)
     return x * inverse, y * inverse, z * inverse
-
-
-normalise = _normalise

@@ -1,4 +1,4 @@
-"""Painted pages in one pyramid, looked up with the right blur for the pixel that asks."""
+"""A mipmap of texture pages, sampled with a blur that matches the pixel's footprint."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ SMALLEST_PAGE = 4
 
 
 class TexturePyramid:
-    """P square pages and all their halvings, for trilinear look-up.
+    """Mipmaps of P ≥ 1 square pages, for trilinear lookup.
 
-    Pages are pictures in [0, 1] that join up with themselves, all of one size, a power of two. Colours are kept as
-    bytes on a square-root scale and come back as linear light. Raises `ValueError` for other pages.
+    Pages are tileable pictures in [0, 1] (gamma 2.2), all of one size, a power of two. Colours are stored as bytes on a
+    square-root scale and returned as linear light. Raises `ValueError` for pages of other shapes.
     """
 
     def __init__(self, pages: Sequence[Float32[np.ndarray, "size size 3"]]) -> None:
@@ -41,7 +41,7 @@ class TexturePyramid:
         v: Float32[np.ndarray, " n"],
         texels: Float32[np.ndarray, " n"],
     ) -> Float32[np.ndarray, "3 n"]:
-        """Linear colours at (u, v), in pages, v upwards, of a spot `texels` wide on the finest level."""
+        """Linear colours at (u, v), in pages with v upwards, filtered over `texels` texels of the finest level."""
         level = np.clip(np.log2(np.maximum(texels, 1)), 0, len(self._offsets) - 1.001)
         lower = level.astype(np.int32)
         weight = (level - lower).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Which solid a ray meets first."""
+"""Finds the first solid that each ray hits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BUNDLE = 64
 
 @dataclass(frozen=True)
 class Bundles:
-    """B cones that hold rays: these start within `spread` of `apex` and lean off `axis` by an angle with `cosine`."""
+    """B cones around bundles of rays: origins within `spread` of `apex`, cosines to `axis` of at least `cosine`."""
 
     apex: Float64[np.ndarray, "B 3"]
     spread: Float64[np.ndarray, " B"]
@@ -29,7 +29,7 @@ class Bundles:
         origin: Float32[np.ndarray, "3 B rays"] | Float32[np.ndarray, "3 1 1"],
         direction: Float32[np.ndarray, "3 B rays"],
     ) -> Bundles:
-        """The cones of B groups of rays of unit length."""
+        """The cones around B bundles of rays with unit directions."""
         low, high = origin.min(axis=2).astype(np.float64).T, origin.max(axis=2).astype(np.float64).T
         axis = direction.mean(axis=2, dtype=np.float64).T
         axis /= np.linalg.norm(axis, axis=1, keepdims=True) + 1e-12
@@ -37,7 +37,7 @@ class Bundles:
         return Bundles((low + high) / 2, np.linalg.norm(high - low, axis=1) / 2, axis, np.minimum(cosine, 1))
 
     def reach(self, centres: Float64[np.ndarray, "K 3"], radii: Float64[np.ndarray, " K"]) -> Bool[np.ndarray, "B K"]:
-        """Which of K spheres some ray of each bundle may touch: none that one does is left out."""
+        """Whether any ray of each of B bundles may touch each of K spheres; there are no false negatives."""
         offset = centres[None] - self.apex[:, None]
         forward = (offset * self.axis[:, None]).sum(axis=2)
         across = np.sqrt(np.maximum((offset * offset).sum(axis=2) - forward * forward, 0))
@@ -48,10 +48,10 @@ class Bundles:
 
 
 class Tracer:
-    """Finds the first solid along rays.
+    """Intersects rays with a scene's solids.
 
-    A solid is tried only on the bundles of rays whose cone touches its bounding sphere, and there only on the rays that
-    pass through that sphere, nearest sphere first, so that what lies behind a surface already found is left out.
+    A solid is tested only in bundles whose cone touches its bounding sphere, and there only for rays that pass through
+    that sphere. The nearest spheres come first, so that solids behind a hit already found are skipped.
     """
 
     def __init__(self, solids: Sequence[Solid]) -> None:
@@ -62,9 +62,9 @@ class Tracer:
     def first(
         self, origin: Coordinates, direction: Coordinates
     ) -> tuple[Float32[np.ndarray, " rays"], Int32[np.ndarray, " rays"]]:
-        """Distance to the first surface along each ray of unit length, and the number of its solid.
+        """Distance to the first surface along each ray, and the index of its solid; inf and -1 where there is none.
 
-        Rays that share their origin may give it as arrays of one element. Infinite, and -1, where a ray meets nothing.
+        Directions are unit vectors. A shared origin may be given as arrays of one element.
         """
         rays = direction[0].size
         starts, steps = _in_bundles(origin), _in_bundles(direction)
@@ -92,7 +92,7 @@ class Tracer:
         rows: np.ndarray,
         passing: np.ndarray,
     ) -> None:
-        """Meet a solid with the `passing` rays of bundles `rows`; where it is nearer than `distance`, it wins."""
+        """Intersect a solid with the `passing` rays of bundles `rows`; update `distance` and `winner` where nearer."""
         solid = self.solids[number]
         found = solid.shape.hit(solid.frame.point_to_local(start), solid.frame.direction_to_local(step))
         ray = (rows[:, None] * BUNDLE + np.arange(BUNDLE)).reshape(-1)[passing]
@@ -104,18 +104,18 @@ class Tracer:
     def _passes(
         self, number: int, origin: Coordinates, direction: Coordinates, limit: Float32[np.ndarray, "b rays"]
     ) -> Bool[np.ndarray, "b rays"]:
-        """Which rays pass through a solid's bounding sphere before `limit`."""
+        """Which rays enter the bounding sphere of solid `number` at a distance below `limit`."""
         x, y, z = (float(middle) - start for middle, start in zip(self._centres[number], origin, strict=True))
         radius = float(self._radii[number]) + 1e-3
         forward = x * direction[0] + y * direction[1] + z * direction[2]
         square = x * x + y * y + z * z
-        # Rounding errs by some 1e-7 of `square`: the sphere is a little larger, so that no ray is lost.
+        # Rounding errors are about 1e-7 of `square`: a slightly larger sphere makes sure that no ray is missed.
         across = square * np.float32(1 - 1e-5) - forward * forward
         return (across <= radius * radius) & (forward >= -radius) & (forward - radius < limit)
 
 
 def _in_bundles(coordinates: Coordinates) -> Float32[np.ndarray, "3 B rays"]:
-    """Rays in rows of `BUNDLE`, the last one repeated to fill its row; a shared value as [3, 1, 1]."""
+    """Rays in bundles of `BUNDLE`, the last ray repeated to fill its bundle; a single (shared) value as [3, 1, 1]."""
     stacked = np.stack(coordinates)
     if stacked.shape[1] == 1:
         return stacked[:, :, None]
@@ -126,12 +126,12 @@ def _in_bundles(coordinates: Coordinates) -> Float32[np.ndarray, "3 B rays"]:
 
 
 def _rows(coordinates: np.ndarray, rows: np.ndarray) -> Coordinates:
-    """The coordinates of some bundles; a shared value as it is."""
+    """Coordinates of the bundles `rows`; a shared value is returned unchanged."""
     x, y, z = coordinates if coordinates.shape[1] == 1 else (part[rows] for part in coordinates)
     return x, y, z
 
 
 def _rays(coordinates: Coordinates, chosen: np.ndarray) -> Coordinates:
-    """The coordinates of some rays; a shared value as it is."""
+    """Coordinates of the `chosen` rays, flattened; a shared value is returned unchanged."""
     x, y, z = (part.reshape(-1) if part.size == 1 else part.reshape(-1)[chosen] for part in coordinates)
     return x, y, z

@@ -1,4 +1,4 @@
-"""What the surfaces of the workshop look like: worn paint, concrete, corrugated sheets, rubber, tools and goods."""
+"""Textures of the workshop: worn paint, concrete, corrugated sheets, rubber, tools and goods."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ GOODS = palette("d2382c", "e8b622", "1f9ab0", "e7e3d6", "3f8a4c", "e0742a", "3a5
 
 
 def machine_paint(generator: np.random.Generator, color: np.ndarray) -> Page:
-    """Worn paint on plates of sheet metal with seams, a tone each, and stencilled words."""
+    """Worn paint on sheet-metal plates with seams, each of its own tone, some with stencilled words."""
     plates = courses(SIZE, 5, 4, generator, variation=0.8, heights=0.6)
     body = step(plates.inset, 0.002, 0.006)
     paint = materials.painted_metal(generator, color, RUST, wear=0.35)
@@ -24,7 +24,7 @@ def machine_paint(generator: np.random.Generator, color: np.ndarray) -> Page:
 
 
 def concrete(generator: np.random.Generator) -> Page:
-    """A cast floor with hair cracks, oil, tyre dust and splashes of paint."""
+    """A concrete floor with hairline cracks, oil stains and splashes of paint."""
     slab = materials.mottled(generator, rgb("62686a"), rgb("a6aaa6"), 6, rough=0.9)
     cracks = warp(stones(SIZE, 6, generator).inset, 0.05, 8, generator)
     slab = shade(slab, 0.5 + 0.5 * step(cracks, 0.0004, 0.002))
@@ -37,7 +37,7 @@ def concrete(generator: np.random.Generator) -> Page:
 
 
 def corrugated(generator: np.random.Generator, colors: np.ndarray, ribs: int) -> Page:
-    """Sheets of corrugated metal of several paints, screwed one over the other, with rust that ran down."""
+    """Overlapping sheets of corrugated metal in several colours, with vertical streaks of rust."""
     sheets = courses(SIZE, 3, 6, generator, variation=0.9, heights=0.5)
     metal = materials.painted_metal(generator, rgb("f0f0ee"), RUST, wear=0.6)
     streaks = step(fractal(SIZE, 40, generator, octaves=3)[:1] * fractal(SIZE, 4, generator), 0.3, 0.65)
@@ -50,7 +50,7 @@ def corrugated(generator: np.random.Generator, colors: np.ndarray, ribs: int) ->
 
 
 def rubber(generator: np.random.Generator) -> Page:
-    """Treads full of grey dust, with dried mud."""
+    """Tyre treads covered in grey dust and dried mud."""
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
     bend = np.abs(2 * (4 * place % 1) - 1)[:, None]
     lugs = warp(step(np.sin(2 * np.pi * (8 * place[None, :] + 0.8 * bend)), -0.5, -0.1), 0.03, 8, generator)
@@ -60,7 +60,7 @@ def rubber(generator: np.random.Generator) -> Page:
 
 
 def _grid(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray, Int[np.ndarray, "size size"]]:
-    """Places within the cells of a grid, x to the right and y up in [-1, 1], and the number of the cell."""
+    """Each texel's position in its cell of a grid, x right and y up in [-1, 1], and the index of the cell."""
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
     across, down = place * columns, place * rows
     cell = down.astype(np.int64)[:, None] * columns + across.astype(np.int64)[None, :]
@@ -69,7 +69,7 @@ def _grid(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray, Int[np.ndarr
 
 
 def pegboard(generator: np.random.Generator, rows: int, columns: int) -> Page:
-    """Hammers, spanners and files, no two alike, over a board full of holes."""
+    """Hammers, spanners and files, no two alike, on a perforated board."""
     x, y, cell = _grid(rows, columns)
 
     def pick() -> np.ndarray:
@@ -93,7 +93,7 @@ def pegboard(generator: np.random.Generator, rows: int, columns: int) -> Page:
 
 
 def packed_goods(generator: np.random.Generator, rows: int, columns: int) -> Page:
-    """Boxes and cans of many colours, with labels and dents, close together."""
+    """Tightly packed boxes and cans of many colours, with labels and dents."""
     packs = courses(SIZE, rows, columns, generator, variation=0.8, heights=0.3)
     _, y, _ = _grid(rows, 1)
     band = step(0.25 + 0.3 * packs.tone(generator) - np.abs(y - 0.4 * (packs.tone(generator) - 0.5)), 0, 0.03)

@@ -1,4 +1,4 @@
-"""What a scene is: solids with painted materials, lights and a sky; and the builder that scenes are written with."""
+"""The parts of a scene (textured solids, lights and a sky), and the builder that assembles them."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from stages.tracing.patterns import Page, soften
 from stages.tracing.shapes import Box, Ellipsoid, Frame, Frustum, Shape
 
 PAGE_SIZE = 1024
-"""Texels on a side of every painted page."""
+"""Side of every texture page, in texels."""
 
 FINE = 0.3
 FINE_CONTRAST = 0.5
-"""Contrast finer than `FINE` world units is painted at this part of its strength, as in most real places.
+"""Texture detail finer than `FINE` world units has its contrast reduced to this share, as in most real places.
 
-In pictures of 192 pixels such detail has the size of a pixel or two, which splats are slow to learn.
+In pictures 192 pixels wide the finest detail is only a pixel or two across, which splats are slow to learn.
 """
 
 Vector = Sequence[float] | np.ndarray
@@ -26,9 +26,10 @@ Vector = Sequence[float] | np.ndarray
 
 @dataclass(frozen=True)
 class Material:
-    """A painted page that covers `extent` world units and then repeats, and how the surface takes light.
+    """A texture page that repeats every `extent` world units, and how the surface responds to light.
 
-    `gloss` in [0, 1] scales highlights and the mirror image; `glow` in [0, 1] is how much light of its own it gives.
+    `gloss` in [0, 1] scales highlights and mirror images. `glow` in [0, 1] blends from a surface that is lit (0) to one
+    that emits its own colour (1).
     """
 
     page: int
@@ -39,7 +40,7 @@ class Material:
 
 @dataclass(frozen=True)
 class Solid:
-    """A shape at its place, made of a material: `tint` multiplies the page, `patch` is where on the page it starts."""
+    """A shape with a pose and a material: `tint` multiplies the page, `patch` is its (u, v) offset on it, in pages."""
 
     shape: Shape
     frame: Frame
@@ -51,7 +52,7 @@ class Solid:
 
 @dataclass(frozen=True)
 class Sun:
-    """Parallel light from the direction `towards` [3], a unit vector, of a linear colour; it casts shadows."""
+    """Directional light of a linear colour that casts shadows; `towards` is the unit vector from the scene to it."""
 
     towards: tuple[float, float, float]
     color: tuple[float, float, float]
@@ -59,7 +60,7 @@ class Sun:
 
 @dataclass(frozen=True)
 class Lamp:
-    """Light from a point, of a linear colour, halved at the distance `reach`; it casts no shadow."""
+    """Point light of a linear colour without shadows; its intensity is halved at the distance `reach`."""
 
     position: tuple[float, float, float]
     color: tuple[float, float, float]
@@ -68,7 +69,7 @@ class Lamp:
 
 @dataclass(frozen=True)
 class Sky:
-    """Diffuse light from all sides: a linear colour from above and one from below."""
+    """Ambient light: one linear colour from above and one from below."""
 
     above: tuple[float, float, float]
     below: tuple[float, float, float]
@@ -76,7 +77,7 @@ class Sky:
 
 @dataclass(frozen=True)
 class World:
-    """A scene ready to be photographed. z is up; the floor is at 0; the cameras circle the z axis."""
+    """A scene ready to be rendered: z is up, the floor is at z = 0, and the cameras circle the z axis."""
 
     solids: tuple[Solid, ...]
     pages: tuple[Page, ...]
@@ -86,7 +87,7 @@ class World:
 
 
 def turned(yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> Float64[np.ndarray, "3 3"]:
-    """Local axes, as rows, turned by degrees: `roll` about x, then `pitch` about y, then `yaw` about z."""
+    """Local axes, as rows, rotated by `roll` about x, then `pitch` about y, then `yaw` about z, in degrees."""
     (cos_z, cos_y, cos_x), (sin_z, sin_y, sin_x) = (f(np.radians([yaw, pitch, roll])) for f in (np.cos, np.sin))
     about_z = np.array([[cos_z, -sin_z, 0], [sin_z, cos_z, 0], [0, 0, 1]])
     about_y = np.array([[cos_y, 0, sin_y], [0, 1, 0], [-sin_y, 0, cos_y]])
@@ -95,7 +96,7 @@ def turned(yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> Float64[n
 
 
 def along(direction: Vector) -> Float64[np.ndarray, "3 3"]:
-    """Local axes, as rows, whose z axis points along `direction`."""
+    """Orthonormal local axes, as rows, with z along `direction`; x and y are arbitrary."""
     up = np.asarray(direction, np.float64) / np.linalg.norm(direction)
     helper = np.array([1.0, 0.0, 0.0]) if abs(up[0]) < 0.8 else np.array([0.0, 1.0, 0.0])
     right = np.cross(helper, up)
@@ -105,7 +106,7 @@ def along(direction: Vector) -> Float64[np.ndarray, "3 3"]:
 
 @dataclass
 class Builder:
-    """Collects pages, solids and lights. `generator` decides everything that the scene leaves open."""
+    """Collects pages, solids and lights. `generator` draws what the scene does not specify, such as patches."""
 
     generator: np.random.Generator
     pages: list[Page] = field(default_factory=list)
@@ -114,7 +115,7 @@ class Builder:
     lamps: list[Lamp] = field(default_factory=list)
 
     def material(self, picture: Page, extent: float, gloss: float = 0.0, glow: float = 0.0) -> Material:
-        """Add a page, and make a material of it."""
+        """Add a page, its fine contrast reduced by `FINE_CONTRAST`, and return a material made of it."""
         block = 1 << round(np.log2(min(max(FINE / extent * len(picture), 1), len(picture) / 4)))
         self.pages.append(soften(picture, block, FINE_CONTRAST))
         return Material(len(self.pages) - 1, extent, gloss, glow)
@@ -160,7 +161,7 @@ class Builder:
         tint: Vector = (1, 1, 1),
         casts_shadow: bool = True,
     ) -> None:
-        """A cylinder between two points, or a cone of `radius` at the start and `end_radius` at the end."""
+        """Add a cylinder between two points, or a cone of `radius` at the start and `end_radius` at the end."""
         begin, end = np.asarray(start, np.float64), np.asarray(stop, np.float64)
         top = radius if end_radius is None else end_radius
         shape = Frustum(float(radius), float(top), float(np.linalg.norm(end - begin)) / 2)
@@ -191,7 +192,7 @@ class Builder:
         self.lamps.append(Lamp(place, (color[0], color[1], color[2]), reach))
 
     def tone(self, strength: float = 0.15) -> Float32[np.ndarray, " 3"]:
-        """A random tint about white, so that no two things of one material look alike."""
+        """A random tint in [(1 - strength) / (1 + strength), 1], so that no two solids look alike."""
         return (1 + strength * (self.generator.random(3, dtype=np.float32) * 2 - 1)) / (1 + strength)
 
     def world(self, sky: Sky) -> World:

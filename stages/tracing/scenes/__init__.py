@@ -1,1 +1,1 @@
-"""The built-in places: one file a scene, each with a `build(seed)` that returns a `World`."""
+"""The built-in scenes: one module each, with a function `build(seed)` that returns a `World`."""

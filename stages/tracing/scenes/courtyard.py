@@ -12,7 +12,7 @@ WALL = 6.3
 
 
 def build(seed: int) -> World:
-    """The courtyard; `seed` decides textures, tones and small displacements."""
+    """Build the courtyard; `seed` determines textures, tones and small displacements."""
     generator = np.random.default_rng([seed, 1])
     builder = Builder(generator)
     stone = builder.material(materials.mottled(generator, rgb("8a7354"), rgb("e2cfa4"), 6), 2.2)
@@ -44,7 +44,7 @@ def _surround(
     ground = materials.cobbles(generator, palette("9c8a70", "b8a584", "85705a", "a89a8c", "c4a67c"), rgb("4c4034"), 51)
     paving = builder.material(ground, 9.0)
     brick_colors = palette("b4623c", "c87f50", "9c4c30", "d09a6a", "a85a44")
-    # One page for all four walls, no part of it seen twice: structure from motion would take one wall for another.
+    # One page for all four walls, no part of it shown twice: structure from motion would confuse walls that look alike.
     brick = builder.material(materials.bricks(generator, brick_colors, rgb("cdbb98"), 108, 40), 13.2)
     roof = builder.material(
         materials.bricks(generator, palette("c05a30", "a8452a", "d87c48"), rgb("4a2016"), 22, 22), 3.0

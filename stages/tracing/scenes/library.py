@@ -18,7 +18,7 @@ TABLE_TOP = 0.74
 COVERS = (
     palette("a8322a", "2f6b48", "c8963c", "33507e", "7c3450", "8a5a34", "4f7a34", "d8c490", "5c2c24", "2c6a72") ** 1.8
 )
-"""Linear tints of leather."""
+"""Linear tints for `leather`."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Stuff:
 
 
 def build(seed: int) -> World:
-    """The library; `seed` decides textures, tones and small displacements."""
+    """Build the library; `seed` determines textures, tones and small displacements."""
     generator = np.random.default_rng([seed, 2])
     builder = Builder(generator)
     spines = (
@@ -70,7 +70,7 @@ def build(seed: int) -> World:
 
 
 def _leather(generator: np.random.Generator) -> Page:
-    """Pale worn leather, to be tinted, with gilt letters and scrolls."""
+    """Pale worn leather, to be tinted, with gilt lettering."""
     hide = materials.mottled(generator, rgb("8c8074"), rgb("f4ece0"), 10, rough=0.8)
     hide = shade(hide, 0.7 + 0.3 * step(stones(SIZE, 60, generator).inset * 60, 0.0, 0.12))
     panels = courses(SIZE, 9, 7, generator, variation=0.5, heights=0.4)
@@ -79,7 +79,7 @@ def _leather(generator: np.random.Generator) -> Page:
 
 
 def _stained_glass(generator: np.random.Generator) -> Page:
-    """Pieces of coloured glass of two sizes between leads."""
+    """Leaded panes of coloured glass in two sizes."""
     colors = palette("c83028", "e8b040", "3c8c4c", "e8d8a0", "a84a20", "2f6c8c", "d8902c")
     large, small = stones(SIZE, 9, generator), stones(SIZE, 26, generator)
     picture = mix(
@@ -94,7 +94,7 @@ def _stained_glass(generator: np.random.Generator) -> Page:
 
 
 def _chart(generator: np.random.Generator) -> Page:
-    """Seas, lands of many colours and names: the skin of a globe."""
+    """The map on a globe: seas, lands of many colours, and place names."""
     height = fractal(SIZE, 4, generator, octaves=8, gain=0.6)
     realms = stones(SIZE, 16, generator).color(palette("c8a050", "b06c38", "8c9c4c", "d8c080", "a84a38"), generator)
     sea = shade(np.broadcast_to(rgb("3c7c78"), (SIZE, SIZE, 3)), 0.7 + 0.5 * fractal(SIZE, 16, generator, octaves=5))
@@ -104,7 +104,7 @@ def _chart(generator: np.random.Generator) -> Page:
 
 
 def _carpet(generator: np.random.Generator) -> Page:
-    """A knotted carpet: a field of rosettes inside four borders, and a medallion in its middle."""
+    """A knotted carpet: a field of rosettes within four borders, with a medallion at the centre."""
     colors = palette("c89040", "7c1c20", "dcc898", "2c4a44", "a02c28", "a85028", "6c1420")
     borders = ((0.3, "24443a", 34), (0.35, "b8863c", 60), (0.375, "6c1820", 26), (0.45, "203048", 50))
     place = np.abs((np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE - np.float32(0.5))
@@ -140,7 +140,7 @@ def _walls(builder: Builder, generator: np.random.Generator, stuff: Stuff) -> No
     oils = materials.leaves(generator, palette("a8322a", "2f6b48", "c8963c", "33507e", "d8c490"), 24)
     painting = builder.material(warp(oils, 0.08, 6, generator), 2.0, gloss=0.2)
     windows = {(0, 1), (1, 3), (2, 2), (3, 0), (3, 3)}
-    # Each bookcase shows another sixth of a page: structure from motion would take equal ones for each other.
+    # Each bookcase shows a different sixth of a page: structure from motion would confuse cases that look alike.
     parts = [(case, column / 3, row * 7 / 15) for case in stuff.cases for column in range(3) for row in range(2)]
     order = iter(generator.permutation(len(parts)))
     for side in range(4):
@@ -178,7 +178,7 @@ def _window(builder: Builder, middle: np.ndarray, axes: np.ndarray, stuff: Stuff
 
 
 def _stack(builder: Builder, stuff: Stuff, place: Vector, count: int, size: float = 0.15) -> None:
-    """Closed books on one another: the covers of each, and the pages that show on three sides."""
+    """A stack of closed books: leather covers, with the pages showing on three sides."""
     centre = np.asarray(place, np.float64)
     for _ in range(count):
         axes = turned(yaw=builder.generator.uniform(0, 360))
@@ -268,7 +268,7 @@ def _table(builder: Builder, generator: np.random.Generator, stuff: Stuff) -> No
 
 
 def _chair(builder: Builder, stuff: Stuff, angle: float, distance: float, cushion: Vector) -> None:
-    """A chair that faces the middle of the room."""
+    """A chair that faces the centre of the room."""
     axes = turned(yaw=angle + builder.generator.uniform(-12, 12))
     back, aside, up = axes
     middle = turned(yaw=angle)[0] * distance
@@ -292,7 +292,7 @@ def _chandelier(builder: Builder, stuff: Stuff) -> None:
 
 
 def _furniture(builder: Builder, stuff: Stuff) -> None:
-    """What stands about the table, no farther out than the photographer walks."""
+    """Furniture around the table, inside the camera path."""
     _globe(builder, stuff, -1.75, 1.5, 0.03, 0.33)
     for x, y, yaw, base in ((1.75, 1.2, 215, 0.7), (-2.05, -1.05, 30, 0.6), (0.7, -2.2, 100, 0.45)):
         _bust(builder, stuff, x, y, yaw, base)
@@ -319,7 +319,7 @@ def _furniture(builder: Builder, stuff: Stuff) -> None:
 
 
 def _corners(builder: Builder, stuff: Stuff) -> None:
-    """Ladders, busts and lamps along the walls, behind the photographer's back."""
+    """Ladders, busts and lamps along the walls, outside the camera path."""
     for number, shift in enumerate((2.0, -3.1, 0.6, -2.2)):
         outward, aside, up = turned(yaw=90 * number)
         x, y, _ = 5.1 * outward + 4.6 * aside

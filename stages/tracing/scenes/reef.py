@@ -13,14 +13,14 @@ from stages.tracing.world import Builder, Material, Sky, World, along, turned
 
 CLIFF = 6.4
 FISH_DESIGNS = 3
-"""Kinds of fish along each side of the page that they are painted on."""
+"""Fish designs along each side of their texture page, which holds `FISH_DESIGNS`²."""
 
 FISH_THICKNESS = 0.5
-"""How thick a fish is, in its heights."""
+"""Thickness of a fish over its height."""
 
 
 def build(seed: int) -> World:
-    """The reef; `seed` decides textures, tones and small displacements."""
+    """Build the reef; `seed` determines textures, tones and small displacements."""
     generator = np.random.default_rng([seed, 3])
     builder = Builder(generator)
     crust = palette("f0762e", "e8508c", "9a5ad0", "f0c83c", "2fb0a0", "58b868")
@@ -51,13 +51,13 @@ def build(seed: int) -> World:
 
 
 def _ripples_of_light(generator: np.random.Generator, count: int) -> Field:
-    """The bright net that waves throw on what lies below them."""
+    """Caustics: the bright net of light that waves cast on the sea floor."""
     inset = warp(stones(SIZE, count, generator).inset * count, 0.03, 9, generator)
     return np.maximum(1 - step(inset, 0.0, 0.14), 0.45 * (1 - step(inset, 0.0, 0.4)))
 
 
 def _sand(generator: np.random.Generator, pebbles: np.ndarray) -> Page:
-    """Ripples in sand under a net of light, with pebbles and bits of shell strewn about."""
+    """Rippled sand under caustics, strewn with pebbles and bits of shell."""
     down = (np.arange(SIZE, dtype=np.float32) / SIZE)[:, None]
     bend = fractal(SIZE, 4, generator, octaves=3)
     ripple = 0.5 + 0.5 * np.sin(2 * np.pi * 26 * down + 9 * bend + 2 * noise(SIZE, 16, generator)).astype(np.float32)
@@ -76,7 +76,7 @@ def _sand(generator: np.random.Generator, pebbles: np.ndarray) -> Page:
 def _encrusted(
     generator: np.random.Generator, dark: np.ndarray, bright: np.ndarray, crust: np.ndarray, share: float
 ) -> Page:
-    """Cracked rock on which corals and algae of many colours grow in colonies; `share` of it is overgrown."""
+    """Cracked rock with colonies of corals and algae in the colours `crust`; `share` sets how much is overgrown."""
     picture = materials.mottled(generator, dark, bright, 7, rough=1.0)
     cracks = warp(stones(SIZE, 9, generator).inset, 0.06, 8, generator) * 9
     picture = shade(picture, (0.45 + 0.55 * step(cracks, 0.0, 0.06)) * relief(fractal(SIZE, 24, generator), 2.0))
@@ -100,7 +100,7 @@ def _meanders(generator: np.random.Generator, valley: np.ndarray, ridge: np.ndar
 
 
 def _polyps(generator: np.random.Generator, colors: np.ndarray, count: int) -> Page:
-    """Coral of many small cups, each bright at its rim and dark in its mouth."""
+    """Coral made of many small cups, bright at the rim and dark at the mouth."""
     cups = stones(SIZE, count, generator, regularity=0.3)
     inset = cups.inset * count
     rim = step(inset, 0.0, 0.16) - 0.7 * step(inset, 0.24, 0.4)
@@ -110,7 +110,7 @@ def _polyps(generator: np.random.Generator, colors: np.ndarray, count: int) -> P
 
 
 def _network(generator: np.random.Generator, colors: np.ndarray, behind: np.ndarray) -> Page:
-    """The veins of a sea fan, coarse and fine, over the dark between them."""
+    """The coarse and fine veins of a sea fan, over a dark background."""
     picture = behind * (0.6 + 0.8 * fractal(SIZE, 40, generator, octaves=4)[..., None])
     for count, width in ((40, 0.06), (15, 0.05)):
         cells = stones(SIZE, count, generator)
@@ -121,7 +121,7 @@ def _network(generator: np.random.Generator, colors: np.ndarray, behind: np.ndar
 
 
 def _fish_designs(generator: np.random.Generator) -> Page:
-    """A page of fish skins, unrolled from the mouth in the middle: each with stripes, scales and eyes of its own."""
+    """A page of fish skins, each with its own stripes, scales and eyes, unrolled about the mouth at its centre."""
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE * FISH_DESIGNS
     cell = place.astype(np.int64)
     design = cell[:, None] * FISH_DESIGNS + cell[None, :]
@@ -142,7 +142,7 @@ def _fish_designs(generator: np.random.Generator) -> Page:
 
 
 def _water(generator: np.random.Generator) -> Page:
-    """Water overhead for a dome, bright in the middle of the page, deep blue at the horizon, with moving light."""
+    """Water overhead, for a dome: bright at the centre of the page, deep blue at the horizon, with caustics."""
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE - np.float32(0.5)
     distance = np.hypot(place[:, None], place[None, :])
     water = mix(rgb("8ff0e0"), rgb("12669c"), step(distance, 0.05, 0.42))
@@ -151,7 +151,7 @@ def _water(generator: np.random.Generator) -> Page:
 
 
 def _at(angle: float, radius: float, height: float = 0.0) -> np.ndarray:
-    """The place at an angle in degrees about the middle of the reef."""
+    """The point [3] at cylindrical coordinates about the reef's axis; `angle` in degrees."""
     return np.array([radius * np.cos(np.radians(angle)), radius * np.sin(np.radians(angle)), height])
 
 
@@ -299,7 +299,7 @@ def _bottom(builder: Builder, rock: Material, brains: list[Material], corals: li
 
 
 def _fish(builder: Builder, designs: Material) -> None:
-    """Fish that circle the mountain, a school of small ones, and large ones along the cliffs."""
+    """Fish circling the mountain, a school of small fish, and large fish along the cliffs."""
     circling = [(41.0 * n, 0.8 + 0.35 * (n % 4), 1.25 + 0.09 * (n % 11), 0.15) for n in range(14)]
     school = [(205 + 9.0 * (n % 5), 1.15 + 0.13 * (n % 4), 1.4 + n / 20, 0.09) for n in range(11)]
     outer = [(45.0 * n + 10, 5.2, 0.9 + 0.3 * (n % 3), 0.24) for n in range(8)]

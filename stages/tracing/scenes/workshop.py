@@ -18,7 +18,7 @@ CEILING = 4.7
 
 @dataclass(frozen=True)
 class Paints:
-    """The materials that most things in the workshop are made of."""
+    """The materials that most objects in the workshop share."""
 
     red: Material
     yellow: Material
@@ -32,7 +32,7 @@ class Paints:
 
 
 def build(seed: int) -> World:
-    """The workshop; `seed` decides textures, tones and what stands on the shelves."""
+    """Build the workshop; `seed` determines textures, tones and the goods on the shelves."""
     generator = np.random.default_rng([seed, 4])
     builder = Builder(generator)
     paints = Paints(
@@ -93,7 +93,7 @@ def _walls(builder: Builder, generator: np.random.Generator, paints: Paints) -> 
         builder.material(corrugated(generator, palette("b4bcc0", "9aa6ac", "c8ccc8", "84a8b0"), 46), 6.6),
         builder.material(corrugated(generator, palette("5fa4b0", "7fb4bc", "a8b8bc", "4c8c9c"), 44), 6.6),
     )
-    # No two racks and no two boards show the same part of a page: structure from motion would take one for another.
+    # No two racks or boards show the same part of a page: structure from motion would confuse those that look alike.
     pegboards = tuple(builder.material(pegboard(generator, 6, columns), 3.9) for columns in (13, 12))
     papers = (
         builder.material(materials.writing(generator, rgb("efe8d4"), rgb("2a2c34"), 40), 1.6),
@@ -132,7 +132,7 @@ def _walls(builder: Builder, generator: np.random.Generator, paints: Paints) -> 
 
 
 def _rack(wall: Group, offset: float, goods: Material, patch: Vector, paints: Paints) -> None:
-    """A rack of shelves against the wall, full behind, with cans and boxes in front."""
+    """A rack of shelves against the wall: packed goods at the back, with cans and boxes in front."""
     generator = wall.builder.generator
     wall.box((-0.1, offset, 1.0), (0.12, 0.8, 1.0), goods, patch=patch)
     for height in (0.12, 0.75, 1.4, 2.02):
@@ -158,7 +158,7 @@ def _window(wall: Group, offset: float, pane: Material, paints: Paints) -> None:
 
 
 def _tractor(group: Group, paints: Paints) -> None:
-    """It looks along the group's x axis."""
+    """An old tractor that faces along the group's x axis."""
     group.box((0.0, 0, 0.42), (0.75, 0.13, 0.1), paints.grey)
     group.box((0.5, 0, 0.68), (0.42, 0.2, 0.19), paints.red)
     group.rod((0.1, 0, 0.84), (0.92, 0, 0.84), 0.19, paints.red)
@@ -182,7 +182,7 @@ def _tractor(group: Group, paints: Paints) -> None:
 
 
 def _bench(group: Group, paints: Paints) -> None:
-    """Its length is along the group's y axis."""
+    """A workbench with its length along the group's y axis."""
     group.box((0, 0, 0.7), (0.36, 0.85, 0.045), paints.wood)
     group.box((0, 0, 0.25), (0.3, 0.75, 0.025), paints.wood)
     for front in (-0.28, 0.28):
@@ -199,7 +199,7 @@ def _bench(group: Group, paints: Paints) -> None:
 
 
 def _motor(group: Group, paints: Paints) -> None:
-    """An engine of four cylinders on a stand, with its gears to the front."""
+    """A four-cylinder engine on a stand, with its gears on the front (the group's +x)."""
     for side in (-0.3, 0.3):
         group.box((0, side, 0.05), (0.4, 0.05, 0.05), paints.grey)
         group.rod((-0.25, side, 0.08), (0, 0.6 * side, 0.5), 0.035, paints.yellow)
@@ -222,7 +222,7 @@ def _motor(group: Group, paints: Paints) -> None:
 
 
 def _cabinet(group: Group, paints: Paints) -> None:
-    """A toolbox, its drawers to the front, and a globe lamp on it."""
+    """A tool cabinet with its drawers on the front (the group's +x) and a globe lamp on top."""
     group.box((0, 0, 0.42), (0.24, 0.4, 0.4), paints.red)
     for number, material in enumerate((paints.yellow, paints.cyan, paints.grey, paints.yellow)):
         group.box((0.23, 0, 0.22 + 0.165 * number), (0.03, 0.36, 0.07), material)
@@ -233,7 +233,7 @@ def _cabinet(group: Group, paints: Paints) -> None:
 
 
 def _stores(group: Group, paints: Paints) -> None:
-    """Drums, tyres, crates, pipes and cans about the floor."""
+    """Drums, tyres, crates, pipes and cans on the floor, and a standing lamp."""
     for x, y, radius, height, material in (
         (1.85, 0.75, 0.27, 0.82, paints.cyan),
         (1.5, 1.3, 0.27, 0.8, paints.yellow),
@@ -266,7 +266,7 @@ def _stores(group: Group, paints: Paints) -> None:
 
 
 def _ladder(group: Group, paints: Paints) -> None:
-    """A pair of steps that stands open along the group's x axis."""
+    """A stepladder that stands open along the group's x axis."""
     for side in (-0.22, 0.22):
         group.rod((0.42, 1.2 * side, 0), (0.03, side, 1.4), 0.028, paints.yellow)
         group.rod((-0.42, 1.2 * side, 0), (-0.03, side, 1.4), 0.028, paints.yellow)
