@@ -15,7 +15,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
 from stages.analysis.scoring import HiddenImage, score
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.opening import read_container
+from stages.hiding.opening import public_gaussians, read_container
 from stages.hiding.photographs import photographs
 from stages.hiding.storage import check_method
 from stages.hiding.what_is_hidden import view_of_an_image
@@ -80,12 +80,8 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
         parameters.shown_train_views,
         lambda done, _: progress(len(looked_at) + done),
         _image(messages, view) if view is not None else None,
+        public_gaussians(container, secret, device),
     )
-    if len(gaussians) < container.open("means").shape[0]:
-        whole, public = read_container(container, None, device)
-        scores.take_cover(
-            score(whole, public, parameters.method, scene, {}, {}, parameters.shown_train_views, _quietly)
-        )
     write_rows(context.output("scores"), scores.rows)
     write_comparisons(context.output("pictures"), scores.comparisons(scene))
     context.record(device=describe_drawing(device))
@@ -100,10 +96,6 @@ def _refuse_no_message(secret: Artifact) -> None:
             expected="that of a container that hides something",
             remedy="give import_container the folder of the secret, which holds secret.json",
         )
-
-
-def _quietly(done: int, total: int) -> None:
-    """No progress: what it tells of was told before."""
 
 
 def _image(messages: Mapping[str, MessageViews], view: str) -> HiddenImage:

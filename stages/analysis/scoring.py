@@ -61,15 +61,6 @@ class Scores:
         self.truths.setdefault(picture, []).append(truth)
         self.rendered.setdefault(picture, []).append(tensor_to_picture(rendered))
 
-    def take_cover(self, other: Scores) -> None:
-        """Rows and pictures of the cover as another scoring of the same scene has them, in the views that both show."""
-        self.rows = [row for row in other.rows if row.message is None] + [
-            row for row in self.rows if row.message is not None
-        ]
-        taken = dict(zip(other.shown, other.rendered[COVER], strict=True))
-        own = zip(self.shown, self.rendered[COVER], strict=True)
-        self.rendered[COVER] = [taken.get(view, picture) for view, picture in own]
-
     def comparisons(self, scene: Scene) -> list[Comparison]:
         """The kept pictures: the cover first, then the messages, the feature map, and the hidden image."""
         return [*self._views(scene), *self._hidden()]
@@ -109,8 +100,11 @@ def score(
     shown_train_views: int,
     progress: Callable[[int, int], None],
     image: HiddenImage | None = None,
+    public: Gaussians | None = None,
 ) -> Scores:
     """Measure every view; pictures are kept of all test views and of the first few training views.
+
+    The cover is that of `public`, where a secret opened `gaussians` (`public_gaussians`).
 
     LPIPS is measured on test views, since it costs more than the rest together, and of an image where it is hidden.
     """
@@ -118,7 +112,7 @@ def score(
     tests = set(scene.test_names)
     hiding = {image.view} if image is not None else set()
     shown = views_for_the_public(scene, shown_train_views) | hiding
-    for row, rendering in enumerate(photographs(gaussians, method, scene.cameras)):
+    for row, rendering in enumerate(photographs(gaussians, method, scene.cameras, public)):
         view = scene.cameras.names[row]
         split = "test" if view in tests else "train"
         measured = perceptual if view in tests else {}

@@ -50,6 +50,16 @@ def read_container(
     return gaussians.to(device), method
 
 
+def public_gaussians(
+    container: Artifact, secret: Artifact | None, device: torch.device | str = "cpu"
+) -> Gaussians | None:
+    """A sealed container's Gaussians as they are for the public, where the secret opens them; else None.
+
+    Everything public must be rendered from these (`photographs`): what the secret opens shows the message.
+    """
+    return read_gaussians(container, device) if secret is not None and is_sealed(secret) else None
+
+
 def refuse_sealed(secret: Artifact | None, stage: str) -> None:
     """Raise `UserError` where `stage`, which works on containers before they are sealed, is given a sealed one."""
     if secret is not None and is_sealed(secret):

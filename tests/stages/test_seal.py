@@ -17,18 +17,21 @@ from stages.analysis.measurements import read_measurements
 from stages.analysis.secrecy.conditions import APART, BLIND, OWNER
 from stages.attack import AttackParameters, attack
 from stages.draw_key import DrawKeyParameters, draw_key
+from stages.evaluate import evaluate
 from stages.export_container import ExportContainerParameters, export_container
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.coupled import FEATURES
 from stages.hiding.expected import FACTS
-from stages.hiding.opening import opener, read_container, refuse_sealed
+from stages.hiding.opening import _seal_of, opener, read_container, refuse_sealed
 from stages.hiding.sealing import SEAL
 from stages.hiding.storage import read_gaussians, read_method, write_container
 from stages.import_container import ImportContainerParameters, import_container
 from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
+from stages.render_path import render_path
 from stages.scene import moved_splats
 from stages.scene.gaussians import Gaussians
 from stages.seal import SealParameters, seal
+from stages.view_container import view_container
 from tests.stages.small import scene
 from tests.stages.test_probe_decoder import SETTINGS, dotted_message
 
@@ -157,6 +160,48 @@ def test_features_that_were_rounded_are_still_opened(tmp_path: Path, hidden: Mad
         write_container(writer, Gaussians(gaussians.parameters | rounded), read_method(closed["container"]))
     opened, _ = read_container(load(tmp_path / "rounded"), closed["secret"])
     assert (opened[FEATURES].sigmoid() - features(hidden["container"])).abs().mean() < 0.1
+
+
+def of_a_stranger(folder: Path, closed: Made) -> Artifact:
+    """A container that the secret opens beyond what features can hold: what is cut off there would show in the cover."""
+    gaussians, method = read_gaussians(closed["container"]), read_method(closed["container"], closed["secret"])
+    read = _seal_of(closed["secret"], method, gaussians).places.read
+    generator = torch.Generator().manual_seed(0)
+    steps = 0.3 * torch.randn(len(gaussians), read.shape[1], generator=generator, dtype=torch.float64)
+    moved = (gaussians[FEATURES].sigmoid() + steps @ read.T).clamp(0.001, 0.999).logit().float()
+    with create(folder, "container", private=False) as writer:
+        write_container(writer, Gaussians(gaussians.parameters | {FEATURES: moved}), method)
+    return load(folder)
+
+
+@pytest.mark.parametrize("is_honest", [True, False])
+def test_the_secret_changes_nothing_public(tmp_path: Path, hidden: Made, closed: Made, is_honest: bool) -> None:
+    container = closed["container"] if is_honest else of_a_stranger(tmp_path / "stranger", closed)
+    secret, cover = closed["secret"], hidden["cover"]
+    opened, shown = read_gaussians(container), read_container(container, secret)[0]
+    assert (opened[FEATURES].sigmoid() - shown[FEATURES].sigmoid()).abs().max() > 0.1
+    cameras = run_stage(
+        export_container, ExportContainerParameters(frames=4), closed | {"cover": cover}, tmp_path / "c"
+    )
+    path = run_stage(
+        import_container,
+        ImportContainerParameters(method="homogeneous", bundle=cameras["bundle"].path),
+        {},
+        tmp_path / "imported",
+    )["cameras"]
+    stages = (
+        (evaluate, {"cover": cover}, {"messages": (hidden["views"],)}, {"lpips": "none"}),
+        (render_path, {"cover": cover}, {}, {"frames": 3}),
+        (view_container, {"cameras": path}, {}, {"frames": 3}),
+    )
+    for number, (stage, inputs, owners, settings) in enumerate(stages):
+        parameters = stage.parameters.model_validate({"method": "homogeneous", **settings})
+        given = {"container": container, **inputs}
+        alone = run_stage(stage, parameters, given, tmp_path / f"{number} alone")
+        made = run_stage(stage, parameters, {**given, **owners, "secret": secret}, tmp_path / f"{number}")
+        public = [name for name, output in made.items() if not output.private]
+        assert public
+        assert [made[name].digest for name in public] == [alone[name].digest for name in public], public
 
 
 def test_what_was_pruned_is_opened_by_what_was_published(tmp_path: Path, hidden: Made, closed: Made) -> None:
