@@ -163,7 +163,7 @@ def test_features_that_were_rounded_are_still_opened(tmp_path: Path, hidden: Mad
 
 
 def of_a_stranger(folder: Path, closed: Made) -> Artifact:
-    """A container that the secret opens beyond what features can hold: what is cut off there would show in the cover."""
+    """A container that the secret opens beyond what features can hold: what is cut off shows in the cover."""
     gaussians, method = read_gaussians(closed["container"]), read_method(closed["container"], closed["secret"])
     read = _seal_of(closed["secret"], method, gaussians).places.read
     generator = torch.Generator().manual_seed(0)
@@ -180,15 +180,10 @@ def test_the_secret_changes_nothing_public(tmp_path: Path, hidden: Made, closed:
     secret, cover = closed["secret"], hidden["cover"]
     opened, shown = read_gaussians(container), read_container(container, secret)[0]
     assert (opened[FEATURES].sigmoid() - shown[FEATURES].sigmoid()).abs().max() > 0.1
-    cameras = run_stage(
-        export_container, ExportContainerParameters(frames=4), closed | {"cover": cover}, tmp_path / "c"
-    )
-    path = run_stage(
-        import_container,
-        ImportContainerParameters(method="homogeneous", bundle=cameras["bundle"].path),
-        {},
-        tmp_path / "imported",
-    )["cameras"]
+    exporting = ExportContainerParameters(frames=4)
+    exported = run_stage(export_container, exporting, closed | {"cover": cover}, tmp_path / "exported")
+    importing = ImportContainerParameters(method="homogeneous", bundle=exported["bundle"].path)
+    path = run_stage(import_container, importing, {}, tmp_path / "imported")["cameras"]
     stages = (
         (evaluate, {"cover": cover}, {"messages": (hidden["views"],)}, {"lpips": "none"}),
         (render_path, {"cover": cover}, {}, {"frames": 3}),
