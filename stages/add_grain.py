@@ -7,7 +7,7 @@ from pydantic import Field
 
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.hiding.key import key_generator
+from stages.hiding.key import generator_apart, key_generator
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.opening import refuse_sealed
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
@@ -65,7 +65,9 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     if parameters.level == 0:
         context.log("left as it is: it is to have no grain")
     else:
-        coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.seed))
-        gaussians = grained(gaussians, method, cameras, parameters.level, coins)
+        key = context.input_optional("key")
+        coins = thrown(len(gaussians), key_generator(key, parameters.seed))
+        dither = generator_apart(key, "dither", parameters.seed)
+        gaussians = grained(gaussians, method, cameras, parameters.level, coins, dither)
     write_container(context.output("container"), gaussians, method)
     context.record(device=describe_drawing(device))

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.hiding.key import key_generator
+from stages.hiding.key import generator_apart, key_generator
 from stages.hiding.method import Method
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.opening import refuse_sealed
@@ -100,9 +100,13 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     refuse_unknown_attributes(gaussians, method, "imprint_watermark")
     pictures = _pictures(context, parameters, scene, gaussians, method)
     codec.expect(picture_to_tensor(pictures.watermark, device).permute(2, 0, 1))
-    coins = thrown(len(gaussians), key_generator(context.input_optional("key"), parameters.seed))
+    key = context.input_optional("key")
+    coins, dither = (
+        thrown(len(gaussians), key_generator(key, parameters.seed)),
+        generator_apart(key, "dither", parameters.seed),
+    )
     measured_on = scene.cameras.select(scene.train_names[::MEASURED_ON])
-    marked = grained(gaussians, method, measured_on, parameters.first_level, coins)
+    marked = grained(gaussians, method, measured_on, parameters.first_level, coins, dither)
     curves = train_network(context, Imprinting(marked, gaussians, method, codec, pictures, _settings(parameters)))
     write_container(context.output("container"), marked, method)
     write_codec(context.output("codec"), codec)

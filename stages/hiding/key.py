@@ -1,4 +1,4 @@
-"""Keys: the randomness that a container's readers must not be able to repeat."""
+"""Keys: randomness that those who have only the container must not be able to reproduce."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def write_key(writer: ArtifactWriter, key: bytes) -> None:
 
 
 def key_generator(artifact: Artifact | None, seed: int) -> np.random.Generator:
-    """The random numbers that follow from the whole key; without a key, from `seed`, which is no secret.
+    """Random numbers seeded with the whole key; without a key, with `seed`, which is not secret.
 
     Raises `UserError` for a key of another length.
     """
@@ -35,20 +35,22 @@ def _bytes_of(artifact: Artifact) -> bytes:
     return key
 
 
-APART = ("view", "weights", "building")
-"""What is drawn from a key apart from its first random numbers."""
+APART = ("view", "weights", "building", "dither")
+"""Uses of a key that have generators of their own, independent of `key_generator`."""
 
 
-def generator_apart(artifact: Artifact, use: Literal["view", "weights", "building"]) -> np.random.Generator:
-    """Random numbers of a key for one use, independent of those of `key_generator` and of other uses.
+def generator_apart(
+    artifact: Artifact | None, use: Literal["view", "weights", "building", "dither"], seed: int = 0
+) -> np.random.Generator:
+    """Random numbers from a key for one use, independent of those of `key_generator` and of other uses.
 
-    Not as a cipher's are: numpy's generators are no secret to who knows enough of what they drew.
+    They are not cryptographically secure: enough of a NumPy generator's output reveals the rest of it.
     """
-    return key_generator(artifact, 0).spawn(len(APART))[APART.index(use)]
+    return key_generator(artifact, seed).spawn(len(APART))[APART.index(use)]
 
 
 def key_apart(artifact: Artifact, use: Literal["seal"]) -> bytes:
-    """A key for one use, from which nothing follows of the whole key: SHA-256 of both.
+    """A key for one use, SHA-256 of the use and the whole key, which does not reveal the whole key.
 
     Raises `UserError` for a key of another length.
     """

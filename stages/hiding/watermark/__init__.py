@@ -1,1 +1,1 @@
-"""Watermarks that a picture carries: an invertible network on wavelet coefficients hides a picture in a picture."""
+"""Watermarks in pictures: an invertible network on wavelet coefficients hides a picture in a picture; and grain."""

@@ -1,7 +1,7 @@
 """The watermark encoder E_w and decoder D_w: one invertible network, run forward to hide and backward to reveal.
 
-In the manner of EditGuard (Zhang et al., 2024), which the paper names, and of HiNet before it: the network acts on
-wavelet coefficients of cover and watermark; of its two outputs one is the watermarked picture, the other is lost.
+It follows EditGuard (Zhang et al., 2024), which the paper names, and HiNet before it: the network acts on the wavelet
+coefficients of cover and watermark. One of its two outputs is the watermarked picture; the other is discarded.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ Pictures = Float[Tensor, "B 3 H W"]
 class WatermarkCodec(torch.nn.Module):
     """E_w and D_w of the paper's appendix. Pictures are sRGB in [0, 1] with even sides, channels first, unclamped.
 
-    Both share their weights. `lost [1, 12, h, w]` stands in for what is lost when the network runs backward: zeros,
-    until the decoder is tuned to one watermark (`expect`). First weights come from torch's generator; a new codec
-    hides nothing.
+    Encoder and decoder share their weights. `lost [1, 12, h, w]` replaces the discarded output when the network runs
+    backward: zeros, until the decoder is tuned to one watermark (`expect`). Initial weights are drawn from torch's
+    generator; a new codec hides nothing.
     """
 
     def __init__(self, blocks: int, width: int, sees_whole_pictures: bool = False):
@@ -38,21 +38,24 @@ class WatermarkCodec(torch.nn.Module):
 
     @property
     def device(self) -> torch.device:
-        """Where its weights are."""
+        """The device of the codec's weights."""
         return self.lost.device
 
     @property
     def settings(self) -> Mapping[str, int | bool]:
-        """What a codec of this size is made with."""
+        """The constructor's arguments for a codec like this one."""
         return {"blocks": self.blocks, "width": self.width, "sees_whole_pictures": self.sees_whole_pictures}
 
     def watermark_encoder(self, images: Pictures, watermarks: Pictures) -> Pictures:
-        """The images with the watermarks in them. Raises `ValueError` for odd sides."""
+        """Embed the watermarks in the images. Raises `ValueError` for odd sides."""
         marked, _ = self.network(haar(images), haar(watermarks))
         return inverse_haar(marked)
 
     def watermark_decoder(self, images: Pictures) -> Pictures:
-        """The watermarks in the images; of images without one, whatever the decoder makes of them."""
+        """Reveal the watermarks in the images; the result is arbitrary for images without one.
+
+        Raises `ValueError` for odd sides.
+        """
         size = [side // 2 for side in images.shape[-2:]]
         lost = torch.nn.functional.interpolate(self.lost, size, mode="bilinear", align_corners=False)
         coefficients = haar(images)
@@ -60,12 +63,13 @@ class WatermarkCodec(torch.nn.Module):
         return inverse_haar(watermarks)
 
     def expect(self, watermark: Float[Tensor, "3 H W"]) -> None:
-        """Make it a decoder of this one watermark, whose coefficients stand in for what is lost; all of it can learn.
+        """Prepare tuning the decoder to this one watermark: its coefficients replace the discarded output; all weights
+        can learn.
 
-        One that was tuned to a watermark of this size goes on from what stands in by now: its weights are used to it.
-        The paper tunes D_w until it shows one picture or black. Convolutions see no more than their surroundings, and
-        cannot know by heart a picture that is larger: with this start they only have to let it pass or hold it back.
-        What its encoder would hide, such a decoder need not find.
+        A codec that was already tuned to a watermark of this size keeps its coefficients, which its weights have
+        adapted to. The paper tunes D_w until it shows either one picture or black. Convolutions see only a
+        neighbourhood and cannot memorise a larger picture; with this initialisation they only have to pass or suppress
+        it. Such a decoder need not reveal what its encoder would hide.
         """
         self.requires_grad_(True)
         coefficients = haar(watermark[None]).detach().clone()
@@ -73,9 +77,10 @@ class WatermarkCodec(torch.nn.Module):
             self.lost = torch.nn.Parameter(coefficients)
 
     def see_whole_pictures(self) -> None:
-        """Begin to decide by the whole picture: what a mark leaves at one place may be too faint to be told there.
+        """Add a path that sees the whole picture: the trace of a watermark may be too faint to be detected locally.
 
-        Nothing changes until it learns, by weights that start at zero. A codec that does already stays as it is.
+        The new weights start at zero, so that nothing changes until they are trained. No effect if the path is already
+        there.
         """
         if not self.sees_whole_pictures:
             self.sees_whole_pictures = True
@@ -84,7 +89,7 @@ class WatermarkCodec(torch.nn.Module):
 
 
 def new_codec(blocks: int, width: int, seed: int) -> WatermarkCodec:
-    """A codec whose first weights follow from the seed; torch's own generator stays as it was."""
+    """A codec whose initial weights follow from the seed; the state of torch's global generator is preserved."""
     with torch.random.fork_rng():
         torch.manual_seed(seed)
         return WatermarkCodec(blocks, width)

@@ -1,4 +1,4 @@
-"""Coins: how each Gaussian is changed by a grain, one way or the other, and whether a picture follows them."""
+"""Coins: the random sign with which a grain changes each Gaussian, and whether a picture follows these signs."""
 
 from __future__ import annotations
 
@@ -21,32 +21,35 @@ Coins = Float64[np.ndarray, " N"]
 """-1 or 1 for each Gaussian, in the order of the container's rows."""
 
 DECOYS = 32
-"""Further throws, which nothing follows: what chance comes to. They are as secret as the coins. Who knew them could add
-all of them to a picture, so that the grain drowns in what chance then comes to, or take them from a picture without the
-grain, which then seems to have it: on the fox 1.5 levels, as much as the grain itself, take a score of 48 to 6, and one
-of -0.5 to 7.8; of another key's decoys, to 28 and -1.2."""
+"""Number of further sets of random signs, which nothing was changed by: they show what scores arise by chance. They are
+as secret as the coins. Someone who knew them could add all of them to a picture, so that the grain drowns in the scores
+of the decoys, or subtract them from a picture without the grain, which then seems to have it: on the fox, 1.5 levels of
+this, as much as the grain itself, change a score from 48 to 6, and from -0.5 to 7.8; with another key's decoys, to 28
+and -1.2."""
 
 EDGES = (1.5, 4.0, 12.0)
-"""Pixels: Gaussians of these standard deviations part a picture's details into bands, the finest first, and what is
-coarser than all of them is not compared. JPEG leaves next to nothing of the finest in colours, and other pictures
-differ most in the coarsest: each band has weights of its own. At 200 pixels, after JPEG of quality 70 (4:2:0), the
-finest alone found the grain in 18 of 30 renders (fox and bonsai, 3DGS and GS-Hider), all bands in 28, for up to a third
-of what renders score as they are (25 to 39) and 0.05 seconds a picture; at 400 pixels 0.2."""
+"""Standard deviations, in pixels, of Gaussian filters that split a picture's details into bands, the finest first;
+what is coarser than all of them is not compared. JPEG leaves next to nothing of the finest band in colour, and
+unrelated pictures differ most in the coarsest, so each band has weights of its own. At 200 pixels, after JPEG of
+quality 70 (4:2:0), the finest band alone found the grain in 18 of 30 renders (fox and bonsai, 3DGS and GS-Hider),
+and all bands in 28, for up to a third of the scores of uncompressed renders (25 to 39) and 0.05 seconds per picture;
+0.2 at 400 pixels."""
 
 NEIGHBOURHOOD = 9
-"""Sides in pixels over which a picture's own variance is taken: a quiet place tells more than a busy one."""
+"""Side, in pixels, of the window over which a picture's own variance is taken: quiet places tell more than busy
+ones."""
 
 LEAST_VARIANCE = 1e-5
-"""Added to it, of pictures in [0, 1]: eight times what rounding to bytes adds."""
+"""Added to that variance, for pictures in [0, 1]: eight times the variance of rounding to bytes."""
 
 
 def thrown(count: int, generator: np.random.Generator) -> Coins:
-    """One for each of so many Gaussians; a grain's are the first that the generator of its key throws."""
+    """Draw a sign for each of `count` Gaussians; a grain uses the first draw of its key's generator."""
     return generator.choice([-1.0, 1.0], size=count)
 
 
 def with_decoys(count: int, generator: np.random.Generator) -> Float[Tensor, "N K"]:
-    """The coins that `thrown` gives first, and after them `DECOYS` further throws, the same for every picture."""
+    """The signs that `thrown` draws first, followed by `DECOYS` further draws, which are the same for every picture."""
     throws = np.stack([thrown(count, generator) for _ in range(1 + DECOYS)], axis=1)
     return torch.from_numpy(throws).float().contiguous()
 
@@ -54,15 +57,17 @@ def with_decoys(count: int, generator: np.random.Generator) -> Float[Tensor, "N 
 def standard_score(
     picture: Picture, gaussians: Gaussians, method: Method, camera: Camera, throws: Float[Tensor, "N K"]
 ) -> float:
-    """How much better the picture follows the first of the throws than the others, in standard deviations of these.
+    """How much better the picture follows the first column of `throws` than the others, in standard deviations of
+    these.
 
-    What is left of the picture's colour after the render without grain is correlated with the coins as the camera sees
-    them, band by band. Of a picture that knows nothing of the coins, whatever it shows and wherever the camera stands,
-    the score is that of one more decoy: its mean is 0 and its standard deviation 1, by Student's distribution with
-    `DECOYS` - 1 degrees of freedom. So the rate of false alarms follows from the coins' randomness, and not from
-    pictures that were tried. That holds where the Gaussians, those without grain, were fixed before the coins fell. Who
-    takes coins that he throws today from the published ones, and calls the rest his own from before, finds them in
-    renders of the published ones and in photos of the scene. 0 where nothing is left to compare.
+    The residual of the picture's colour, after subtracting the render without grain, is correlated with the signs as
+    the camera sees them, band by band. For a picture that is independent of the coins, whatever it shows and wherever
+    the camera is, the score is distributed like that of one more decoy: with mean 0 and standard deviation 1, by
+    Student's distribution with `DECOYS` - 1 degrees of freedom. So the rate of false positives follows from the
+    randomness of the coins, and not from a test set of pictures. This holds only if the Gaussians without grain were
+    fixed before the coins were drawn. Someone who draws coins today, subtracts them from the published Gaussians, and
+    claims the result as his own earlier work, finds these coins in renders of the published Gaussians and in photos of
+    the scene. 0 if there is nothing to compare.
     """
     left_bands = _bands(_left(picture, gaussians, method, camera))
     sums, squares = np.zeros(throws.shape[1]), np.zeros(throws.shape[1])
@@ -79,7 +84,7 @@ def standard_score(
 
 @torch.no_grad()
 def _left(picture: Picture, gaussians: Gaussians, method: Method, camera: Camera) -> Float64[np.ndarray, "H W"]:
-    """The picture less the render, whose brightness and contrast are fitted, in the grain's colour."""
+    """The picture less the render, with fitted brightness and contrast, projected onto the grain's colour."""
     render = method.render(gaussians, camera, wanted=[COVER]).pictures[COVER].cpu().double().numpy()
     values = picture / 255
     told = np.stack([render.ravel(), np.ones(render.size)], axis=1)
@@ -89,12 +94,12 @@ def _left(picture: Picture, gaussians: Gaussians, method: Method, camera: Camera
 
 @torch.no_grad()
 def _seen(gaussians: Gaussians, camera: Camera, throws: Float[Tensor, "N K"]) -> Float64[np.ndarray, "H W K"]:
-    """The throws, blended as colours are."""
+    """The signs as the camera sees them: blended like colours."""
     return splat(gaussians, throws, camera).feature_map.cpu().double().numpy()
 
 
 def _bands(values: Float64[np.ndarray, "H W *K"]) -> Iterator[Float64[np.ndarray, "H W *K"]]:
-    """The details between one of `EDGES` and the next."""
+    """Yield the details between each of `EDGES` and the next."""
     for edge in EDGES:
         coarser = cv2.GaussianBlur(values, (0, 0), edge)
         yield values - coarser

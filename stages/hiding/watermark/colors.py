@@ -1,4 +1,4 @@
-"""The colours that grain is made of and looked for in."""
+"""The colours in which grain is added and searched for."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ def _colors() -> torch.Tensor:
 
 
 COLORS = _colors()
-"""Three orthonormal directions of sRGB: luminance; the grain's, between red and cyan; and the colour across both.
+"""Three orthonormal directions of sRGB: luminance; the grain's, between red and cyan; and the remaining colour
+direction.
 
-Camera pictures and renders are far smoother in colour than in luminance at the finest scale, so that grain in colour
-stands out to its reader and less to the eye. Luminance is read as well (fox, one level: standard scores of 30 to 67,
-where this colour has 31 to 64) and survives reduced pictures better, but not JPEG (quality 50: down to -1, to 11).
-"""
+At the finest scale, camera pictures and renders are far smoother in colour than in luminance, so that grain in colour
+stands out to its reader and less to the eye. Luminance works as well (fox, one level: standard scores of 30 to 67, and
+31 to 64 for this colour) and better survives downscaling, but not JPEG (quality 50: scores as low as -1; 11 for this
+colour)."""

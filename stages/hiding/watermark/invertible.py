@@ -1,7 +1,7 @@
-"""An invertible network: coupling blocks, each of which changes one half of its input by what it reads in the other.
+"""An invertible network of coupling blocks, each of which changes one half of its input depending on the other half.
 
-Blocks are affine couplings (Dinh et al., 2017) as HiNet (Jing et al., 2021) arranges them for hiding pictures: the
-cover takes in the watermark by addition, the watermark takes in the cover by a scale and a shift.
+Blocks are affine couplings (Dinh et al., 2017), arranged as HiNet (Jing et al., 2021) does to hide pictures: the cover
+absorbs the watermark by addition, the watermark absorbs the cover by a scale and a shift.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ from jaxtyping import Float
 from torch import Tensor
 
 LARGEST_LOG_SCALE = 1.0
-"""Scales lie between 1/e and e: a network of a dozen blocks stays well-conditioned both ways."""
+"""Scales are between 1/e and e: a network of a dozen blocks stays well-conditioned in both directions."""
 
 SLOPE = 0.2
-"""Of the rectifiers where they are negative."""
+"""Slope of the leaky ReLUs for negative values."""
 
 Half = Float[Tensor, "B C H W"]
 
 
 class DenseConvolutions(torch.nn.Module):
-    """Three 3 x 3 convolutions, each of which sees the input and all outputs before it; the last starts at zero.
+    """Three 3 x 3 convolutions, each of which sees the input and all previous outputs; the last starts at zero.
 
-    Once they `see_whole_pictures`, the means over the picture of what the first two put out shift what the next one
-    puts out, everywhere alike.
+    After `see_whole_pictures`, the channel means of the first and the second output over the picture shift the next
+    output, equally at all pixels.
     """
 
     def __init__(self, inputs: int, outputs: int, width: int):
@@ -36,7 +36,7 @@ class DenseConvolutions(torch.nn.Module):
         torch.nn.init.zeros_(self.last.bias)  # type: ignore[arg-type]  # it has one
 
     def forward(self, values: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D H W"]:
-        """The last convolution's output, not rectified."""
+        """The output of the last convolution, without activation."""
         rectify = torch.nn.functional.leaky_relu
         first = rectify(self.first(values), SLOPE)
         seen = torch.cat([values, first], dim=1)
@@ -45,7 +45,7 @@ class DenseConvolutions(torch.nn.Module):
         return self.last(seen) + self._shift(1, second)
 
     def see_whole_pictures(self) -> None:
-        """Begin to; the shifts that the means lead to start at zero."""
+        """Add the path from channel means to shifts, with weights that start at zero."""
         width, outputs = self.first.out_channels, self.last.out_channels
         self.overall = torch.nn.ParameterList(torch.zeros(size, width) for size in (width, outputs))
 
@@ -56,7 +56,7 @@ class DenseConvolutions(torch.nn.Module):
 
 
 class CouplingBlock(torch.nn.Module):
-    """cover' = cover + φ(watermark), watermark' = watermark · exp(s(cover')) + η(cover'); begins as the identity."""
+    """cover' = cover + φ(watermark), watermark' = watermark · exp(s(cover')) + η(cover'); starts as the identity."""
 
     def __init__(self, channels: int, width: int):
         super().__init__()
@@ -65,13 +65,13 @@ class CouplingBlock(torch.nn.Module):
         self.scaled_and_shifted = DenseConvolutions(channels, 2 * channels, width)
 
     def forward(self, cover: Half, watermark: Half) -> tuple[Half, Half]:
-        """Both halves, one block on."""
+        """Transform both halves."""
         cover = cover + self.added(watermark)
         log_scale, shift = self._scale_and_shift(cover)
         return cover, watermark * log_scale.exp() + shift
 
     def inverse(self, cover: Half, watermark: Half) -> tuple[Half, Half]:
-        """Both halves, one block back."""
+        """Undo `forward`."""
         log_scale, shift = self._scale_and_shift(cover)
         watermark = (watermark - shift) * (-log_scale).exp()
         return cover - self.added(watermark), watermark
@@ -82,9 +82,9 @@ class CouplingBlock(torch.nn.Module):
 
 
 class InvertibleNetwork(torch.nn.Module):
-    """`blocks` coupling blocks on two halves of `channels` channels. First weights come from torch's generator.
+    """`blocks` coupling blocks on two halves of `channels` channels. Initial weights are drawn from torch's generator.
 
-    Invertible it stays with `see_whole_pictures`: what couplings read of one half is not what they change.
+    It remains invertible after `see_whole_pictures`, since a coupling never reads the half that it changes.
     """
 
     def __init__(self, channels: int, blocks: int, width: int):
@@ -92,19 +92,19 @@ class InvertibleNetwork(torch.nn.Module):
         self.blocks = torch.nn.ModuleList([CouplingBlock(channels, width) for _ in range(blocks)])
 
     def see_whole_pictures(self) -> None:
-        """As `DenseConvolutions` do: squeeze-and-excitation (Hu et al., 2018) that adds, where theirs multiplies."""
+        """Apply to all `DenseConvolutions`: an additive variant of squeeze-and-excitation (Hu et al., 2018)."""
         for module in self.modules():
             if isinstance(module, DenseConvolutions):
                 module.see_whole_pictures()
 
     def forward(self, cover: Half, watermark: Half) -> tuple[Half, Half]:
-        """Through all blocks."""
+        """Transform both halves by all blocks."""
         for block in self.blocks:
             cover, watermark = block(cover, watermark)
         return cover, watermark
 
     def inverse(self, cover: Half, watermark: Half) -> tuple[Half, Half]:
-        """The halves that `forward` made these of, up to rounding."""
+        """Undo `forward`, up to rounding."""
         for block in reversed(self.blocks):
             cover, watermark = block.inverse(cover, watermark)  # type: ignore[operator]  # modules are typed as tensors
         return cover, watermark

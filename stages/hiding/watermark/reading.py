@@ -1,4 +1,4 @@
-"""Grain read off a picture by its owner, who has the container from before and knows how the coins fell."""
+"""Detecting grain in a picture; the owner has the container from before the grain and knows the coins."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import Scene
 
 CERTAIN = 6.0
-"""The standard score at which half of the watermark shows: by Student's distribution one look in 1.6 million at
-pictures without the grain comes so far. A picture gets up to two (`GrainReader.score`)."""
+"""The standard score at which half of the watermark is shown. By Student's distribution, a picture without the grain
+gets there by chance in one test of 1.6 million. Each picture has up to two tests (`GrainReader.score`)."""
 
 FOUND_SHARE = 0.75
-"""Of the watermark that a half of it explains: what a picture at `CERTAIN` shows."""
+"""Share of the watermark's variance that half of it explains: what a picture at `CERTAIN` shows."""
 
 
 class GrainReader:
-    """Finds the camera of a picture, and how far the picture follows the coins.
+    """Finds a picture's camera, and how well the picture follows the coins.
 
-    `gaussians` and `method` are the container without grain, `throws` the coins of its Gaussians, then the decoys,
-    `cameras` a rig that looks at it, at least one: what a picture shows must be seen by some of them. Gaussians, throws
-    and the method's networks are on one device.
+    `gaussians` and `method` are the container without grain; `throws` holds the Gaussians' coins, then the decoys;
+    `cameras` is a rig of at least one camera that looks at it: some of them must see what a picture shows. Gaussians,
+    throws and the method's networks must be on the same device.
     """
 
     def __init__(self, gaussians: Gaussians, method: Method, cameras: Cameras, throws: Float[Tensor, "N K"]):
@@ -48,16 +48,17 @@ class GrainReader:
         self.sides = sorted((cameras.width, cameras.height))
 
     def score(self, picture: Picture) -> float:
-        """The better standard score of up to two looks; 0 where none finds a camera: nothing then speaks for the grain.
+        """The best standard score of up to two tests; 0, which is no evidence of the grain, if no camera is found.
 
-        One as large as the rig's pictures is looked at as it is. Of others, rows and columns of one colour at the edges
-        go first: they are a screenshot's, or a letterbox's; without those that are the scene's own background its
-        camera is found as well. What is then larger than the rig's is reduced to their size, and gets one look. What is
-        smaller may have been cut out or reduced, and gets two, as it is and enlarged: which of them is right no camera
-        tells, for one is found at the wrong size, too. So chance comes to `CERTAIN` in one of 1.6 million pictures, and
-        in one of 815,000 of those that are smaller. A mirrored picture is turned round before (`recognised`).
+        A picture of the rig's size is tested as it is. Otherwise, rows and columns of a single colour at the edges are
+        removed first: they come from a screenshot or a letterbox; if they were the scene's own background, the camera
+        is found without them, too. If the rest is larger than the rig's pictures, it is reduced to their size and gets
+        one test. If it is smaller, it may have been cropped or reduced, and gets two tests: as it is and enlarged.
+        Finding a camera does not tell which of these is right, since one is found at the wrong size, too. So one in 1.6
+        million pictures reaches `CERTAIN` by chance, and one in 815,000 smaller pictures. A mirrored picture is
+        mirrored back first (`recognised`).
 
-        A picture without colour, or of one colour, has none of the grain, and scores 0.
+        A picture without colour, or of a single colour, cannot contain the grain and scores 0.
         """
         if is_colorless(picture):
             return 0.0
@@ -65,7 +66,7 @@ class GrainReader:
         return max(scores, default=0.0)
 
     def _score_at(self, picture: Picture) -> float | None:
-        """By the camera that is found at this size, of the picture or of its mirror image; None without one."""
+        """The score with the camera found at this size, for the picture or its mirror image; None without one."""
         found = recognised(picture, self.landmarks, self.intrinsics)
         if found is None:
             return None
@@ -73,6 +74,7 @@ class GrainReader:
         return standard_score(found.picture, self.gaussians, self.method, camera, self.throws)
 
     def _sizes(self, picture: Picture) -> Iterator[Picture]:
+        """Yield the picture at each size to be tested; nothing if all of it is a frame."""
         inner = picture if sorted(picture.shape[:2]) == self.sides else without_frame(picture)
         if inner.size == 0:
             return
@@ -84,19 +86,19 @@ class GrainReader:
             yield resize_picture(inner, max(1, round(width * factor)), max(1, round(height * factor)))
 
     def certainty(self, picture: Picture) -> float:
-        """From 0 to 1, by which the owner's reading lets the watermark show: a half at a score of `CERTAIN`."""
+        """The weight from 0 to 1 with which the owner's reading shows the watermark: 0.5 at a score of `CERTAIN`."""
         return 0.5 * (1 + math.tanh((self.score(picture) - CERTAIN) / 2))
 
 
 def is_colorless(picture: Picture) -> bool:
-    """Whether red, green and blue are the same in every pixel: then it tells nothing, for the grain lies in colour."""
+    """Whether red, green and blue are equal in every pixel: such a picture says nothing, since grain is in colour."""
     return bool((picture == picture[..., :1]).all())
 
 
 def owners_reader(
     before: Artifact, scene: Scene, key: Artifact | None, seed: int, device: torch.device | str = "cpu"
 ) -> GrainReader:
-    """Of the container from before the grain, with the key, or else the seed, that `add_grain` had, on a device.
+    """A reader on a device, from the container `before` the grain and the key, or else the seed, given to `add_grain`.
 
     Raises `UserError` for a scene without training views.
     """

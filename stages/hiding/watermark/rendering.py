@@ -1,4 +1,4 @@
-"""What anyone has of a container: renders of its cover, as files hold them."""
+"""What anyone can make of a container: renders of its cover in 8 bits."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stages.scene.gaussians import Gaussians
 
 
 def each_render(gaussians: Gaussians, method: Method, cameras: Cameras) -> Iterator[Picture]:
-    """The cover from every camera, in 8 bits; only one is held at a time."""
+    """Yield the cover from every camera in 8 bits; only one picture is held at a time."""
     for rendering in photographs(gaussians, method, cameras):
         yield tensor_to_picture(rendering.pictures[COVER])
 
@@ -24,7 +24,7 @@ def each_render(gaussians: Gaussians, method: Method, cameras: Cameras) -> Itera
 def renders(
     gaussians: Gaussians, method: Method, cameras: Cameras, after_each: Callable[[], None]
 ) -> UInt8[np.ndarray, "V H W 3"]:
-    """The same, all at once. No cameras give no pictures."""
+    """The pictures of `each_render` in one array, empty without cameras; calls `after_each` after each picture."""
     pictures = np.empty((len(cameras), cameras.height, cameras.width, 3), np.uint8)
     for row, picture in enumerate(each_render(gaussians, method, cameras)):
         pictures[row] = picture

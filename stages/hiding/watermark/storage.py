@@ -1,4 +1,4 @@
-"""Watermark codecs in the store: settings and weights, as arrays of numbers."""
+"""Watermark codecs in the store: settings and weights, as numeric arrays."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ SIZES, WHOLE = ("blocks", "width"), "sees_whole_pictures"
 
 
 def write_codec(writer: ArtifactWriter, codec: WatermarkCodec) -> None:
-    """Write a codec: one that was trained on photos is no secret, one whose decoder was tuned belongs to the owner."""
+    """Write a codec. One trained on photos is public; one whose decoder was tuned must stay with the owner."""
     writer.attributes.update(settings=dict(codec.settings))
     for name, tensor in codec.state_dict().items():
         writer.write(name.replace(".", "/"), tensor.contiguous().cpu().numpy())
 
 
 def read_codec(artifact: Artifact) -> WatermarkCodec:
-    """The codec in an artifact, frozen. Raises `UserError` where its weights do not fit its settings."""
+    """Read a codec and freeze it. Raises `UserError` if its weights do not fit its settings."""
     settings = mapping(artifact, "settings")
     weights = {name.replace("/", "."): torch.from_numpy(artifact.read(name)) for name in artifact.names}
     try:
         with torch.random.fork_rng():
             blocks, width = (int(str(settings[name])) for name in SIZES)
-            codec = WatermarkCodec(blocks, width, settings.get(WHOLE) is True)  # a codec from before does not say
+            codec = WatermarkCodec(blocks, width, settings.get(WHOLE) is True)  # older codecs lack this setting
         codec.lost = torch.nn.Parameter(weights["lost"])
         codec.load_state_dict(weights)
     except (KeyError, ValueError, RuntimeError) as error:

@@ -1,4 +1,4 @@
-"""The Haar wavelet transform of pictures: orthonormal, so that squared errors are the same before and after it."""
+"""The Haar wavelet transform of pictures. It is orthonormal: it preserves squared errors."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 BANDS = 4
-"""Mean, horizontal, vertical and diagonal differences of each 2 x 2 pixels, in this order."""
+"""Mean, horizontal, vertical and diagonal differences of each block of 2 x 2 pixels, in this order."""
 
 
 def haar(pictures: Float[Tensor, "B C H W"]) -> Float[Tensor, "B 4*C H/2 W/2"]:
-    """All channels' means first, then their horizontal, vertical and diagonal differences, each halved.
+    """The means of all channels, then their horizontal, vertical and diagonal differences: signed sums of four, halved.
 
     Raises `ValueError` for odd sides. B = 0 is allowed.
     """
@@ -24,7 +24,7 @@ def haar(pictures: Float[Tensor, "B C H W"]) -> Float[Tensor, "B 4*C H/2 W/2"]:
 
 
 def inverse_haar(coefficients: Float[Tensor, "B 4*C H/2 W/2"]) -> Float[Tensor, "B C H W"]:
-    """The pictures of these coefficients. Raises `ValueError` where their channels are no multiple of four."""
+    """The inverse of `haar`. Raises `ValueError` if the number of channels is not a multiple of four."""
     if coefficients.shape[1] % BANDS:
         raise ValueError(f"{coefficients.shape[1]} channels are not {BANDS} bands of equally many")
     mean, across, down, diagonal = coefficients.chunk(BANDS, dim=1)

@@ -38,6 +38,10 @@ def coins(gaussians: Gaussians, seed: int = 0) -> Coins:
     return thrown(len(gaussians), np.random.default_rng(seed))
 
 
+def dither() -> np.random.Generator:
+    return np.random.default_rng(5)
+
+
 def rms(values: torch.Tensor) -> float:
     return float(values.square().mean().sqrt())
 
@@ -46,14 +50,16 @@ def test_splats_get_a_grain_of_one_colour(tmp_path: Path) -> None:
     artifact = small.splats(tmp_path / "splats")
     before, method = read_gaussians(artifact), read_method(artifact)
     cameras = read_scene(small.scene(tmp_path / "scene")).cameras
-    after = grained(before, method, cameras, LEVEL, coins(before))
+    after = grained(before, method, cameras, LEVEL, coins(before), dither())
     for name in GEOMETRY:
         assert torch.equal(after[name], before[name])
     seen = differences(before, after, tmp_path, method, COVER) @ COLORS.T
     assert rms(seen[..., GRAIN]) == pytest.approx(LEVEL * 3**0.5, rel=0.05)
     assert max(rms(seen[..., LUMINANCE]), rms(seen[..., ACROSS])) < 0.05 * rms(seen[..., GRAIN])
-    assert torch.equal(grained(before, method, cameras, LEVEL, coins(before))["sh_base"], after["sh_base"])
-    assert not torch.equal(grained(before, method, cameras, LEVEL, coins(before, seed=1))["sh_base"], after["sh_base"])
+    assert torch.equal(grained(before, method, cameras, LEVEL, coins(before), dither())["sh_base"], after["sh_base"])
+    assert not torch.equal(
+        grained(before, method, cameras, LEVEL, coins(before, seed=1), dither())["sh_base"], after["sh_base"]
+    )
 
 
 def test_coupled_features_keep_the_message(tmp_path: Path) -> None:
@@ -67,11 +73,24 @@ def test_coupled_features_keep_the_message(tmp_path: Path) -> None:
     before = Gaussians(geometry | method.initial_attributes(colors, generator))
     before.parameters["raw_features"][:2] = torch.tensor([[40.0], [-200.0]])  # activated, they are 1 and 0
     cameras = read_scene(small.scene(tmp_path / "scene")).cameras
-    after = grained(before, method, cameras, LEVEL, coins(before))
+    after = grained(before, method, cameras, LEVEL, coins(before), dither())
     cover, message = (differences(before, after, tmp_path, method, name) for name in (COVER, "message"))
     assert rms(cover) == pytest.approx(LEVEL, rel=0.05)
     assert rms(message) < 0.1 * rms(cover)
     assert after["raw_features"].isfinite().all()
+
+
+def test_rounding_tells_no_coin(tmp_path: Path) -> None:
+    """With one amount for all Gaussians, each published float32 could be asked which of the two it may come from."""
+    artifact = small.splats(tmp_path / "splats")
+    before, method = read_gaussians(artifact), read_method(artifact)
+    cameras = read_scene(small.scene(tmp_path / "scene")).cameras
+    after = grained(before, method, cameras, LEVEL, coins(before), dither())
+    amounts = (after["sh_base"].double() - before["sh_base"].double()).abs()
+    amount = amounts.mean(dim=0)
+    steps = torch.nextafter(after["sh_base"], torch.tensor(torch.inf)) - after["sh_base"]
+    assert ((amounts - amount).abs() > 2 * steps).double().mean() > 0.9
+    assert (amounts - amount).abs().max() < 0.01 * amount.max()
 
 
 def test_gaussians_without_colours_are_refused(tmp_path: Path) -> None:
@@ -79,4 +98,4 @@ def test_gaussians_without_colours_are_refused(tmp_path: Path) -> None:
     gaussians, method = read_gaussians(artifact), read_method(artifact)
     bare = Gaussians({name: gaussians[name] for name in GEOMETRY})
     with pytest.raises(UserError, match="coupled features"):
-        grained(bare, method, read_scene(small.scene(tmp_path / "scene")).cameras, LEVEL, coins(bare))
+        grained(bare, method, read_scene(small.scene(tmp_path / "scene")).cameras, LEVEL, coins(bare), dither())

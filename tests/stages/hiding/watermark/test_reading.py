@@ -35,6 +35,10 @@ FRAMES = [((128, 96), 24, 0, 0), ((384, 288), 0, 100, 0), ((256, 192), 60, 60, 2
 """Size of the picture in it, how wide the frame is above and below, left and right, and its colour."""
 
 
+def dither() -> np.random.Generator:
+    return np.random.default_rng(12)
+
+
 @cache
 def reader() -> GrainReader:
     return GrainReader(GAUSSIANS, METHOD, RIG, throws(SECRET))
@@ -42,7 +46,7 @@ def reader() -> GrainReader:
 
 @cache
 def marked_render() -> Picture:
-    return photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS), METHOD, beside(RIG))
+    return photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS, dither()), METHOD, beside(RIG))
 
 
 @cache
@@ -63,7 +67,7 @@ def test_chance_has_mean_zero_and_deviation_one() -> None:
 
 
 def test_grain_is_found_by_who_knows_the_coins() -> None:
-    picture = photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS), METHOD, beside(RIG))
+    picture = photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS, dither()), METHOD, beside(RIG))
     assert reader().score(picture) > 2 * CERTAIN
     assert reader().certainty(picture) > 0.99
     generator = np.random.default_rng(0)
@@ -81,7 +85,7 @@ def test_a_grain_drowns_in_no_decoys_but_its_own(known: int, drowns: bool) -> No
     decoys = splat(GAUSSIANS, throws(known)[:, 1:].contiguous(), camera).feature_map.double().numpy()
     pattern = decoys @ np.random.default_rng(0).choice([-1.0, 1.0], DECOYS)
     change = 4.0 * pattern / pattern.std()  # levels of 255
-    marked = photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS), METHOD, beside(RIG))
+    marked = photograph(grained(GAUSSIANS, METHOD, RIG, 2.0, COINS, dither()), METHOD, beside(RIG))
     changed = np.clip(np.rint(marked + change[..., None] * COLORS[GRAIN].double().numpy()), 0, 255).astype(np.uint8)
     score = standard_score(changed, GAUSSIANS, METHOD, camera, reader().throws)
     assert (score < CERTAIN) == drowns
@@ -135,7 +139,7 @@ def test_a_scene_before_a_background_of_one_colour_needs_none_of_it() -> None:
     pose = beside(RIG).world_to_camera.copy()
     pose[0, :3, 3] += 1.2, 0.6, 1.0
     picture = photograph(
-        grained(GAUSSIANS, METHOD, RIG, 3.0, COINS), METHOD, replace(beside(RIG), world_to_camera=pose)
+        grained(GAUSSIANS, METHOD, RIG, 3.0, COINS, dither()), METHOD, replace(beside(RIG), world_to_camera=pose)
     )
     for size in ((512, 384), (128, 96), (72, 54)):
         assert reader().score(resize_picture(picture, *size)) > CERTAIN
