@@ -1,16 +1,18 @@
-"""Bundles: a container, and apart from it its secret, as files that other programs read.
+"""Bundles: a container and, in a separate folder, its secret, as files that other programs can read.
 
-    container.ply                 the Gaussians: raw values, with 3DGS's names where it has some
-    container.json                method, settings and attributes, and what the renderer makes of each column
-    scene_decoder.safetensors     D_s, where the method has one
-    cameras.json                  a path from which to look at it, where the cover was given; see `camera_files`
+    container.ply                 the Gaussians: raw values, under 3DGS's column names where it has one
+    container.json                method, settings and attributes, and the activation of each column
+    scene_decoder.safetensors     D_s, if the method has one
+    cameras.json                  a camera path for viewing it, if the cover was given; see `camera_files`
 
     secret.json                   the messages' names, in the order of the message decoder's channels, and other facts
-    message_decoder.safetensors   D_m, where the method has one
-    image_camera.json             the camera from which a picture is seen, where one is hidden and the cover was given
+    message_decoder.safetensors   D_m, if the method has one
+    image_camera.json             the camera that sees the hidden image, if there is one and the cover was given
 
-What is public tells nothing of messages, neither names nor number; only a method whose Gaussians carry attributes of
-each message (`sh`) cannot but show them, as it does in the store.
+The public files state nothing about the messages, neither their names nor their number. A method whose Gaussians carry
+attributes for each message (`sh`) is the exception: its files show them, as its containers in the store do. The number
+may also be inferred: with three or more messages in sixteen channels, `homogeneous` cannot start its scene decoder
+along orthogonal directions, as it does with fewer.
 """
 
 from __future__ import annotations
@@ -38,14 +40,15 @@ VERSION = 1
 GAUSSIANS, DESCRIPTION, SECRET_DESCRIPTION = "container.ply", "container.json", "secret.json"
 CAMERAS, IMAGE_CAMERA = "cameras.json", "image_camera.json"
 IN_COMMENT = "description "
-"""Before the description in the PLY itself, so that where a method has no networks the PLY alone is a container."""
+"""Prefix of the PLY comment that holds the description. It makes the PLY alone a container if the method has no
+networks."""
 
 
 @dataclass(frozen=True)
 class ContainerBundle:
-    """What a container's files hold: attributes [N, ...] as stored, and weights of the public networks by their names.
+    """A container's files: attributes [N, ...] as stored, and the public networks' weights by network name.
 
-    `method` and `settings` are those from which the method is built again.
+    `method` and `settings` are what the method is rebuilt from.
     """
 
     method: str
@@ -55,7 +58,7 @@ class ContainerBundle:
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Of one Gaussian's attributes."""
+        """The shape of each attribute of one Gaussian, sorted by name."""
         return {name: values.shape[1:] for name, values in sorted(self.attributes.items())}
 
 
@@ -63,7 +66,7 @@ class ContainerBundle:
 class SecretBundle:
     """The messages' names in the order of the message decoder's channels, and the weights of the secret networks.
 
-    `facts` is what else the secret says of itself, numbers and words.
+    `facts` are the secret's other attributes: numbers, lists of numbers, and words.
     """
 
     messages: tuple[str, ...]
@@ -72,20 +75,20 @@ class SecretBundle:
 
 
 def container_bundle(container: Artifact) -> ContainerBundle:
-    """What is to be exported of a `container`, or of `splats`."""
+    """The bundle of a `container` or `splats` artifact."""
     attributes = {name: container.read(name) for name in container.names if "/" not in name}
     networks = _networks(container, PUBLIC_NETWORKS)
     return ContainerBundle(string(container, "method"), mapping(container, "settings"), attributes, networks)
 
 
 def secret_bundle(secret: Artifact) -> SecretBundle:
-    """What is to be exported of a `secret`."""
+    """The bundle of a `secret` artifact."""
     facts = {name: value for name, value in secret.attributes.items() if name != "messages"}
     return SecretBundle(strings(secret, "messages"), _networks(secret, SECRET_NETWORKS), facts)
 
 
 def _networks(artifact: Artifact, names: Sequence[str]) -> Mapping[str, Weights]:
-    """The weights of those networks that the artifact holds."""
+    """The weights of those of the named networks that the artifact holds."""
     networks: dict[str, dict[str, np.ndarray]] = {}
     for array in artifact.names:
         network, _, weight = array.partition("/")
@@ -95,7 +98,7 @@ def _networks(artifact: Artifact, names: Sequence[str]) -> Mapping[str, Weights]
 
 
 def write_container_bundle(writer: ArtifactWriter, bundle: ContainerBundle) -> None:
-    """Write the public files. Raises `UserError` as `write_gaussians` does."""
+    """Write the public files. Raises `UserError` like `write_gaussians`."""
     write_gaussians(writer.path_for(GAUSSIANS), bundle)
     description = _description(bundle) | {"columns": activations(bundle.shapes)}
     writer.write_file(DESCRIPTION, json.dumps(description, indent=1) + "\n")
@@ -103,7 +106,7 @@ def write_container_bundle(writer: ArtifactWriter, bundle: ContainerBundle) -> N
 
 
 def write_secret_bundle(writer: ArtifactWriter, bundle: SecretBundle) -> None:
-    """Write the secret files; without messages they say that there are none."""
+    """Write the secret files. Without messages, they state that there are none."""
     description: dict[str, Any] = {"format": SECRET_FORMAT, "version": VERSION, "messages": [*bundle.messages]}
     description |= {"facts": dict(bundle.facts)} if bundle.facts else {}
     writer.write_file(SECRET_DESCRIPTION, json.dumps(description, indent=1) + "\n")
@@ -111,10 +114,10 @@ def write_secret_bundle(writer: ArtifactWriter, bundle: SecretBundle) -> None:
 
 
 def write_gaussians(path: Path, bundle: ContainerBundle) -> None:
-    """Write a PLY that says in its comments which container it is, and what the renderer makes of its values.
+    """Write a PLY whose comments describe the container and the activation of each column.
 
-    Raises `UserError` for what could not be read again: a value that is no finite float32, attributes of different
-    numbers of rows, and names that are none of columns.
+    Raises `UserError` for anything that could not be read back: values that are not finite float32, attributes with
+    different numbers of rows, missing geometry, and names that cannot be columns.
     """
     _check_attributes(bundle)
     description = IN_COMMENT + json.dumps(_description(bundle), sort_keys=True)
