@@ -1,1 +1,1 @@
-"""How Gaussians become pictures: containers, decoders, and one file a method."""
+"""How Gaussians become pictures: containers, decoders, and one file per method."""

@@ -1,4 +1,4 @@
-"""Reading bundles, whoever made them: every size is held against the file before room is made for what it claims."""
+"""Reading bundles from any source: every claimed size is checked against the file before memory is allocated for it."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ WORD = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
 
 def read_container_bundle(place: Path) -> ContainerBundle:
-    """Read a bundle's folder, or a PLY that says by itself which container it is, without networks.
+    """Read a bundle's folder, or a single PLY that holds its own description and has no networks.
 
-    Raises `UserError` for whatever is missing, broken or of another kind. Whether networks and attributes fit the
-    method is not asked here: `fitted_method` does.
+    Raises `UserError` for files that are missing, broken or of another format. Whether networks and attributes fit the
+    method is checked by `fitted_method`, not here.
     """
     if place.is_dir():
         description = json_of(place / DESCRIPTION, text_of(place, DESCRIPTION))
@@ -56,7 +56,7 @@ def read_container_bundle(place: Path) -> ContainerBundle:
 
 
 def read_secret_bundle(place: Path) -> SecretBundle:
-    """Read a secret bundle's folder. Raises `UserError` for whatever is missing, broken or of another kind."""
+    """Read a secret bundle's folder. Raises `UserError` for files that are missing, broken or of another format."""
     path = place / SECRET_DESCRIPTION
     description = json_of(path, text_of(place, SECRET_DESCRIPTION))
     check_format(path, description, SECRET_FORMAT)
@@ -94,7 +94,7 @@ def _is_name(value: Any) -> bool:
 
 
 def _no_names(path: Path) -> UserError:
-    """Without what was found: names of messages are not for logs."""
+    """The error does not quote what was found: messages' names must not appear in logs."""
     return UserError(
         "a secret without the messages' names",
         where=path,
@@ -104,7 +104,7 @@ def _no_names(path: Path) -> UserError:
 
 
 def _checked(ply: Ply, description: Mapping[str, Any]) -> tuple[str, dict[str, Any], dict[str, tuple[int, ...]]]:
-    """The method, its settings, and the shapes of attributes, none larger than the PLY has columns."""
+    """The method, its settings, and the attributes' shapes, none of which has more values than the PLY has columns."""
     columns = len(ply.rows(VERTEX).dtype.names or ())
     match description:
         case {"method": str(method), "settings": dict(settings), "attributes": dict(shapes)} if (
@@ -128,7 +128,7 @@ def _is_attribute(name: str, shape: Any, columns: int) -> bool:
 
 
 def check_format(path: Path, description: Mapping[str, Any], expected: str) -> None:
-    """Raise `UserError` unless the description says that it is of this format, and of the version that is read."""
+    """Raise `UserError` unless the description states the expected format and the supported version."""
     found = (description.get("format"), description.get("version"))
     if found != (expected, VERSION):
         raise UserError(
@@ -157,7 +157,10 @@ def _networks(place: Path, names: Sequence[str]) -> dict[str, Weights]:
 
 
 def text_of(place: Path, name: str) -> bytes:
-    """The bytes of a bundle's JSON file, one more than `json_of` takes at most. Raises `UserError` without the file."""
+    """The content of a bundle's JSON file, cut off one byte beyond what `json_of` accepts.
+
+    Raises `UserError` if the file is missing or cannot be read.
+    """
     path = place / name
     try:
         if not path.is_file():
@@ -169,7 +172,7 @@ def text_of(place: Path, name: str) -> bytes:
 
 
 def _not_a_bundle(place: Path, name: str) -> UserError:
-    """For a folder without the file `name`, which may be the other one of the two that were exported."""
+    """The error for a folder without the file `name`; the user may have swapped the public and the secret folder."""
     if place.is_file():
         return UserError(
             "no folder of a bundle",
@@ -194,7 +197,7 @@ def _not_a_bundle(place: Path, name: str) -> UserError:
 
 
 def json_of(path: Path, text: bytes) -> dict[str, Any]:
-    """The JSON object that `text`, from `path`, holds. Raises `UserError` for anything else, and for too many bytes."""
+    """Parse `text`, the content of `path`, as a JSON object. Raises `UserError` if it is none or has too many bytes."""
     try:
         content = json.loads(text) if len(text) <= LARGEST_JSON else None
     except (ValueError, RecursionError) as error:

@@ -1,12 +1,12 @@
-"""From where to look, in files of bundles: the public one's path, and in the secret one the camera that sees a picture.
+"""Camera files of bundles: a viewing path in the public one, and in the secret one the camera that sees a hidden image.
 
     {"format": "gs-hider cameras", "version": 1,
      "width": 192, "height": 144,               # of a picture, in pixels
-     "lens": [fx, fy, cx, cy],                  # of every camera, in pixels; pixel centres lie at +0.5
-     "world_to_camera": [[r, r, r, t, ...]]}    # the upper three rows of each camera's, by rows
+     "lens": [fx, fy, cx, cy],                  # shared by all cameras, in pixels; pixel centres are at +0.5
+     "world_to_camera": [[r, r, r, t, ...]]}    # for each camera the upper three rows of its matrix, row by row
 
-A camera looks down +z with x right and y down, in the world of the Gaussians. Names of cameras are not written, since
-those of a cover are names of photos. Numbers come back bit for bit.
+A camera looks along +z, with x to the right and y down; poses are in the world of the Gaussians. Camera names are not
+written, since those of a cover are the names of photos. Numbers survive a round trip bit for bit.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from stages.scene.cameras import Cameras
 
 CAMERAS_FORMAT = "gs-hider cameras"
 MOST_CAMERAS = 2000
-"""So many are always fewer bytes than are read of a file."""
+"""This many cameras always fit into the bytes that are read from a file."""
 
 
 def cameras_file(cameras: Cameras) -> str:
-    """Cameras of one lens as the text of a file. Raises `ValueError` for several lenses or a skewed one."""
+    """The text of a camera file. Raises `ValueError` for cameras with different intrinsics or with skew."""
     fx, fy, cx, cy = lens = cameras.intrinsics[0][[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
     if (cameras.intrinsics != calibration(fx, fy, cx, cy)).any():
         raise ValueError("cameras of several lenses, or of a skewed one")
@@ -41,5 +41,5 @@ def cameras_file(cameras: Cameras) -> str:
 
 
 def calibration(fx: float, fy: float, cx: float, cy: float) -> Float64[np.ndarray, "3 3"]:
-    """The matrix of a lens without skew, in pixels."""
+    """The intrinsic matrix, in pixels, of a camera without skew."""
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)

@@ -1,4 +1,4 @@
-"""Reading cameras from bundles, whoever made them: what is no camera is told, and none of its numbers."""
+"""Reading cameras from bundles from any source; errors say which camera is invalid, but quote none of its numbers."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ from stages.scene.camera_checks import are_cameras
 from stages.scene.cameras import Cameras
 
 COUNTS = {CAMERAS: range(2, MOST_CAMERAS + 1), IMAGE_CAMERA: range(1, 2)}
-"""How many cameras each file may hold: a path has a beginning and an end."""
+"""How many cameras each file may hold: a path has a beginning and an end, a hidden image exactly one camera."""
 LARGEST_SIDE = 8192  # pixels
 SHORTEST_LENS, LONGEST_LENS = 0.05, 200.0
-"""Focal lengths by the picture's long side: views of 170 degrees, and of a quarter of one."""
+"""Focal lengths, relative to the picture's long side: fields of view of about 170 degrees and of a quarter of a
+degree."""
 FARTHEST = 1e9
-"""As far as means of Gaussians may lie."""
+"""Largest magnitude of a pose's numbers, in world units: the same limit as for the means of Gaussians."""
 
 
 def read_cameras_file(place: Path, name: str) -> Cameras | None:
-    """The cameras in the file `name` of a bundle's folder, called by their numbers; None where there is no such file.
+    """The cameras in the file `name` of a bundle's folder, named by their numbers; None if there is no such file.
 
-    Raises `UserError` for whatever is no camera. It says which one is wrong, and none of the numbers, for the file may
-    be a secret's.
+    Raises `UserError` for anything that is not a camera. The error says which camera is wrong, but quotes no number,
+    since the file may belong to a secret.
     """
     path = place / name
     if not path.exists():
@@ -79,7 +80,7 @@ def _poses(path: Path, description: Mapping[str, Any], counts: range) -> Float64
 
 
 def _are_numbers(values: Any, count: int, largest: float) -> TypeGuard[list[float]]:
-    """Whether it is a list of so many finite numbers; of NaN, no comparison holds."""
+    """Whether `values` is a list of `count` finite numbers up to `largest`; NaN fails every comparison."""
     if not isinstance(values, list) or len(values) != count:
         return False
     return all(type(value) in (int, float) and abs(value) <= largest for value in values)

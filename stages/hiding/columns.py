@@ -1,6 +1,6 @@
-"""How attributes of Gaussians stand in a PLY file: 3DGS's column names and order where it has some, else plain names.
+"""Columns of Gaussians in a PLY file: 3DGS's names and order for attributes that it has, plain names for all others.
 
-All values are raw, as they are stored and learnt; what makes of them what is rendered is said in words.
+All values are raw, as they are stored and optimised. A description in words says which activation the renderer applies.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from stages.scene.ply.reading import Ply
 
 VERTEX = "vertex"
 NORMALS = ("nx", "ny", "nz")
-"""3DGS writes zeros there, and viewers that take files as 3DGS writes them may count on the columns."""
+"""3DGS writes zeros to these columns, and viewers of its files may rely on them."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The columns of one attribute and their activation; `*` in a name is the number of the column.
+    """The columns of one attribute and their activation; `*` in a name stands for the number of the column.
 
-    Where `colors_apart`, the last two axes [K, 3] are stored as [3, K]: all of red, then green, then blue.
+    With `colors_apart`, the last two axes [K, 3] are stored as [3, K]: all of red, then green, then blue.
     """
 
     names: str
@@ -32,7 +32,7 @@ class Layout:
     colors_apart: bool = False
 
     def columns(self, size: int) -> list[str]:
-        """The names of so many columns."""
+        """The names of `size` columns; names without `*` are fixed, whatever the size."""
         return (
             [self.names.replace("*", str(number)) for number in range(size)]
             if "*" in self.names
@@ -51,11 +51,11 @@ LAYOUTS = {
     "quats": Layout("rot_*", "rotation as a quaternion w x y z, to be normalised"),
 }
 FIRST, LAST = ("means", "sh_base", "sh_rest"), ("logit_opacities", "log_scales", "quats")
-"""3DGS's order of columns; what it does not have stands between."""
+"""3DGS's order of columns; attributes that it does not have come in between."""
 
 
 def layout_of(attribute: str) -> Layout:
-    """An attribute that 3DGS does not know has columns of its own name."""
+    """The layout of an attribute; one that 3DGS does not have gets columns under its own name."""
     return LAYOUTS.get(attribute) or Layout(f"{attribute}_*", "as the method stores it")
 
 
@@ -70,9 +70,9 @@ def in_order(attributes: Sequence[str]) -> list[str]:
 
 
 def columns_of(attributes: Mapping[str, Float32[np.ndarray, "N ..."]]) -> dict[str, Float32[np.ndarray, " N"]]:
-    """The columns of all attributes, N = 0 included. With harmonics they are exactly those of 3DGS, normals included.
+    """The columns of all attributes; N = 0 is allowed. Harmonics give exactly 3DGS's columns, normals included.
 
-    Raises `ValueError` where two attributes would have the same column.
+    Raises `ValueError` if two attributes would have the same column.
     """
     columns: dict[str, Float32[np.ndarray, " N"]] = {}
     for name in in_order(list(attributes)):
@@ -92,9 +92,9 @@ def columns_of(attributes: Mapping[str, Float32[np.ndarray, "N ..."]]) -> dict[s
 
 
 def attribute_of(ply: Ply, name: str, shape: tuple[int, ...]) -> Float32[np.ndarray, "N ..."]:
-    """An attribute [N, *shape] out of its columns.
+    """An attribute [N, *shape], assembled from its columns.
 
-    Raises `UserError` where a column is missing, of another type, or not finite, and for a shape that the attribute
+    Raises `UserError` if a column is missing, has another type or is not finite, and for a shape that the attribute
     cannot have.
     """
     layout = layout_of(name)
@@ -110,7 +110,7 @@ def attribute_of(ply: Ply, name: str, shape: tuple[int, ...]) -> Float32[np.ndar
 
 
 def activations(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
-    """For each group of columns, in order, what the renderer makes of the raw values.
+    """For each group of columns, in order, how the renderer activates the raw values.
 
     >>> activations({"quats": (4,), "logit_opacities": ()})["rot_0 to rot_3"]
     'rotation as a quaternion w x y z, to be normalised'

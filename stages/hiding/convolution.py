@@ -1,4 +1,4 @@
-"""A convolution whose training on the CPU takes half (64 channels) to four fifths (16) of what torch's does."""
+"""A convolution that trains on the CPU in half (64 channels) to four fifths (16 channels) of the time torch's takes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ from stages.hiding.tensor_float import convolve_rounded
 
 
 class Convolution(torch.nn.Conv2d):
-    """`Conv2d` of stride 1 that keeps the picture's size, for an odd `kernel_size`; the same weights, and the same
-    pictures and gradients up to rounding. Fastest with channels last, as the rasterizer leaves feature maps."""
+    """A `Conv2d` with stride 1 that keeps the picture's size; `kernel_size` must be odd.
 
-    bias: Tensor  # these all have one
+    Weights are those of `Conv2d`; outputs and gradients agree with it up to rounding. It is fastest with channels last,
+    the layout in which the rasterizer leaves feature maps.
+    """
+
+    bias: Tensor  # never None here
 
     def __init__(self, inputs: int, outputs: int, kernel_size: int):
         super().__init__(inputs, outputs, kernel_size, padding=kernel_size // 2)
@@ -22,11 +25,11 @@ class Convolution(torch.nn.Conv2d):
     def forward(
         self, values: Float[Tensor, "B C H W"], rectified: bool = False, rounded: bool = False
     ) -> Float[Tensor, "B D H W"]:
-        """With zeros beyond the edges; followed by ReLU where `rectified`; on a CUDA device in TF32 where `rounded`."""
+        """Convolve with zero padding. `rectified` applies a ReLU; `rounded` uses TF32 on a CUDA device."""
         if can_convolve(values, self.weight) and not torch.is_autocast_enabled(values.device.type):
             return convolve(values, self.weight, self.bias, rectified)
         if rounded and values.device.type != "cpu":
             convolved = convolve_rounded(values, self.weight, self.bias)
         else:
-            convolved = super().forward(values)  # what autocast rounds it has to see itself
+            convolved = super().forward(values)  # under autocast, torch must see the operation itself
         return torch.relu(convolved) if rectified else convolved

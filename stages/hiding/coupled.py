@@ -1,4 +1,4 @@
-"""What all methods with coupled features have in common: their settings, a public and a secret decoder, rendering."""
+"""The common part of all methods with coupled features: settings, a public and a secret decoder, and rendering."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from stages.timing.stopwatch import backward_of, part
 DECODERS = "decoders"
 
 FEATURE_RANGE = (0.02, 0.98)
-"""Initial features stay inside, where the sigmoid still has a gradient."""
+"""Initial activated features stay within this range, where the sigmoid still has a gradient."""
 
 FEATURE_RATE = 2.5e-3
-"""Of Adam, as in the released code."""
+"""Adam's learning rate of features, as in the released code."""
 
 FEATURES = "raw_features"
-"""The attribute that all these methods add: f_i before its activation, a sigmoid, which is the released code's; the
-paper blends f_i as it is (Eq. 4)."""
+"""The attribute that all these methods add: f_i before its activation. Like the released code, we activate it with a
+sigmoid; the paper blends f_i as it is (Eq. 4)."""
 
 COUPLED_SETTINGS = ("feature_dim", "layers", "decoder_width", "kernel_size", "precision")
 
@@ -34,10 +34,10 @@ DecoderType = TypeVar("DecoderType", bound=torch.nn.Module)
 
 
 class CoupledFeatures(ABC, Generic[DecoderType]):
-    """`raw_features [N,M]`, a scene decoder that is public, and a message decoder with 3·L channels that is not.
+    """Features `raw_features [N,M]`, a public scene decoder, and a secret message decoder with 3·L channels.
 
-    Without messages (L = 0), or where the secret is not at hand, there is no message decoder. Weights come from torch's
-    generator, the scene decoder's first. Raises `KeyError` for a precision that is none of `PRECISIONS`.
+    Without messages (L = 0), or without the secret, there is no message decoder. Initial weights are drawn from torch's
+    global generator, those of the scene decoder first. Raises `KeyError` for a precision that is not in `PRECISIONS`.
     """
 
     def __init__(
@@ -72,22 +72,22 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
 
     @abstractmethod
     def make_decoder(self, pictures: int, layers: int, width: int, kernel_size: int) -> DecoderType:
-        """A decoder for so many pictures."""
+        """Make a decoder for this many pictures."""
 
     @abstractmethod
     def decoded(
         self, decoders: Sequence[DecoderType], rendering: Rendering, camera: Camera
     ) -> list[Float[Tensor, "H W C"]]:
-        """What each of `decoders` makes of a feature map: three channels for each of its pictures."""
+        """The outputs of `decoders` for a rendered feature map, with three channels for each picture of a decoder."""
 
     def attribute_shapes(self) -> dict[str, tuple[int, ...]]:
-        """M values of a feature."""
+        """One feature of M values."""
         return {FEATURES: (self.feature_dim,)}
 
     def render(
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None
     ) -> Rendering:
-        """F_coup (Eq. 4) and what the decoders make of it (Eq. 5); a decoder of nothing wanted does not run."""
+        """Render F_coup (Eq. 4) and decode it (Eq. 5). A decoder runs only if one of its pictures is wanted."""
         features = gaussians[FEATURES].sigmoid()
         backward_of(ACTIVATIONS, features)
         rendering = splat(gaussians, features, camera)
@@ -104,6 +104,6 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
         return None
 
     def _shown(self, wanted: Collection[str] | None) -> list[tuple[DecoderType, tuple[str, ...]]]:
-        """Each decoder that shows something wanted, and the names of all that it shows."""
+        """Each decoder with at least one wanted picture, and the names of all pictures that it shows."""
         pairs = zip(self.decoders, ((COVER,), self.messages), strict=False)
         return [(decoder, names) for decoder, names in pairs if wanted is None or set(names) & set(wanted)]

@@ -1,4 +1,4 @@
-"""The scene decoder D_s and the message decoder D_m: five convolutions each (Eq. 5)."""
+"""The scene decoder D_s and the message decoder D_m, with five convolutions each by default (Eq. 5)."""
 
 from __future__ import annotations
 
@@ -16,23 +16,26 @@ from pipeline.errors import UserError
 from stages.hiding.convolution import Convolution
 
 Precision = Literal["float32", "tf32", "bfloat16"]
-"""What `decode` computes in: the setting `precision`."""
+"""The arithmetic of `decode`, chosen by the setting `precision`."""
 PRECISIONS: dict[str, Precision] = {name: name for name in get_args(Precision)}
-"""By what settings call them."""
+"""Precisions by their names in settings."""
 
 
 class Decoder(torch.nn.Sequential):
-    """Convolutions from `feature_dim` channels over `width` ones to `channels`, zero padding, ReLU between.
+    """Convolutions from `feature_dim` through `width` to `channels` channels, zero padding, ReLU between.
 
-    `kernel_size` and `width` the paper does not say: 3 and 64 in its released code. 1 decodes every pixel by itself.
+    The paper does not state `kernel_size` and `width`; its released code has 3 and 64. With a kernel size of 1, every
+    pixel is decoded by itself.
 
-    The paper says "five layers of convolution followed by ReLU"; as in its released code the last layer is linear,
-    since a ReLU there has no gradient wherever the picture starts out black. Weights come from torch's generator.
-    Raises `ValueError` for fewer than two layers, and for a kernel without a middle: pictures would shrink.
+    The paper says "five stacked layers of convolution followed by ReLU". As in its released code, the last layer is
+    linear here: a ReLU there has no gradient wherever the picture starts out black. Initial weights are drawn from
+    torch's generator. Raises `ValueError` for fewer than two layers, and for an even kernel size, which would shrink
+    pictures.
     """
 
     reads_centred = False
-    """It reads the blended features themselves, and not less half the blended opacity."""
+    """Whether the decoder centres blended features by subtracting half the blended opacity. This one reads them as they
+    are."""
 
     def __init__(self, feature_dim: int, channels: int, layers: int = 5, width: int = 64, kernel_size: int = 3):
         if layers < 2:
@@ -47,7 +50,7 @@ class Decoder(torch.nn.Sequential):
 
     @property
     def convolutions(self) -> list[Convolution]:
-        """Of all layers; a ReLU follows on each but the last."""
+        """The convolutions of all layers; a ReLU follows each but the last."""
         return [module for module in self if isinstance(module, Convolution)]
 
     @property
@@ -56,11 +59,11 @@ class Decoder(torch.nn.Sequential):
         return all(convolution.kernel_size == (1, 1) for convolution in self.convolutions)
 
     def pass_through(self, rows: Float[Tensor, "C M"], neutral: float = 0.5) -> None:
-        """Start as a linear map: output channel k is rows[k]·(f - neutral) + 0.5, and training goes on from there.
+        """Initialise as a linear map: output channel k is rows[k]·(f - neutral) + 0.5.
 
-        Not in the paper. From the usual random weights, five layers must first learn to carry a picture at all; with
-        this start they carry one at once, and what other channels add to it begins at zero. Raises `UserError`
-        where the decoder is narrower than its output.
+        Not in the paper. From the usual random weights, five layers must first learn to carry a picture at all. With
+        this initialisation they carry one from the start, and the contribution of all other channels to it starts at
+        zero. Raises `UserError` if the decoder is narrower than its output.
         """
         convolutions, channels = self.convolutions, len(rows)
         centre = convolutions[0].kernel_size[0] // 2
@@ -81,9 +84,10 @@ class Decoder(torch.nn.Sequential):
 
     @torch.no_grad()
     def read_along(self, back: Float64[Tensor, "M M"]) -> None:
-        """Read features, centred at 0.5, along r B where it read them along r: turned features look as before.
+        """Replace every row r that reads centred features by r B, B = `back`: transformed features look as before.
 
-        B is `back`. Exact where the opacity is 1, but beside the picture's border, with zeros beyond it.
+        Features are centred at 0.5. Exact where the opacity is 1, except next to the picture's border with its zero
+        padding.
         """
         first = self.convolutions[0]
         before = first.weight.double().sum(dim=(2, 3))
@@ -93,35 +97,36 @@ class Decoder(torch.nn.Sequential):
 
 
 def rows_along(rows: Float[Tensor, "... M"], back: Float64[Tensor, "M M"]) -> Float[Tensor, "... M"]:
-    """r B of every row r, in float64."""
+    """r B for every row r, computed in float64."""
     return (rows.double() @ back).float()
 
 
 def decode(
     decoder: Decoder, feature_map: Float[Tensor, "H W M"], precision: Precision = "float32"
 ) -> Float[Tensor, "H W C"]:
-    """D(F_coup) of Eq. 5, unclamped float32, channels last.
+    """D(F_coup) of Eq. 5: unclamped float32, channels last.
 
-    `tf32` is for NVIDIA's GPUs, where it is what torch has by itself, and so what the released code trains with: all
-    convolutions multiply numbers of 10 bits of mantissa, forward and backward, and sum in float32. Elsewhere it is
-    float32. Both decoders of an iteration, forward and backward, at 1600 x 1060 pixels on an H100: 326 ms in float32,
-    148 in bfloat16, 93 in TF32 (M = 16; with 32: 260, 98 and 55; `tests/benchmarks/nvidia.py`). Imitated on the CPU
-    (`tests/benchmarks/decoder_precision.py`), fox hiding kitchen, 600 iterations of GS-Hider, two seeds: on training
-    views the cover -0.04 ± 0.12 and the message +0.02 ± 0.07 dB, on test views +0.05 ± 0.16 and -0.10 ± 0.13.
+    `tf32` is for NVIDIA GPUs, where it is torch's default for convolutions and so what the released code trains with:
+    all convolutions multiply numbers with a 10-bit mantissa, forward and backward, and sum in float32. On other devices
+    it equals float32. Both decoders of an iteration, forward and backward, at 1600 x 1060 pixels on an H100: 326 ms in
+    float32, 148 in bfloat16, 93 in TF32 (M = 16; with M = 32: 260, 98 and 55; `tests/benchmarks/nvidia.py`). Emulated
+    on the CPU (`tests/benchmarks/decoder_precision.py`), fox hiding kitchen, 600 iterations of GS-Hider, two seeds,
+    TF32 changes the cover by -0.04 ± 0.12 and the message by +0.02 ± 0.07 dB on training views, and by +0.05 ± 0.16 and
+    -0.10 ± 0.13 dB on test views.
 
-    `bfloat16` runs the convolutions between the first and the last in it, forward and backward, with float32 sums and
-    weights that learn in float32. It is for GPUs; CPUs, for which float32 has convolutions of its own, take
-    longer by it (an iteration on Emerald Rapids more than twice as long; Zen 4 and 5 have faster instructions for it,
-    and were not measured since) and those without the instructions round in float32 (`_through_rounded`). The last
-    stays in float32, since pictures rounded to eight bits are wrong about the sign of small residuals: on a trained
-    container that put a bias of up to 30 % on gradients of the weights. So does the first, which would read rounded
-    features. What is left: fox hiding kitchen, 600 iterations, shows the message 0.15 (homogeneous) and 0.08 dB
-    (gs_hider) worse on training views.
+    `bfloat16` runs all convolutions but the first and the last in bfloat16, forward and backward, with float32 sums and
+    weights that are optimised in float32. It is for GPUs. CPUs, for which float32 has specialised convolutions, are
+    slower with it (an iteration takes more than twice as long on Emerald Rapids; Zen 4 and 5 have faster instructions
+    for it, and have not been measured since), and those without the instructions round in float32 (`_through_rounded`).
+    The last convolution stays in float32, since pictures rounded to eight bits of mantissa get the sign of small
+    residuals wrong: on a trained container, that biased the weights' gradients by up to 30 %. The first stays in
+    float32, too, as it would read rounded features. The remaining cost, for fox hiding kitchen, 600 iterations: the
+    message loses 0.15 (homogeneous) and 0.08 dB (gs_hider) on training views.
 
-    All give the same bits every time on one machine with one number of threads. Pictures do not depend on
-    that number, nor do gradients that our own kernels compute. Gradients of weights that torch convolves with (on the
-    CPU in bfloat16, and in float32 where the channels on either side are not a multiple of 16) may: they are sums over
-    pixels, of which every thread of torch's adds its share first.
+    All precisions are deterministic on one machine with one number of threads. Pictures do not depend on that number,
+    and neither do gradients computed by our own kernels. Gradients of weights that torch convolves with (on the CPU in
+    bfloat16, and in float32 if either channel count is not a multiple of 16) may: they are sums over pixels, and each
+    of torch's threads first sums its own share.
     """
     by_pixels = decoder.is_of_single_pixels and precision != "bfloat16" and feature_map.dtype == torch.float32
     if by_pixels and works_in_place(feature_map.device):
@@ -141,18 +146,18 @@ def decode(
 
 
 def has_bfloat16_convolutions() -> bool:
-    """Whether torch convolves bfloat16 on this CPU by its instructions (x86: AVX-512) and not number by number."""
+    """Whether torch convolves bfloat16 with dedicated instructions on this CPU (x86: AVX-512), not number by number."""
     return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
 
 
 def _through_rounded(convolutions: Sequence[Convolution], values: Tensor) -> Tensor:
-    """What bfloat16 convolutions and their ReLU give, by float32 ones of values and weights rounded to bfloat16.
+    """Emulate bfloat16 convolutions and their ReLU by float32 ones of values and weights rounded to bfloat16.
 
-    Products of bfloat16 are exact in float32, but our convolutions multiply sums of several values: for 64 channels
-    what they give is off by 1e-6 to 2e-6 of its root mean square, by torch's float32 ones by 0.1e-6. Both are rounded
-    to bfloat16 next, by a thousand times as much. A decoder's step by torch's own bfloat16 takes some 50 times as long
-    as float32, by its float32 convolutions 3.6, this way 1.2 to 1.5 (Emerald Rapids, torch alone held to AVX2, 112 x
-    200 pixels).
+    Products of bfloat16 numbers are exact in float32, but our convolutions multiply sums of several values. For 64
+    channels, their error is 1e-6 to 2e-6 of the output's root mean square; with torch's float32 convolutions it is
+    0.1e-6. Rounding the output to bfloat16 adds a thousand times as much to either. A decoder's step takes some 50
+    times as long with torch's own bfloat16 as in float32, 3.6 times with torch's float32 convolutions, and 1.2 to 1.5
+    times this way (Emerald Rapids, torch alone restricted to AVX2, 112 x 200 pixels).
     """
     values = _rounded(values)
     for convolution in convolutions:
@@ -162,5 +167,5 @@ def _through_rounded(convolutions: Sequence[Convolution], values: Tensor) -> Ten
 
 
 def _rounded(values: Tensor) -> Tensor:
-    """To bfloat16 and back; so is the gradient."""
+    """Round to bfloat16 and back; the gradient is rounded likewise."""
     return values.bfloat16().float()

@@ -1,7 +1,7 @@
-"""Messages of small world units, enlarged before the cover's cameras look at them.
+"""Enlarging messages whose world units are small, before the cover's cameras look at them.
 
-The rasterizer draws nothing nearer than a fifth of a unit, in whatever units: splats that came with a world of their
-own, a thing of a tenth of a unit in metres say, would lie before that plane, wholly or with their fronts.
+The rasterizer draws nothing nearer than 0.2 units, whatever a unit is. Splats from a world of their own, such as an
+object of a tenth of a unit in metres, would lie wholly or partly in front of that near plane.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from stages.scene.world_scale import scaled
 
 
 def enlarged(gaussians: Gaussians, message: Scene | None) -> tuple[Gaussians, Scene | None, float]:
-    """N > 0 Gaussians and the scene that came with them, if any, in a world that is large enough, and by what factor.
+    """N > 0 Gaussians and their scene, if any, in a world that is large enough, and the factor of enlargement.
 
-    1, and both as they are, where what is clear of the cameras lies beyond what is drawn: so it was in all worlds of
-    COLMAP. Colours that depend on the direction do not change with the size.
+    The factor is 1, and nothing changes, if everything far enough from the cameras to count is beyond the near plane;
+    that held for all of COLMAP's worlds so far. View-dependent colours do not change with the size.
     """
     clear_from = clear_depth(message) if message is not None else 0.0
     if not clear_from:

@@ -1,7 +1,7 @@
-"""What the owner of a container expects of a Gaussian by how much of it is the cover's, before he has looked at it.
+"""What the owner expects of a Gaussian's feature, given its share of the cover, before looking at the feature.
 
-One that is the cover's is hardly a message's, and of what the message decoder reads there is next to nothing in it.
-What is sealed need only be by how much it differs from that, and the smaller that is, the less noise can do to it.
+A Gaussian that belongs to the cover hardly belongs to a message, so the message decoder reads next to nothing from it.
+Sealing only needs to encrypt a feature's difference from the expectation: the smaller it is, the less noise can harm.
 """
 
 from __future__ import annotations
@@ -17,25 +17,27 @@ from torch import Tensor
 from pipeline.artifact import Json
 
 KNOTS, FOR_A_KNOT, APART = 16, 250, 1e-3
-"""Shares of the cover at most for which expectations are kept, Gaussians for each at least, and how far they are apart;
-between them they go over into each other. On the fox 8 would do about as well. Nearer to each other, what rounding does
-to a share would change what is expected."""
+"""Expectations are tabulated at up to 16 cover shares (knots), one per 250 Gaussians, at multiples of 1e-3, and
+interpolated linearly between them. On the fox, 8 knots would do about as well. If knots were closer to each other,
+rounding a share would change what is expected."""
 
 SMALLEST = 1e-4
-"""Distance that is told from none: of logarithms those of nothing are not taken."""
+"""Lower bound on tabulated distances, so that nothing is divided by 0 before logarithms are taken."""
 
 LARGEST = 1e6
-"""Reading or distance: of features in [0, 1] both are a few at most, and far larger ones make no numbers of them."""
+"""Upper bound on readings and distances. For features in [0, 1] both are a few at most; far larger ones would
+overflow."""
 
 FACTS = ("expected_cover_shares", "expected_readings", "usual_distances", "farthest_distances")
-"""What they are called among a secret's facts; readings one row after the other."""
+"""Their names among a secret's facts; readings are flattened row by row."""
 
 
 @dataclass(frozen=True)
 class Expected:
-    """For K ascending shares of the cover what the message decoder reads along its Q rows, of centred features.
+    """For K ascending cover shares, the expected readings of centred features along the message decoder's Q rows.
 
-    `usual` and `farthest` are distances of those Gaussians from where it reads that: the median, and the largest.
+    `usual` and `farthest` are the median and the largest distance of the Gaussians around each share from the features
+    that give the expected readings.
     """
 
     cover_shares: Float64[np.ndarray, " K"]
@@ -44,20 +46,20 @@ class Expected:
     farthest: Float64[np.ndarray, " K"]
 
     def readings_at(self, cover_shares: Float64[Tensor, " N"]) -> Float64[Tensor, "N Q"]:
-        """For any N Gaussians; beyond the first and the last share they are those of these."""
+        """The expected readings of N Gaussians, interpolated; constant beyond the first and the last share."""
         return torch.stack([self._at(cover_shares, column) for column in self.readings.T], dim=1)
 
     def lengths(self, cover_shares: Float64[Tensor, " N"], distances: Float64[Tensor, " N"]) -> Float64[Tensor, " N"]:
-        """From 0 to 1, of distances up to the farthest: their logarithms, so that usual ones are not all next to 0.
+        """Map distances up to the farthest to [0, 1], logarithmically, so that usual distances are not all close to 0.
 
-        Noise changes lengths by as much everywhere. Were they the distances themselves, bonsai's message would have
-        19.9 dB instead of 20.5 where noise costs the cover 0.2.
+        Noise changes every length by the same amount. With lengths proportional to distances, bonsai's message would
+        have 19.9 dB instead of 20.5 at the noise that costs the cover 0.2 dB.
         """
         usual, farthest = (self._at(cover_shares, values) for values in (self.usual, self.farthest))
         return torch.log1p(distances / usual) / torch.log1p(farthest / usual)
 
     def distances(self, cover_shares: Float64[Tensor, " N"], lengths: Float64[Tensor, " N"]) -> Float64[Tensor, " N"]:
-        """Those of which `lengths` makes these."""
+        """The inverse of `lengths`."""
         usual, farthest = (self._at(cover_shares, values) for values in (self.usual, self.farthest))
         return usual * torch.expm1(lengths * torch.log1p(farthest / usual))
 
@@ -65,13 +67,13 @@ class Expected:
         return torch.from_numpy(np.interp(cover_shares.numpy(), self.cover_shares, values))
 
     def facts(self) -> dict[str, Json]:
-        """As facts of a secret, from which `from_facts` makes the same again."""
+        """Return these expectations as facts of a secret, from which `from_facts` restores them exactly."""
         values = (self.cover_shares, self.readings, self.usual, self.farthest)
         return {name: each.ravel().tolist() for name, each in zip(FACTS, values, strict=True)}
 
     @classmethod
     def from_facts(cls, facts: Mapping[str, object], rows: int) -> Expected:
-        """For a message decoder that reads along `rows`. Raises ValueError for facts that are none of these."""
+        """Restore expectations for a message decoder with `rows` rows. Raises `ValueError` for invalid facts."""
         try:
             shares, readings, usual, farthest = (np.array(facts[name], dtype=np.float64).ravel() for name in FACTS)
         except (KeyError, TypeError, ValueError) as error:
@@ -93,9 +95,9 @@ def expectations(
     readings: Float64[Tensor, "N Q"],
     distances_from: Callable[[Expected], Float64[Tensor, " N"]],
 ) -> Expected:
-    """What of N Gaussians is to be expected, none of which is farther off than that.
+    """The expectations of N Gaussians, N = 0 allowed. No Gaussian is farther from its expectation than `farthest` says.
 
-    `distances_from`: how far they are from where the message decoder reads what is expected.
+    `distances_from` gives the Gaussians' distances from the features that give the expected readings.
     """
     knots = _knots(cover_shares)
     nearest = np.searchsorted((knots[1:] + knots[:-1]) / 2, cover_shares.numpy())
@@ -105,13 +107,13 @@ def expectations(
     usual = [np.median(distances[nearest == knot]) if (nearest == knot).any() else 0.0 for knot in range(len(knots))]
     upper = np.searchsorted(knots, cover_shares.numpy()).clip(0, len(knots) - 1)
     farthest = np.maximum(usual, SMALLEST)
-    for beside in (upper, (upper - 1).clip(0)):  # none is farther off than what is between two knots
+    for beside in (upper, (upper - 1).clip(0)):  # so that interpolated values bound the distances, too
         np.maximum.at(farthest, beside, distances)
     return replace(expected, usual=np.maximum(usual, SMALLEST), farthest=farthest)
 
 
 def _knots(cover_shares: Float64[Tensor, " N"]) -> Float64[np.ndarray, " K"]:
-    """Shares that about as many Gaussians lie between, in ascending order; one of 0 where there are no Gaussians."""
+    """Cover shares that separate groups of about equally many Gaussians, ascending; a single 0 without Gaussians."""
     if not len(cover_shares):
         return np.zeros(1)
     wanted = np.linspace(0, 1, max(1, min(KNOTS, len(cover_shares) // FOR_A_KNOT)))
@@ -119,7 +121,7 @@ def _knots(cover_shares: Float64[Tensor, " N"]) -> Float64[np.ndarray, " K"]:
 
 
 def _means(readings: Float64[Tensor, "N Q"], nearest: Int[np.ndarray, " N"], knots: int) -> Float64[np.ndarray, "K Q"]:
-    """Of the Gaussians nearest to each knot; zeros where there are none."""
+    """The mean readings of the Gaussians nearest to each knot; zeros if there are none."""
     sums = np.zeros((knots, readings.shape[1]))
     np.add.at(sums, nearest, readings.numpy())
     return sums / np.maximum(1, np.bincount(nearest, minlength=knots))[:, None]

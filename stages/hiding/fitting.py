@@ -1,4 +1,4 @@
-"""Whether what came from strangers fits its method, found out before anything of the size that it claims is made."""
+"""Checking that untrusted files fit their method, before anything of the size that they claim is allocated."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def fitted_method(
     shapes: Mapping[str, Shape],
     networks: Mapping[str, Weights],
 ) -> Method:
-    """The method `name` with the weights of `networks`, which may lack the secret ones where there are no `messages`.
+    """The method `name` with the weights of `networks`, which may lack the secret ones if there are no `messages`.
 
-    `shapes` are those of a Gaussian's attributes. The method is first built without memory, then compared, then built:
-    it takes no more than the weights themselves. Raises `UserError` where settings are none that a method has or
-    leave a network without channels, where weights are missing, too many or of other shapes, and where Gaussians lack
-    what the method renders or have an attribute called as a network is.
+    `shapes` are those of one Gaussian's attributes. The method is first built on the meta device, then compared with
+    the weights, then built: it takes no more memory than the weights themselves. Raises `UserError` for settings that
+    the method does not have or that leave a network without channels; for weights that are missing, unknown or of other
+    shapes; and for Gaussians that lack what the method renders or have an attribute with the name of a network.
     """
     check_settings(where, settings)
     full = dict(settings) | ({"messages": list(messages)} if messages else {})
@@ -55,7 +55,7 @@ def fitted_method(
 
 
 def check_settings(where: object, settings: Mapping[str, object]) -> None:
-    """Raise `UserError` for what is no setting: other than short words and numbers that some method may have."""
+    """Raise `UserError` for values that no method can have as settings: they must be short words or bounded numbers."""
     for name, value in settings.items():
         if not is_setting(value):
             raise UserError(
@@ -97,7 +97,7 @@ def _check_networks(where: object, method: Method, networks: Mapping[str, Weight
 
 
 def _difference(these: Mapping[str, Shape], those: Mapping[str, Shape]) -> str:
-    """What is only among these, the first few of it."""
+    """The first few weights that only `these` have, or have in another shape."""
     only = [f"{name[:LONGEST_WORD]!r} {shape}" for name, shape in sorted(these.items()) if those.get(name) != shape]
     return ", ".join(only[:3]) or "nothing else"
 

@@ -1,7 +1,7 @@
-"""Containers that were found somewhere: read as the published one is described, whatever was made of the file since.
+"""Found containers: read like the published one, whatever has been done to the file since.
 
-Programs that save splats keep neither comments nor the order and type of columns, and thieves what they like. Names of
-columns are all that is asked for; whose the Gaussians are, registration tells.
+Programs that save splats keep neither comments nor the order and type of columns, and thieves keep what they like. So
+only the names of columns must match. Whose Gaussians they are is left to registration.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ Shapes = Mapping[str, tuple[int, ...]]
 
 @dataclass(frozen=True)
 class Found:
-    """Attributes [N, ...] of the Gaussians that were found, N > 0, and how many others were `left_out`.
+    """Attributes [N, ...] of the Gaussians that were found, N > 0, and the number of Gaussians that were `left_out`.
 
-    `renamed` are the columns that were read as the features, where these have other names than the published ones.
+    `renamed` are the columns that were read as features, if their names differ from the published ones.
     """
 
     attributes: Mapping[str, Float32[np.ndarray, "N ..."]]
@@ -47,13 +47,14 @@ class Found:
 
 
 def read_found(place: Path, published: Shapes) -> Found:
-    """Read a PLY, or the one in a folder, by the names of its columns: any order and type, others beside them.
+    """Read a PLY, or the one in a folder, by column names, in any order and of any type; other columns are ignored.
 
-    `published` are the shapes of a Gaussian's attributes; features may be of any number up to 1024, and, of the same
-    number, columns of one other name: whether they are features, who reads them finds out. Gaussians that no scene
-    has (NaN, infinity, absurd values) are left out, since a single one, which no viewer shows, would else keep the
-    owner from what is his. Raises `UserError` where there is no PLY or several, for a file that is broken, columns
-    that are missing, and where no Gaussian is left. Time and memory are in proportion to the file.
+    `published` holds the shapes of one Gaussian's attributes. There may be any number of feature columns up to 1024. If
+    there are none, as many columns under another common name are read instead; whether these are features is left to
+    the caller. Gaussians that no scene has (NaN, infinity, absurd values) are left out: a single one, which no viewer
+    shows, would otherwise keep the owner from recovering the container. Raises `UserError` if there is no PLY or more
+    than one, for a broken file, for missing columns, and if no Gaussian is left. Time and memory are proportional to
+    the file size.
     """
     ply = read_ply(_ply_at(place))
     rows = ply.rows(VERTEX)
@@ -104,7 +105,7 @@ def _columns(shapes: Shapes) -> list[str]:
 
 
 def _channels(names: Sequence[str]) -> list[str]:
-    """The columns of features, in the order of their numbers, whichever are missing; the first 1024."""
+    """The feature columns in the order of their numbers, at most 1024; numbers may be missing."""
     prefix = layout_of(FEATURES).names.removesuffix("*")
     numbers = sorted(int(name.removeprefix(prefix)) for name in names if re.fullmatch(f"{prefix}{NUMBER}", name))
     return [f"{prefix}{number}" for number in numbers[:LARGEST_SETTING]]
@@ -136,9 +137,9 @@ def _how_to_have_columns(missing: Sequence[str], unknown: Sequence[str]) -> str:
 
 
 def _finite(rows: Shaped[np.ndarray, " N"], sources: Mapping[str, str]) -> Shaped[np.ndarray, " K"]:
-    """Columns in float32 under the names of `sources`, of the rows that have finite values in all of them.
+    """The columns of `sources` as float32 under their new names, for the rows that are finite in all of them.
 
-    Opacities are logits, which programs that store bytes write as infinite for 0 and 1.
+    Opacities are logits; programs that store bytes write infinite ones for 0 and 1, which are replaced by large ones.
     """
     table = np.empty(len(rows), [(name, "<f4") for name in sources])
     finite = np.ones(len(rows), bool)
@@ -155,7 +156,7 @@ def _finite(rows: Shaped[np.ndarray, " N"], sources: Mapping[str, str]) -> Shape
 
 
 def _sound(attributes: Mapping[str, Float32[np.ndarray, "N ..."]]) -> Bool[np.ndarray, " N"]:
-    """Which Gaussians have magnitudes that scenes have, and a rotation; that may be by a quaternion of any length."""
+    """Which Gaussians have magnitudes that occur in scenes, and a quaternion that is long enough to give a rotation."""
     lengths = np.linalg.norm(attributes["quats"].astype(np.float64), axis=1)
     sound = np.asarray(lengths >= SMALLEST_QUATERNION)
     for name, values in attributes.items():

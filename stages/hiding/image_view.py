@@ -1,4 +1,4 @@
-"""What a secret calls the view that hides an image: known without any method."""
+"""The attribute under which a secret names the view that hides an image; usable without importing any method."""
 
 from __future__ import annotations
 

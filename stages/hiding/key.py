@@ -42,7 +42,7 @@ APART = ("view", "weights", "building", "dither")
 def generator_apart(
     artifact: Artifact | None, use: Literal["view", "weights", "building", "dither"], seed: int = 0
 ) -> np.random.Generator:
-    """Random numbers from a key for one use, independent of those of `key_generator` and of other uses.
+    """Random numbers from a key, or else `seed`, for one use, independent of `key_generator` and of other uses.
 
     They are not cryptographically secure: enough of a NumPy generator's output reveals the rest of it.
     """

@@ -1,4 +1,4 @@
-"""What a message or an image may be called: what the pages, the videos and the methods call something else is taken.
+"""Valid names of messages and hidden images: those that pages, videos and methods use otherwise are taken.
 
 A message called `cover` would be trained on as the cover and published as one.
 """
@@ -15,12 +15,12 @@ from stages.imaging.names import LONGEST_NAME, can_be_written
 FEATURE_MAP = "feature map"
 SIDE_BY_SIDE = "side by side"
 LOSS = "loss"
-"""A curve of every training, beside those of its pictures."""
+"""The name of a curve that every training has beside those of its pictures."""
 TAKEN = (COVER, FEATURE_MAP, SIDE_BY_SIDE, LOSS)
 
 
 def is_taken(name: str) -> bool:
-    """Whether a picture or a video that is no message's has this name, in whatever case and spacing."""
+    """Whether something other than a message has this name, regardless of case, spacing and underscores."""
     return " ".join(name.casefold().replace("_", " ").split()) in TAKEN
 
 

@@ -1,4 +1,4 @@
-"""What a method of hiding is, and how a stage loads the one that its parameters name."""
+"""The interface of hiding methods, and loading the method that a stage's parameters name."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 
 LARGEST_SETTING = 1024
-"""What a number among a method's settings is at most: beyond it no container is trained, and none imported."""
+"""Largest magnitude of a number among a method's settings: containers beyond it are neither trained nor imported."""
 
 LONGEST_WORD = 100
-"""Among a method's settings, in characters."""
+"""Largest number of characters of a word among a method's settings."""
 
 Setting = int | float | str
-"""As JSON has it: it travels with the container."""
+"""A JSON value: settings travel with the container."""
 
 
 class Method(Protocol):
-    """How Gaussians become pictures: the attributes it adds to them, its networks, and its rendering.
+    """How Gaussians become pictures: the attributes that the method adds to them, its networks, and its rendering.
 
     `name` is that of its module in `methods/`. `settings` are the JSON values from which `build` makes the same method
-    again; they travel with the container. `messages` are the names of those it shows: none where the secret is not at
-    hand. `learning_rates` gives Adam's rate for every attribute; of `coupled.FEATURES` it is the parameter
-    `feature_rate` while something is hidden. `networks` are trained beside the Gaussians: `scene_decoder`, which is
-    published, and `message_decoder`, which is not (`networks.py`), and no others.
+    again; they travel with the container. `messages` are the names of the messages it shows: none without the secret.
+    `learning_rates` gives Adam's rate for each attribute; for `coupled.FEATURES`, the parameter `feature_rate` replaces
+    it while something is being hidden. `networks` are trained jointly with the Gaussians; only `scene_decoder`, which
+    is published, and `message_decoder`, which is secret, are allowed (`networks.py`).
     """
 
     name: str
@@ -49,44 +49,47 @@ class Method(Protocol):
     def initial_attributes(
         self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
     ) -> dict[str, Float[Tensor, "N ..."]]:
-        """Attributes of N new Gaussians that look so in every picture, by its name: sRGB in [0, 1], 0.5 if unknown.
+        """Attributes of N new Gaussians that show the given colours, by picture name: sRGB in [0, 1], 0.5 if unknown.
 
-        Decoders may be set so that they show these colours; what is random in it is drawn from `generator`, which
-        follows from the key where there is one.
+        May initialise the decoders so that they show these colours. All randomness comes from `generator`, which is
+        seeded with the key if there is one.
         """
 
     def attribute_shapes(self) -> dict[str, tuple[int, ...]]:
-        """The shape of each attribute of one Gaussian, however it started: those of `learning_rates`."""
+        """The shape of each attribute of one Gaussian, whatever its initial value; names as in `learning_rates`."""
 
     def render(
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None
     ) -> Rendering:
-        """The pictures `wanted` of one camera, or all; `progress` in [0, 1] is the share of the schedules that is done.
+        """Render the `wanted` pictures of one camera, or all of them.
 
-        What is not wanted may be there all the same, where leaving it out would save nothing.
+        `progress` in [0, 1] is the completed share of the schedules. Pictures that are not wanted may be returned as
+        well, if omitting them would save nothing.
         """
 
     def penalty(self, gaussians: Gaussians) -> Float[Tensor, ""] | None:
-        """What a training adds to the loss of all its views together, as a prior is: a step, which sees one view, adds
-        its share. The fewer photos there are, the more it counts. None: nothing, as in the paper.
+        """A term of the loss over all training views together, like a prior; None for no term, as in the paper.
+
+        Each step sees one of the views and adds that view's share. The fewer photos there are, the more the term
+        counts.
         """
 
 
 @runtime_checkable
 class DrawsDirections(Protocol):
-    """A method whose decoders read features along directions that torch draws no weights for; see `homogeneous`."""
+    """A method whose decoders read along directions that torch's initialisation does not draw; see `homogeneous`."""
 
     def draw_directions(self, generator: np.random.Generator) -> None:
-        """Have the decoders read along random directions, for features that start with zeros.
+        """Set the decoders' directions at random, for features that start at zero.
 
-        In place of `initial_attributes`; as there, what is random is drawn from `generator`.
+        Called instead of `initial_attributes`. As there, all randomness comes from `generator`.
         """
 
 
 def refuse_another_method(where: Path, found: str, declared: str) -> None:
-    """Raise `UserError` unless the container at `where` was made by the method that a stage declared.
+    """Raise `UserError` unless the method that made the container at `where` is the one that a stage declared.
 
-    The declaration decides whose code the stage's results depend on, and under which name they appear.
+    The declaration determines whose code the stage's results depend on, and under which name they are reported.
     """
     if found != declared:
         raise UserError(
@@ -100,7 +103,7 @@ def refuse_another_method(where: Path, found: str, declared: str) -> None:
 
 
 def _loaded(name: str) -> ModuleType:
-    """The module of method `name`. Raises `UserError` for one that cannot be imported, which may be the user's own."""
+    """Import the module of method `name`, which may be the user's own. Raises `UserError` if that fails."""
     try:
         return importlib.import_module(module_of(name))
     except Exception as error:
@@ -113,7 +116,10 @@ def _loaded(name: str) -> ModuleType:
 
 
 def settings_of(name: str) -> tuple[str, ...]:
-    """The settings from which method `name` is built, beside its messages. Raises `UserError` where it names none."""
+    """The names of the settings that method `name` is built from, besides its messages.
+
+    Raises `UserError` if its module does not declare them.
+    """
     settings = getattr(_loaded(name), "SETTINGS", None)
     if not isinstance(settings, tuple):
         raise UserError(
@@ -126,15 +132,17 @@ def settings_of(name: str) -> tuple[str, ...]:
 
 
 def is_setting(value: object) -> bool:
-    """Whether a method may have it among its settings: a number up to `LARGEST_SETTING`, or a short word."""
+    """Whether a method may have this value among its settings: a number up to `LARGEST_SETTING`, or a short word."""
     if isinstance(value, str):
         return value.isprintable() and len(value) <= LONGEST_WORD
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_SETTING
 
 
 def presets_of(name: str, hides_scenes: bool) -> dict[str, Setting]:
-    """What trainings of method `name` take where nothing is stated: its `PRESETS`, and where scenes are hidden its
-    `SCENE_PRESETS` before them. A method that has none takes the parameters' defaults; so does one that is not there.
+    """Parameters of method `name` that replace the general defaults.
+
+    These are its `PRESETS` and, if scenes are hidden, its `SCENE_PRESETS`, which take precedence. Empty for a method
+    without presets, and for one that does not exist.
     """
     if name not in method_names():
         return {}
@@ -144,9 +152,9 @@ def presets_of(name: str, hides_scenes: bool) -> dict[str, Setting]:
 
 
 def build_method(name: str, settings: Mapping[str, object]) -> Method:
-    """The method `name`, made from its settings. Its networks' weights are drawn from torch's global generator.
+    """Build method `name` from its settings. Its networks' weights are drawn from torch's global generator.
 
-    Raises `UserError` for networks that no artifact would hold.
+    Raises `UserError` for networks that neither the container nor the secret would store.
     """
     method = cast(Method, _loaded(name).build(settings))
     kept = (*PUBLIC_NETWORKS, *SECRET_NETWORKS)
@@ -162,6 +170,6 @@ def build_method(name: str, settings: Mapping[str, object]) -> Method:
 
 
 def move_networks(method: Method, device: torch.device | str) -> None:
-    """Put the method's networks on a device, that of the Gaussians which it is to render."""
+    """Move the method's networks to the device of the Gaussians that it will render."""
     for network in method.networks.values():
         network.to(device)

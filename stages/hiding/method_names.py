@@ -1,4 +1,4 @@
-"""What methods there are: the files in `methods/`."""
+"""The available methods: the files in `methods/`."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from pipeline.module_names import ModuleIn
 PACKAGE = "stages.hiding.methods"
 
 PLAIN = "plain"
-"""3DGS without a message: what splats, references and clean models are of."""
+"""3DGS without a message: the method of splats, references and clean models."""
 
 MethodName = Annotated[str, ModuleIn("stages.hiding.methods")]
-"""One more file there is one more method. Said in full, as shells complete it from the source alone."""
+"""The name of a file in `methods/`. The package is spelled out since shell completion parses the source only."""
 
 
 def method_names() -> list[str]:
-    """Those of all methods, sorted."""
+    """The names of all methods, sorted."""
     return ModuleIn(PACKAGE).names()
 
 
 def module_of(name: str) -> str:
-    """The module that holds method `name`: what a stage declares to the code fingerprint."""
+    """The module of method `name`, which a stage declares for its code fingerprint."""
     return f"{PACKAGE}.{name}"

@@ -1,4 +1,4 @@
-"""Random mixtures: which part of a feature is whose follows from the key, and no channel is anybody's own."""
+"""Random mixtures: the key decides how pictures share a feature's dimensions; no channel belongs to one picture."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from torch import Tensor
 
 
 def orthonormal_rows(count: int, size: int, generator: np.random.Generator) -> Float[Tensor, "count size"]:
-    """Random directions at right angles to each other; where count > size, as many as fit at a time.
+    """Random orthonormal directions, uniformly distributed; if count > size, in blocks of at most `size` rows.
 
-    None is likelier than another. For that, signs follow from the triangle's (Mezzadri 2007, "How to generate random
-    matrices from the classical compact groups"): linear algebra's own lean the k-th away from axis k for every key.
+    To be uniform, signs follow from the diagonal of R (Mezzadri 2007, "How to generate random matrices from the
+    classical compact groups"): with the signs of a plain QR decomposition, direction k would tend away from axis k for
+    every key.
     """
     blocks = []
     for start in range(0, count, size):

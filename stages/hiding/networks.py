@@ -1,4 +1,4 @@
-"""Which networks of a method are published, and which only the owner keeps."""
+"""Which networks of a method are published, and which remain secret."""
 
 PUBLIC_NETWORKS = ("scene_decoder",)
 SECRET_NETWORKS = ("message_decoder",)

@@ -1,4 +1,4 @@
-"""Opening: a sealed container as its secret reads it, also where Gaussians of it are missing or others were added."""
+"""Opening: decrypting a sealed container with its secret, even if Gaussians are missing or others were added."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from stages.scene.gaussians import Gaussians
 from stages.scene.identification import identified
 
 SAME_SEAL = 0.75
-"""Share of the signs (`Seal.signs`) that agree in a container as its secret was made for, whatever rounding and noise
-did to it."""
+"""Smallest share of agreeing signs (`Seal.signs`) for a container to count as the one that its secret was made for,
+after whatever rounding and noise."""
 
 
 SEED = 0
-"""For `register`, inside `identified`: whoever opens a container has no seed to choose."""
+"""Seed of `register` inside `identified`; fixed, since nothing asks for a seed when a container is opened."""
 
 
 def is_sealed(secret: Artifact) -> bool:
-    """Whether the secret is that of a sealed container."""
+    """Whether the secret belongs to a sealed container."""
     return SEAL in secret.attributes
 
 
@@ -39,9 +39,9 @@ def read_container(
     device: torch.device | str = "cpu",
     published: Artifact | None = None,
 ) -> tuple[Gaussians, Method]:
-    """A container as its secret reads it, or without one as it is published; both on a device.
+    """Read a container onto a device: opened with its secret, or without a secret as it was published.
 
-    `published`: as in `open_container`. Raises `UserError` as that and `read_method` do.
+    `published`: as in `open_container`. Raises `UserError` like `open_container` and `read_method`.
     """
     gaussians, method = read_gaussians(container), read_method(container, secret, device)
     if secret is not None:
@@ -53,15 +53,15 @@ def read_container(
 def public_gaussians(
     container: Artifact, secret: Artifact | None, device: torch.device | str = "cpu"
 ) -> Gaussians | None:
-    """A sealed container's Gaussians as they are for the public, where the secret opens them; else None.
+    """A sealed container's Gaussians as the public has them, if the secret opens them; else None.
 
-    Everything public must be rendered from these (`photographs`): what the secret opens shows the message.
+    Everything public must be rendered from these (`photographs`): opened Gaussians show the message.
     """
     return read_gaussians(container, device) if secret is not None and is_sealed(secret) else None
 
 
 def refuse_sealed(secret: Artifact | None, stage: str) -> None:
-    """Raise `UserError` where `stage`, which works on containers before they are sealed, is given a sealed one."""
+    """Raise `UserError` if `stage`, which works on containers before they are sealed, is given a sealed one."""
     if secret is not None and is_sealed(secret):
         raise UserError(
             f"{stage} was given a sealed container",
@@ -75,12 +75,14 @@ def refuse_sealed(secret: Artifact | None, stage: str) -> None:
 def open_container(
     gaussians: Gaussians, method: Method, secret: Artifact, published: Gaussians | None = None
 ) -> Gaussians:
-    """The Gaussians with the messages where they were hidden; as they are, if their secret is of no seal.
+    """Decrypt the Gaussians' features; returns the Gaussians unchanged if the secret has no seal.
 
-    Without `published` they must be those that were sealed, at their places and as opaque. With it they may be some of
-    these and others, each changed a little, as `recover` gives them (`identified`). Others are left out (`opened`).
+    Without `published`, the Gaussians must be those that were sealed, with unchanged means and opacities. With it, they
+    may be some of those and others, in any order and each changed a little, as `recover` returns them; Gaussians that
+    `identified` does not recognise are left out.
 
-    Raises `UserError` where they are not those that were sealed, and for a seal that is none of this method.
+    Raises `UserError` if the container is not the one that was sealed, if none of its Gaussians is recognised, and if
+    the seal does not fit the method.
     """
     if not is_sealed(secret):
         return gaussians
@@ -102,9 +104,9 @@ def open_container(
 
 
 def opener(method: Method, secret: Artifact, published: Gaussians) -> Callable[[Gaussians], Gaussians]:
-    """`open_container` beside what was published, for many that were found; where none is known they are left sealed.
+    """`open_container` for many found containers; leaves a container sealed if none of its Gaussians is recognised.
 
-    For what was done to them to be measured, however much it was. Raises `UserError` for a seal that is none of this
+    This serves to measure the effect of changes of any strength. Raises `UserError` if the seal does not fit the
     method.
     """
     if not is_sealed(secret):
@@ -119,7 +121,7 @@ def opener(method: Method, secret: Artifact, published: Gaussians) -> Callable[[
 
 
 def _opened(gaussians: Gaussians, seal: Seal) -> Gaussians | None:
-    """None where none of them is known."""
+    """Open the recognised Gaussians; None if there are none."""
     rows = rows_of(gaussians, seal)
     return seal.opened(gaussians, rows) if (rows >= 0).any() else None
 
@@ -136,7 +138,7 @@ def _refuse_changed(gaussians: Gaussians, secret: Artifact) -> None:
 
 
 def _refuse_another_seal(seal: Seal, secret: Artifact) -> None:
-    """Where the same Gaussians were sealed with another key, or with other features, all of which it depends on."""
+    """Refuse Gaussians that were sealed with another key or with other features: a seal depends on all of them."""
     agreeing = _agreeing(seal, secret)
     if agreeing < SAME_SEAL:
         raise UserError(
@@ -149,7 +151,7 @@ def _refuse_another_seal(seal: Seal, secret: Artifact) -> None:
 
 
 def _agreeing(seal: Seal, secret: Artifact) -> float:
-    """The share of the signs that are as the secret says."""
+    """The share of signs that agree with the secret; 1 without Gaussians."""
     found = np.frombuffer(seal.signs(), np.uint8)
     try:
         told = np.frombuffer(bytes.fromhex(string(secret, SIGNS)), np.uint8)
@@ -161,7 +163,7 @@ def _agreeing(seal: Seal, secret: Artifact) -> float:
 
 
 def rows_of(gaussians: Gaussians, seal: Seal) -> Int[Tensor, " N"]:
-    """Which of the Gaussians each published one is (`identified`); negative for one that is not among them."""
+    """For each published Gaussian, its row in `gaussians` as found by `identified`; negative if it is missing."""
     told = seal.told(gaussians).numpy(), seal.told(seal.published).numpy()
     return torch.from_numpy(identified(gaussians, seal.published, SEED, [told]))
 

@@ -1,4 +1,4 @@
-"""Pictures of trained Gaussians from many cameras, one at a time, without gradients."""
+"""Rendering trained Gaussians from many cameras, one at a time, without gradients."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from stages.scene.gaussians import Gaussians
 def photographs(
     gaussians: Gaussians, method: Method, cameras: Cameras, public: Gaussians | None = None
 ) -> Iterator[Rendering]:
-    """A rendering for every camera, in the rig's order; only one is held at a time.
+    """Yield a rendering for every camera, in the rig's order; only one is held at a time.
 
-    `public`: what the cover is rendered from where the rest is rendered from Gaussians that a secret opened. Without it
-    the picture of the cover would depend on the message: by rounding in an honest container, visibly in one that was
-    made for it.
+    `public` are the Gaussians from which the cover is rendered if `gaussians` were opened with a secret. Otherwise the
+    cover's picture would depend on the message: by rounding in an honest container, visibly in one made for that
+    purpose.
     """
     for camera in single_cameras(cameras):
         with torch.no_grad():

@@ -1,4 +1,4 @@
-"""Which of the similarities that alignment proposes shows most of a message in the cover's pictures."""
+"""Choosing the similarity, of those that alignment proposes, that shows most of a message in the cover's pictures."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ from stages.scene.scene import Scene
 from stages.scene.similarity import Similarity
 
 CLEAR_DEPTH = 0.5
-"""Surfaces closer than this share of the nearest that the message's photos show are fog to the cover's cameras."""
+"""Surfaces closer than this share of the nearest depth in the message's photos would be fog to the cover's cameras."""
 
 
 def place(
     gaussians: Gaussians, message: Scene, cover: Scene, search_width: int, progress: Callable[[int, int], None]
 ) -> Similarity:
-    """From the message's world into the cover's, so that the cover's cameras see as much of the message as possible.
+    """The similarity from the message's world to the cover's that shows the cover's cameras most of the message.
 
-    Candidates are scored on `search_width` pixels of a row; `progress` takes how many of how many are.
+    Candidates are scored on pictures `search_width` pixels wide; `progress` receives the numbers of scored and of all
+    candidates.
     """
     choices = candidates(cover.cameras, message.cameras, message.points, cover_points=cover.points)
     clear_from = clear_depth(message)
@@ -44,12 +45,12 @@ def place(
 
 
 def clear_depth(message: Scene) -> float:
-    """From which depth on surfaces count, in the message's units; 0 where its cameras see no point."""
+    """The depth from which surfaces count, in the message's world units; 0 if its cameras see no sparse point."""
     return CLEAR_DEPTH * nearest_depth(message.cameras, message.points)
 
 
 def shrunken(cameras: Cameras, width: int) -> Cameras:
-    """The same cameras with pictures `width` pixels wide, for a quick look; never wider than they were."""
+    """The same cameras with pictures at most `width` pixels wide, for a quick look; pictures are never enlarged."""
     factor = min(1.0, width / cameras.width)
     size = (max(1, round(cameras.width * factor)), max(1, round(cameras.height * factor)))
     scaling = np.diag([size[0] / cameras.width, size[1] / cameras.height, 1.0])
@@ -57,25 +58,25 @@ def shrunken(cameras: Cameras, width: int) -> Cameras:
 
 
 def clear_coverage(gaussians: Gaussians, cameras: Cameras, width: int, clear_from: float) -> Float32[np.ndarray, " V"]:
-    """The share of each camera's picture that Gaussians fill from the depth `clear_from` on, in world units.
+    """The share of each camera's picture that is filled by Gaussians at depth `clear_from` or beyond, in world units.
 
-    A camera inside of things has its picture filled, too, but by what stands so close that no photo shows it so: such
-    Gaussians hide what is behind them and count nothing. Looked at in `width` pixels a row.
+    The picture of a camera inside an object is filled, too, but by surfaces so close that no photo shows them so: such
+    Gaussians occlude those behind them and do not count. Computed on pictures `width` pixels wide.
     """
     return coverage(gaussians, cameras, width, lambda camera, depths: depths >= clear_from)
 
 
 Counting = Callable[[Camera, Float[Tensor, " N"]], Bool[Tensor, " N"]]
-"""Which of N Gaussians count, seen from a camera and as far in front of it as their depths say, in world units."""
+"""Which of N Gaussians count, given a camera and their depths in front of it in world units."""
 
 
 @torch.no_grad()
 def coverage(gaussians: Gaussians, cameras: Cameras, width: int, counts: Counting) -> Float32[np.ndarray, " V"]:
-    """The share of each camera's picture that Gaussians fill which count; the others hide what is behind them.
+    """The share of each camera's picture filled by Gaussians that count; the others occlude what is behind them.
 
-    Only `width` pixels of a row are looked at, as they are in the whole picture: with the usual low-pass of 0.3 square
-    pixels, of these few, small Gaussians would swell. Of two scenes trained on large pictures 48 of 800 pixels then
-    showed up to 0.09 more than is filled, so up to 0.001.
+    Pictures are rendered `width` pixels wide, as samples of the whole picture: with the usual low-pass filter of 0.3
+    square pixels, small Gaussians would swell at this size. For two scenes trained on large pictures, 48 of 800 pixels
+    per row then showed up to 0.09 more coverage than there is, and up to 0.001 more with the adapted filter.
     """
     few = shrunken(cameras, width)
     settings = AS_TRAINED.for_fewer_pixels(few.width / cameras.width)
@@ -89,8 +90,8 @@ def coverage(gaussians: Gaussians, cameras: Cameras, width: int, counts: Countin
 
 
 def coverage_score(coverage: Float32[np.ndarray, " V"]) -> tuple[int, float]:
-    """Legal views first, then how nearly legal the others are, to a hundredth: higher is better.
+    """The number of legal views, then the mean coverage up to the legal limit, to a hundredth; higher is better.
 
-    Coverage beyond what is legal counts nothing, or the message would be magnified until little of it is seen.
+    Coverage beyond the legal limit does not count: otherwise the message would be magnified until little of it is seen.
     """
     return int((coverage >= LEGAL_COVERAGE).sum()), round(float(coverage.clip(max=LEGAL_COVERAGE).mean()), 2)

@@ -1,4 +1,4 @@
-"""Placing splats that come without their photos: where to look at them from, only the Gaussians themselves can tell."""
+"""Placing splats that come without photos: only the Gaussians themselves can tell from where to look at them."""
 
 from __future__ import annotations
 
@@ -27,25 +27,27 @@ from stages.scene.scene import Scene
 from stages.scene.similarity import Similarity
 
 Up = Literal["auto", "-y", "y", "-z", "z", "-x", "x"]
-"""Which way is up in the world of the splats; auto: -y, as of most trainings, or the axis that is up in the cover."""
+"""Which way is up in the splats' world. auto: -y, as in most trainings, or the axis that is up in the cover."""
 
-DISTANCES = (2.4, 1.7, 1.2, 0.85)  # of the cover's cameras from the middle of the message, in its radii, farthest first
-TILTS = (0.0, 20.0, 40.0)  # degrees by which the cover's cameras look down on the message more than on the cover
+DISTANCES = (2.4, 1.7, 1.2, 0.85)  # from the cover's cameras to the middle of the message, in its radii, farthest first
+TILTS = (0.0, 20.0, 40.0)  # degrees by which the cameras look down more steeply on the message than on the cover
 TURNS = 8  # about the up axis
-AXIS_TOLERANCE = 20.0  # degrees; the up of a cover that is no axis of its world is an accident, no convention
+AXIS_TOLERANCE = 20.0  # degrees; a cover's up that is not an axis of its world is an accident, not a convention
 CLEAR_RADII = 0.5
-"""Surfaces closer than this are fog: a camera that sees them stands in the midst of the message's things."""
+"""In radii of the message. Surfaces closer than this are fog: a camera that sees them stands among the message's
+objects."""
 BLURRED = 0.2
-"""So are Gaussians whose standard deviation is this share of a picture's width: a scene's back, or its outskirts."""
+"""Gaussians whose standard deviation exceeds this share of a picture's width are fog, too: a scene's back or
+outskirts."""
 
 
 def place_alone(
     gaussians: Gaussians, cover: Scene, up: Up, search_width: int, progress: Callable[[int, int], None]
 ) -> Similarity:
-    """From the splats' world into the cover's, so that the cover's cameras see as much of them as possible.
+    """The similarity from the splats' world to the cover's that shows the cover's cameras as much of them as possible.
 
-    The middle of what is seen comes to lie where the cover's cameras look, at several distances, tilts and turns. They
-    are scored as `place` scores, on a sample of views; of equals the farthest and the least tilted is taken.
+    It moves the middle of what is visible to where the cover's cameras look, at several distances, tilts and turns.
+    These are scored as in `place`, on a sample of views; among equals, the farthest and then the least tilted wins.
     """
     rig = rig_of(cover.cameras, cover.points)
     middle, radius = middle_and_radius(gaussians)
@@ -69,10 +71,11 @@ def place_alone(
 
 
 def sharp_coverage(gaussians: Gaussians, cameras: Cameras, width: int, clear_from: float) -> Float32[np.ndarray, " V"]:
-    """The share of each picture that small enough Gaussians fill from the depth `clear_from` on, in world units.
+    """The share of each picture filled by small enough Gaussians at depth `clear_from` or beyond, in world units.
 
-    Others hide what is behind them and count nothing. Photos would tell which sides of the message were seen; of the
-    others trainings know little, and fill them with few and large Gaussians. Looked at in `width` pixels a row.
+    Other Gaussians occlude those behind them and do not count. Photos would tell which sides of the message were seen;
+    trainings know little of the other sides and fill them with few, large Gaussians. Computed on pictures `width`
+    pixels wide.
     """
     largest = gaussians.scales.max(dim=1).values
 
@@ -84,7 +87,7 @@ def sharp_coverage(gaussians: Gaussians, cameras: Cameras, width: int, clear_fro
 
 
 def ups(up: Up, of_cover: Float[np.ndarray, " 3"]) -> list[Float[np.ndarray, " 3"]]:
-    """The directions that may be up in the splats' world, the likeliest first; `of_cover` is up in the cover's."""
+    """Directions that may be up in the splats' world, the likeliest first; `of_cover` is up in the cover's world."""
     if up != "auto":
         return [direction_of(up)]
     nearest = np.zeros(3)
@@ -103,9 +106,9 @@ def direction_of(axis: str) -> Float[np.ndarray, " 3"]:
 
 
 def middle_and_radius(gaussians: Gaussians) -> tuple[Float[np.ndarray, " 3"], float]:
-    """The middle of what is seen of N Gaussians, N > 0, and the radius about it that holds half of that.
+    """The middle of what is visible of N > 0 Gaussians, and the radius around it that holds half of that.
 
-    Medians over Gaussians that count by their opacity times width: stray ones and a far background move neither.
+    Both are medians weighted by opacity times width, so that neither stray Gaussians nor a far background move them.
     """
     means = gaussians.means.detach().cpu().numpy().astype(np.float64)
     weights = visibility(gaussians).astype(np.float64)
@@ -115,13 +118,13 @@ def middle_and_radius(gaussians: Gaussians) -> tuple[Float[np.ndarray, " 3"], fl
 
 
 def visibility(gaussians: Gaussians) -> Float[np.ndarray, " N"]:
-    """How much is seen of each of N Gaussians: its opacity times the root of its two larger standard deviations."""
+    """How visible each of N Gaussians is: opacity times the geometric mean of its two larger standard deviations."""
     width = gaussians.scales.sort(dim=1).values[:, 1:].prod(dim=1).sqrt()
     return (gaussians.opacities * width).detach().cpu().numpy().clip(np.finfo(np.float32).tiny)
 
 
 def weighted_median(values: Float[np.ndarray, " N"], weights: Float[np.ndarray, " N"]) -> float:
-    """The value below which half of the weight lies; N > 0, and no weight is negative."""
+    """The value at which the cumulative weight reaches half; N > 0, weights must not be negative."""
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, total[-1] / 2)])

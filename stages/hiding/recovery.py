@@ -1,8 +1,8 @@
-"""Recovery: what was done to a container as a whole is undone by its owner, who has kept what he published.
+"""Recovery: undoing what was done to a container as a whole, by the owner, who has kept the published one.
 
-A thief may turn, shift and mirror the scene, and turn or permute the features with the scene decoder behind them: the
-cover is as good as it was, and the secret no longer reads what it was trained on. But the owner is told by the
-published container where everything was.
+A thief may rotate, shift and mirror the scene, and rotate or permute the features together with the scene decoder: the
+cover looks as before, but the secret no longer reads what it was trained on. The published container tells the owner
+where everything was.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from stages.scene.registration import Registration, register
 from stages.scene.similarity import Similarity
 
 PAIRS_A_CHANNEL = 3
-"""Fewer pairs of Gaussians than so many times the channels tell no map of features. A map is fitted to half of them: of
-two pairs a channel it would pass through that half exactly, whatever their features are."""
+"""With fewer pairs of Gaussians per channel than this, no map of features is fitted. A map is fitted to half of the
+pairs: with two pairs per channel it would fit that half exactly, whatever their features are."""
 
 MISSING = "missing"
-"""For the shape of an attribute that is not there."""
+"""Stands for the shape of a missing attribute."""
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """`gaussians` are the found ones in the published world, with features as they were published.
+    """`gaussians` are the found ones in the published world, with features as published.
 
-    `motion` carried the published world to where it was found, or, of a `mirrored` one, to where its mirror image
-    (`stages/scene/moved_splats.py`) stands. `matched` is the share of the found Gaussians that are published ones,
-    `found_again` that of the published ones that are there; `is_certain` where this is enough to say that the one was
-    made from the other (`Registration` has all three). `feature_change` is by how much features were changed back, root
-    mean square of activated features in [0, 1], of channels that both have: 0 where they were left as they are.
-    `centre` is the median of the published means.
+    `motion` maps the published world to where it was found or, if `mirrored`, to where the mirror image of what was
+    found is (`stages/scene/moved_splats.py`). `matched` is the share of the found Gaussians that are published ones,
+    `found_again` the share of the published ones that were found; `is_certain` says whether that suffices to conclude
+    that one was made from the other (`Registration` has all three). `feature_change` is by how much features were
+    changed back: the root mean square over activated features in [0, 1] and the channels that both have; 0 if they were
+    left unchanged. `centre` is the median of the published means.
     """
 
     gaussians: Gaussians
@@ -56,7 +56,7 @@ class Recovery:
 
     @property
     def degrees(self) -> float:
-        """Of the turn."""
+        """The angle of the motion's rotation, in degrees."""
         return float(np.rad2deg(Rotation.from_matrix(self.motion.rotation).magnitude()))
 
     @property
@@ -66,30 +66,30 @@ class Recovery:
 
     @property
     def changed(self) -> bool:
-        """Whether anything was undone; if not, the Gaussians are the found ones, bit for bit."""
+        """Whether anything was undone; if not, the Gaussians equal the found ones bit for bit."""
         return self.mirrored or is_motion(self.motion) or self.feature_change > 0
 
 
 def is_motion(motion: Similarity) -> bool:
-    """Whether it is anything but the identity."""
+    """Whether the similarity differs from the identity."""
     same = motion.scale == 1 and np.array_equal(motion.rotation, np.eye(3)) and not motion.translation.any()
     return not same
 
 
 def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | None:
-    """A found container's Gaussians with what was done to all of them alike undone, by what was published.
+    """The Gaussians of a found container, with everything undone that was done to all of them alike.
 
-    A motion of the world is found and undone (`register`), with everything that turns in it: shapes, and harmonics
-    where the method has some. Where places tell of none, the mirror image of what was found is looked at, too, and
-    taken if more of what was published is there. Then the map is fitted that carries activated features of paired
-    Gaussians to those published (`unmixing`), and all features are mapped: what was turned comes back, and what was
-    removed does, as far as other channels tell of it. The map has M (M + 1) numbers, so that it cannot carry a message
-    of its own. Found features may have another number of channels. Gaussians without a partner stay, and are moved and
-    mapped like the others. Where pairs are too few to tell a map, or none brings features nearer, these stay as they
-    are.
+    First, a motion of the world is found and undone (`register`), including its effect on shapes and on spherical
+    harmonics, if the method has some. If positions do not determine the motion, the mirror image of the container is
+    tried, too, and used if it contains more of what was published. Then an affine map is fitted that carries the
+    activated features of paired Gaussians to the published ones (`unmixing`), and applied to all features. This
+    restores what was rotated, and what was removed as far as other channels determine it. The map has M (M + 1)
+    numbers, too few to carry a message of its own. Found features may have another number of channels. Gaussians
+    without a partner are moved and mapped like the others. If there are too few pairs for a map, or no map brings the
+    features nearer, features stay unchanged.
 
-    None where nothing fits, or too few Gaussians to tell how features of another number of channels are to be mapped.
-    Works for every method; N = 0 fits nothing. All values are to be finite. `seed` is that of what `register` tries.
+    None if nothing fits, or if there are too few Gaussians to map features with another number of channels. Works for
+    every method; N = 0 fits nothing. All values must be finite. `seed` is passed to `register`.
     """
     seen, registration = _registered(found, published, seed)
     if registration is None:
@@ -120,7 +120,7 @@ def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | N
 
 
 def _registered(found: Gaussians, published: Gaussians, seed: int) -> tuple[Gaussians, Registration | None]:
-    """What was found, as it is or mirrored, whichever has more of what was published, and where it stands."""
+    """The found Gaussians or their mirror image, whichever holds more of what was published, and its registration."""
     as_found = register(found, published, seed)
     if as_found is not None and as_found.by_place:
         return found, as_found
@@ -132,9 +132,9 @@ def _registered(found: Gaussians, published: Gaussians, seed: int) -> tuple[Gaus
 
 
 def with_bounded_quaternions(gaussians: Gaussians) -> Gaussians:
-    """The same rotations, by quaternions that are at most as long as `LARGEST` allows.
+    """The same rotations, with quaternions at most as long as `LARGEST` allows.
 
-    A thief may put one in that is as long as float32 can tell: turned, it would be infinite.
+    A thief may insert one of the largest length that float32 can represent; rotating it would give infinity.
     """
     quats = gaussians.quats.detach().double()
     lengths = quats.norm(dim=1, keepdim=True)
@@ -143,7 +143,7 @@ def with_bounded_quaternions(gaussians: Gaussians) -> Gaussians:
 
 
 def unlike(found: Mapping[str, Tensor], published: Mapping[str, Tensor]) -> tuple[str, ...]:
-    """The attributes that only one of two containers has, or both in other shapes, features of any number aside."""
+    """The attributes that only one of two containers has, or that differ in shape; features may differ in channels."""
     first, second = (
         {name: values.shape[1:] if name != FEATURES else None for name, values in each.items()}
         for each in (found, published)
@@ -159,9 +159,9 @@ def _activated(gaussians: Gaussians) -> Float64[Tensor, "N M"]:
 def _carried_back(
     features: Float64[Tensor, "N K"], published: Float64[Tensor, "O M"], registration: Registration
 ) -> Float64[Tensor, "N M"] | None:
-    """Features of all found Gaussians, mapped as those with a partner ask for.
+    """The features of all found Gaussians, mapped by what fits those with a partner.
 
-    None where they are to stay as they are, since that will do, or since pairs are too few.
+    None if features should stay unchanged: no map is needed, or there are too few pairs.
     """
     if len(registration.found) < PAIRS_A_CHANNEL * (features.shape[1] + 1):
         return None

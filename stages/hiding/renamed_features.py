@@ -1,4 +1,4 @@
-"""Features of a found container under other names than the published one's: whoever took it may have renamed them."""
+"""Features of a found container whose columns may have been renamed by whoever took it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from stages.hiding.columns import FIRST, LAST, NORMALS, layout_of
 NUMBERED = re.compile("(.*?)([0-9]{1,6})")
 OF_3DGS = [*NORMALS, *(name for attribute in (*FIRST, *LAST) for name in layout_of(attribute).names.split())]
 KNOWN = re.compile("|".join(name.replace("*", "[0-9]+") for name in OF_3DGS))
-"""Columns of 3DGS's splats, whichever of them the published container has."""
+"""Columns of 3DGS's splats, whether or not the published container has them."""
 
 
 def unknown_columns(types: Mapping[str, np.dtype], published: Collection[str]) -> list[str]:
-    """Columns of floats that neither the published container has nor 3DGS's splats have."""
+    """Floating-point columns that neither the published container nor 3DGS's splats have."""
     return [
         name
         for name, dtype in types.items()
@@ -26,9 +26,9 @@ def unknown_columns(types: Mapping[str, np.dtype], published: Collection[str]) -
 
 
 def renamed_features(unknown: Collection[str], channels: int) -> list[str]:
-    """Those of the columns whose names differ only in the number at their end, in the order of the numbers.
+    """The group of columns whose names differ only in a final number, in the order of these numbers.
 
-    Empty unless so many belong together as there are features, and no others do.
+    Empty unless exactly one group has as many columns as there are feature channels.
     """
     lots: dict[str, dict[int, str]] = defaultdict(dict)
     for name in unknown:

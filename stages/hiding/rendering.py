@@ -1,4 +1,4 @@
-"""What a method gives for one camera: pictures, and what density control reads off the rasterizer."""
+"""The rendering of one camera: pictures, and the rasterizer's output that density control uses."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from stages.timing.stopwatch import backward_of, part
 
 ACTIVATIONS = "activations"
 RASTERIZER = "rasterizer"
-"""Parts of an iteration, as a stopwatch names them; so are those beside the other methods."""
+"""Parts of an iteration for the stopwatch; methods define others."""
 
 AS_TRAINED = RasterSettings()
-"""The constants of 3DGS, with which every container is trained and shown."""
+"""3DGS's constants, with which every container is trained and rendered."""
 
 COVER = "cover"
-"""The name of the cover's picture among the pictures of a rendering; every other name is a message's."""
+"""The cover's name among the pictures of a rendering; every other name is a message's."""
 
 
 @dataclass(frozen=True)
 class Rendering:
-    """One camera's pictures by name, unclamped [H, W, 3], and the rasterizer's own output.
+    """One camera's pictures by name, unclamped [H, W, 3], and the rasterizer's output.
 
-    `feature_map` is what was blended before any decoder: [H, W, M], F_coup of Eq. 4. Methods without features blend the
-    cover's picture itself, `sh` those of all messages beside it.
-    `means2d` carries the screen-space gradient after backward, in pixels.
+    `feature_map` [H, W, M] is what was blended, before any decoder: F_coup of Eq. 4. Methods without features blend the
+    cover's picture itself; `sh` blends those of all messages along with it. After backward, the gradient of `means2d`
+    is the screen-space gradient, in pixels.
     """
 
     pictures: dict[str, Float[Tensor, "H W 3"]]
@@ -44,7 +44,7 @@ def splat(
 ) -> Rendering:
     """Blend the features of all Gaussians for one camera (Eq. 3 and 4); `pictures` is still empty.
 
-    No Gaussians at all give zeros.
+    Without Gaussians, everything is zero.
     """
     scales, opacities = gaussians.scales, gaussians.opacities
     backward_of(ACTIVATIONS, scales, opacities)

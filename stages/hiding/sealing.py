@@ -1,16 +1,16 @@
-"""Sealing: what a container's scene decoder does not read of its features is encrypted, as a key says.
+"""Sealing: encrypting the part of a container's features that its scene decoder does not read.
 
-In homogeneous features a Gaussian says how much of it is the cover's. Whoever knows the method renders those alone that
-are not, and sees the messages, in false colours, without their decoder. The scene decoder reads a feature along few of
-its M dimensions. The rest, which holds the messages, becomes here what chance alone might have drawn: the cover stays
-as it is, and what is rendered of the rest is noise. Where a message's surfaces stand can still be told: means, sizes,
-rotations and opacities are not changed, nor how much of a Gaussian is the cover's.
+In homogeneous features, a Gaussian states its share of the cover. Anyone who knows the method can render only Gaussians
+with little of it, and sees the messages, in false colours, without their decoder. The scene decoder reads features
+along few of their M dimensions. Sealing replaces the rest, which holds the messages, by what looks like random numbers:
+the cover does not change, and renders of the rest show noise. The shapes of a message's surfaces remain visible, since
+means, sizes, rotations, opacities and shares of the cover do not change.
 
-The rest of each Gaussian is encrypted by itself, so that whoever takes some away takes nothing from others: not as it
-is, but as the direction and the distance by which it differs from what the owner expects (`Expected`). What comes out,
-as likely whatever went in (`keystream`), is a direction from an origin that what is read tells, and a share of the
-room that there is in the cube of features. So what is published says nothing of a rest that what is read, and where the
-Gaussian stands, do not say.
+Each Gaussian's rest is encrypted separately, so that removing some Gaussians does not affect others. The plaintext is
+the direction and the length of its difference from what the owner expects (`Expected`). The ciphertext, whose
+distribution does not depend on the plaintext (`keystream`), is a direction from an origin that follows from what is
+read, and a share of the room in the feature cube along that direction. So the published features say nothing about the
+rest beyond what the part that is read, and the Gaussian's position, already say.
 """
 
 from __future__ import annotations
@@ -33,30 +33,30 @@ from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import chosen
 
 SEAL, SEALED, SIGNS = "seal", "sealed_gaussians", "sealed_signs"
-"""Facts of a secret, beside what its owner expects (`Expected`): the key of its container's seal, a hash of its
-Gaussians (`hash_of`), and how some of them were published (`Seal.signs`), in hexadecimal digits."""
+"""Facts of a secret, besides the expectations (`Expected`), in hexadecimal digits: the key of its container's seal, a
+hash of the sealed Gaussians (`hash_of`), and the signs of some published rests (`Seal.signs`)."""
 
 SAMPLED = 64
-"""Gaussians at most, evenly spread, of which a secret holds the signs."""
+"""Largest number of Gaussians, evenly spread, whose signs a secret holds."""
 
 UNREAD = 1e-3
-"""Of the largest singular value of what the scene decoder reads along: a direction below that is not read."""
+"""Relative to the largest singular value of the scene decoder's rows: directions with smaller ones count as unread."""
 
 
 @runtime_checkable
 class Sealable(Protocol):
-    """A method whose decoders read of a centred feature (activated, less 0.5) their products with a few rows."""
+    """A method whose decoders see centred features (activated, less 0.5) only as inner products with a few rows."""
 
     def rows_read(self) -> Float[Tensor, "R M"]:
-        """Those of the scene decoder: what is at right angles to all of them does not change the cover."""
+        """The scene decoder's rows: changes of features orthogonal to all of them do not change the cover."""
         ...
 
     def rows_of_messages(self) -> Float[Tensor, "Q M"]:
-        """Those of the message decoder, which only the secret has."""
+        """The message decoder's rows, which only the secret has."""
         ...
 
     def cover_shares(self, gaussians: Gaussians) -> Float[Tensor, " N"]:
-        """How much of each Gaussian is the cover's, by what the scene decoder reads."""
+        """Each Gaussian's share of the cover, computed from what the scene decoder reads."""
         ...
 
 
@@ -72,13 +72,13 @@ def read_basis(method: Sealable) -> Float64[Tensor, "M R"]:
 
 
 def hash_of(gaussians: Gaussians) -> str:
-    """Of where the Gaussians are and how opaque, in their order: what a seal goes by."""
+    """SHA-256 of the Gaussians' means and opacities, in their order; identifies what was sealed."""
     values = (gaussians[name].detach().cpu().numpy() for name in ("means", "logit_opacities"))
     return hashlib.sha256(b"".join(np.ascontiguousarray(each, "<f4").tobytes() for each in values)).hexdigest()
 
 
 def key_for(gaussians: Gaussians, method: Sealable, drawn: bytes) -> bytes:
-    """From what was drawn, the key for these Gaussians and decoders alone: all others have other pads."""
+    """Derive from `drawn` a key for exactly these Gaussians and decoders, so that no keystream is used twice."""
     arrays = dict(gaussians.parameters) | {"read": method.rows_read(), "of messages": method.rows_of_messages()}
     digest = hashlib.sha256(drawn)
     for name, values in sorted(arrays.items()):
@@ -89,7 +89,7 @@ def key_for(gaussians: Gaussians, method: Sealable, drawn: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class Seal:
-    """A sealed container as it is published, its key, and what its owner expects: what is found of it is opened so."""
+    """A sealed container as published, its key, and what its owner expects: all that is needed to open found copies."""
 
     published: Gaussians
     key: bytes
@@ -98,43 +98,43 @@ class Seal:
 
     @classmethod
     def made(cls, gaussians: Gaussians, method: Sealable, drawn: bytes) -> Seal:
-        """The seal of Gaussians that are to be published; N = 0 is allowed. Its key is for these alone (`key_for`).
+        """Seal Gaussians that are to be published; N = 0 is allowed. The key is for these alone (`key_for`).
 
-        Features are stored anew, as far from 0.5 as can be stored. A Gaussian around whose origin there is no room, its
-        feature being at a corner of the cube, stays as it is (`in_the_clear`). `method` has to be one that
-        `can_be_sealed`, with its messages.
+        Features are first clamped to the range that can be stored. A Gaussian without room around its origin, whose
+        feature is in a corner of the cube, is not encrypted (`in_the_clear`). `method` must be one that
+        `can_be_sealed`, and have its messages.
         """
         centred, key = _centred(gaussians), key_for(gaussians, method, drawn)
-        places = _Places.of(_with(gaussians, centred), method)  # of what can be stored, which is all that opens it
+        places = _Places.of(_with(gaussians, centred), method)  # from features as stored: opening has no others
         expected = places.expected(centred)
         return cls(_with(gaussians, places.encrypted(centred, expected, key)), key, expected, places)
 
     @classmethod
     def of(cls, published: Gaussians, method: Sealable, key: bytes, expected: Expected) -> Seal:
-        """That of a container which was published; N = 0 is allowed. `method` with its messages."""
+        """The seal of a published container; N = 0 is allowed. `method` must have its messages."""
         return cls(published, key, expected, _Places.of(published, method))
 
     @property
     def in_the_clear(self) -> int:
-        """Gaussians that stayed as they are."""
+        """The number of Gaussians that were not encrypted."""
         return int(is_cornered(self.places.origins).sum())
 
     def signs(self) -> bytes:
-        """Of some of the published rests, whether each of their values is positive, eight in a byte.
+        """Whether each value of some of the published rests is positive, packed into bytes.
 
-        The same Gaussians under another key, or with a grain, have others: half of the signs agree by chance. Noise and
-        few bits leave most.
+        With another key, or with a grain, the same Gaussians have other signs, half of which agree by chance. Noise and
+        quantisation leave most of them unchanged.
         """
         numbers = torch.linspace(0, max(0, len(self.published) - 1), min(SAMPLED, len(self.published))).round().long()
         rests = self.places.of_numbers(numbers).rests(_centred(self.published)[numbers])
         return np.packbits((rests > 0).numpy().ravel()).tobytes()
 
     def opened(self, found: Gaussians, rows: Int[Tensor, " N"]) -> Gaussians:
-        """Of F Gaussians that were found those that were published, in that order, with what they hold of messages.
+        """The published Gaussians among F found ones, in their published order, with their features decrypted.
 
-        `rows`: which of the found ones each published one is, negative for one that is missing. Those at a corner of
-        the cube are as they were found. Of what the scene decoder reads nothing is taken from those found: what was
-        done to it would come between a rest and where it belongs.
+        `rows[i]` is the row in `found` of published Gaussian i, negative if it is missing. Features in corners of the
+        cube stay as found. What the scene decoder reads is taken from the published features, not from the found ones:
+        changes to it would displace the rest.
         """
         [numbers] = torch.nonzero(rows >= 0, as_tuple=True)
         own = rows[numbers]
@@ -142,16 +142,16 @@ class Seal:
         return _with(chosen(found, own), features)
 
     def told(self, gaussians: Gaussians) -> Float64[Tensor, "N R"]:
-        """What the scene decoder reads of each Gaussian, which a seal leaves as it is: it tells which one it is."""
+        """What the scene decoder reads of each Gaussian, which identifies it, since a seal does not change it."""
         return _centred(gaussians) @ self.places.read
 
 
 @dataclass(frozen=True)
 class _Places:
-    """What of N Gaussians is the same under a seal and without it.
+    """What sealing does not change of N Gaussians. All of it refers to centred features.
 
-    `read` are orthonormal columns that span what the scene decoder reads, `unread` such of all else, `rows` those of
-    the message decoder. All is of centred features.
+    `read` holds orthonormal columns that span what the scene decoder reads, `unread` orthonormal columns that span the
+    complement, `rows` the message decoder's rows.
     """
 
     read: Float64[Tensor, "M R"]
@@ -168,11 +168,11 @@ class _Places:
         return cls(read, _unread(read), rows, origins_of(_centred(gaussians), read), shares)
 
     def of_numbers(self, numbers: Int[Tensor, " K"]) -> _Places:
-        """Those of some of the Gaussians."""
+        """The places of a selection of the Gaussians."""
         return replace(self, origins=self.origins[numbers], cover_shares=self.cover_shares[numbers])
 
     def expected(self, centred: Float64[Tensor, "N M"]) -> Expected:
-        """What of these features is to be expected."""
+        """What the owner should expect of these features."""
         return expectations(
             self.cover_shares,
             centred @ self.rows.T,
@@ -180,7 +180,7 @@ class _Places:
         )
 
     def encrypted(self, centred: Float64[Tensor, "N M"], expected: Expected, key: bytes) -> Float64[Tensor, "N M"]:
-        """Centred features; those at a corner of the cube as they are."""
+        """Encrypt centred features; those in a corner of the cube stay as they are."""
         differences = self.rests(centred) - self._expected_rests(expected)
         directions = torch.nn.functional.normalize(differences, dim=1)
         turned, shares = encrypted(directions, expected.lengths(self.cover_shares, differences.norm(dim=1)), key)
@@ -190,7 +190,7 @@ class _Places:
     def decrypted(
         self, centred: Float64[Tensor, "N M"], numbers: Int[Tensor, " N"], expected: Expected, key: bytes
     ) -> Float64[Tensor, "N M"]:
-        """Of such features, whatever was done to them, those that were sealed."""
+        """Decrypt centred features, which may have been altered; those in a corner of the cube stay as they are."""
         rests = self.rests(centred)
         turned = torch.nn.functional.normalize(rests, dim=1)
         space = self._room(turned).clamp_min(torch.finfo(torch.float64).tiny)
@@ -200,24 +200,24 @@ class _Places:
         return torch.where(is_cornered(self.origins)[:, None], centred, own)
 
     def rests(self, centred: Float64[Tensor, "N M"]) -> Float64[Tensor, "N U"]:
-        """What is not read of features, from the origins."""
+        """The unread part of features, relative to the origins."""
         return (centred - self.origins) @ self.unread
 
     def _expected_rests(self, expected: Expected) -> Float64[Tensor, "N U"]:
-        """The nearest to the origins of which the message decoder reads, as nearly as can be, what is expected."""
+        """The smallest rests for which the message decoder reads, as closely as possible, what is expected."""
         missing = expected.readings_at(self.cover_shares) - self.origins @ self.rows.T
         weakest = UNREAD * torch.linalg.matrix_norm(self.rows, 2)
         return missing @ torch.linalg.pinv(self.rows @ self.unread, atol=weakest, rtol=0.0).T
 
     def _room(self, directions: Float64[Tensor, "N U"]) -> Float64[Tensor, " N"]:
-        """How far one may go from the origins in these directions."""
+        """The distance from each origin to the border of the cube along these unread directions."""
         return room(self.origins, directions @ self.unread.T)
 
 
 def _unread(read: Float64[Tensor, "M R"]) -> Float64[Tensor, "M U"]:
-    """Orthonormal columns that span all that is not read: of the first waves over the channels what is not, in turn.
+    """Orthonormal columns that span the complement of `read`: orthogonalised projections of cosines over channels.
 
-    They follow from that space alone. Which ones linear algebra finds by itself differs between machines.
+    They depend on that space alone. A basis chosen by linear algebra routines would differ between machines.
     """
     channels, count = len(read), len(read) - read.shape[1]
     places, numbers = torch.arange(channels).double() + 0.5, torch.arange(1, count + 1).double()

@@ -1,4 +1,4 @@
-"""Splats, containers and secrets in the store: Gaussians with the method that renders them."""
+"""Splats, containers and secrets in the store: Gaussians together with the method that renders them."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from stages.scene.gaussians import Gaussians
 def write_container(writer: ArtifactWriter, gaussians: Gaussians, method: Method) -> None:
     """Write Gaussians, the method's name and settings, and its public networks: all that a renderer needs.
 
-    Nothing of a message is written: not its decoder, nor its name, nor how many there are. Rows are sorted by position,
-    since the order in which Gaussians were made would tell which of them started as a message's.
+    Nothing about messages is written: neither their decoder nor their names or number. Rows are sorted by position,
+    since the order in which Gaussians were created would reveal which of them started as a message's.
     """
     order = np.lexsort(gaussians.means.detach().cpu().numpy().T)
     for parameter, tensor in gaussians.parameters.items():
@@ -34,23 +34,23 @@ def write_secret(
 ) -> None:
     """Write the message decoder and the messages' names, in the order of its output channels.
 
-    `image_view` is the view that hides the message, where that is an image.
+    `image_view` is the view that hides the message, if that is an image.
     """
     writer.attributes.update(messages=list(messages), **({IMAGE_VIEW: image_view} if image_view else {}))
     _write_networks(writer, method, SECRET_NETWORKS)
 
 
 def read_gaussians(artifact: Artifact, device: torch.device | str = "cpu") -> Gaussians:
-    """The Gaussians of `splats` or of a `container`, on a device."""
+    """Read the Gaussians of `splats` or of a `container` onto a device."""
     read = {name: torch.from_numpy(artifact.read(name)) for name in artifact.names if "/" not in name}
     return Gaussians(read).to(device)
 
 
 def read_method(container: Artifact, secret: Artifact | None = None, device: torch.device | str = "cpu") -> Method:
-    """The method that renders a container; with the secret it renders the messages too. Networks are on `device`.
+    """The method that renders a container, and with the secret its messages, too. Networks are frozen, on `device`.
 
-    Raises `UserError` where the weights in the artifacts do not fit the method, or are not there: what a network starts
-    with would show something else every time.
+    Raises `UserError` if weights in the artifacts are missing or do not fit the method: initial weights would show
+    something else every time.
     """
     settings = mapping(container, "settings")
     if secret is not None:
@@ -72,7 +72,7 @@ def check_method(container: Artifact, declared: str) -> None:
 
 
 def bytes_of(artifact: Artifact) -> int:
-    """Bytes of all values, uncompressed: of a container's Gaussians and its public networks, of a secret's networks."""
+    """The uncompressed bytes of all arrays: a container's Gaussians and public networks, or a secret's networks."""
     return sum(int(np.prod(array.shape)) * array.dtype.itemsize for array in map(artifact.open, artifact.names))
 
 

@@ -1,4 +1,4 @@
-"""Convolutions whose factors NVIDIA's GPUs round to TF32 (10 bits of mantissa), as torch by itself has them do."""
+"""Convolutions whose factors NVIDIA GPUs round to TF32 (10-bit mantissa), which is torch's default."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from torch import Tensor
 def convolve_rounded(
     values: Float[Tensor, "B C H W"], weight: Float[Tensor, "D C side side"], bias: Float[Tensor, " D"]
 ) -> Float[Tensor, "B D H W"]:
-    """`torch.nn.functional.conv2d` that keeps the picture's size, for an odd side.
+    """`torch.nn.functional.conv2d` that keeps the picture's size, for kernels with an odd side.
 
-    On a CUDA device what is multiplied is rounded to TF32, forward and backward, and what is summed is not; on the CPU
-    all is float32. Whatever the process asks of other convolutions (`opencl.repeatable`) stays as it is.
+    On a CUDA device, factors are rounded to TF32, forward and backward, and sums are not; on the CPU, everything is
+    float32. The process's settings for other convolutions (`opencl.repeatable`) stay as they are.
     """
     convolved: Tensor = _RoundedConvolution.apply(values, weight, bias)
     return convolved
 
 
 class _RoundedConvolution(torch.autograd.Function):
-    """Torch's own would look at the process's setting once more when it goes backward."""
+    """Needed since torch's own convolution would consult the process's setting again in the backward pass."""
 
     @staticmethod
     def forward(ctx: Any, values: Tensor, weight: Tensor, bias: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Unmixing: the map that carries features, turned, permuted or thinned out, back to those that were published."""
+"""Unmixing: fitting the map from rotated, permuted or thinned features back to the published ones."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from torch import Tensor
 
 CONCENTRATIONS = 5
 SPREADS = 4.0
-"""Medians of the distances at which a pair may be from a map that it is to count for."""
+"""In the final fit, a pair counts if its distance from the map is at most this many medians."""
 
 SMALLEST_VARIANCE = 1e-12
-"""Relative to the largest: combinations of channels that differ less than this tell nothing."""
+"""Relative to the largest: combinations of channels with less variance are ignored."""
 
 AS_PUBLISHED = 1e-3
-"""Of features: so near to what was published, they are what was published."""
+"""Features at most this far from the published ones count as unchanged."""
 
 NO_NEARER = 1.25
-"""A simple map will do where another would bring features nearer by less than this factor, root mean square: noise,
-too, asks for a map, which draws features to their mean."""
+"""A simple map is preferred if another would reduce the root mean square distance by less than this factor: noise alone
+also favours a map, one that draws features to their mean."""
 
 Map = Callable[[Tensor], Tensor]
-"""From activated features [N, K] to those [N, M] as they were published."""
+"""From found activated features [N, K] to published ones [N, M]."""
 
 Fit = Callable[[Tensor, Tensor], Map]
 
 
 def unmixing(seen: Float64[Tensor, "P K"], wanted: Float64[Tensor, "P M"]) -> Map | None:
-    """The map on which most of P Gaussians agree, from their activated features as they were found to the published.
+    """The map on which most of P Gaussians agree, from found activated features to published ones.
 
-    Those whose features were changed otherwise, up to about half, do not count. The map is a turn, with a scale and a
-    shift, if that will do, and affine if not, or if the numbers of channels differ. None if nothing is to be mapped:
-    most features are as they were published, or none of these maps brings them much nearer. P = 0 is not allowed.
+    Gaussians whose features were changed otherwise, up to about half, do not count. The map is a rotation or reflection
+    with a scale and a shift if that suffices; it is affine if not, or if the numbers of channels differ. None if no map
+    is needed: most features are as published, or no such map brings them much nearer. P = 0 is not allowed.
     """
     if seen.shape == wanted.shape and float((seen - wanted).norm(dim=1).median()) <= AS_PUBLISHED:
         return None
@@ -46,8 +46,7 @@ def unmixing(seen: Float64[Tensor, "P K"], wanted: Float64[Tensor, "P M"]) -> Ma
 
 
 def _simplest(maps: Sequence[Map], seen: Float64[Tensor, "P M"], wanted: Float64[Tensor, "P M"]) -> Map:
-    """The first that brings most features to what was published; or else the first than which none brings all of them
-    much nearer."""
+    """The first map that reproduces most published features, or else the first that is about as near as the best."""
     distances = [(each(seen) - wanted).norm(dim=1) for each in maps]
     typical = [float(each.median()) for each in distances]
     overall = [float(each.square().mean().sqrt()) for each in distances]
@@ -61,8 +60,11 @@ def _as_found(features: Tensor) -> Tensor:
 
 
 def _most_agree_on(fit: Fit, seen: Float64[Tensor, "P K"], wanted: Float64[Tensor, "P M"], start: Map) -> Map:
-    """A map by trimmed squares (Rousseeuw 1984): fitted to the half of the pairs that it suits best, `start` at first,
-    and in the end to all that it suits about as well."""
+    """Fit a map by least trimmed squares (Rousseeuw 1984).
+
+    It is fitted repeatedly to the half of the pairs that fits best, beginning with `start`, and finally to all pairs
+    that fit about as well.
+    """
     found = start
     for _ in range(CONCENTRATIONS):
         distances = (found(seen) - wanted).norm(dim=1)
@@ -74,7 +76,7 @@ def _most_agree_on(fit: Fit, seen: Float64[Tensor, "P K"], wanted: Float64[Tenso
 
 
 def _affine(seen: Float64[Tensor, "P K"], wanted: Float64[Tensor, "P M"]) -> Map:
-    """By least squares."""
+    """Fit an affine map by least squares."""
     start, end = seen.mean(dim=0), wanted.mean(dim=0)
     centred = seen - start
     inverse = torch.linalg.pinv(centred.T @ centred, rtol=SMALLEST_VARIANCE, hermitian=True)
@@ -83,8 +85,11 @@ def _affine(seen: Float64[Tensor, "P K"], wanted: Float64[Tensor, "P M"]) -> Map
 
 
 def _turned(seen: Float64[Tensor, "P M"], wanted: Float64[Tensor, "P M"]) -> Map:
-    """Turned, mirrored and scaled, by least squares but for the scale, which is that of the spreads: of noisy features,
-    least squares would draw the mapped ones together."""
+    """Fit a rotation or reflection with a shift and a scale.
+
+    Least squares, but for the scale, which is the ratio of the spreads: for noisy features, the least-squares scale
+    would draw mapped features together.
+    """
     start, end = seen.mean(dim=0), wanted.mean(dim=0)
     left, _, right = torch.linalg.svd((seen - start).T @ (wanted - end))
     scale = (wanted - end).norm() / (seen - start).norm().clamp_min(AS_PUBLISHED)

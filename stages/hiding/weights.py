@@ -1,4 +1,4 @@
-"""The weights of a network as a safetensors file: numbers under names and nothing else, so that strangers' are safe."""
+"""A network's weights as a safetensors file: it holds only named numbers, so that files from strangers are safe."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from safetensors.numpy import load, save
 from pipeline.errors import UserError
 
 Weights = Mapping[str, Float32[np.ndarray, "..."]]
-"""The values of a network's parameters by their names in torch, such as `0.weight`."""
+"""A network's parameters by their names in torch, such as `0.weight`."""
 
 SUFFIX = ".safetensors"
 LENGTH_BYTES = 8
-LARGEST_HEADER = 2**20  # bytes: thousands of weights; the library itself would believe in a hundred million
+LARGEST_HEADER = 2**20  # bytes: thousands of weights; the library itself would accept a hundred million bytes
 LARGEST_FILE = 2**30  # bytes; the paper's decoders take half a million
 EXPECTED = "the weights of one network, all of type F32"
 REMEDY = "Fetch the file again where it came from."
 
 
 def weights_file(weights: Weights) -> bytes:
-    """The bytes of a safetensors file; the same weights give the same bytes."""
+    """The content of a safetensors file; the same weights give the same bytes."""
     return save({name: np.asarray(values, order="C") for name, values in weights.items()})
 
 
 def read_weights(path: Path) -> Weights:
     """Read the weights of one network.
 
-    safetensors holds what a header claims against the file: tensors lie one behind the other, none overlaps, nothing is
-    left over. What it would leave to its caller is refused here: headers and files of absurd sizes, types that no
-    decoder has, NaN and infinity. Raises `UserError` for all of it.
+    safetensors checks the header against the file: tensors must be contiguous, without overlap and without a remainder.
+    This function also refuses what the library leaves to its caller: headers and files of absurd sizes, types that no
+    decoder has, NaN and infinity. Raises `UserError` in all these cases.
     """
     content = _bytes(path)
     header = int.from_bytes(content[:LENGTH_BYTES], "little")
@@ -48,7 +48,7 @@ def read_weights(path: Path) -> Weights:
         )
     try:
         weights = load(content)
-    except (SafetensorError, KeyError, ValueError) as error:  # the last two: types and shapes that NumPy does not have
+    except (SafetensorError, KeyError, ValueError) as error:  # the last two: types and shapes unknown to NumPy
         raise UserError(
             "a safetensors file that cannot be read",
             where=path,

@@ -1,6 +1,6 @@
-"""What a container hides, which its secret alone says: some of the given messages, or an image in one view.
+"""What a container hides, which only its secret reveals: some of the given messages, or an image in one view.
 
-Errors name neither messages nor images: they are printed and logged.
+Errors do not name messages or images, since they are printed and logged.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ Views = TypeVar("Views", bound=MessagePictures)
 
 
 def hidden_messages(given: Mapping[str, Views], secret: Artifact | None) -> dict[str, Views]:
-    """Those of the messages that the container hides: a workflow may give more. None are, without a secret."""
+    """The given messages that the container hides; a workflow may give others, too. Empty without a secret."""
     hidden = strings(secret, "messages") if secret is not None else ()
     return {name: views for name, views in given.items() if name in hidden}
 
 
 def at_least_one_hidden(given: Mapping[str, Views], secret: Artifact, stage: str) -> dict[str, Views]:
-    """The same for `stage`, which can do nothing without a message. Raises `UserError` where there is none."""
+    """`hidden_messages` for `stage`, which needs at least one. Raises `UserError` if there is none."""
     hidden = hidden_messages(given, secret)
     if not hidden:
         names = strings(secret, "messages")
@@ -40,9 +40,10 @@ def at_least_one_hidden(given: Mapping[str, Views], secret: Artifact, stage: str
 
 
 def view_that_hides(name: str, secret: Artifact | None, scene: Scene, stage: str) -> str:
-    """The view of the scene that hides the image of this name, for `stage`, which was given both.
+    """The view of the scene that hides the image of this name; `stage` was given both.
 
-    Raises `UserError` for a secret of hidden scenes or of another image, and where the view is none of the scene's.
+    Raises `UserError` without a secret, for a secret of hidden scenes or of another image, and if the scene does not
+    have the view.
     """
     if secret is None or IMAGE_VIEW not in secret.attributes:
         raise UserError(
@@ -61,9 +62,9 @@ def view_that_hides(name: str, secret: Artifact | None, scene: Scene, stage: str
 
 
 def view_of_an_image(secret: Artifact | None, scene: Scene, stage: str) -> str | None:
-    """The view of the scene that hides an image, for `stage`; None without a secret, or for one of hidden scenes.
+    """The view of the scene that hides an image; None without a secret, and for one of hidden scenes.
 
-    Raises `UserError` where the view is none of the scene's.
+    Raises `UserError` if the scene does not have the view. `stage` is named in the error.
     """
     if secret is None or IMAGE_VIEW not in secret.attributes:
         return None

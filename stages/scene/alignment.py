@@ -1,8 +1,9 @@
 """Placing a message in the cover's world: similarities under which the cover's cameras see the message well.
 
-A rig of cameras is summed up by where it looks (focus), which way is up, from which side it looks, how far away it
-stands and how much it sees there. A candidate brings the message's focus onto the cover's, up onto up, and turns and
-scales the rest. Which candidate fills the cover's pictures best only rendering can tell, so the caller scores them.
+A rig of cameras is summarised by the point it looks at (focus), its up direction, the side it looks from, its distance
+from the focus, and how much it sees there. Each candidate maps the message's focus onto the cover's and, unless it
+tilts, up onto up; rotation and scale vary. Only rendering can tell which candidate fills the cover's pictures best, so
+the caller scores them.
 """
 
 from __future__ import annotations
@@ -19,20 +20,22 @@ from scipy.spatial.transform import Rotation
 from stages.scene.cameras import Cameras
 from stages.scene.similarity import Similarity
 
-CANDIDATES = 24  # that a caller is given to score, at most
-AZIMUTHS = 24  # turns about the up axis that are tried
-ZOOMS = (1.0, 1.2, 1.4, 0.85)  # how much larger than the nominal scale the message is tried
-CLOSEST = 0.6  # no candidate brings the cameras closer to the focus than this share of the message's own distance
-ANGLE_SLACK = 10.0  # degrees; turns that are this much worse than the best at keeping to the message's views are tried
-PARALLEL_GUARD = 0.01  # weight of the points' median depth against the crossing of the optical axes
-UPRIGHT_GUARD = 0.005  # weight of the mean camera's up direction against level horizons
-GRID = 8  # cells a side, for the quick estimate of coverage
+CANDIDATES = 24  # at most, for the caller to score
+AZIMUTHS = 24  # rotations about the up axis to try
+ZOOMS = (1.0, 1.2, 1.4, 0.85)  # factors by which each scale is varied
+CLOSEST = 0.6  # no candidate brings the cameras closer to the focus than this fraction of the message's own distance
+ANGLE_SLACK = 10.0  # degrees by which a tried turn's stray angle may exceed the smallest
+PARALLEL_GUARD = 0.01  # weight of the points' median depth relative to the intersection of the optical axes
+UPRIGHT_GUARD = 0.005  # weight of the cameras' mean up direction relative to level horizons
+GRID = 8  # cells per side, for the quick estimate of coverage
 SAMPLED_VIEWS = 12
 SAMPLED_POINTS = 2000
-NEAREST = 0.02  # quantile of depths that counts as the nearest
+NEAREST = 0.02  # quantile of depths that counts as the nearest depth
 
 
 class Comparable(Protocol):
+    """A value with an order, as scores need."""
+
     def __lt__(self, other: Any, /) -> bool: ...
 
 
@@ -41,22 +44,22 @@ Score = TypeVar("Score", bound=Comparable)
 
 @dataclass(frozen=True)
 class Rig:
-    """What V cameras look at and how, in world coordinates; `up` and `forward` are perpendicular unit vectors."""
+    """Where V cameras look, and from where, in world coordinates; `up` and `forward` are perpendicular unit vectors."""
 
     focus: Float[np.ndarray, " 3"]
     up: Float[np.ndarray, " 3"]
     forward: Float[np.ndarray, " 3"]
-    elevation: float  # radians by which the mean view looks down
+    elevation: float  # mean angle below the horizontal of the viewing directions, in radians
     distance: float  # median distance of the cameras from the focus
-    half_extent: Float[np.ndarray, " 2"]  # half the width and height that is seen at the focus
+    half_extent: Float[np.ndarray, " 2"]  # half the width and height visible at the focus
 
     def axes(self) -> Float[np.ndarray, "3 3"]:
-        """Right, down and level forward as columns: the camera convention, with a level horizon."""
+        """Right, down and level forward as columns: OpenCV camera axes with a level horizon."""
         return np.stack([np.cross(self.forward, self.up), -self.up, self.forward], axis=1)
 
 
 def rig_of(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> Rig:
-    """Sum up a rig. `points` (P = 0 is allowed) only tell how far parallel optical axes look.
+    """Summarise a rig. `points` (P = 0 is allowed) only help to tell how far nearly parallel optical axes look.
 
     Raises `ValueError` without cameras.
     """
@@ -76,10 +79,10 @@ def rig_of(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> Rig:
 
 
 def focus_point(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, " 3"]:
-    """The point closest to all optical axes, in the least squares.
+    """The least-squares intersection of all optical axes.
 
-    Nearly parallel axes cross nowhere, or far away: a small weight pulls towards the points' median depth in front of
-    the cameras.
+    Nearly parallel axes intersect nowhere or far away, so a small weight pulls the point towards where the axes reach
+    the median depth of the points in front of the cameras.
     """
     centres, views = cameras.centres(), cameras.world_to_camera[:, 2, :3]
     across = np.eye(3) - views[:, :, None] * views[:, None, :]
@@ -90,9 +93,9 @@ def focus_point(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> Float[np.
 
 
 def median_depth(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> float:
-    """The median depth of the points that lie within the cameras' pictures, over all cameras.
+    """The median depth of the points inside the cameras' pictures, over all cameras.
 
-    Where no camera sees a point: twice the distance of the outermost camera from the mean of them, or 1 for one camera.
+    If no camera sees a point: twice the largest distance of a camera from the cameras' mean, or 1 if that is 0.
     """
     depths = depths_seen(cameras, points)
     if len(depths):
@@ -102,26 +105,26 @@ def median_depth(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> float:
 
 
 def nearest_depth(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> float:
-    """How near the cameras' pictures show anything: a low quantile of the depths of points, as a few points err.
+    """Depth of the nearest content in the cameras' pictures: a low quantile of point depths, to exclude outliers.
 
-    0 where no camera sees a point.
+    0 if no camera sees a point.
     """
     depths = depths_seen(cameras, points)
     return float(np.quantile(depths, NEAREST)) if len(depths) else 0.0
 
 
 def depths_seen(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, " n"]:
-    """Depths of the points, of many a sample, that lie within each camera's picture."""
+    """Depths of the points inside each camera's picture; of many points, only a sample is used."""
     pixels, depth = project(cameras, points[sample(len(points), SAMPLED_POINTS)])
     size = np.array([cameras.width, cameras.height])
     return depth[(depth > 0) & (pixels >= 0).all(axis=-1) & (pixels < size).all(axis=-1)]
 
 
 def up_direction(right: Float[np.ndarray, "V 3"], down: Float[np.ndarray, "V 3"]) -> Float[np.ndarray, " 3"]:
-    """The direction that keeps the horizons of all pictures most level, on the side of the cameras' own up.
+    """The direction that makes the horizons of all pictures most level, on the side of the cameras' own up.
 
-    Photographers hold a camera level: its right is perpendicular to gravity's up, also where it looks down. Where all
-    cameras face the same way that leaves a turn open, which their mean up decides.
+    Photographers hold a camera level: its right axis is perpendicular to gravity, even if it looks down. If all cameras
+    face the same way, a rotation about that axis stays undetermined; the cameras' mean up direction decides it.
     """
     mean_up = -down.mean(axis=0)
     levelness = right.T @ right / len(right) - UPRIGHT_GUARD * np.outer(mean_up, mean_up)
@@ -136,12 +139,12 @@ def candidates(
     *,
     cover_points: Float[np.ndarray, "Q 3"] | None = None,
 ) -> list[Similarity]:
-    """At most `CANDIDATES` similarities from the message's world into the cover's, the plain match of both rigs first.
+    """At most `CANDIDATES` similarities from the message's world to the cover's, the plain match of both rigs first.
 
-    `points` are the message's. The others are, for one scale after the other, the turns and tilts that keep the
-    cover's cameras to sides from which the message was photographed and fill most cells of their pictures with points
-    of the message. `cover_points` help where the cover's optical axes are nearly parallel. Raises `ValueError` without
-    cameras.
+    `points` are the message's. The other candidates take the scales in turn. At each scale come those rotations that
+    keep the cover's cameras on sides from which the message was photographed, ordered by how many cells of their
+    pictures the message's points fill. `cover_points` help if the cover's optical axes are nearly parallel. Raises
+    `ValueError` without cameras.
     """
     cover_rig = rig_of(cover, np.empty((0, 3)) if cover_points is None else cover_points)
     message_rig = rig_of(message, points)
@@ -158,16 +161,16 @@ def candidates(
 
 
 def best(choices: Sequence[Similarity], score: Callable[[Similarity], Score]) -> Similarity:
-    """The choice of the highest score, the earliest of equals. Raises `ValueError` for no choices."""
+    """The choice with the highest score; the first of equals. Raises `ValueError` if there are no choices."""
     if not choices:
         raise ValueError("there are no similarities to choose from")
     return max(choices, key=score)
 
 
 def cameras_in_message_world(cover: Cameras, message_to_cover: Similarity) -> Cameras:
-    """The cover's cameras, carried into the message's world: their pictures show the message as placed in the cover.
+    """The cover's cameras in the message's world: their pictures show the message as placed in the cover.
 
-    Rendering the message so leaves its splats untouched, spherical harmonics included. Depths are in message units.
+    Rendering there leaves the message's splats, spherical harmonics included, unchanged. Depths are in message units.
     """
     return replace(cover, world_to_camera=message_to_cover.inverse().world_to_camera(cover.world_to_camera))
 
@@ -175,8 +178,9 @@ def cameras_in_message_world(cover: Cameras, message_to_cover: Similarity) -> Ca
 def scales(cover: Rig, message: Rig) -> list[float]:
     """Scales of the message that are worth trying, the nominal one first.
 
-    At the nominal scale both rigs see as much at their focus, in area; others match the wanting side of the picture,
-    or the distance; and each of these somewhat larger or smaller.
+    At the nominal scale both rigs see the same area at their focus. Two more match the picture side on which the
+    message falls short, or the distance from the focus. Each is also tried with the factors `ZOOMS`. Scales that would
+    bring the cameras too close (`CLOSEST`) are dropped.
     """
     extents = cover.half_extent / message.half_extent
     distances = cover.distance / message.distance
@@ -187,9 +191,9 @@ def scales(cover: Rig, message: Rig) -> list[float]:
 
 
 def familiar_turns(cover: Cameras, message: Cameras, cover_rig: Rig, message_rig: Rig) -> list[tuple[float, float]]:
-    """Tilts and turns, in radians, under which the cover's cameras look from sides that the message's looked from.
+    """(tilt, turn) pairs, in radians, for which the cover's cameras look from sides the message was photographed from.
 
-    Tilts bring gravity onto gravity, or the mean view onto the mean view.
+    The tilt aligns either gravity (0) or the elevation of the mean views.
     """
     tilts = dict.fromkeys((0.0, cover_rig.elevation - message_rig.elevation))
     tried = [(tilt, 2 * np.pi * step / AZIMUTHS) for tilt, step in product(tilts, range(AZIMUTHS))]
@@ -199,7 +203,10 @@ def familiar_turns(cover: Cameras, message: Cameras, cover_rig: Rig, message_rig
 
 
 def placement(cover: Rig, message: Rig, scale: float, tilt: float, turn: float) -> Similarity:
-    """Focus onto focus; level axes onto level axes, then turned about up and tilted about the cover's right."""
+    """Map the message's focus and level axes onto the cover's, after a turn about up and a tilt, in radians.
+
+    The turn comes first; the tilt is about the cover's right axis.
+    """
     tilted = Rotation.from_rotvec(tilt * np.array([-1.0, 0.0, 0.0])).as_matrix()
     turned = Rotation.from_rotvec(turn * np.array([0.0, -1.0, 0.0])).as_matrix()
     rotation = cover.axes() @ tilted @ turned @ message.axes().T
@@ -207,7 +214,7 @@ def placement(cover: Rig, message: Rig, scale: float, tilt: float, turn: float) 
 
 
 def stray_angle(cover: Cameras, message: Cameras, cover_rig: Rig, message_rig: Rig, placed: Similarity) -> float:
-    """Mean over the cover's cameras of the angle, seen from the focus, to the nearest of the message's, in degrees."""
+    """Mean angle, in degrees at the focus, from each of the cover's cameras to the nearest of the message's."""
     ours = unit(cover.centres() - cover_rig.focus)
     theirs = unit(placed.directions(message.centres() - message_rig.focus))
     nearest = (ours @ theirs.T).max(axis=1)
@@ -215,7 +222,7 @@ def stray_angle(cover: Cameras, message: Cameras, cover_rig: Rig, message_rig: R
 
 
 def cells_filled(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> float:
-    """The share of the cells of a coarse grid over each picture that hold at least one point."""
+    """The fraction of cells that contain at least one point, in a coarse grid over each picture."""
     pixels, depth = project(cameras, points)
     cells = np.floor(pixels / [cameras.width, cameras.height] * GRID)
     seen = (depth > 0) & (cells >= 0).all(axis=-1) & (cells < GRID).all(axis=-1)
@@ -228,7 +235,7 @@ def cells_filled(cameras: Cameras, points: Float[np.ndarray, "P 3"]) -> float:
 def project(
     cameras: Cameras, points: Float[np.ndarray, "P 3"]
 ) -> tuple[Float[np.ndarray, "V P 2"], Float[np.ndarray, "V P"]]:
-    """Pixel positions and depths; positions of points that are not in front are meaningless."""
+    """Pixel positions and depths of points; positions of points that are not in front of the camera are meaningless."""
     local = points @ cameras.world_to_camera[:, :3, :3].transpose(0, 2, 1) + cameras.world_to_camera[:, None, :3, 3]
     depth = local[..., 2]
     homogeneous = local @ cameras.intrinsics.transpose(0, 2, 1)
@@ -236,15 +243,15 @@ def project(
 
 
 def sample(total: int, wanted: int) -> np.ndarray:
-    """At most `wanted` positions of `total`, evenly spread."""
+    """At most `wanted` evenly spread positions out of `total`."""
     return np.unique(np.linspace(0, total - 1, min(total, wanted)).astype(int))
 
 
 def unit(vectors: Float[np.ndarray, "*N 3"]) -> Float[np.ndarray, "*N 3"]:
-    """Vectors of length one; zero stays zero."""
+    """Vectors normalised to length one; zero stays zero."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
 
 
 def perpendicular_to(direction: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
-    """Some unit vector perpendicular to a unit vector."""
+    """A unit vector perpendicular to a unit vector."""
     return unit(np.cross(direction, np.eye(3)[np.abs(direction).argmin()]))

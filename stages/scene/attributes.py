@@ -1,4 +1,4 @@
-"""Reading an artifact's attributes: they may come from strangers, so their types are checked where they are read."""
+"""Reading an artifact's attributes. Artifacts may come from strangers, so types are checked on reading."""
 
 from __future__ import annotations
 

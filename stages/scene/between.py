@@ -1,4 +1,4 @@
-"""Cameras between those of a rig: views that nobody took, as near to photos as photos are to each other."""
+"""Cameras between those of a rig: views that nobody photographed, as near to photos as photos are to each other."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from scipy.spatial.transform import Rotation, Slerp
 from stages.scene.cameras import Cameras
 
 NEIGHBOURS = 8
-"""A camera between two is on the way from one to one of so many that are nearest."""
+"""The second camera is one of this many nearest to the first."""
 
 
 def cameras_between(cameras: Cameras, count: int, generator: np.random.Generator) -> Cameras:
-    """`count` cameras, each at a random share of the way from a random camera to one of its nearest, or to itself.
+    """`count` cameras, each at a random fraction of the way from a random camera to itself or one of its nearest.
 
-    Places lie on a straight line, rotations on the shortest turn; the lens is that of the first of the two. Names are
-    numbers. One camera alone is repeated. Raises `ValueError` where there is none, but some are wanted.
+    Centres are interpolated linearly, rotations along the shortest turn (slerp); the intrinsics are the first camera's.
+    Names are numbers. A single camera is repeated. Raises `ValueError` if `count` > 0 but there are no cameras.
     """
     if count and not len(cameras):
         raise ValueError(f"{count} cameras between none")

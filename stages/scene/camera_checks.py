@@ -1,4 +1,4 @@
-"""Whether cameras that came from anywhere are cameras."""
+"""Checks on cameras from untrusted sources."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from pipeline.errors import UserError
 from stages.scene.cameras import ROUNDING, Cameras
 
 ROTATION_TOLERANCE = 1e-3
-"""By how much the product of a rotation and its transpose may differ from the identity."""
+"""Largest entry of R Rᵀ - I for a rotation R."""
 FARTHEST = 2700
-"""How many extents of a rig its middle may lie off the world's origin: training is in float32, which rounds a
-coordinate x by up to x / 2^24, and moves Gaussians by 1.6e-4 extents a step at first. From 1.6e-4 * 2^24 = 2684 extents
-on a step may change nothing, and at a depth of one extent a focal length of 1000 pixels errs by 0.16 of a pixel."""
+"""Largest distance of a rig's middle from the world's origin, in extents of the rig. Training uses float32, which
+rounds a coordinate x by up to x / 2^24, and first moves Gaussians by 1.6e-4 extents a step. Beyond 1.6e-4 * 2^24 = 2684
+extents, a step may change nothing, and at a focal length of 1000 pixels a point one extent away is 0.16 pixels off."""
 
 
 def are_cameras(cameras: Cameras) -> Bool[np.ndarray, " V"]:
-    """Of each whether it has focal lengths, and a pose that turns and moves and does nothing else."""
+    """Whether each camera has positive focal lengths and a rigid pose (no scale, shear or reflection)."""
     rotations, intrinsics = cameras.world_to_camera[:, :3, :3], cameras.intrinsics
     turned = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < ROTATION_TOLERANCE
     focal = (intrinsics[:, 0, 0] > 0) & (intrinsics[:, 1, 1] > 0)
@@ -27,9 +27,9 @@ def are_cameras(cameras: Cameras) -> Bool[np.ndarray, " V"]:
 
 
 def refuse_far_poses(world_to_camera: Float64[np.ndarray, "V 4 4"], where: Path) -> None:
-    """Raise `UserError` for cameras that came from `where` and stand so far off that float32 cannot tell them apart.
+    """Raise `UserError` if the cameras from `where` are so far from the origin that float32 cannot tell them apart.
 
-    Such as those in metres of a national grid (UTM) or from the middle of the Earth (ECEF).
+    Their coordinates may be a national grid's (UTM) or geocentric (ECEF), in metres. Cameras that all coincide pass.
     """
     rotations, translations = world_to_camera[:, :3, :3], world_to_camera[:, :3, 3]
     centres = -np.einsum("vij,vi->vj", rotations, translations)

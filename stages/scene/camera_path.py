@@ -1,9 +1,8 @@
-"""A smooth flight along the cameras of a rig: what a video shows.
+"""A smooth flight along the cameras of a rig, for a video.
 
-The cameras are put in the order of a short tour, which keeps to places where cameras stand: what would be a long step
-goes by way of others. Its bends are then averaged away: photographers zigzag and shake. A cubic spline through the
-averaged places and a spline on SO(3) through the averaged orientations make the path; its horizon is kept level, and
-its frames are taken at constant speed.
+The cameras are ordered by a short tour that stays near cameras: a long step is routed through others. Its bends are
+then averaged away, since photographers zigzag and shake. A cubic spline through the averaged positions and a spline on
+SO(3) through the averaged orientations form the path. Its horizon is levelled, and its frames are equally spaced.
 """
 
 from __future__ import annotations
@@ -23,24 +22,25 @@ from stages.scene.tours import by_way_of_others, longest_step_last, shortest_tou
 Course = Literal["auto", "closed", "open"]
 
 CLOSING_STEP = 0.2
-"""A tour whose longest step is a larger share of its length stays open: a closed path would fly where nobody looked."""
+"""A tour stays open if its longest step exceeds this fraction of its length, and 1.5 mean steps: closed, it would fly
+where nobody looked."""
 
 SAMPLES_A_BEND = 32
-"""Of the tour, before averaging, and of the path, before frames are taken from it."""
+"""Samples per bend, of the tour before averaging, and of the path before its frames are taken."""
 
 STEEP, LEVEL = np.sin(np.radians(5)), np.sin(np.radians(45))
-"""Sines of the angle between a view and the vertical: under the first no horizon is kept, from the second on all.
+"""Sines of the angle between view and vertical: below the first, roll is kept; above the second, the horizon is level.
 
-Over the top of a scene the picture so turns by half as much from frame to frame as with a horizon kept throughout."""
+Above a scene, the picture then turns half as much from frame to frame as with a horizon that is always level."""
 
 
 MOST_CAMERAS = 400
-"""Of more, an even sample makes the path: the time for the tour is cubic in their number."""
+"""With more cameras, an even sample forms the path: the tour takes time cubic in their number."""
 
 
 @dataclass(frozen=True)
 class Poses:
-    """K camera poses: where they stand, and their camera-to-world rotations."""
+    """K camera poses: centres in world coordinates and camera-to-world rotations."""
 
     centres: Float64[np.ndarray, "K 3"]
     rotations: Rotation
@@ -55,13 +55,13 @@ class Poses:
 def camera_path(
     cameras: Cameras, points: Float[np.ndarray, "P 3"], frames: int, bends: int = 16, course: Course = "auto"
 ) -> Cameras:
-    """Cameras of a path along the rig, one a frame, named by their numbers.
+    """A path of `frames` cameras along the rig, named by frame number.
 
-    `points` of the scene (P = 0 is allowed) tell how far the cameras look, and so how much a turn counts beside a step.
-    The path has at most `bends` bends, and at most one a camera. A `closed` one ends where it begins, without showing
-    that frame twice; `auto` closes it where no step of the tour is much longer than the others. One camera alone stands
-    still. The lens is the median of the rig's, whose picture size stays, an odd side enlarged by one pixel.
-    Raises `ValueError` without cameras, frames or bends.
+    `points` of the scene (P = 0 is allowed) tell how far the cameras look, and so how much a rotation counts relative
+    to a step. The path has at most `bends` bends, and no more than there are cameras. A `closed` path, for three
+    cameras or more, ends where it begins, without repeating that frame; `auto` closes it if no step of the tour is much
+    longer than the others. A single camera stands still. Intrinsics are the median of the rig's. The picture size is
+    the rig's, odd sides enlarged by one pixel. Raises `ValueError` without cameras, frames or bends.
     """
     if not len(cameras) or frames < 1 or bends < 1:
         raise ValueError(f"a path of {frames} frames with {bends} bends along {len(cameras)} cameras")
@@ -77,7 +77,7 @@ def _poses_of(cameras: Cameras) -> Poses:
 
 
 def _features(poses: Poses, distance: float) -> Float64[np.ndarray, "K 6"]:
-    """Points whose distances say how different two views are: place by the distance looked at, and direction."""
+    """Points whose distance measures how much two views differ: centre, in viewing distances, and direction."""
     directions = poses.rotations.apply([0.0, 0.0, 1.0]).reshape(-1, 3)
     return np.concatenate([poses.centres / distance, directions], axis=1)
 
@@ -85,8 +85,9 @@ def _features(poses: Poses, distance: float) -> Float64[np.ndarray, "K 6"]:
 def _toured(poses: Poses, rig: Rig, course: Course) -> tuple[Poses, bool]:
     """The poses along a tour, and whether it is closed; an open one is cut at its longest step.
 
-    Poses that lie on the way of a long step come again: of the bonsai's photos, taken up and down all around, the two
-    longest steps would cross where nobody looked from, a whole distance to the focus away from the nearest camera.
+    Poses on the way of a long step are visited again. Otherwise, among the bonsai's photos, taken up and down all
+    around it, the two longest steps would cross where nobody looked from, as far from any camera as cameras are from
+    the focus.
     """
     features = _features(poses, rig.distance)
     order = longest_step_last(features, shortest_tour(features))
@@ -98,14 +99,14 @@ def _toured(poses: Poses, rig: Rig, course: Course) -> tuple[Poses, bool]:
 
 
 def _smooth(poses: Poses, rig: Rig, bends: int, closed: bool) -> Poses:
-    """Many samples of the splines through the averages of a tour's poses."""
+    """Dense samples of the splines through the averaged poses of a tour."""
     evenly = _evenly(poses, rig, bends * SAMPLES_A_BEND, closed)
     keys = _averages(evenly, bends, closed)
     return _splined(keys, closed) if len(keys) > 1 else keys
 
 
 def _evenly(poses: Poses, rig: Rig, count: int, closed: bool) -> Poses:
-    """`count` poses at even lengths along a tour, on straight lines and the shortest turns between its poses."""
+    """`count` poses equally spaced along a tour, by linear interpolation and slerp between its poses."""
     if closed:
         poses = poses[np.append(np.arange(len(poses)), 0)]
     steps = step_lengths(_features(poses, rig.distance))
@@ -119,7 +120,7 @@ def _evenly(poses: Poses, rig: Rig, count: int, closed: bool) -> Poses:
 
 
 def _averages(poses: Poses, bends: int, closed: bool) -> Poses:
-    """`bends` poses along many: means under a bell half as wide as the distance from one to the next."""
+    """`bends` poses along many: Gaussian-weighted means, with half the spacing as standard deviation."""
     count = len(poses)
     middles = np.linspace(0, count - (0 if closed else 1), bends, endpoint=not closed)
     away = np.abs(np.arange(count) - middles[:, None])
@@ -132,13 +133,13 @@ def _averages(poses: Poses, bends: int, closed: bool) -> Poses:
 
 
 def _splined(keys: Poses, closed: bool) -> Poses:
-    """The splines through K keys, sampled often; a closed one does not repeat its beginning."""
+    """Dense samples of the splines through K key poses; a closed path does not repeat its first."""
     count = len(keys)
     at = np.linspace(0, count if closed else count - 1, count * SAMPLES_A_BEND, endpoint=not closed)
     if not closed:
         places = np.arange(count)
         return Poses(CubicSpline(places, keys.centres)(at), RotationSpline(places, keys.rotations)(at))
-    # Round once more before and after: a spline on SO(3) knows no periodic ends, and forgets them within some keys.
+    # One more lap before and after: the spline on SO(3) has no periodic ends; their effect fades within a few keys.
     places = np.arange(-count, 2 * count + 1)
     around = keys[places % count]
     ring = keys.centres[np.arange(count + 1) % count]
@@ -147,7 +148,7 @@ def _splined(keys: Poses, closed: bool) -> Poses:
 
 
 def _levelled(poses: Poses, up: Float[np.ndarray, " 3"]) -> Poses:
-    """The poses without roll, as far as they do not look straight up or down, where there is no horizon."""
+    """The poses with roll removed, but less and less towards views straight up or down, where there is no horizon."""
     right, down, view = (poses.rotations.apply(axis).reshape(-1, 3) for axis in np.eye(3))
     roll = np.arctan2(right @ up, -(down @ up))
     steepness = (np.linalg.norm(np.cross(view, up), axis=1) - STEEP) / (LEVEL - STEEP)

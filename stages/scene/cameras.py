@@ -15,11 +15,11 @@ from pipeline.errors import UserError
 
 @dataclass(frozen=True)
 class Cameras:
-    """V pinhole cameras, in the world of their structure from motion.
+    """V pinhole cameras, in the world frame of their structure from motion.
 
-    `world_to_camera` maps homogeneous world points to camera space, which looks down +z with x right and y down
-    (COLMAP, OpenCV). `intrinsics` are in pixels of a `width` x `height` picture whose pixel centres lie at +0.5.
-    V = 0 is allowed. Raises `UserError` when a pose or an intrinsic matrix is not finite or shapes disagree.
+    `world_to_camera` maps homogeneous world points to camera space: x right, y down, looking along +z (COLMAP, OpenCV).
+    `intrinsics` are in pixels of a `width` x `height` picture whose pixel centres are at +0.5. V = 0 is allowed. Raises
+    `UserError` if shapes disagree, or a pose or an intrinsic matrix is not finite.
     """
 
     names: tuple[str, ...]
@@ -48,12 +48,12 @@ class Cameras:
         return len(self.names)
 
     def centres(self) -> Float64[np.ndarray, "V 3"]:
-        """Where the cameras stand, in world coordinates: -Rᵀt."""
+        """Camera centres in world coordinates: -Rᵀt."""
         rotation, translation = self.world_to_camera[:, :3, :3], self.world_to_camera[:, :3, 3]
         return -np.einsum("vij,vi->vj", rotation, translation)
 
     def select(self, names: Sequence[str]) -> Cameras:
-        """The cameras of these names, in this order. Raises `KeyError` for a name that no camera has."""
+        """The cameras with these names, in this order. Raises `KeyError` for an unknown name."""
         index = {name: position for position, name in enumerate(self.names)}
         rows = [index[name] for name in names]
         return replace(
@@ -62,15 +62,15 @@ class Cameras:
 
 
 ROUNDING = 1e-12
-"""Cameras that are this close, relative to their coordinates, stand at one place."""
+"""Cameras this close, relative to their coordinates, count as coincident."""
 
 
 def rig_extent(cameras: Cameras) -> float:
-    """3DGS's `spatial_lr_scale`: 1.1 times the largest distance of a camera from the mean of the cameras.
+    """3DGS's `spatial_lr_scale`: 1.1 times the largest distance of a camera from the cameras' mean, in world units.
 
-    Positions' learning rates and density control are relative to it. 1.0 for fewer than two cameras, and
-    for cameras that all stand at one place. (3DGS takes training cameras alone, trainings here all cameras of the
-    scene, whose places, not pictures, are known: of fox, bonsai and kitchen that is 0.4, 0.1 and 3 percent apart.)
+    Position learning rates and density control are relative to it. 1.0 for fewer than two cameras, or if all coincide.
+    (3DGS uses the training cameras only. Here all of the scene's cameras count, since the poses of test views are
+    known, unlike their pictures: for fox, bonsai and kitchen the two differ by 0.4, 0.1 and 3 percent.)
     """
     if len(cameras) < 2:
         return 1.0
@@ -81,7 +81,7 @@ def rig_extent(cameras: Cameras) -> float:
 
 @dataclass(frozen=True)
 class Camera:
-    """One camera as the rasterizer takes it: float32 tensors."""
+    """One camera for the rasterizer, as float32 tensors."""
 
     world_to_camera: Float[Tensor, "4 4"]
     intrinsics: Float[Tensor, "3 3"]
@@ -106,7 +106,7 @@ def single_cameras(cameras: Cameras) -> tuple[Camera, ...]:
 
 
 def pixel_directions(camera: Camera, device: torch.device | str = "cpu") -> Float[Tensor, "H W 3"]:
-    """Unit vectors in world coordinates from the camera through the middle of each pixel, computed on `device`."""
+    """Unit vectors in world coordinates from the camera through each pixel's centre, computed on `device`."""
     across, down = (torch.arange(side, device=device) + 0.5 for side in (camera.width, camera.height))
     x, y = torch.meshgrid(across, down, indexing="xy")
     pixels = torch.stack([x, y, torch.ones_like(x)], dim=-1)

@@ -1,4 +1,4 @@
-"""A capture: photos as they came, and what is known of their cameras before any structure from motion."""
+"""A capture: photos as taken, and what is known of their cameras before structure from motion."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from stages.scene.known_points import KnownPoints, read_points, write_points
 from stages.scene.lens import Lens
 
 PoseSource = Literal["colmap", "transforms", "synthetic"]
-"""Where poses come from: a COLMAP model, a transforms.json, or the world that the pictures were traced from."""
+"""Where poses come from: a COLMAP model, a transforms.json, or the scene that the pictures were rendered from."""
 
 PICTURES = "pictures"
 MOST_OF_A_SEQUENCE = 0.9
-"""At least this share of the names is alike where photos were taken in the order of their numbers."""
+"""Fraction of names that must share one word, if photos are to count as numbered in the order of taking."""
 
 
 @dataclass(frozen=True)
 class KnownPoses:
-    """Poses of V photos that came with them: world to camera, looking down +z, and the lens of each.
+    """Given poses of V photos: world to camera, looking along +z (OpenCV), with the lens of each photo.
 
-    `points` are those that came with the poses; None where none did.
+    `points` are those that came with the poses, or None.
     """
 
     source: PoseSource
@@ -42,10 +42,10 @@ class KnownPoses:
 class Capture:
     """V photos, sorted by name.
 
-    `names` are file names, `sizes` the width and height of each picture when upright, `focal_pixels` what EXIF says
-    of its focal length. `ordered`: the names' numbers count in the order in which the photos were taken.
-    `taken_by`: the number of the camera that took each, as far as it is known which differ; empty: nothing says so.
-    `test_names`: those that the files of poses hold out for tests; empty: they say nothing of it.
+    `names` are file names. `sizes` are the width and height of each picture as `read_picture` decodes it,
+    `focal_pixels` its focal length in pixels by EXIF, or None. `ordered`: the numbers in the names follow the order in
+    which the photos were taken. `taken_by`: the number of each photo's camera, as far as cameras can be told apart;
+    empty if unknown. `test_names`: the photos that the pose files hold out for testing; empty if they name none.
     """
 
     names: tuple[str, ...]
@@ -58,9 +58,9 @@ class Capture:
 
 
 def write_capture(writer: ArtifactWriter, capture: Capture, picture_of: Callable[[str], bytes | Path]) -> None:
-    """Write a `capture` artifact; `picture_of` a name gives its encoded bytes, or the file to copy them from.
+    """Write a `capture` artifact. `picture_of(name)` gives a photo's encoded bytes, or the file to copy.
 
-    It is asked for one picture after another, so that no two need to be in memory.
+    It is called for one photo after another, so that no two need to be in memory at once.
     """
     for name in capture.names:
         source = picture_of(name)
@@ -120,12 +120,12 @@ def _read_poses(
 
 
 def picture_path(artifact: Artifact, name: str) -> Path:
-    """The encoded picture `name` of a capture; `read_picture` turns it upright."""
+    """Path of the encoded picture `name` in a capture; `read_picture` turns it upright."""
     return artifact.file(f"{PICTURES}/{name}")
 
 
 def in_order_of_numbers(names: tuple[str, ...]) -> list[int]:
-    """Positions of the names in the order of the numbers in them.
+    """Positions of the names, sorted by the numbers in them.
 
     >>> in_order_of_numbers(("frame10.png", "frame2.png", "frame1.png"))
     [2, 1, 0]
@@ -139,8 +139,9 @@ def _natural_key(name: str) -> tuple[list[tuple[int, str]], str]:
 
 
 def numbered(names: tuple[str, ...]) -> bool:
-    """Whether most names are one word and a running number, as cameras and video tools write them; the word may hold a
-    day. A tenth may differ: phones call a photo of a burst, or one that was edited, otherwise.
+    """Whether most names consist of one word and a running number, as cameras and video tools write them.
+
+    The word may contain a date. A tenth of the names may differ: phones name burst or edited photos differently.
 
     >>> numbered(("DSC_0001.JPG", "DSC_0002.JPG")), numbered(("left.png", "right.png")), numbered(())
     (True, False, False)

@@ -17,19 +17,19 @@ from pipeline.plain_text import in_a_line
 from stages.scene.lens import MODELS, Lens
 
 FOLDERS = ("sparse/*", "sparse", "colmap/sparse/*", "colmap/sparse", ".")
-"""Where a COLMAP model lies, relative to the folder of a capture; a star stands for the numbers of several models."""
+"""Where to look for a COLMAP model, relative to a capture's folder; a star stands for the numbers of several models."""
 PARTS = ("cameras", "images")
-NUMBERS_OF_AN_IMAGE = 10  # in a line of text: id, quaternion, translation, camera, and the name, which may have blanks
+NUMBERS_OF_AN_IMAGE = 10  # in a line of text: id, quaternion, translation, camera, and name, which may contain blanks
 LARGEST_TRANSLATION = 1e9
-"""As far as means of Gaussians may lie; products of what lies much farther are infinite."""
+"""World units; also the limit for means of Gaussians. Products of much larger values overflow."""
 ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class PosedPhoto:
-    """A photo that a model names: its pose (world to camera, looking down +z) and its lens.
+    """A photo named by a model: its pose (world to camera, looking along +z) and its lens.
 
-    `number` is what a COLMAP model's points call it by; files of poses without points have none.
+    `number` is the image id by which a COLMAP model's points refer to it; None from other files of poses.
     """
 
     name: str
@@ -39,9 +39,10 @@ class PosedPhoto:
 
 
 def find_colmap_model(folder: Path) -> Path | None:
-    """The first place in `FOLDERS` that holds a whole model (cameras and images, both .bin or both .txt).
+    """The first place in `FOLDERS` with a complete model (cameras and images, both .bin or both .txt), or None.
 
-    Of several models the one of most photos: COLMAP numbers them as it finds them, and 0 may hold three of hundreds.
+    Of several models, the one with the most photos: COLMAP numbers them as it finds them, and model 0 may hold three
+    photos out of hundreds.
     """
     for name in FOLDERS:
         models = [place for place in _numbered(folder, name) if suffix_of_model(place) is not None]
@@ -51,7 +52,7 @@ def find_colmap_model(folder: Path) -> Path | None:
 
 
 def _numbered(folder: Path, name: str) -> list[Path]:
-    """The place of this name; where it ends in a star, the folders there that are called by numbers, in their order."""
+    """The folder of this name; if it ends in a star, all numbered folders there, in numerical order."""
     if not name.endswith("*"):
         return [folder / name]
     found = [place for place in folder.glob(name) if place.name.isdecimal()]
@@ -59,14 +60,14 @@ def _numbered(folder: Path, name: str) -> list[Path]:
 
 
 def models_beside(place: Path) -> list[Path]:
-    """The other models of a reconstruction that came apart: folders called by numbers, as `place` is; not of a file."""
+    """The other models of a reconstruction that fell apart: numbered folders beside `place`, if it is one itself."""
     if not (place.is_dir() and place.name.isdecimal()):
         return []
     return [other for other in _numbered(place.parent, "*") if other != place and suffix_of_model(other) is not None]
 
 
 def photos_in_model(place: Path) -> int:
-    """How many photos a whole model poses; of one that cannot be read 0, as others may be sound."""
+    """How many photos a model poses; 0 if it is incomplete or unreadable, as other models may be sound."""
     suffix = suffix_of_model(place)
     try:
         return 0 if suffix is None else len(_READERS[suffix][1](place / f"images{suffix}"))
@@ -75,15 +76,15 @@ def photos_in_model(place: Path) -> int:
 
 
 def suffix_of_model(place: Path) -> str | None:
-    """Whether a model is binary or text, as its files are called: .bin or .txt; None where it is not whole."""
+    """The suffix of a model's files, .bin or .txt; None if the model is incomplete."""
     whole = (suffix for suffix in _READERS if all((place / f"{part}{suffix}").is_file() for part in PARTS))
     return next(whole, None)
 
 
 def read_colmap_model(folder: Path) -> list[PosedPhoto]:
-    """The posed photos of the model in this very folder, sorted by name.
+    """The posed photos of the model directly in this folder, sorted by name.
 
-    Raises `UserError` where there is none, and for files that are damaged or not understood.
+    Raises `UserError` if there is none, or if its files are damaged or unsupported.
     """
     suffix = suffix_of_model(folder)
     if suffix is None:
@@ -123,7 +124,7 @@ def _pose(name: str, numbers: tuple[float, ...]) -> Float64[np.ndarray, "4 4"]:
         raise ValueError(f"the pose of {name} is not finite or no rotation: {numbers}")
     refuse_far(f"the pose of {name}", translation)
     exponent = np.frexp(largest)[1]
-    w, x, y, z = np.ldexp(quaternion, -exponent)  # of 1e200 the square is infinite; a power of two costs no bit
+    w, x, y, z = np.ldexp(quaternion, -exponent)  # the square of 1e200 overflows; scaling by a power of two is exact
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_quat([x, y, z, w]).as_matrix()
     pose[:3, 3] = translation
@@ -133,14 +134,14 @@ def _pose(name: str, numbers: tuple[float, ...]) -> Float64[np.ndarray, "4 4"]:
 
 
 def refuse_far(what: str, translation: Float64[np.ndarray, " 3"]) -> None:
-    """Raise `ValueError`, which calls the pose `what`, for a translation that no scene has."""
+    """Raise `ValueError` for a translation beyond `LARGEST_TRANSLATION`; the message calls the pose `what`."""
     if np.abs(translation).max() > LARGEST_TRANSLATION:
         found = ", ".join(f"{value:g}" for value in translation)
         raise ValueError(f"{what} has a translation beyond {LARGEST_TRANSLATION:g}: {found}")
 
 
 class _Reader:
-    """Takes little-endian values off a file's bytes; raises struct.error past the end."""
+    """Reads little-endian values from a file's bytes; raises `struct.error` or `ValueError` past the end."""
 
     def __init__(self, path: Path) -> None:
         self._bytes = path.read_bytes()
@@ -203,7 +204,7 @@ def _enter(lenses: dict[int, Lens], camera: int, lens: Lens) -> None:
 
 
 def _text_images(path: Path) -> list[tuple[int, str, tuple[float, ...], int]]:
-    """As COLMAP reads them: the line after that of an image lists its observations and may be empty."""
+    """Images of images.txt. As in COLMAP, the line after an image's own lists its observations, and may be empty."""
     images, lines = [], _lines(path)
     for number, line in lines:
         if not _says_something(line):
@@ -220,7 +221,7 @@ def _text_images(path: Path) -> list[tuple[int, str, tuple[float, ...], int]]:
 
 
 def _number(written: str) -> int:
-    """A photo's number, which takes four bytes in a binary model."""
+    """An image id, which must fit into the 32 bits of a binary model; raises `ValueError` otherwise."""
     number = int(written)
     if not 0 <= number < 2**32:
         raise ValueError(f"a photo of number {in_a_line(written)}")
@@ -228,7 +229,7 @@ def _number(written: str) -> int:
 
 
 def _check_observations(line: str) -> None:
-    """Whether a line is one of observations, x, y and the number of a point each, and not that of an image."""
+    """Raise `ValueError` unless a line lists observations (x, y and a point id each), rather than an image."""
     parts = line.split()
     if len(parts) % 3 or (parts and not parts[-1].removeprefix("-").isdecimal()):
         raise ValueError("no line of observations, which every image is followed by; it may be empty")

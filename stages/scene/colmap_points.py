@@ -1,6 +1,6 @@
 """Reading the points of a COLMAP model, binary or text: positions, colours, and which photos see each.
 
-Models have a million points, each of which lists the photos that see it: what is read goes straight into arrays.
+A model may have a million points, each with a list of the photos that see it, so values are read straight into arrays.
 """
 
 from __future__ import annotations
@@ -21,25 +21,24 @@ from stages.scene.known_points import KnownPoints
 
 PART = "points3D"
 LARGEST_FILE = 2**31
-"""Bytes, of about ten million points: it is read into as much memory."""
+"""Bytes, enough for about ten million points; reading takes as much memory."""
 LONGEST_LINE = 2**20
-"""Bytes of text, of which a point takes fifteen for each of the photos that see it."""
+"""Bytes of text; each photo that sees a point adds about fifteen to its line."""
 LARGEST_ERROR = 1e6
-"""Pixels: a point's reprojection error beyond that counts as not measured."""
+"""Pixels; a larger reprojection error counts as not measured."""
 COUNT = struct.Struct("<Q")
 POINT = np.dtype([("id", "<u8"), ("position", "<f8", 3), ("color", "u1", 3), ("error", "<f8"), ("views", "<u8")])
-"""What comes before the views of a point in a binary model."""
+"""The part of a point's binary record before its views."""
 VIEW = np.dtype([("photo", "<u4"), ("observation", "<u4")])
 NUMBERS_OF_A_POINT = 8  # in a line of text: id, position, colour, error; then two for each view
 
 
 @dataclass(frozen=True)
 class ModelPoints:
-    """P points in the file's order.
+    """P points, in the file's order.
 
-    `errors`: how far from where they are seen they are projected on average, in pixels; negative or not finite where
-    the model does not say. `views`: how many views each has, `photos`: the photos' numbers of all of them, point after
-    point.
+    `errors`: mean reprojection error of each point in pixels; negative or not finite if the model does not state it.
+    `views`: the number of views of each point. `photos`: the image ids of all E views, point after point.
     """
 
     positions: Float64[np.ndarray, "P 3"]
@@ -50,10 +49,10 @@ class ModelPoints:
 
 
 def read_colmap_points(folder: Path) -> ModelPoints | None:
-    """The points of the model in this very folder, in the form of its cameras and images; None where it has no file
-    of points.
+    """The points of the model directly in this folder, in the same format as its cameras and images.
 
-    Raises `UserError` for a file that is damaged, of absurd size, or has points where no scene has any.
+    None if the model is incomplete or has no file of points. Raises `UserError` for a file that is damaged or larger
+    than `LARGEST_FILE`, or has points beyond `LARGEST_TRANSLATION`.
     """
     suffix = suffix_of_model(folder)
     path = folder / f"{PART}{suffix}"
@@ -112,7 +111,7 @@ def _binary_points(path: Path) -> ModelPoints:
 
 
 def _take(file: BinaryIO, size: int, left: int) -> bytes:
-    """So many bytes of a file of which so many are left; raises `ValueError` past the end, before room is made."""
+    """`size` bytes of a file with `left` bytes left; raises `ValueError` past the end, before allocating memory."""
     taken = file.read(size) if size <= left else b""
     if len(taken) < size:
         raise ValueError("the file ends too early")
@@ -144,7 +143,7 @@ def _text_points(path: Path) -> ModelPoints:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """The lines that say something, with their numbers; raises `ValueError` for one that no point has."""
+    """The lines with content, and their numbers; raises `ValueError` for one longer than `LONGEST_LINE`."""
     with path.open("rb") as file:
         for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), b""), start=1):
             if len(line) > LONGEST_LINE:
@@ -155,7 +154,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def points_seen_by(points: ModelPoints, photos: Sequence[int]) -> KnownPoints | None:
-    """The points that at least one of these photos sees, by their different numbers; None where they see none."""
+    """The points that at least one of these photos (distinct image ids) sees; None if they see none."""
     numbers = np.array(photos, np.int64)
     ascending = np.argsort(numbers)
     places = np.searchsorted(numbers, points.photos, sorter=ascending).clip(max=len(numbers) - 1)

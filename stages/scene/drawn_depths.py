@@ -1,7 +1,7 @@
-"""Worlds of small units, enlarged before anything is trained in them.
+"""Enlarges scenes in small units before anything is trained in them.
 
-The rasterizer draws nothing nearer than a fifth of a unit, in whatever units: a close-up whose poses are in metres
-would lie before that plane, wholly or with its front, and train to an empty picture.
+The rasterizer draws nothing nearer than 0.2 units, whatever the unit. A close-up posed in metres would lie wholly or
+partly in front of that plane, and train to an empty picture.
 """
 
 from __future__ import annotations
@@ -15,17 +15,19 @@ from stages.scene.scene import Scene
 from stages.scene.similarity import Similarity
 
 NEAR = 0.2
-"""`RasterSettings().near`, as a test checks: no change of the rasterizer is to do structure from motion anew."""
+"""`RasterSettings().near`, as a test checks. Not imported: changes of the rasterizer must not redo structure from
+motion."""
 AMPLE = 10 * NEAR
-"""The depth from which on surfaces count in an enlarged world: about that of COLMAP's worlds."""
+"""Nearest depth in an enlarged world: about that of COLMAP's worlds."""
 CLOSEST = 2 * NEAR
-"""Some surfaces are nearer than the nearest depth, a quantile; half of it is still drawn."""
+"""Worlds with a smaller nearest depth are enlarged. That is a quantile: some surfaces are at half of it, and still
+drawn."""
 
 
 def drawn_scene(scene: Scene) -> tuple[Scene, float]:
-    """The scene in a world that is large enough for what its cameras see to be drawn, and by what factor it grew.
+    """The scene, enlarged if needed so that the rasterizer draws what its cameras see, and the factor applied.
 
-    1, and the scene as it is, where it is already, and where no camera sees a point.
+    The scene itself and 1 if it is large enough, or if no camera sees a point.
     """
     nearest = nearest_depth(scene.cameras, scene.points)
     if not 0 < nearest < CLOSEST:
@@ -35,7 +37,7 @@ def drawn_scene(scene: Scene) -> tuple[Scene, float]:
 
 
 def enlarged_scene(scene: Scene, factor: float) -> Scene:
-    """Cameras and points `factor` times as far from the origin: every picture stays as it was."""
+    """The scene with cameras and points `factor` times as far from the origin: every picture stays the same."""
     grown = Similarity(factor, np.eye(3), np.zeros(3))
     cameras = replace(scene.cameras, world_to_camera=grown.world_to_camera(scene.cameras.world_to_camera))
     return replace(scene, cameras=cameras, points=scene.points * np.float32(factor))

@@ -1,4 +1,4 @@
-"""Making edits: which Gaussians they are about, and what becomes of them."""
+"""Applying edits: which Gaussians they select, and what they do to them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from stages.scene.similarity import Similarity
 
 @dataclass(frozen=True)
 class Splats:
-    """Gaussians of 3DGS and, where their cameras are known, the rig's frame; `name` is the input of those cameras."""
+    """3DGS Gaussians and, if their cameras are known, the rig's frame; `name` is the stage input with those cameras."""
 
     gaussians: Gaussians
     frame: Similarity | None
@@ -30,10 +30,10 @@ class Splats:
 
 
 def edited(splats: Splats, edit: Edit, added: Splats | None) -> tuple[Gaussians, int]:
-    """The Gaussians after an edit, and how many it was about.
+    """The Gaussians after an edit, and how many it affected.
 
-    Raises `UserError` where it is about none, where none would be left, and where its coordinates need a rig or it adds
-    splats that are not given.
+    Raises `UserError` if it would affect none or leave none, if its coordinates need a rig that is unknown, or if it
+    adds splats that are not given.
     """
     if isinstance(edit, Add):
         more = _placed(edit, splats, added)
@@ -60,7 +60,7 @@ def _without(gaussians: Gaussians, inside: Bool[Tensor, " N"]) -> Gaussians:
 
 
 def _placed(edit: Add, splats: Splats, added: Splats | None) -> Gaussians:
-    """What an edit adds, where it adds it. Splats without cameras have a frame of their own extent."""
+    """The Gaussians that an edit adds, placed in the scene. Splats without cameras use a frame of their own extent."""
     if added is None:
         raise UserError(
             "there is nothing to add", found="no input added", expected="splats", remedy="give edit_splats the input"
@@ -75,7 +75,7 @@ def _placed(edit: Add, splats: Splats, added: Splats | None) -> Gaussians:
 
 
 def _inside(splats: Splats, where: EditedRegion | None) -> Bool[Tensor, " N"]:
-    """Which Gaussians lie in a region; all without one."""
+    """Which Gaussians lie in a region, or all without one. Raises `UserError` if none do."""
     if where is None:
         return torch.ones(len(splats.gaussians), dtype=torch.bool)
     frame = _frame_of(splats) if where.coordinates == "rig" else Similarity.identity()

@@ -1,4 +1,4 @@
-"""Edits of a scene as a workflow says them: other colours, an object less, an object more."""
+"""Edits of a scene, as a workflow states them: recolour, remove or add an object."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COORDINATES = (
 
 
 class EditedRegion(Parameters):
-    """A part of space: an edit is about the Gaussians whose centres lie in it."""
+    """A region of space: an edit affects the Gaussians whose centres lie in it."""
 
     shape: Shape = Field(description="box or ellipsoid, along the axes of the coordinates.")
     centre: tuple[Coordinate, Coordinate, Coordinate] = Field((0.0, 0.0, 0.0), description="Its middle.")
@@ -30,7 +30,7 @@ class EditedRegion(Parameters):
 
 
 class Recolour(Parameters):
-    """Other colours, from all directions."""
+    """Change colours, equally for all viewing directions."""
 
     edit: Literal["recolour"] = Field(description="recolour")
     hue: float = Field(0.0, ge=-360, le=360, description="Degrees by which hues turn, as by CSS's hue-rotate.")
@@ -43,14 +43,14 @@ class Recolour(Parameters):
 
 
 class Remove(Parameters):
-    """An object less."""
+    """Remove the Gaussians in a region."""
 
     edit: Literal["remove"] = Field(description="remove")
     region: EditedRegion = Field(description="Where.")
 
 
 class Add(Parameters):
-    """An object more: the added splats, or what of them lies in `only`, turned and enlarged about their own origin."""
+    """Add splats, or the part of them in `only`, scaled and rotated about their own origin."""
 
     edit: Literal["add"] = Field(description="add")
     only: EditedRegion | None = Field(None, description="A part of the added splats' own space; without it, all.")

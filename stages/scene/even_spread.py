@@ -1,4 +1,4 @@
-"""Some of many views, evenly spread over all of them."""
+"""Evenly spread samples of many views."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def evenly_spread(total: int, wanted: int) -> list[int]:
-    """At most `wanted` positions of `total`, from the first to the last; none of none, or where none is wanted.
+    """At most `wanted` positions out of `total`, evenly spread from first to last; empty if either is not positive.
 
     >>> evenly_spread(10, 4), evenly_spread(3, 4), evenly_spread(0, 4), evenly_spread(10, -1)
     ([0, 3, 6, 9], [0, 1, 2], [], [])

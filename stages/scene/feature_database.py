@@ -1,6 +1,6 @@
-"""COLMAP's database of pictures, features and matches, as far as the stage itself looks at it: is it whole?
+"""Integrity check of COLMAP's database of pictures, features and matches.
 
-COLMAP writes it without waiting for the disk, so that a power cut may leave anything, and a kill in bad luck, too.
+COLMAP writes it without syncing to disk, so a power cut, or an unlucky kill, may leave it in any state.
 """
 
 from __future__ import annotations
@@ -10,18 +10,19 @@ from contextlib import closing
 from pathlib import Path
 
 DATABASE, UNFINISHED = "database.db", "database.new"
-"""The database has its name once all pictures are entered."""
+"""The database gets its final name once all pictures are entered."""
 
 
 def drop_damaged_database(folder: Path, pictures: int) -> str | None:
-    """Remove what is not the whole database of so many pictures; returns what is wrong, None for a good one or none.
+    """Delete a database that is damaged or does not list `pictures` pictures, and return what is wrong with it.
 
-    To be called while nobody has it open. Left-overs of one that was not finished go without a word.
+    None if it is good or absent. Call this while no process has it open. Leftovers of an unfinished database are
+    deleted silently.
     """
     _remove(folder, UNFINISHED)
     path = folder / DATABASE
     damage = _damage(path, pictures) if path.exists() else None
-    if damage is not None or not path.exists():  # a journal without its database would be taken for that of a new one
+    if damage is not None or not path.exists():  # SQLite would apply a leftover journal to a new database
         _remove(folder, DATABASE)
     return damage
 

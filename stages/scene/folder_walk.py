@@ -1,4 +1,4 @@
-"""A folder and all below it, each once: links are followed, and may lead back up."""
+"""Walks a folder and everything below it, each folder once: links are followed, and may lead back up."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 
 
 def folders_from(top: Path, enters: Callable[[str], bool]) -> Iterator[tuple[Path, list[str]]]:
-    """`top` and the folders below it with the names of their files, without those whose names `enters` refuses.
+    """`top` and the folders below it, each with the names of its files; skips folders whose names `enters` rejects.
 
-    Of a folder that is there by several names one counts, beside each other that which is no link.
+    A folder reachable by several names is visited once; among siblings, a real folder takes precedence over a link.
     """
     seen = {os.path.realpath(top)}
     for folder, inner, files in os.walk(top, followlinks=True):

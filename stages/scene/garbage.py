@@ -1,4 +1,4 @@
-"""Gaussians that no scene has, told before anything is made of them: files of splats and containers may be anyone's."""
+"""Rejects implausible Gaussians before anything is made of them: splat files and containers may come from anyone."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ from jaxtyping import Bool, Float
 from pipeline.errors import UserError
 
 LARGEST = {"means": 1e9, "log_scales": 40.0, "sh_base": 1e6, "sh_rest": 1e6, "quats": 1e6}
-"""Magnitudes beyond which a file is garbage, of attributes that are called so or end so, such as `message_sh_base`; up
-to these, covariances stay within float32's normal numbers. Others only pass through a sigmoid."""
+"""Largest plausible magnitudes, for attributes whose names end in these, such as `message_sh_base`. Up to them,
+covariances stay within float32's normal numbers. Other attributes only pass through a sigmoid."""
 SMALLEST_QUATERNION = 1e-6
 REMEDY = "Export the file again, or take those Gaussians out in an editor of splats."
 
 
 def refuse_garbage(where: object, arrays: Mapping[str, Float[np.ndarray, "N ..."]]) -> None:
-    """Raise `UserError` for no Gaussians, NaN, infinity, quaternions of no length and magnitudes that no scene has.
+    """Raise `UserError` for no Gaussians, NaN, infinity, quaternions of length 0, or magnitudes beyond `LARGEST`.
 
-    It says how many Gaussians are so and which is the first. `arrays` are attributes as they are stored, quaternions
-    among them.
+    The error states how many Gaussians are affected, and the first. `arrays` are stored attributes, including `quats`.
     """
     if not len(arrays["quats"]):
         raise UserError("a file without Gaussians", where=where, found="0", expected="at least one")

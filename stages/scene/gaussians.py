@@ -1,4 +1,4 @@
-"""The Gaussians of a scene: stored, unactivated parameters and the one place where they are activated."""
+"""The Gaussians of a scene: stored, unactivated parameters, and the only place where they are activated."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 GEOMETRY = ("means", "quats", "log_scales", "logit_opacities")
-"""What every method's Gaussians have; a method adds attributes of its own (`sh_base`, `raw_features`, …)."""
+"""Parameters of every method's Gaussians; a method adds its own attributes (`sh_base`, `raw_features`, …)."""
 
 NEIGHBOURS = 3
 SMALLEST_DISTANCE = 1e-4
-"""In world units, of points at one place. 3DGS's is the root of 1e-7, three times as much."""
+"""In world units, for coincident points. 3DGS uses the root of 1e-7, three times as much."""
 INITIAL_OPACITY = 0.1
 
 
 @dataclass
 class Gaussians:
-    """N Gaussians: μ, q, s, α of the paper as stored (unactivated) tensors, beside the method's attributes.
+    """N Gaussians: the paper's μ, q, s and α as stored (unactivated) tensors, and the method's attributes.
 
-    `means [N,3]` in world units, `quats [N,4]` (w x y z, any length), `log_scales [N,3]`, `logit_opacities [N]`.
-    Every tensor of `parameters` has N rows, N = 0 included; density control adds and removes whole rows.
+    `means [N,3]` in world units, `quats [N,4]` (w x y z, any length), `log_scales [N,3]`, `logit_opacities [N]`. Every
+    tensor of `parameters` has N rows, N = 0 included; density control adds and removes whole rows.
     """
 
     parameters: dict[str, Tensor]
@@ -38,10 +38,12 @@ class Gaussians:
 
     @property
     def means(self) -> Float[Tensor, "N 3"]:
+        """Centres, in world units."""
         return self.parameters["means"]
 
     @property
     def quats(self) -> Float[Tensor, "N 4"]:
+        """Rotations as stored: quaternions w x y z of any length."""
         return self.parameters["quats"]
 
     @property
@@ -51,26 +53,26 @@ class Gaussians:
 
     @property
     def opacities(self) -> Float[Tensor, " N"]:
-        """In (0, 1)."""
+        """Activated opacities, in (0, 1)."""
         return self.parameters["logit_opacities"].sigmoid()
 
     @property
     def attributes(self) -> dict[str, Tensor]:
-        """What the method added to the geometry."""
+        """The parameters that the method adds to the geometry."""
         return {name: tensor for name, tensor in self.parameters.items() if name not in GEOMETRY}
 
     @property
     def device(self) -> torch.device:
-        """Where all tensors are."""
+        """The device of all tensors."""
         return self.means.device
 
     def to(self, device: torch.device | str) -> Gaussians:
-        """The same Gaussians on a device; tensors that are there already are shared."""
+        """The same Gaussians on a device; tensors already there are shared."""
         return Gaussians({name: tensor.to(device) for name, tensor in self.parameters.items()})
 
 
 def neighbour_distances(points: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " N"]:
-    """Root mean square distance to the three nearest other points, as 3DGS starts its scales; 1 for a lone point."""
+    """Root mean square distance to the three nearest other points, 3DGS's initial scale; 1 for a single point."""
     if len(points) < 2:
         return np.ones(len(points))
     neighbours = min(NEIGHBOURS, len(points) - 1)
@@ -79,7 +81,7 @@ def neighbour_distances(points: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "
 
 
 def gaussians_at(points: Float[np.ndarray, "N 3"], attributes: Mapping[str, Tensor]) -> Gaussians:
-    """One round Gaussian of opacity 0.1 at every point, as wide as the distance to its neighbours (3DGS, section 5.1).
+    """A round Gaussian of opacity 0.1 at each point, as wide as the distance to its neighbours (3DGS, section 5.1).
 
     `attributes` are the method's own tensors, N rows each.
     """
@@ -98,7 +100,7 @@ def gaussians_at(points: Float[np.ndarray, "N 3"], attributes: Mapping[str, Tens
 
 
 def rotation_matrices(quats: Float[Tensor, "N 4"]) -> Float[Tensor, "N 3 3"]:
-    """Rotations of quaternions w x y z, normalised first."""
+    """Rotation matrices of quaternions w x y z, which are normalised first."""
     w, x, y, z = torch.nn.functional.normalize(quats, dim=-1).unbind(-1)
     rows = [
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),

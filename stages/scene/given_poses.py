@@ -1,4 +1,4 @@
-"""The poses that came with a capture, and the points with them: where they are, and which photo each belongs to."""
+"""Poses and points that came with a capture: where they are, and which photo each belongs to."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from stages.scene.transforms import FILE, read_transforms
 
 ASPECT_TOLERANCE = 0.01
 MOST = 0.7
-"""Share of the posed photos that are to be there: a model of fewer is one of other photos."""
+"""Fraction of the posed photos that must be present: a model with fewer of them belongs to other photos."""
 LONGEST_PATH = 4096
-"""Characters, as Linux has it: what is longer in a file of poses is none of a photo."""
+"""Characters, Linux's limit; anything longer in a file of poses is not a photo's path."""
 
 
 def poses_at(place: Path) -> Path:
-    """A file of poses as it is, of a folder what `find_poses` finds; raises `UserError` where that is nothing."""
+    """`place` itself, or what `find_poses` finds in it if it is a folder. Raises `UserError` if that is nothing."""
     found = find_poses(place) if place.is_dir() else place
     if found is None:
         raise UserError(
@@ -42,7 +42,7 @@ def poses_at(place: Path) -> Path:
 
 
 def find_poses(folder: Path) -> Path | None:
-    """The COLMAP model's folder or the `transforms.json` of a capture's folder; a model comes first."""
+    """The folder of a capture's COLMAP model, or else its `transforms.json`; None if it has neither."""
     model = find_colmap_model(folder)
     if model is None and (folder / FILE).is_file():
         return folder / FILE
@@ -50,11 +50,11 @@ def find_poses(folder: Path) -> Path | None:
 
 
 def photo_finder(photos: Collection[str], place: Path) -> Callable[[str], str | None]:
-    """What finds the photo that a file of poses, which is at `place`, means by a path, or None.
+    """A function that finds the photo that a path in the file of poses at `place` refers to, or None.
 
-    It has its file name, else its stem; of photos in several folders, the folders before it, too; and accented letters
-    written as one character or as two. Its time is in proportion to the path; it raises `UserError` for one that no
-    photo can have.
+    It matches the file name, else the stem. For photos from several folders, it also matches the folders before the
+    name. Accented letters may be composed or decomposed. It takes time proportional to the path, and raises `UserError`
+    for one that is too long for any photo.
 
     >>> find = photo_finder(["left_1.jpg", "right_1.jpg", "2.png"], Path("transforms.json"))
     >>> find("images/left/1.jpg"), find("right/1"), find("images/2.jpg"), find("1.jpg")
@@ -62,7 +62,7 @@ def photo_finder(photos: Collection[str], place: Path) -> Callable[[str], str | 
     """
     named = {normalize("NFC", name): name for name in photos} | {name: name for name in photos}
     stems = {Path(written).stem: name for written, name in named.items()}
-    most_parts = 1 + max((name.count("_") for name in photos), default=0)  # a name has a low line for each folder
+    most_parts = 1 + max((name.count("_") for name in photos), default=0)  # a name has an underscore for each folder
 
     def find(path: str) -> str | None:
         if len(path) > LONGEST_PATH:
@@ -87,12 +87,13 @@ def photo_finder(photos: Collection[str], place: Path) -> Callable[[str], str | 
 def read_poses(
     place: Path, sizes: Mapping[str, tuple[int, int]], resized: bool = False
 ) -> tuple[PoseSource, list[PosedPhoto], list[str]]:
-    """The poses of a COLMAP model or a transforms.json, under the names of the photos in `sizes`; and as they are named
-    there, those whose photo is not there, which are left out: somebody threw it away.
+    """Read a COLMAP model or a transforms.json: its kind, the poses of the photos in `sizes`, and the missing photos.
 
-    A posed photo is matched as `photo_finder` says; its lens is scaled to the photo's size, which is another than that
-    of the photos that were posed where they are `resized`. Raises `UserError` for what cannot be read, for poses of
-    whose photos not even `MOST` are there, paths that are too long, twice posed photos, and other aspects.
+    Poses are renamed to the photos, which `photo_finder` matches, and sorted by name. Posed photos that are missing are
+    left out, since somebody deleted them, and listed by their names in the file. Each lens is scaled to its photo's
+    size; `resized` states that photos differ in size from those that were posed. Raises `UserError` for unreadable
+    files, paths that are too long, photos posed twice, other aspect ratios, and if less than `MOST` of the posed photos
+    are present.
     """
     photo_named = photo_finder(sizes, place)
 
@@ -135,16 +136,16 @@ def _fitted(place: Path, photo: PosedPhoto, size: tuple[int, int]) -> Lens:
 
 
 def known_poses(source: PoseSource, posed: Sequence[PosedPhoto], points: KnownPoints | None = None) -> KnownPoses:
-    """Poses of the photos in this order."""
+    """The poses of these photos, in this order."""
     poses = np.stack([photo.world_to_camera for photo in posed])
     return KnownPoses(source, poses, tuple(photo.lens for photo in posed), points)
 
 
 def known_points(place: Path, posed: Sequence[PosedPhoto], folder: Path) -> KnownPoints | None:
-    """The points of the COLMAP model at `place` that these photos of it see, or those that a transforms.json there
-    names within `folder`; None where there are none.
+    """The points that came with the poses at `place`; None if there are none.
 
-    Raises `UserError` for points that cannot be read, and where they cannot tell two photos apart.
+    Of a COLMAP model, those that the `posed` photos see; of a transforms.json, those it names within `folder`. Raises
+    `UserError` for points that cannot be read, and if two photos share an image id.
     """
     if not place.is_dir():
         return points_of_transforms(place, posed, folder)

@@ -1,4 +1,4 @@
-"""Identification: which found Gaussian each published one is, by its place, its shape, and what else is told of it."""
+"""Identification: which found Gaussian is which published one, by position, shape and further attributes."""
 
 from __future__ import annotations
 
@@ -15,38 +15,39 @@ from stages.scene.shape_pairs import ALIKE, typical_distance
 from stages.scene.similarity import Similarity
 
 MISSING = -1
-"""For the row of a published Gaussian that was not found."""
+"""The row of a published Gaussian that was not found."""
 
 RESIDUALS = 3.0
-"""Medians of how far values of a kind are apart in pairs that are known: what was done to all of them is forgiven."""
+"""Values are alike within this many median residuals of known pairs, to tolerate what was done to all Gaussians."""
 
 ROUNDING = 1e-6
-"""Of the spread of values of a kind: single precision."""
+"""Rounding error in single precision, relative to the spread of a kind's values."""
 
 CANDIDATES = 4
-"""Found Gaussians that are looked at for each published one, of the nearest by place, by shape, and by everything."""
+"""Found Gaussians considered for each published one: the nearest by position, by shape, and by all kinds together."""
 
 SURE = 0.5
-"""So unlike, as a sum over kinds of squares that are at most 1, may one be for none that is nearer to be sought."""
+"""A match is final if it is at most this different: a sum over kinds of squared distances, each capped at 1."""
 
 SAMPLED, PAIRED = 2000, 16
-"""Published ones by which it is seen how far values are apart, and found ones that each is paired with by one kind."""
+"""Published Gaussians sampled to estimate residuals, and found ones with which one kind of values pairs each."""
 
 Rows = Int[np.ndarray, " P"]
-"""Of pairs."""
+"""Row numbers of pairs."""
 
 Kind = tuple[Float[np.ndarray, "F D"], Float[np.ndarray, "N D"]]
-"""Values of one kind, of the found Gaussians and of the published ones."""
+"""Values of one kind, of the found and of the published Gaussians."""
 
 
 def identified(found: Gaussians, published: Gaussians, seed: int, others: Sequence[Kind] = ()) -> Int[np.ndarray, " N"]:
-    """For each published Gaussian the row of the found one that is it, or `MISSING`; no two are the same.
+    """For each published Gaussian, the row of the found one that it is, or `MISSING`; no row appears twice.
 
-    Found ones may be moved as a whole (`register`, whose `seed` it is), missing, doubled, added, in any order, and each
-    changed a little. Places, sizes, opacities and `others` are compared. One that is alike in more than half of these
-    kinds of values may be taken, and of several the one whose values are nearest, Σ log(1 + d²) over kinds: a thief who
-    shifts every Gaussian a little leaves their shapes, and who puts decoys in their places cannot give these all that
-    they have, or the cover would change. All values are to be finite; either may have no Gaussians.
+    Found Gaussians may be moved as a whole (see `register`, which takes `seed`), missing, doubled, added or reordered,
+    and each may be changed slightly. Positions, sizes, opacities and `others` are compared. A candidate must be alike
+    in more than half of these kinds of values; of several, the one with the smallest Σ log(1 + d²) over kinds is
+    chosen. A thief who shifts every Gaussian slightly leaves the shapes intact, and one who puts decoys in their places
+    cannot give these all attributes of the originals without changing the cover. All values must be finite; either side
+    may be empty.
     """
     rows = np.full(len(published), MISSING, dtype=np.int64)
     registration = register(found, published, seed)
@@ -68,18 +69,18 @@ def identified(found: Gaussians, published: Gaussians, seed: int, others: Sequen
 
 
 def _geometry(found: Gaussians, published: Gaussians, motion: Similarity) -> Iterator[Kind]:
-    """Places before the motion, logarithmic sizes in ascending order, and logits of opacities."""
+    """Positions and sorted log scales with the motion undone, and opacity logits."""
     yield motion.inverse().points(_values(found, "means")), _values(published, "means")
     yield _sizes(found) - np.log(motion.scale), _sizes(published)
     yield _values(found, "logit_opacities")[:, None], _values(published, "logit_opacities")[:, None]
 
 
 def _units(kinds: Sequence[Kind], registration: Registration) -> list[float]:
-    """Within which values of each kind are alike: as near as next ones are not, or as pairs that are known show.
+    """For each kind, the distance within which values are alike: a fraction of that of neighbours, or as pairs show.
 
-    Known are the registration's, and those that are near by another kind. Of all with which a published one is paired
-    the nearest counts, and of all ways to pair the one by which they are nearest: where decoys stand at the places,
-    pairs by place know nothing of the rest.
+    Known pairs are the registration's, and those nearest by another kind. Of a published Gaussian's partners only the
+    nearest counts, and of all pairings the one with the smallest residual: if decoys occupy the positions, pairs by
+    position say nothing of the other kinds.
     """
     pairings: list[tuple[int | None, Rows, Rows]] = [(None, registration.found, registration.published)]
     for number, (own, known) in enumerate(kinds[1:], start=1):
@@ -95,14 +96,14 @@ def _units(kinds: Sequence[Kind], registration: Registration) -> list[float]:
 
 
 def _residual(own: Float[np.ndarray, "F D"], known: Float[np.ndarray, "N D"], found: Rows, published: Rows) -> float:
-    """How far pairs are apart: the median over published ones, each with the nearest of its partners."""
+    """The median, over published Gaussians, of the distance to the nearest of their partners."""
     nearest = np.full(len(known), np.inf)
     np.minimum.at(nearest, published, np.linalg.norm(own[found] - known[published], axis=1))
     return float(np.median(nearest[np.isfinite(nearest)]))
 
 
 def _nearest(kinds: Sequence[Kind], rows: Int[np.ndarray, " K"]) -> Iterator[Int[np.ndarray, " K"]]:
-    """For these published ones the rows of found ones, the nearest of all and then the next."""
+    """The found rows nearest to each of these published ones, then the second nearest, and so on."""
     if len(rows):
         own, known = (np.concatenate(values, axis=1) for values in zip(*kinds, strict=True))
         _, nearest = cKDTree(own).query(known[rows], k=range(1, min(CANDIDATES, len(own)) + 1))
@@ -110,7 +111,7 @@ def _nearest(kinds: Sequence[Kind], rows: Int[np.ndarray, " K"]) -> Iterator[Int
 
 
 def _each_once(rows: Int[np.ndarray, " N"], costs: Float[np.ndarray, " N"]) -> Int[np.ndarray, " N"]:
-    """Of several published ones that are the same found one, the one that is nearest has it."""
+    """A found row claimed by several published ones goes to the one of least cost; the others become `MISSING`."""
     order = np.lexsort([costs, rows])
     again = np.zeros(len(rows), dtype=bool)
     again[order[1:]] = rows[order[1:]] == rows[order[:-1]]

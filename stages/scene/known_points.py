@@ -1,4 +1,4 @@
-"""Points that came with the poses of photos, as structure from motion found them elsewhere."""
+"""Points that came with the poses of photos, from structure from motion done elsewhere."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from jaxtyping import Float64, Int64, UInt8
 from pipeline.artifact import Artifact, ArtifactWriter
 
 POINTS, COLORS, SEEN, ERROR = "points", "point_colors", "points_seen", "points_error"
-"""Arrays of a capture that has points, and an attribute."""
+"""Names of a capture's arrays for its points, and of an attribute."""
 
 
 @dataclass(frozen=True)
 class KnownPoints:
-    """P points that came with V photos, in the order in which they came, in the world of the photos' poses.
+    """P points that came with V photos, in the order of their file, in the world of the photos' poses.
 
-    `seen`: how many of them each photo sees. `error`: how far from where they are seen they are projected on average,
-    in pixels of the photos that they were made from; None where nothing says so.
+    `seen`: how many of them each photo sees. `error`: their mean reprojection error, in pixels of the photos from which
+    they were made; None if unknown.
     """
 
     positions: Float64[np.ndarray, "P 3"]
@@ -28,7 +28,7 @@ class KnownPoints:
 
 
 def write_points(writer: ArtifactWriter, points: KnownPoints) -> None:
-    """Write them beside the poses of a capture."""
+    """Write the points beside the poses of a capture."""
     writer.write(POINTS, points.positions)
     writer.write(COLORS, points.colors)
     writer.write(SEEN, points.seen)
@@ -36,7 +36,7 @@ def write_points(writer: ArtifactWriter, points: KnownPoints) -> None:
 
 
 def read_points(artifact: Artifact) -> KnownPoints | None:
-    """Read what `write_points` wrote; None of a capture without points."""
+    """Read what `write_points` wrote; None from a capture without points."""
     if POINTS not in artifact.names:
         return None
     error = artifact.attributes.get(ERROR)

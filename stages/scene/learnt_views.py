@@ -1,4 +1,4 @@
-"""Which views of a scene may be learnt from: at least one."""
+"""Which views of a scene may be used for training: at least one."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from stages.scene.scene import Scene
 
 
 def learnt_names(scene: Scene) -> tuple[str, ...]:
-    """The training views' names. Raises `UserError` where all views are test views: nothing can be learnt then."""
+    """The names of the training views. Raises `UserError` if all views are test views."""
     if not scene.train_names:
         raise UserError(
             "the scene has no training view",

@@ -1,4 +1,4 @@
-"""Lenses by COLMAP's names: a projection with focal length, principal point and distortion, as plain numbers."""
+"""Lenses by the names of COLMAP's models: focal length, principal point and distortion as plain numbers."""
 
 from __future__ import annotations
 
@@ -27,10 +27,9 @@ MODELS = {
     "FISHEYE": (2, 0),
     "EUCM": (2, 2),
 }
-"""Models in the order of COLMAP's numbers: how many focal lengths and how many distortion parameters each has.
+"""Models in the order of COLMAP's model ids, with their numbers of focal lengths and of distortion parameters.
 
-The parameters are the focal lengths, the principal point (two), then the distortion.
-"""
+The parameters are the focal lengths, the principal point (two), then the distortion."""
 
 
 TWO_FOCAL_LENGTHS = {
@@ -42,27 +41,26 @@ TWO_FOCAL_LENGTHS = {
     "SIMPLE_DIVISION": "DIVISION",
     "SIMPLE_FISHEYE": "FISHEYE",
 }
-"""Models with one focal length, by the one that says the same with two; the distortion of the first is the beginning of
-the other's, whose rest is zero."""
+"""The equivalent with two focal lengths of each model with one; further distortion parameters are zero."""
 
 LARGEST_SIDE = 1_000_000
-"""Pixels of a picture's side: no file holds more, and none of COLMAP's numbers must be larger than a float."""
+"""Pixels of a picture's side: no file holds more, and integers in a COLMAP model may be too large for a float."""
 
 LONGEST, SHORTEST = 1e5, 1e-3
-"""Focal lengths, and the first also principal points off the corner, in longer sides of the picture. Beyond these no
-lens is, and float32 loses the pixel."""
+"""Limits of focal lengths, in longer sides of the picture; the first also limits the principal point. No lens is beyond
+them, and float32 would lose the pixel."""
 
 STRONGEST = 1e6
-"""Parameter of a distortion."""
+"""Largest magnitude of a distortion parameter."""
 
 
 @dataclass(frozen=True)
 class Lens:
-    """A camera's COLMAP model, its parameters in COLMAP's order, and the picture's size in pixels.
+    """A COLMAP camera model, its parameters in COLMAP's order, and the picture's size in pixels.
 
-    Pixel centres are at +0.5. Raises `ValueError` for an unknown model, a wrong number of parameters, numbers that are
-    not finite, focal lengths that are not positive, and what no lens has (`LARGEST_SIDE`, `LONGEST`, `SHORTEST`,
-    `STRONGEST`).
+    Pixel centres are at +0.5. Raises `ValueError` for an unknown model, a wrong number of parameters, values that are
+    not finite, focal lengths or sizes that are not positive, and what no lens has (`LARGEST_SIDE`, `LONGEST`,
+    `SHORTEST`, `STRONGEST`).
     """
 
     model: str
@@ -100,7 +98,7 @@ class Lens:
 
     @staticmethod
     def pinhole(matrix: Float64[np.ndarray, "3 3"], width: int, height: int) -> Lens:
-        """A lens without distortion, of an intrinsic matrix."""
+        """A lens without distortion, from an intrinsic matrix."""
         return Lens("PINHOLE", tuple(float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))), width, height)
 
     def matrix(self) -> Float64[np.ndarray, "3 3"]:
@@ -110,9 +108,9 @@ class Lens:
         return np.array([[self.parameters[0], 0, x], [0, self.parameters[count - 1], y], [0, 0, 1.0]])
 
     def resized(self, width: int, height: int) -> Lens:
-        """The same lens in front of a resized picture: distortion is relative to the focal length and stays.
+        """The same lens for a resized picture; distortion is relative to the focal length and stays.
 
-        Where both sides have not the same factor, as sides are whole numbers of pixels, it has two focal lengths.
+        It has two focal lengths if the sides, which are whole numbers of pixels, scale by different factors.
         """
         across, down = width / self.width, height / self.height
         lens = self if across == down else self.with_two_focal_lengths()
@@ -122,7 +120,7 @@ class Lens:
         return replace(lens, parameters=scaled, width=width, height=height)
 
     def with_two_focal_lengths(self) -> Lens:
-        """The same lens by a model with a focal length of each side."""
+        """The equivalent lens of a model with separate focal lengths for x and y."""
         if self.model not in TWO_FOCAL_LENGTHS:
             return self
         model, (focal, *others) = TWO_FOCAL_LENGTHS[self.model], self.parameters

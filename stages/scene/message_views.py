@@ -14,15 +14,14 @@ from pipeline.errors import UserError
 from stages.scene.attributes import string, strings
 
 LEGAL_COVERAGE = 0.9
-"""A view is legal where the message fills at least this share of the picture; the paper names no criterion."""
+"""A view is legal if the message fills at least this fraction of the picture; the paper states no criterion."""
 
 
 @dataclass(frozen=True)
 class MessagePictures:
     """One message seen by V cameras of the cover, over black: all that a training learns from.
 
-    `points` lie on its surfaces where it was placed, in the cover's world, with their sRGB colours, in an order of
-    which any first few are a fair sample.
+    `points` lie on its surfaces as placed in the cover's world, with sRGB colours; any prefix is a fair sample.
     """
 
     name: str
@@ -34,16 +33,18 @@ class MessagePictures:
 
 @dataclass(frozen=True)
 class MessageViews(MessagePictures):
-    """The same, and how much of each pixel the message fills: more bytes than the pictures have."""
+    """`MessagePictures` and each pixel's coverage by the message (0 to 1), in more bytes than the pictures."""
 
     coverage: Float32[np.ndarray, "V H W"]
 
     @cached_property
     def mean_coverage(self) -> Float32[np.ndarray, " V"]:
+        """Mean coverage of each view."""
         return self.coverage.mean(axis=(1, 2))
 
     @cached_property
     def legal(self) -> Bool[np.ndarray, " V"]:
+        """Whether each view's mean coverage is at least `LEGAL_COVERAGE`."""
         return self.mean_coverage >= LEGAL_COVERAGE
 
 
@@ -62,10 +63,10 @@ def write_message_views(writer: ArtifactWriter, views: MessageViews) -> None:
 
 
 def read_message_pictures(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> dict[str, MessagePictures]:
-    """Messages by name, each with its views in the order of the cover's names, paired by name and never by position.
+    """Messages by name, with their views in the order of the cover's names: paired by name, never by position.
 
-    Raises `UserError` where a message lacks a view of the cover, or two messages have one name; it does not say which,
-    for errors are printed and logged.
+    Raises `UserError` if a message lacks a view of the cover, or two messages share a name. Errors are printed and
+    logged, so they do not state the message's name.
     """
     return {
         name: MessagePictures(
@@ -76,7 +77,7 @@ def read_message_pictures(artifacts: Sequence[Artifact], cover_names: Sequence[s
 
 
 def read_messages(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> dict[str, MessageViews]:
-    """The same with the coverage. Raises as `read_message_pictures` does."""
+    """Like `read_message_pictures`, with the coverage."""
     messages = read_message_pictures(artifacts, cover_names)
     return {
         name: MessageViews(**vars(messages[name]), coverage=_rows(artifact, "coverage", rows))
@@ -85,7 +86,7 @@ def read_messages(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> 
 
 
 def _paired(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> Iterator[tuple[str, Artifact, list[int]]]:
-    """Each message's name, and its rows in the order of the cover's names."""
+    """Each message's name and artifact, and its rows in the order of the cover's names."""
     found: list[str] = []
     for artifact in artifacts:
         name = string(artifact, "message")
@@ -111,6 +112,6 @@ def _paired(artifacts: Sequence[Artifact], cover_names: Sequence[str]) -> Iterat
 
 
 def _rows(artifact: Artifact, name: str, rows: Sequence[int]) -> np.ndarray:
-    """These rows of an array, which is not copied where they are all of it in their order."""
+    """These rows of an array, which is not copied if they are all its rows in order."""
     values = artifact.read(name)
     return values if [*rows] == [*range(len(values))] else values[rows]

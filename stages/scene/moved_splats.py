@@ -1,4 +1,4 @@
-"""Splats carried elsewhere or mirrored, with colours that depend on the direction, and splats joined into one scene."""
+"""Moving, mirroring and joining splats with view-dependent colours."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from stages.scene.similarity import Similarity
 from stages.scene.spherical_harmonics import MAXIMUM_DEGREE, harmonics, harmonics_count
 
 HARMONICS = "sh_rest"
-"""How attributes end that are harmonics beyond the constant one, [N, ..., K, 3]: the cover's, and those of messages."""
+"""Suffix of attributes with harmonics beyond the constant one, [N, ..., K, 3]: the cover's, and those of messages."""
 
 DIRECTIONS = 64
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
-"""What was at x is at -x."""
+"""Maps x to -x."""
 
 
 def moved(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
-    """Gaussians of the similarity's source world, in its target world: they look there as they looked here.
+    """Gaussians of the similarity's source world, in its target world, where they look the same.
 
-    Harmonics turn, of any number of pictures; other attributes stay as they are, features too. N = 0 is allowed.
+    All spherical harmonics rotate along; other attributes, features included, stay as they are. N = 0 is allowed.
     """
     geometry = similarity.gaussians(
         *(gaussians[name].detach().double().numpy() for name in ("means", "quats", "log_scales"))
@@ -35,10 +35,10 @@ def moved(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
 
 
 def mirrored(gaussians: Gaussians) -> Gaussians:
-    """Gaussians as `MIRROR` shows them: cameras that are mirrored, too, have the mirror images of the pictures before.
+    """The mirror image of Gaussians by `MIRROR`: mirrored cameras see the mirror images of the original pictures.
 
-    Harmonics are mirrored, of any number of pictures; other attributes stay. Twice, the means, quaternions and scales
-    are as they were, bit for bit. N = 0 is allowed.
+    All spherical harmonics are mirrored; other attributes stay as they are. Mirroring twice restores means, quaternions
+    and scales bit for bit. N = 0 is allowed.
     """
     axes = torch.tensor([-1.0, 1.0, 1.0])
     turns = torch.tensor([1.0, 1.0, -1.0, -1.0])  # w x y z: M R M turns about the mirrored axis, the other way round
@@ -55,9 +55,9 @@ def _turned_attributes(gaussians: Gaussians, turn: Float64[np.ndarray, "3 3"]) -
 
 
 def turned_harmonics(rest: Float[Tensor, "N K 3"], rotation: Float64[np.ndarray, "3 3"]) -> Float[Tensor, "N K 3"]:
-    """The harmonics beyond the constant one of colours that turn with `rotation`: f'(R d) = f(d) for all directions d.
+    """Coefficients, beyond the constant one, of colours rotated by R: f'(R d) = f(d) for all directions d.
 
-    R may be a mirror, too. Each degree is turned by itself, K = (degree + 1)² - 1 in all; K = 0 is allowed.
+    R may also be a reflection. Each degree is transformed by itself; K = (degree + 1)² - 1, and K = 0 is allowed.
     """
     turned = torch.empty_like(rest)
     for degree in range(1, MAXIMUM_DEGREE + 1):
@@ -69,27 +69,27 @@ def turned_harmonics(rest: Float[Tensor, "N K 3"], rotation: Float64[np.ndarray,
 
 
 def joined(gaussians: Gaussians, added: Gaussians) -> Gaussians:
-    """Both as one scene. Where their harmonics' degrees differ, the lower one's further coefficients are zero."""
+    """Both as one scene. If their harmonics differ in degree, the missing coefficients are zero."""
     count = max(each["sh_rest"].shape[1] for each in (gaussians, added))
     both = [each.parameters | {"sh_rest": _padded(each["sh_rest"], count)} for each in (gaussians, added)]
     return Gaussians({name: torch.cat([each[name] for each in both]) for name in gaussians.parameters})
 
 
 def chosen(gaussians: Gaussians, rows: Tensor) -> Gaussians:
-    """The Gaussians of these rows."""
+    """The Gaussians at these rows, given by number or as a mask."""
     return Gaussians({name: tensor[rows] for name, tensor in gaussians.parameters.items()})
 
 
 def degree_of(rest: Float[Tensor, "N K 3"]) -> int:
-    """The degree of harmonics of which K are beyond the constant one. Raises `ValueError` for any other K."""
+    """The degree of harmonics with K coefficients beyond the constant one. Raises `ValueError` if none has K."""
     counts = [harmonics_count(degree) - 1 for degree in range(MAXIMUM_DEGREE + 1)]
     return counts.index(rest.shape[1])
 
 
 def _turn_of_degree(degree: int, rotation: Float64[np.ndarray, "3 3"]) -> Float[Tensor, "B B"]:
-    """The matrix for the 2·degree + 1 harmonics of one degree, from their values in many directions.
+    """The matrix that rotates the 2·degree + 1 harmonics of one degree, fitted to their values in many directions.
 
-    Harmonics of a degree, turned, are sums of the same harmonics: the least squares leave no rest.
+    Rotated harmonics of a degree are linear combinations of the same harmonics, so the least-squares fit is exact.
     """
     directions = _even_directions()
     band = slice(harmonics_count(degree - 1), harmonics_count(degree))
@@ -99,7 +99,7 @@ def _turn_of_degree(degree: int, rotation: Float64[np.ndarray, "3 3"]) -> Float[
 
 
 def _even_directions() -> Float[Tensor, "D 3"]:
-    """Unit vectors on a spiral from pole to pole, at equal distances."""
+    """Unit vectors on a spiral from pole to pole, nearly equally spaced."""
     height = 1 - (2 * np.arange(DIRECTIONS) + 1) / DIRECTIONS
     angle = GOLDEN_ANGLE * np.arange(DIRECTIONS)
     ring = np.sqrt(1 - height**2)

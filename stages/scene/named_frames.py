@@ -1,4 +1,4 @@
-"""The photos that a file of poses names by their paths, wherever in the capture's folder they lie."""
+"""The photos that a file of poses names by their paths, anywhere in the capture's folder."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from stages.scene.transforms import frame_files
 def find_posed_photos(folder: Path, file: Path) -> PhotoFolder:
     """The photos of a `folder` whose poses are in the transforms.json `file`.
 
-    Those that `find_photos` finds, unless all photos that the frames name are there and some are others: they may lie
-    in a folder of any name, and undistorted ones beside the originals. Raises `UserError` as `find_photos` does.
+    These are what `find_photos` finds, unless all photos that the frames name exist and some are not among them: they
+    may be in a folder of any name, such as undistorted ones beside the originals. Raises `UserError` as `find_photos`
+    does.
     """
     named = _named(folder, file)
     try:
@@ -32,24 +33,24 @@ def find_posed_photos(folder: Path, file: Path) -> PhotoFolder:
 
 
 def _named(folder: Path, file: Path) -> dict[str, Path]:
-    """The photos of all frames under the names of files, sorted; empty where not all are there."""
+    """The photos of all frames by file name, sorted; empty unless all of them exist."""
     try:
         photos = list(dict.fromkeys(photo_of_frame(folder, file, frame) for frame in frame_files(file)))
-    except UserError:  # paths as they were where the file was written, most often
+    except UserError:  # most often, paths on the machine that wrote the file
         return {}
     return under_one_folder(photos)
 
 
 def under_one_folder(photos: Sequence[Path]) -> dict[str, Path]:
-    """The photos as `named_photos` names them from the folder that all of them lie in; empty where there is none."""
+    """The photos as `named_photos` names them from their common folder; empty if there are none."""
     return named_photos(Path(os.path.commonpath([photo.parent for photo in photos])), photos) if photos else {}
 
 
 def photo_of_frame(folder: Path, file: Path, frame: str) -> Path:
-    """The photo that a frame of `file` names by a path from `folder`, which may leave the extension out and write
-    accented letters as one character or as two.
+    """The photo that a frame of `file` names by a path from `folder`.
 
-    Raises `UserError` where it is not there, or lies outside of `folder`, since what does could change unseen.
+    The path may omit the extension, and write accented letters composed or decomposed. Raises `UserError` if the photo
+    is missing, or outside `folder`, where it could change unnoticed.
     """
     inside = not Path(frame).is_absolute() and ".." not in Path(frame).parts
     written = dict.fromkeys((frame, normalize("NFC", frame), normalize("NFD", frame)))
@@ -70,5 +71,5 @@ def photo_of_frame(folder: Path, file: Path, frame: str) -> Path:
 def _is_file(candidate: Path) -> bool:
     try:
         return candidate.is_file()
-    except OSError:  # a name that no file system has room for
+    except OSError:  # a name too long for the file system
         return False

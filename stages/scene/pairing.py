@@ -1,4 +1,4 @@
-"""Which photos are compared with which, whether or not it is known where they were taken."""
+"""Which pairs of photos to match, with or without known poses."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from jaxtyping import Float64
 Matching = Literal["auto", "exhaustive", "sequential"]
 Pair = tuple[int, int]
 
-EXHAUSTIVE_UP_TO = 30  # photos; all pairs of more take long, and most are in vain where the order of taking is known
-RESCUE_UP_TO = 120  # photos; up to so many, all pairs are compared after all where those of a sequence place too few
-OVERLAP = 10  # neighbours on either side that a photo of a sequence is compared with
-KEYFRAME_EVERY = 10  # in a sequence these are all compared with each other: a walk comes back to where it was
-NEAREST = 20  # photos that each is compared with where poses say which they are
+EXHAUSTIVE_UP_TO = 30  # photos; beyond, all pairs take long, and most are futile if the order of taking is known
+RESCUE_UP_TO = 120  # photos; up to this many, all pairs are matched if those of a sequence place too few
+OVERLAP = 10  # neighbours on either side that a photo of a sequence is matched with
+KEYFRAME_EVERY = 10  # keyframes of a sequence are all matched with each other: a walk may return to a place
+NEAREST = 20  # photos that each is matched with if poses are known
 BLOCK = 8  # photos; pairs are grouped by blocks, whose descriptors stay in memory
 
 
 def choose_pairs(
     matching: Matching, order: list[int], ordered: bool, poses: Float64[np.ndarray, "V 4 4"] | None = None
 ) -> tuple[set[Pair], set[Pair]]:
-    """The pairs to compare, and those to compare as well where the first place too few photos.
+    """The pairs to match, and those to match as well if the first place too few photos.
 
-    Of more than `EXHAUSTIVE_UP_TO` photos `auto` compares those that `poses` (world to camera), if they are known,
-    place near each other. Without them it takes photos whose order is known for a sequence, and may be mistaken: names
-    can be numbered in any order. `order` lists positions of photos in the order of their names' numbers.
+    For more than `EXHAUSTIVE_UP_TO` photos, `auto` takes the pairs that `poses` (world to camera), if known, place near
+    each other. Without poses it treats photos in a known order as a sequence, which may be wrong: names can be numbered
+    in any order. `order` lists positions of photos in the order of the numbers in their names.
     """
     everything = exhaustive_pairs(len(order))
     if matching == "auto" and poses is not None and len(order) > EXHAUSTIVE_UP_TO:
@@ -45,7 +45,7 @@ def exhaustive_pairs(photos: int) -> set[Pair]:
 
 
 def sequential_pairs(order: list[int]) -> set[Pair]:
-    """Pairs of a closed sequence of photos: neighbours, then at distances of powers of two, and all keyframes.
+    """Pairs of a closed sequence of photos: neighbours, photos at distances of powers of two, and all keyframes.
 
     `order` lists positions of photos in the order of taking. The smaller position stands first in each pair.
     """
@@ -57,10 +57,10 @@ def sequential_pairs(order: list[int]) -> set[Pair]:
 
 
 def posed_pairs(world_to_camera: Float64[np.ndarray, "V 4 4"]) -> set[Pair]:
-    """Each of V > `NEAREST` photos with the `NEAREST` whose cameras stood and looked most like its own.
+    """Each of V > `NEAREST` photos, paired with the `NEAREST` of most similar camera position and viewing direction.
 
-    A radian between two directions of view counts as the median distance of the cameras from their middle: so it is
-    where all look inwards, and where all stand in one place and look outwards.
+    An angle of one radian weighs as much as the median distance of the cameras from their middle. That suits cameras
+    that all look inwards, as well as those that look outwards from one place.
     """
     rotations, translations = world_to_camera[:, :3, :3], world_to_camera[:, :3, 3]
     centres, directions = -np.einsum("vij,vi->vj", rotations, translations), rotations[:, 2]
@@ -74,7 +74,7 @@ def posed_pairs(world_to_camera: Float64[np.ndarray, "V 4 4"]) -> set[Pair]:
 
 
 def in_batches(pairs: set[Pair], at_least: int = 64) -> Iterator[list[Pair]]:
-    """The pairs in batches of neighbouring blocks of photos, each but the last of `at_least` pairs or more."""
+    """The pairs in batches of neighbouring blocks of photos, each of `at_least` pairs or more, but for the last."""
     batch: list[Pair] = []
     block = None
     for pair in sorted(pairs, key=lambda pair: (pair[0] // BLOCK, pair[1] // BLOCK, pair)):

@@ -1,4 +1,4 @@
-"""What a photo's file says of itself: its size, its focal length, how it is turned, and what took it."""
+"""What a photo's file says about it: size, focal length, orientation, and the camera that took it."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ DIAGONAL_OF_35MM = math.hypot(36, 24)
 
 @dataclass(frozen=True)
 class PhotoFacts:
-    """Width and height, and the focal length in pixels where EXIF tells it.
+    """Width and height, and the focal length in pixels if EXIF states it.
 
-    `turned` is EXIF's orientation where they are of the pixels as stored, from which a viewer would turn them.
-    `camera` is what EXIF says of what took it: maker, model, and how far its lens was zoomed; empty where it is silent.
+    `turned` is EXIF's orientation if the facts describe the pixels as stored, which a viewer would turn; else
+    `UPRIGHT`. `camera` is EXIF's maker, model and focal length in millimetres; empty if it states no model.
     """
 
     size: tuple[int, int]
@@ -31,10 +31,10 @@ class PhotoFacts:
 
 
 def read_facts(photo: Path, posed: bool = False) -> PhotoFacts:
-    """Reads a photo to its last byte, so that damage shows here; raises `UserError` as `read_picture` does.
+    """Facts of a photo, which is decoded entirely so that damage shows here; raises `UserError` as `read_picture` does.
 
-    Of a photo that is `posed` they are those of its pixels as stored: COLMAP, and what writes transforms.json, know
-    nothing of EXIF's orientation, so that their poses and lenses are of those. Other photos are upright.
+    For a photo that is `posed` they describe the pixels as stored, and so do its pose and lens: COLMAP, and the
+    programs that write transforms.json, ignore EXIF's orientation. Other photos are described upright.
     """
     height, width = read_picture(photo).shape[:2]
     with open_picture(photo) as image:
@@ -46,15 +46,17 @@ def read_facts(photo: Path, posed: bool = False) -> PhotoFacts:
 
 
 def taken_by(photos: Mapping[str, Path], facts: Mapping[str, PhotoFacts]) -> tuple[int, ...]:
-    """A number for each photo, equal for those that one camera may have taken, zoomed alike: by EXIF, and where it is
-    silent by the folder that the photo lies in, as of a rig's cameras."""
+    """A number for each photo, equal for photos that one camera may have taken at one zoom.
+
+    EXIF decides, or else the photo's folder, as for the cameras of a rig.
+    """
     told = [facts[name].camera or f"in {photo.parent}" for name, photo in photos.items()]
     numbers = {camera: number for number, camera in enumerate(dict.fromkeys(told))}
     return tuple(numbers[camera] for camera in told)
 
 
 def _camera(image: Image.Image) -> str:
-    """Maker and model, and the focal length in millimetres; empty where EXIF tells no model, or cannot be read."""
+    """Maker, model and focal length in millimetres; empty if EXIF states no model or is unreadable."""
     try:
         maker, model = (str(image.getexif().get(tag, "")).strip(" \0") for tag in (MAKER, MODEL))
     except BROKEN_EXIF:
@@ -63,7 +65,7 @@ def _camera(image: Image.Image) -> str:
 
 
 def _millimetres(image: Image.Image, tag: int) -> float | None:
-    """A focal length of EXIF's; None where it does not say, or cannot be read: SfM finds it as well."""
+    """A focal length from EXIF; None if it is missing or unreadable, as SfM estimates it anyway."""
     try:
         millimetres = float(image.getexif().get_ifd(EXIF_FOLDER)[tag])
     except BROKEN_EXIF:

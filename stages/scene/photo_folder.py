@@ -1,4 +1,4 @@
-"""A folder of photos: which files are pictures of the capture, and what they are called."""
+"""A folder of photos: which files are photos of the capture, and what they are called."""
 
 from __future__ import annotations
 
@@ -16,24 +16,23 @@ from stages.scene.plurals import agreeing, counted
 
 SUFFIXES = (".jpg", ".jpeg", ".jfif", ".png", ".webp", ".bmp", ".tif", ".tiff")
 ANIMATIONS = (".gif",)
-"""No photos, but for whoever looks through pictures of any kind."""
+"""Not photos, except to stages that look through pictures of any kind."""
 OTHER_PICTURES = (".heic", ".heif", ".avif", ".jxl", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw")
-"""What phones and cameras write, and is no photo here."""
+"""Formats that phones and cameras write, but that are not read as photos."""
 SUBFOLDERS = ("images", "input", "photos", "rgb")
-"""Where captures keep their pictures when they do not lie in the folder itself."""
+"""Where captures keep their photos, if not in the folder itself."""
 
 LONGEST_FILE_NAME = 255
-"""Bytes, of most file systems."""
+"""Bytes, on most file systems."""
 
 
 @dataclass(frozen=True)
 class PhotoFolder:
-    """The photos of a folder by file name, sorted, and how many other files lie beside them.
+    """The photos of a folder by file name, sorted, and how many other files are beside them.
 
-    `unread`: how many of these are pictures that are not read, by suffix, but those whose photo is there as well.
-    `left_out`: photos that lie in another place where they could have been looked for, such as a preview beside images.
-    `below`: photos in other folders below this one, which may belong to the capture, such as those of a rig with a few
-    strays beside its folders.
+    `unread` counts, by suffix, pictures that cannot be read, unless the same photo is also there in a format that can.
+    `left_out`: photos in another place that was searched, such as a preview beside `images`. `below`: photos in other
+    subfolders that may belong to the capture, such as those of a rig with a few stray photos beside its folders.
     """
 
     photos: dict[str, Path]
@@ -44,12 +43,12 @@ class PhotoFolder:
 
 
 def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
-    """The photos of `folder`, or of the first of its `SUBFOLDERS` with any where that has more than it has itself.
+    """The photos of `folder`, or of the first of its `SUBFOLDERS` with any, if that has more.
 
-    Where neither has any, those in the folders below one of the `SUBFOLDERS`, at any depth: of the cameras of a rig, or
-    of a phone. The folders are then in the names: `left/0001.jpg` is `left_0001.jpg`. With `images`, all of this of the
-    folder of that name alone. Raises `UserError` where there is no folder or no photo, for names that tables cannot
-    hold, and for photos that only their extensions tell apart: results are paired by name.
+    If neither has any, those at any depth below one of the `SUBFOLDERS`, such as those of a rig's cameras, or a
+    phone's. Names then include the folders: `left/0001.jpg` becomes `left_0001.jpg`. With `images`, only the subfolder
+    of that name is searched, in the same way. Raises `UserError` if there is no folder or no photo, for names that
+    tables cannot hold, and for photos that differ only in extension: results are paired by name.
     """
     if not folder.is_dir():
         raise UserError("no such folder of photos", where=folder, found="a file" if folder.exists() else "nothing")
@@ -92,7 +91,7 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
 
 
 def copies_among(photos: Mapping[str, Path]) -> list[str]:
-    """The names of photos that are, to the last byte, one whose name comes before."""
+    """The names of photos that are byte for byte the same as an earlier one."""
     same_size = Counter(photo.stat().st_size for photo in photos.values())
     seen: set[bytes] = set()
     copies = []
@@ -117,14 +116,14 @@ def _how_to_have_photos(found: Sequence[Path]) -> str:
 
 
 def unread_among(files: Iterable[Path], photos: Iterable[Path]) -> dict[str, int]:
-    """How many of the files are pictures that are not read, by suffix; a camera may write each beside its photo."""
+    """How many files are pictures that cannot be read, by suffix; not those that a camera wrote beside a photo."""
     read = {photo.with_suffix("") for photo in photos}
     unread = [file for file in files if file.suffix.lower() in OTHER_PICTURES and not file.name.startswith(".")]
     return dict(sorted(Counter(file.suffix.lower() for file in unread if file.with_suffix("") not in read).items()))
 
 
 def refuse_unread(folder: Path, found: PhotoFolder) -> None:
-    """Raise `UserError` where a phone wrote most of its pictures as HEIC: the few others are no capture."""
+    """Raise `UserError` if most pictures cannot be read, such as a phone's HEIC: the few others are no capture."""
     if sum(found.unread.values()) > len(found.photos):
         unread = ", ".join(f"{count} {suffix}" for suffix, count in found.unread.items())
         raise UserError(
@@ -137,7 +136,7 @@ def refuse_unread(folder: Path, found: PhotoFolder) -> None:
 
 
 def files_not_among(photos: Collection[Path], folder: Path) -> list[Path]:
-    """Files of the folder and of those below it that are none of the photos, sorted; of hidden ones none."""
+    """Files of the folder, at any depth, that are not among the photos, sorted; without hidden files."""
     return [file for file in files_below(folder) if file not in photos and not file.name.startswith(".")]
 
 
@@ -147,16 +146,15 @@ def photos_in(place: Path, suffixes: Sequence[str]) -> list[Path]:
 
 
 def files_below(place: Path) -> list[Path]:
-    """The files in the folders of `place`, at any depth, sorted; of hidden folders none."""
+    """The files of `place` and of folders below it, at any depth, sorted; without hidden folders."""
     walked = folders_from(place, lambda name: not name.startswith("."))
     return sorted(folder / name for folder, files in walked for name in files)
 
 
 def named_photos(place: Path, photos: Sequence[Path]) -> dict[str, Path]:
-    """The photos by their paths from `place`, sorted, with a low line for each slash: names are names of files, too.
+    """The photos by their paths from `place`, sorted, with underscores for slashes: names are file names, too.
 
-    Raises `UserError` for photos that would be called the same, or are but for their extension, and for names that
-    tables cannot hold.
+    Raises `UserError` for names that are equal or differ only in extension, and for names that tables cannot hold.
     """
     named: dict[str, Path] = {}
     for photo in photos:
@@ -176,12 +174,12 @@ def named_photos(place: Path, photos: Sequence[Path]) -> dict[str, Path]:
 
 
 def refuse_unwritten_names(place: Path, names: Iterable[str]) -> None:
-    """Raise `UserError` for a name that tables and pages, in UTF-8, could not say, or that no file could have.
+    """Raise `UserError` for a name that tables and pages in UTF-8 cannot represent, or that no file can have.
 
-    Names from an old zip may be in an encoding that nobody states. With its folders in it a name may be too long.
+    Names from an old zip may be in an undeclared encoding. With its folders, a name may be too long.
     """
     for name in names:
-        if not can_be_written(name[:LONGEST_NAME]):  # too long a name is told below
+        if not can_be_written(name[:LONGEST_NAME]):  # a name that is too long is reported below
             raise UserError(
                 "the name of a photo cannot be written",
                 where=place,
@@ -216,7 +214,7 @@ def _refuse_equal_stems(place: Path, photos: dict[str, Path]) -> None:
 
 
 def what_is_there(folder: Path) -> str:
-    """For an error: how many files of which kinds, and the folders."""
+    """For an error: how many files of which kinds, and the subfolders."""
     kinds = Counter(entry.suffix.lower() or "no extension" for entry in folder.iterdir() if entry.is_file())
     subfolders = sorted(entry.name for entry in folder.iterdir() if entry.is_dir())
     parts = [f"{counted(count, 'file')} ({kind})" for kind, count in kinds.most_common(5)]

@@ -1,4 +1,4 @@
-"""Photos in folders below those that are taken: whether more of the capture lies there, which nobody asked for."""
+"""Photos in subfolders that were not asked for, but may belong to the capture."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from stages.scene.folder_walk import folders_from
 
 OTHER_SIZES = re.compile(r"images_\d+")
-"""Beside the photos of Mip-NeRF 360, and where nerfstudio made them."""
+"""Downscaled copies, beside the photos of Mip-NeRF 360 and those that nerfstudio processed."""
 NO_PHOTOS = frozenset(
     [
         *("mask", "masks", "depth", "depths", "disparity", "normals", "segmentation", "segmentations", "semantic"),
@@ -17,18 +17,17 @@ NO_PHOTOS = frozenset(
         *("cache", "render", "renders", "rendered", "sparse", "stereo", "distorted", "undistorted"),
     ]
 )
-"""A word in the name of a folder of pictures that were made of the photos, by COLMAP, a phone or a network."""
+"""Words in names of folders whose pictures a program, such as COLMAP, a phone or a network, derived from photos."""
 
 
 def photos_below(
     top: Path, taken: Collection[Path], left_out: Collection[Path], own: Collection[Path], suffixes: Sequence[str]
 ) -> list[Path]:
-    """Photos in the folders of `top`, at any depth, that may belong to the capture, sorted: neither taken nor known as
-    left out.
+    """Photos below `top`, at any depth, that may belong to the capture and were neither taken nor left out, sorted.
 
-    Not those in hidden folders, in folders whose names say that they hold no photos, and in those with as many pictures
-    of the same names as were taken: copies, masks or depths of these. Of the folders `own`, where captures keep their
-    photos, one such name is enough: originals stand beside what was undistorted of some of them.
+    Skipped are hidden folders, folders whose names say that they hold no photos, and folders with exactly the names of
+    the photos taken: copies, masks or depths of these. In the folders `own`, where captures keep their photos, one such
+    name is enough: they may hold the originals of photos of which some were undistorted.
     """
     known, names = {*taken, *left_out}, {_stem(photo) for photo in taken}
     below: list[Path] = []
@@ -41,7 +40,7 @@ def photos_below(
 
 
 def is_photo(file: Path, suffixes: Sequence[str]) -> bool:
-    """Whether it is called like one; systems leave hidden files of such names behind."""
+    """Whether a file is named like a photo and not hidden; systems leave hidden files of such names behind."""
     return file.suffix.lower() in suffixes and not file.name.startswith(".")
 
 

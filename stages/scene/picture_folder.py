@@ -1,4 +1,4 @@
-"""A folder of pictures of any kind to look through: those directly in it, and what to say where there are none."""
+"""A folder of pictures of any kind to look through: those directly in it, or an error that says where they are."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from stages.scene.photos_below import is_photo
 from stages.scene.plurals import counted
 
 MOST_NAMED = 5
-"""Folders in an error."""
+"""Folders named in an error."""
 
 
 def find_pictures(folder: Path, suffixes: Sequence[str]) -> PhotoFolder:
-    """The pictures directly in a folder, each for itself, so that only their extensions may tell them apart.
+    """The pictures directly in a folder. They are not paired by name, so names may differ only in extension.
 
-    Raises `UserError` where there is no folder, or no picture directly in it, and for names that tables cannot hold.
+    Raises `UserError` if there is no folder, or no picture directly in it, and for names that tables cannot hold.
     """
     if not folder.is_dir():
         found = "a file" if folder.exists() else "nothing"

@@ -1,4 +1,4 @@
-"""Words for people that go with a number."""
+"""Singular and plural in messages."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ CHOICE = re.compile(r"\[(?:([^][|]*)\|)?([^][|]*)\]")
 
 
 def agreeing(count: int, text: str) -> str:
-    """A text with the words that go with a number, where it has some for one and for any other in brackets.
+    """A text with the bracketed alternatives, singular and plural, resolved for `count`.
 
-    Of "photo[s] [was|were] left out" these are "photo was left out" and "photos were left out". Nothing that others
-    may have written, such as names of files, belongs in such a text.
+    "photo[s] [was|were] left out" becomes "photo was left out" or "photos were left out". Do not include text of
+    unknown origin, such as file names.
     """
     return CHOICE.sub(lambda found: (found[1] or "") if count == 1 else found[2], text)
 

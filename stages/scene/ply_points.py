@@ -16,18 +16,18 @@ from stages.scene.ply.reading import Ply, read_ply, types_of
 from stages.scene.transforms import points_file
 
 GREY = 128
-"""Of points without colours."""
+"""Channel value of points without colours."""
 COUNTED = 20_000
-"""Points at most, evenly spread over the file, by which it is counted how many of all each photo sees."""
+"""Points, at most, that are sampled evenly from the file to estimate how many points each photo sees."""
 REMEDY = "Write the file again, or take ply_file_path out of the file of poses to have points triangulated."
 
 
 def points_of_transforms(path: Path, posed: Sequence[PosedPhoto], folder: Path) -> KnownPoints | None:
-    """The points that the transforms.json at `path` names, in the world of its frames; None where it names none, and
-    for a file that is not there or lies outside of `folder`, since what does could change unseen.
+    """The points that the transforms.json at `path` names, in the world of its frames; None if it names none.
 
-    Which photos see a point the file does not say: counted are those before which it lies within the picture, without
-    the lens's distortion. Raises `UserError` for a file that cannot be read.
+    None also if their file has no points, is missing, or lies outside `folder`, where it could change unnoticed. It
+    does not state which photos see a point: here, those into whose picture it projects, ignoring distortion and
+    occlusion. Raises `UserError` for a file that cannot be read.
     """
     named = points_file(path)
     file = (path.parent / named).resolve() if named else None
@@ -65,7 +65,7 @@ def _colors(ply: Ply) -> UInt8[np.ndarray, "P 3"]:
 
 
 def _vertices(ply: Ply, names: Sequence[str], types: Sequence[np.dtype]) -> np.ndarray:
-    """The rows, of which these properties are there and of one of these types."""
+    """The rows. Raises `UserError` unless they have these properties, each of one of these types."""
     rows = ply.rows("vertex")
     found = types_of(rows.dtype)
     for name in names:
@@ -87,7 +87,7 @@ def _seen(posed: Sequence[PosedPhoto], positions: Float64[np.ndarray, "P 3"]) ->
 
 
 def _within(photo: PosedPhoto, positions: Float64[np.ndarray, "P 3"]) -> int:
-    """How many points lie before the camera and within its picture."""
+    """How many points are in front of the camera and project into its picture."""
     rotation, translation = photo.world_to_camera[:3, :3], photo.world_to_camera[:3, 3]
     at_camera = positions @ rotation.T + translation
     pixels = (at_camera[at_camera[:, 2] > 0] @ photo.lens.matrix().T).T

@@ -1,4 +1,4 @@
-"""How far estimated cameras are from true ones, after the similarity that no structure from motion can know."""
+"""Errors of estimated cameras, up to the similarity that structure from motion cannot determine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stages.scene.similarity import Similarity, fit_similarity
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """Errors of V cameras: positions as a share of the true rig's radius, rotations in degrees."""
+    """Errors of V cameras: positions as a fraction of the true rig's radius, rotations in degrees."""
 
     position: Float[np.ndarray, " V"]
     rotation: Float[np.ndarray, " V"]
@@ -28,22 +28,22 @@ def rig_radius(cameras: Cameras) -> float:
 
 
 def shared_cameras(estimated: Cameras, true: Cameras) -> tuple[Cameras, Cameras]:
-    """Both rigs' cameras of the names that both have, in one order."""
+    """The cameras of both rigs whose names both have, sorted by name."""
     names = sorted(set(estimated.names) & set(true.names))
     return estimated.select(names), true.select(names)
 
 
 def align_cameras(estimated: Cameras, true: Cameras) -> Similarity:
-    """The similarity from the estimated world into the true one, fitted to the centres of cameras of the same name.
+    """The similarity from the estimated world into the true one, fitted to the centres of shared cameras.
 
-    Raises `ValueError` for fewer than three shared cameras, or where all of them stand in one place.
+    Raises `ValueError` for fewer than three shared cameras, or if all of them coincide.
     """
     estimated, true = shared_cameras(estimated, true)
     return fit_similarity(estimated.centres(), true.centres())
 
 
 def pose_errors(estimated: Cameras, true: Cameras) -> PoseErrors:
-    """Errors of the cameras that both rigs have, by name, after `align_cameras`; raises as it does."""
+    """Errors of the cameras that both rigs share, after `align_cameras`; raises as it does."""
     estimated, true = shared_cameras(estimated, true)
     similarity = align_cameras(estimated, true)
     distance = np.linalg.norm(similarity.points(estimated.centres()) - true.centres(), axis=1)
@@ -53,7 +53,7 @@ def pose_errors(estimated: Cameras, true: Cameras) -> PoseErrors:
 
 
 def rotation_angles(rotations: Float[np.ndarray, "V 3 3"]) -> Float[np.ndarray, " V"]:
-    """How far each rotation turns, in degrees, 0 to 180; accurate for small angles too."""
+    """Rotation angles in degrees, 0 to 180; accurate for small angles too."""
     skew = rotations - rotations.transpose(0, 2, 1)
     sine = np.linalg.norm(np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1), axis=1) / 2
     cosine = (np.trace(rotations, axis1=1, axis2=2) - 1) / 2

@@ -1,7 +1,7 @@
-"""Changes of colour that are linear, so that colours from spherical harmonics can be changed once for all directions.
+"""Linear changes of colour, which apply to spherical harmonics once for all directions.
 
-Hue and saturation are those of the filters of CSS (Filter Effects Module, level 1), known from any browser: they keep
-the luminance of colours that stay within [0, 1].
+Hue and saturation are those of CSS filters (Filter Effects Module, level 1), known from any browser. They preserve the
+luminance of colours that stay within [0, 1].
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ LUMINANCE = np.array([0.213, 0.715, 0.072])
 def recolouring(
     hue: float, saturation: float, tint: tuple[float, float, float], strength: float
 ) -> Float64[np.ndarray, "3 3"]:
-    """The matrix that turns sRGB colours by `hue` degrees, multiplies their saturation, and mixes in a tint.
+    """The matrix that rotates hues of sRGB colours by `hue` degrees, multiplies their saturation, and mixes in a tint.
 
-    A share `strength` of each colour becomes the tint at the colour's luminance: with 1, nothing but its shades is
-    left. 0, 1 and 0 change nothing.
+    A fraction `strength` of each colour becomes the tint at the colour's luminance: 1 leaves nothing but its shades.
+    `hue` 0, `saturation` 1 and `strength` 0 change nothing.
     """
     tinted = (1 - strength) * np.eye(3) + strength * np.outer(tint, LUMINANCE)
     return tinted @ _saturated(saturation) @ _turned_hue(hue)
@@ -31,9 +31,9 @@ def recolouring(
 def recoloured(
     base: Float[Tensor, "N 3"], rest: Float[Tensor, "N K 3"], matrix: Float64[np.ndarray, "3 3"]
 ) -> tuple[Float[Tensor, "N 3"], Float[Tensor, "N K 3"]]:
-    """3DGS's harmonics after the matrix has been applied to the colours that they give in every direction.
+    """3DGS's harmonics after the matrix is applied to the colour of every direction.
 
-    A colour is 0.5 plus the harmonics: the matrix applies to that half, too. Exact where colours are not cut off at 0.
+    A colour is 0.5 plus the harmonics, so the matrix applies to that half, too. Exact where colours are not clamped.
     """
     turned = torch.as_tensor(matrix, dtype=torch.float64)
     half = torch.full((3,), 0.5, dtype=torch.float64)
@@ -46,7 +46,7 @@ def _saturated(saturation: float) -> Float64[np.ndarray, "3 3"]:
 
 
 def _turned_hue(degrees: float) -> Float64[np.ndarray, "3 3"]:
-    """The standard's matrix: grey stays, what is left of a colour turns about it without change of luminance."""
+    """The standard's matrix: grey stays, and the rest of a colour rotates about it at constant luminance."""
     grey = np.outer(np.ones(3), LUMINANCE)
     across = np.array([[-0.213, -0.715, 0.928], [0.143, 0.140, -0.283], [-0.787, 0.715, 0.072]])
     angle = np.radians(degrees)

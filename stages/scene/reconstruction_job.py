@@ -1,4 +1,4 @@
-"""What the process of structure from motion is told, and what it answers: plain numbers in JSON and NumPy files."""
+"""What the structure-from-motion process receives and returns: plain numbers in JSON and NumPy files."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def working_name(row: int) -> str:
 
 @dataclass(frozen=True)
 class Job:
-    """V working pictures in `folder`, as `working_name` calls them, and what to do with them.
+    """V working pictures in `folder`, named by `working_name`, and what to do with them.
 
-    `lenses` are starting points, or known where `poses` (world to camera) are given; photos with equal lenses share
-    one camera where `taken_by` is equal, too. `pairs` are the photos to compare, `pairs_in_need` those to compare as
-    well where the first place too few. `width` and `height` are the training size; `photo_size` is the photos' where
-    all have one that is not to be shrunk. Where `points_known`, only the lenses are looked at: there are no pictures.
+    `lenses` are initial values, or known if `poses` (world to camera) are given; photos with equal lenses share one
+    camera if their `taken_by` is equal, too. `pairs` are the photos to match, `pairs_in_need` those to match as well if
+    the first place too few. `width` and `height` are the training size. `photo_size` is the photos' size if they all
+    share one that is not reduced, else None. If `points_known`, only the lenses are used: there are no pictures.
     """
 
     folder: Path
@@ -48,7 +48,7 @@ class Job:
     points_known: bool = False
 
     def write(self) -> Path:
-        """Write it beside the pictures; returns the file."""
+        """Write the job beside the pictures, and return the file's path."""
         path = self.folder / JOB
         path.write_text(json.dumps(asdict(self) | {"folder": str(self.folder)}))
         return path
@@ -79,13 +79,12 @@ def read_job(path: Path) -> Job:
 class Reconstruction:
     """R registered photos (`rows`, ascending, of the job's V), P points, and one pinhole for all pictures.
 
-    `lens_of` is the lens of each registered photo, the row of `read_corners` and of `lens_shares`: what the pinhole
-    shows of the picture that this lens alone would give (see `shares_shown`). `points_seen`: how many of the points
-    each registered photo sees. The reprojection error is in working pixels; None of points that came with the photos
-    where nothing says it. Where too few photos registered there may be no points, no lens and no pinhole: there are no
-    corners then.
-    `folded` are rows that were left out because their lens folds over (see `folded_lenses`), `cropping` those for which
-    all others would have been cropped (see `cropping_lenses`).
+    `lens_of`: each registered photo's lens, a row of `read_corners` and of `lens_shares`. The latter are the fractions
+    that the pinhole shows of the picture that each lens alone would give (see `shares_shown`). `points_seen`: how many
+    of the points each registered photo sees. The reprojection error is in working pixels; if points came with the
+    photos it is theirs, or None if unknown. If too few photos registered, there are no rows, lenses, points or corners.
+    `folded`: rows left out because their lens folds over (see `folded_lenses`). `cropping`: rows left out because they
+    would have cropped all others (see `cropping_lenses`).
     """
 
     rows: tuple[int, ...]
@@ -104,6 +103,7 @@ class Reconstruction:
     version: str
 
     def write(self, folder: Path) -> None:
+        """Write what `read_reconstruction` reads into `folder`."""
         facts = {
             "rows": self.rows,
             "lens_of": self.lens_of,
@@ -138,10 +138,9 @@ def read_reconstruction(folder: Path) -> Reconstruction:
 def write_corners(
     folder: Path, shape: tuple[int, ...], corners: Iterable[Float32[np.ndarray, "rows columns 2"]]
 ) -> None:
-    """Write `shape[0]` lenses' corners as they come: where every photo has a lens of its own, all together would take
-    gigabytes.
+    """Write the corners of `shape[0]` lenses one by one: all together, with one lens per photo, would take gigabytes.
 
-    Not into a file that is mapped: where the disk is full, that ends the process without a word.
+    The file is not memory-mapped: on a full disk, that would kill the process without a message.
     """
     with (folder / CORNERS).open("wb") as file:
         header = {"descr": np.lib.format.dtype_to_descr(np.dtype(np.float32)), "fortran_order": False, "shape": shape}
@@ -151,9 +150,9 @@ def write_corners(
 
 
 def read_corners(folder: Path) -> Float32[np.ndarray, "C rows columns 2"]:
-    """For each of C lenses, where in its working pictures the corners of the pinhole's pixels lie (see `undistort`).
+    """For each of C lenses, where the corners of the pinhole's pixels lie in its working pictures (see `undistort`).
 
-    They stay on the disk; only what is looked at is read.
+    Memory-mapped: only what is accessed is read.
     """
     corners: np.ndarray = np.load(folder / CORNERS, mmap_mode="r", allow_pickle=False)
     return corners

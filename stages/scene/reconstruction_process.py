@@ -1,7 +1,7 @@
 """Structure from motion, alone in a companion of `sfm`: `python -m stages.scene.reconstruction_process JOB`.
 
-pycolmap brings a zlib of its own which breaks the one of a process that meets pycolmap first; it holds the
-interpreter for minutes; and a crash of it must not take a worker along. Nothing else may import this module.
+pycolmap brings its own zlib, which breaks that of a process that loads pycolmap first. It holds the interpreter lock
+for minutes, and a crash in it must not take down a worker. No other module may import this one.
 """
 
 from __future__ import annotations
@@ -34,13 +34,14 @@ from stages.scene.undistortion import (
 )
 
 SMALLEST_MODEL = 3  # photos
-SHORTEST_TRACK = 3  # photos that must see a point that is kept
+SHORTEST_TRACK = 3  # photos that must see a point for it to be kept
 FAR_AWAY = 1e9
-UNPROJECTED_WITHIN = 0.1  # pixels between a position and where the point that it was inverted to is seen
-ENOUGH = 0.9  # share of photos placed below which the pairs in need are compared too
+UNPROJECTED_WITHIN = 0.1  # pixels: largest error of a position that is unprojected and projected again
+ENOUGH = 0.9  # fraction of photos placed, below which the pairs in need are matched too
 
 
 def main() -> None:
+    """Run the job in the file named on the command line, and write the result beside it."""
     end_with_stage()
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.WARNING)
     job = read_job(Path(sys.argv[1]))
@@ -64,13 +65,14 @@ def main() -> None:
 
 @contextmanager
 def timed(seconds: dict[str, float], phase: str) -> Iterator[None]:
+    """Add the time that the block takes to `seconds[phase]`."""
     start = time.monotonic()
     yield
     seconds[phase] = round(seconds[phase] + time.monotonic() - start, 2)
 
 
 def reconstruct(job: Job, pairs: Sequence[Pair], seconds: dict[str, float]) -> pycolmap.Reconstruction | None:
-    """Match these pairs, and reconstruct from all that have been matched so far."""
+    """Match these pairs, then reconstruct from all that have been matched so far."""
     with timed(seconds, "matching"):
         match(job, pairs)
     with timed(seconds, "mapping"):
@@ -78,10 +80,10 @@ def reconstruct(job: Job, pairs: Sequence[Pair], seconds: dict[str, float]) -> p
 
 
 def extract(job: Job) -> None:
-    """SIFT features of every picture; those of an interrupted run are kept, whose database the stage has checked.
+    """Extract SIFT features of every picture; keeps those of an interrupted run, whose database the stage has checked.
 
-    Pictures enter the database one group of equal lenses after the other, in order, before any thread works on them:
-    their numbers, on which mapping depends, are the same every time.
+    Pictures enter the database in order, one group of equal lenses after the other, before any thread works on them. So
+    their ids, on which mapping depends, are always the same.
     """
     path, names = job.folder / DATABASE, [working_name(row) for row in range(len(job.lenses))]
     options = pycolmap.FeatureExtractionOptions(num_threads=job.threads, use_gpu=False)
@@ -98,6 +100,7 @@ def extract(job: Job) -> None:
 
 
 def enter_pictures(job: Job, path: Path) -> None:
+    """Create a database of all pictures, with one camera for each group of equal lenses."""
     pycolmap.Database.open(path).close()
     cameras = list(zip(job.lenses, job.focal_known, job.taken_by, strict=True))
     for camera in dict.fromkeys(cameras):
@@ -110,11 +113,12 @@ def enter_pictures(job: Job, path: Path) -> None:
 
 
 def written(lens: Lens) -> str:
+    """A lens's parameters as the text that COLMAP expects."""
     return ", ".join(repr(value) for value in lens.parameters)
 
 
 def forget_focal_length(path: Path, name: str) -> None:
-    """Parameters of ours count as known to COLMAP; these are a guess."""
+    """Mark a picture's focal length as a guess: COLMAP takes given parameters as known."""
     with pycolmap.Database.open(path) as database:
         camera = database.read_camera(database.read_image_with_name(name).camera_id)
         camera.has_prior_focal_length = False
@@ -122,9 +126,9 @@ def forget_focal_length(path: Path, name: str) -> None:
 
 
 def match(job: Job, pairs: Sequence[Pair]) -> None:
-    """Compare the pairs; those of an interrupted run are kept.
+    """Match the pairs; keeps matches of an interrupted run.
 
-    One thread: with two, COLMAP 4.2.1 now and then finds nothing in a pair in which it else finds hundreds of matches.
+    On one thread: with two, COLMAP 4.2.1 sometimes finds nothing in a pair that otherwise has hundreds of matches.
     """
     options = pycolmap.FeatureMatchingOptions(num_threads=1, use_gpu=False)
     verification = pycolmap.TwoViewGeometryOptions()
@@ -144,7 +148,7 @@ def match(job: Job, pairs: Sequence[Pair]) -> None:
 
 
 def mapping_options(job: Job) -> pycolmap.IncrementalPipelineOptions:
-    """Two mapping threads do not register the same photos twice; one does."""
+    """On one thread: with two, mapping does not register the same photos every time."""
     options = pycolmap.IncrementalPipelineOptions(num_threads=1, random_seed=job.seed, min_model_size=SMALLEST_MODEL)
     options.mapper.num_threads = 1
     options.mapper.random_seed = job.seed
@@ -153,7 +157,7 @@ def mapping_options(job: Job) -> pycolmap.IncrementalPipelineOptions:
 
 
 def estimate(job: Job) -> pycolmap.Reconstruction | None:
-    """Incremental mapping: the largest model, the first of equals; None where nothing could be reconstructed."""
+    """Incremental mapping: the largest model, the first of equals; None if nothing could be reconstructed."""
     registered = 2
 
     def count() -> None:
@@ -171,7 +175,7 @@ def estimate(job: Job) -> pycolmap.Reconstruction | None:
 
 
 def triangulate(job: Job, poses: Float64[np.ndarray, "V 4 4"]) -> pycolmap.Reconstruction:
-    """Points from known poses and lenses, which stay as they are."""
+    """Triangulate points from known poses and lenses, which stay fixed."""
     say(phase="mapping", done=0, total=len(job.lenses))
     model, output = pycolmap.Reconstruction(), job.folder / "models"
     output.mkdir(exist_ok=True)
@@ -187,7 +191,7 @@ def triangulate(job: Job, poses: Float64[np.ndarray, "V 4 4"]) -> pycolmap.Recon
 
 
 def as_posed(job: Job, poses: Float64[np.ndarray, "V 4 4"]) -> pycolmap.Reconstruction:
-    """The photos with their known poses and lenses, without points."""
+    """A model of the photos with their known poses and lenses, without points."""
     model, cameras = pycolmap.Reconstruction(), list(zip(job.lenses, job.taken_by, strict=True))
     numbers = {camera: number for number, camera in enumerate(dict.fromkeys(cameras), start=1)}
     for (lens, _), number in numbers.items():
@@ -199,15 +203,19 @@ def as_posed(job: Job, poses: Float64[np.ndarray, "V 4 4"]) -> pycolmap.Reconstr
 
 
 def camera_of(lens: Lens, number: int) -> pycolmap.Camera:
+    """The lens as pycolmap's camera with this number."""
     parameters = list(lens.parameters)
     return pycolmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=parameters, camera_id=number)
 
 
 def row_of(name: str) -> int:
+    """The row of the photo whose working picture has this name."""
     return int(Path(name).stem)
 
 
 def view_of(camera: pycolmap.Camera) -> LensView:
+    """What undistortion needs of a camera."""
+
     def unproject(pixels: Float64[np.ndarray, "N 2"]) -> Float64[np.ndarray, "N 2"]:
         points = np.array(camera.cam_from_img(pixels))
         return beyond_a_half_space(camera, pixels, points) if "FISHEYE" in camera.model.name else points
@@ -218,9 +226,9 @@ def view_of(camera: pycolmap.Camera) -> LensView:
 def beyond_a_half_space(
     camera: pycolmap.Camera, pixels: Float64[np.ndarray, "N 2"], points: Float64[np.ndarray, "N 2"]
 ) -> Float64[np.ndarray, "N 2"]:
-    """The points, those of what a fisheye sees from 90 degrees on far away: no point of the plane is seen there.
+    """The points, but those that a fisheye sees at 90 degrees or more moved far away: none is on the plane at depth 1.
 
-    pycolmap gives angles in place of tangents there, which are none of that plane, and as small as those of 58 degrees.
+    There pycolmap returns angles in place of tangents: no points of that plane, and as small as tangents of 58 degrees.
     """
     again = np.array(camera.img_from_cam(np.column_stack([points, np.ones(len(points))])))
     angles = np.linalg.norm(points, axis=1)
@@ -229,7 +237,7 @@ def beyond_a_half_space(
 
 
 def folded_as_given(job: Job) -> tuple[int, ...]:
-    """Rows of the photos whose known lens folds over: told before there is any work on them."""
+    """Rows of the photos whose known lens folds over, found before any work on them."""
     lenses = list(dict.fromkeys(job.lenses))
     views = [view_of(camera_of(lens, number)) for number, lens in enumerate(lenses, start=1)]
     folded = {lenses[number] for number in folded_lenses(views, job.width, job.height)}
@@ -237,9 +245,9 @@ def folded_as_given(job: Job) -> tuple[int, ...]:
 
 
 def leave_out_folded(job: Job, model: pycolmap.Reconstruction) -> tuple[int, ...]:
-    """Take the photos whose lens was estimated to fold over out of the model, and return their rows.
+    """Remove the photos whose estimated lens folds over from the model, and return their rows.
 
-    A phone's panorama is placed now and then, by a lens that is none; no other photo may suffer from that.
+    Now and then a phone's panorama is placed, with an impossible lens; no other photo may suffer from that.
     """
     images = [model.images[key] for key in model.reg_image_ids()]
     numbers = sorted({image.camera_id for image in images})
@@ -248,9 +256,9 @@ def leave_out_folded(job: Job, model: pycolmap.Reconstruction) -> tuple[int, ...
 
 
 def leave_out_cropping(job: Job, model: pycolmap.Reconstruction) -> tuple[int, ...]:
-    """Take the few photos for which all others would be cropped out of the model, and return their rows.
+    """Remove the few photos that would crop all others from the model, and return their rows.
 
-    Of a phone that looks down at things some photos are upright among wide ones; they would take a half of all others.
+    When a phone points down, some photos come out in portrait among landscape ones; they would crop the others by half.
     """
     photos = Counter(model.images[key].camera_id for key in model.reg_image_ids())
     numbers = sorted(photos)
@@ -260,7 +268,7 @@ def leave_out_cropping(job: Job, model: pycolmap.Reconstruction) -> tuple[int, .
 
 
 def leave_out(model: pycolmap.Reconstruction, cameras: Sequence[int]) -> tuple[int, ...]:
-    """Take the photos of these cameras out of the model, and return their rows."""
+    """Remove the photos of these cameras from the model, and return their rows."""
     images = [image for key in model.reg_image_ids() if (image := model.images[key]).camera_id in cameras]
     for image in images:
         model.deregister_frame(image.frame_id)
@@ -268,7 +276,7 @@ def leave_out(model: pycolmap.Reconstruction, cameras: Sequence[int]) -> tuple[i
 
 
 def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str, float]) -> Reconstruction:
-    """The model in the job's terms, with the pinhole that undistortion needs; writes the lenses' corners."""
+    """The model in the job's terms, with the pinhole for undistortion; writes the lenses' corners."""
     folded = () if model is None else leave_out_folded(job, model)
     cropping = leave_out_cropping(job, model) if model is not None and job.poses is None else ()
     if model is None or model.num_reg_images() < SMALLEST_MODEL:
@@ -304,7 +312,7 @@ def describe(job: Job, model: pycolmap.Reconstruction | None, seconds: dict[str,
 
 
 def nothing(seconds: dict[str, float], folded: tuple[int, ...], cropping: tuple[int, ...] = ()) -> Reconstruction:
-    """No photo was placed."""
+    """The result if no photo was placed."""
     return Reconstruction(
         rows=(),
         world_to_camera=np.empty((0, 4, 4)),

@@ -1,7 +1,7 @@
-"""Registration: where Gaussians that were found stand beside those that were published, without being told.
+"""Registration: how found Gaussians are placed relative to the published ones, without prior knowledge.
 
-Nothing of the found scene is trusted but what is there: Gaussians may be missing, doubled, added, moved as a whole, or
-each a little, and stand in any order.
+Nothing about the found scene is trusted but the Gaussians themselves: they may be missing, doubled, added, moved as a
+whole or each a little, and in any order.
 """
 
 from __future__ import annotations
@@ -17,38 +17,36 @@ from stages.scene.shape_pairs import FEWEST, SAMPLED, agreeing, pairs_by_shape
 from stages.scene.similarity import Similarity, fit_similarity
 
 NEAR = 0.1
-"""Of the distance at which published Gaussians typically have their next neighbour: what lies so near to one of them is
-that one. Of a scene that has nothing to do with it, one in a thousand lies so near to one by chance. Of more found than
-published ones, it is nearer by as much as leaves chance the same."""
+"""Fraction of the typical distance between neighbouring published Gaussians: a found one this close to one of them is
+taken for it. In an unrelated scene, one in a thousand is this close by chance. If more Gaussians were found than
+published, the distance shrinks to keep that chance the same."""
 
 ENOUGH = 0.25
-"""Of the found or of the published Gaussians, whichever are fewer: if so many published ones have a partner at their
-place, places tell which is which. So a fragment is told, and what others were added to, however many: a thief would
-have to leave out three quarters of what he stole, or shift each. Published ones are counted, each once, not found ones:
-all that is heaped up at one place would do. Two trainings from the same photos, of thousands of iterations, had one in
-500 to one in 20 in common, once one in 5; of 40 iterations, which hardly left the points that they began with, 7 in 10.
-"""
+"""Fraction of the found or the published Gaussians, whichever are fewer: if so many published ones have a partner at
+their position, positions decide. So a fragment is recognised, and a scene with any number of additions: a thief would
+have to leave out three quarters of what he stole, or shift each. Published ones are counted, each once, since found
+ones could all be heaped up at one place. Two trainings from the same photos, of thousands of iterations, shared one in
+500 to one in 20, once one in 5; of 40 iterations, which hardly left their initial points, 7 in 10."""
 
 ROUNDS = 20
-"""Of iterated closest points at most; a few are enough where the start is good."""
+"""Iterations of iterated closest points (ICP) at most; from a good start a few are enough."""
 
 BY_CHANCE = 50.0
-"""Over the number of pairs: by what share squared distances may fall, in the mean, if a similarity is fitted to where
-nothing moved, or was only turned and shifted. Its seven numbers take 7/3 on average."""
+"""Divided by the number of pairs, the fraction by which mean squared distances may fall when a similarity is fitted
+although nothing moved, or was only rotated and translated. Its seven parameters account for 7/3 on average."""
 
 ROUNDING = 1e-6
-"""Relative to coordinates: of motions in single precision."""
+"""Rounding error of motions in single precision, relative to coordinates."""
 
 
 @dataclass(frozen=True)
 class Registration:
-    """`motion` carries the published world into the found one: exactly the identity where nothing tells of a motion.
+    """`motion` maps the published world into the found one; exactly the identity if nothing indicates a motion.
 
-    `found` and `published` are the rows of P pairs, each one Gaussian as it was found and as it was published; found
-    ones may share a partner. `matched` is the share of the found Gaussians that lie where a published one does,
-    `found_again` that of the published ones at which a found one lies, or the share that has the shape of one, where
-    places tell less (as of those that were looked at). `is_certain` where either is enough (`ENOUGH`) to tell; the
-    pairs are by shape where places do not (`by_place`).
+    `found` and `published` are the rows of P pairs of one Gaussian as found and as published; found ones may share a
+    partner. `matched` is the fraction of the found Gaussians at the position of a published one, `found_again` that of
+    the published ones with a found one at theirs; or, if larger, the fraction with the same shape, estimated from a
+    sample. `is_certain` if positions or shapes reach `ENOUGH`. Pairs are by position if `by_place`, else by shape.
     """
 
     motion: Similarity
@@ -61,17 +59,16 @@ class Registration:
 
 
 def register(found: Gaussians, published: Gaussians, seed: int) -> Registration | None:
-    """Rotation, translation and uniform scale that carry published Gaussians to where they were found, and pairs.
+    """The rotation, translation and uniform scale that carry published Gaussians to where they were found, and pairs.
 
-    If the found ones lie where published ones do, there is next to no motion. Else Gaussians are paired by what none
-    changes, their sizes and opacities, and motions are tried that three pairs at a time ask for; the one that most
-    pairs agree on is taken. Closest points make it exact. Where single Gaussians were shifted by so much that places
-    tell nothing, the pairs are those by shape that agree; if enough of them have the very shape of a published one,
-    they are known for certain all the same. Simple motions are preferred: none at all, then one without scale, unless
-    another is closer than chance can explain.
+    If the found ones lie at published positions, there is hardly any motion. Otherwise Gaussians are paired by what no
+    motion changes, sizes and opacities. Of the motions fitted to three pairs each, the one that most pairs agree on is
+    taken and refined by closest points (ICP). If single Gaussians were shifted too far for positions to tell, the pairs
+    are those by shape that agree; they are certain if enough have exactly the shape of a published one. Simple motions
+    are preferred, first none, then one without scale, unless another fits better than chance explains.
 
-    None where no motion is agreed on, and where either has no Gaussians; it takes ten pairs at least.
-    `seed`: of the Gaussians and triples that are tried. All values are to be finite.
+    None if no motion is agreed on, which takes at least ten pairs, or if either has no Gaussians. `seed` selects the
+    Gaussians and triples that are tried. All values must be finite.
     """
     if not len(found) or not len(published):
         return None
@@ -94,7 +91,7 @@ def register(found: Gaussians, published: Gaussians, seed: int) -> Registration 
 
 
 class _Places:
-    """Where published Gaussians are, and how near to one of them something must lie to be it."""
+    """Positions of published Gaussians, and the distance within which a found one is taken for one of them."""
 
     def __init__(self, points: Float[np.ndarray, "N 3"]):
         self.points, self.tree = points, cKDTree(points)
@@ -102,7 +99,7 @@ class _Places:
         self.near = NEAR * float(np.median(distances[:, 1])) if len(points) > 1 else 0.0
 
     def partners(self, points: Float[np.ndarray, "F 3"], motion: Similarity) -> Registration:
-        """The pairs after a motion is undone: each found Gaussian with the nearest published one, if that is near."""
+        """The pairs after undoing a motion: each found Gaussian with the nearest published one, if near enough."""
         count, known = len(points), len(self.points)
         near = self.near * min(1.0, known / count) ** (1 / 3)
         distances, rows = self.tree.query(motion.inverse().points(points), distance_upper_bound=2 * near + 1e-12)
@@ -138,9 +135,9 @@ def _by_shape(found: Gaussians, published: Gaussians, any_scale: bool, seed: int
 
 
 def _simplest(source: Float[np.ndarray, "P 3"], target: Float[np.ndarray, "P 3"], without: Similarity) -> Similarity:
-    """No motion, or one without scale, or with: the first that is as close as the last, but for chance and rounding.
+    """No motion, one without scale, or one with: the first that fits as well as the last, up to chance and rounding.
 
-    `without` where the pairs are too few, or all at one place, and tell nothing.
+    `without` if the pairs are too few or coincide, and determine nothing.
     """
     try:
         fitted = fit_similarity(source, target)
@@ -161,7 +158,7 @@ def _same(motion: Similarity, other: Similarity) -> bool:
 
 
 def _error(motion: Similarity, source: Float[np.ndarray, "P 3"], target: Float[np.ndarray, "P 3"]) -> float:
-    """The mean squared distance."""
+    """The mean squared distance of the pairs under a motion."""
     return float(((motion.points(source) - target) ** 2).sum(axis=1).mean())
 
 

@@ -1,7 +1,7 @@
-"""What to say of captures and scenes though nothing failed: photos that were left out, messages that are hardly seen.
+"""Remarks on captures and scenes although nothing failed: photos left out, messages that are hardly seen.
 
-The engine calls these when a result was made, and shows what they say. The stages that they are about do not import
-them: better words make no result of theirs again.
+The engine calls these functions after a result is made, and shows what they return. The stages they are about do not
+import them, so that rewording a remark does not redo a stage.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ HARDLY_SEEN = (
 )
 CHOOSE_ANOTHER = "Choose one that was photographed from all the sides from which the cover's cameras look."
 WORTH_A_WORD = 0.8
-"""Where the pictures show at least this share of most photos, nothing is said of the rest."""
+"""If the pictures show at least this fraction of most photos, no remark is made."""
 UNSURE_SHARE = 0.2
 RIG = "Those of several folders, such as the cameras of a rig, are taken where no photo lies beside the folders."
 OVERLAP = (
@@ -30,9 +30,7 @@ OVERLAP = (
 
 
 def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
-    """Of `photos`: poses came with some of the photos only; some lie in another place than most, are not read, or are
-    copies; or of a folder of any pictures not all files were looked at, or could be read.
-    """
+    """Remarks on `photos`: pictures and poses that were left out, and why, and masks that are not used."""
     kept, left, elsewhere, unseen = (
         int(str(finished.facts.get(fact, 0))) for fact in ("photos", "without_pose", "left_out", "not_looked_at")
     )
@@ -95,7 +93,7 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
 
 
 def told_of_unread(facts: Mapping[str, object]) -> str:
-    """A sentence on the pictures that `photos` found and cannot read; empty where there are none."""
+    """A sentence on the pictures that `photos` found but cannot read; empty if there are none."""
     unread = facts.get("unread")
     if not isinstance(unread, dict) or not unread:
         return ""
@@ -107,12 +105,12 @@ def told_of_unread(facts: Mapping[str, object]) -> str:
 
 
 def photos_missing_or_cropped(finished: Finished) -> tuple[Remark, ...]:
-    """Of `sfm`: how many photos are in the scene, how many by wrong poses, and pictures that show little of theirs."""
+    """Remarks on `sfm`: how many photos were placed, poses that may be wrong, and photos that are hardly shown."""
     return (photos_placed(finished), *poses_unsure(finished), *photos_cropped(finished))
 
 
 def poses_unsure(finished: Finished) -> tuple[Remark, ...]:
-    """Of `sfm`: how many photos with given poses see hardly a point, where that is every fifth or more."""
+    """Remark on `sfm`: how many photos with given poses see hardly a point, if a fifth or more do."""
     recorded, names = finished.facts.get("unsure_poses", []), strings(finished.outputs["scene"], "names")
     unsure = [str(name) for name in recorded] if isinstance(recorded, list) else []
     if len(unsure) < UNSURE_SHARE * len(names) or not unsure:
@@ -131,7 +129,7 @@ def poses_unsure(finished: Finished) -> tuple[Remark, ...]:
 
 
 def photos_placed(finished: Finished) -> Remark:
-    """Of `sfm`: how many photos of the capture are in the scene; the details name the others."""
+    """Remark on `sfm`: how many photos of the capture are in the scene; the details name the others."""
     names, placed = strings(finished.input("capture"), "names"), strings(finished.outputs["scene"], "names")
     missing = sorted(set(names) - set(placed))
     share = f"{len(placed)} of {counted(len(names), 'photo')} placed"
@@ -148,7 +146,7 @@ def photos_placed(finished: Finished) -> Remark:
 
 
 def why_not_placed(facts: Mapping[str, object]) -> str:
-    """What to do about photos that `sfm` did not place, by what it recorded."""
+    """What to do about photos that `sfm` did not place, according to what it recorded."""
     folded, cropping = (len(_recorded(facts, why)) for why in ("folded", "cropping"))
     said = []
     if folded:
@@ -173,7 +171,7 @@ def _recorded(facts: Mapping[str, object], why: str) -> list[str]:
 
 
 def photos_cropped(finished: Finished) -> tuple[Remark, ...]:
-    """Of `sfm`: how much of most photos the pictures show, where that is little; the details name whose fault it is.
+    """Remark on `sfm`: how much the pictures show of most photos, if that is little; the details name those at fault.
 
     All pictures show what every photo's lens sees: one photo upright among wide ones, or zoomed, crops all others.
     """
@@ -196,7 +194,7 @@ def photos_cropped(finished: Finished) -> tuple[Remark, ...]:
 
 
 def told_of_cropping(facts: Mapping[str, object]) -> str:
-    """A sentence on what `sfm` recorded, where pictures show little of most photos; empty otherwise."""
+    """A sentence on what `sfm` recorded, if pictures show little of most photos; else empty."""
     shares = sorted(_shares_shown(facts))
     most = shares[(len(shares) - 1) // 2] if shares else 1.0
     if most >= WORTH_A_WORD:
@@ -205,13 +203,13 @@ def told_of_cropping(facts: Mapping[str, object]) -> str:
 
 
 def _shares_shown(facts: Mapping[str, object]) -> list[float]:
-    """Of each photo; none where all lenses see as much as each other."""
+    """The fraction shown of each photo; empty if all lenses see equally much."""
     recorded = facts.get("shares_shown", [])
     return [float(str(share)) for share in recorded] if isinstance(recorded, list) else []
 
 
 def message_hardly_seen(finished: Finished) -> tuple[Remark, ...]:
-    """Of `render_hidden`: no test view of the cover is legal."""
+    """Remark on `render_hidden`: no test view of the cover is legal."""
     test_names, views = strings(finished.input("cover"), "test_names"), finished.outputs["views"]
     if not test_names or legal_names(views) & set(test_names):
         return ()
@@ -219,7 +217,7 @@ def message_hardly_seen(finished: Finished) -> tuple[Remark, ...]:
 
 
 def legal_names(views: Artifact) -> set[str]:
-    """The legal views of a message."""
+    """The names of a message's legal views."""
     legal = views.attributes["legal"]
     flags: Sequence[object] = legal if isinstance(legal, list) else ()
     return {name for name, flag in zip(strings(views, "names"), flags, strict=True) if flag}

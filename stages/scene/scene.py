@@ -13,12 +13,12 @@ from stages.scene.attributes import strings
 from stages.scene.cameras import Cameras
 
 TEST_VIEW_EVERY = 8
-"""Every 8th of the registered names, sorted, is a test view: the convention of Mip-NeRF 360 and 3DGS."""
+"""Every 8th registered name, in sorted order, is a test view: the convention of Mip-NeRF 360 and 3DGS."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What structure from motion gives: V pictures of one size, their cameras, and P sparse points.
+    """The result of structure from motion: V pictures of one size, their cameras, and P sparse points.
 
     Points are in world coordinates; colours are sRGB bytes. `test_names` are the views that no training may see.
     """
@@ -37,17 +37,17 @@ class Scene:
 
     @property
     def training_cameras(self) -> Cameras:
-        """The cameras of the training views; all cameras where every view is held out."""
+        """The cameras of the training views, or all cameras if every view is held out."""
         return self.cameras.select(self.train_names or self.cameras.names)
 
     def rows(self, names: Sequence[str]) -> list[int]:
-        """Positions of the named views among `cameras` and `pictures`."""
+        """Positions of the named views among `cameras` and `pictures`. Raises `KeyError` for an unknown name."""
         index = {name: row for row, name in enumerate(self.cameras.names)}
         return [index[name] for name in names]
 
 
 def held_out_by_number(names: Sequence[str]) -> tuple[str, ...]:
-    """The test views among registered `names`: sorted, every 8th, the first included."""
+    """The test views among registered `names`: every 8th in sorted order, beginning with the first."""
     return tuple(sorted(names)[::TEST_VIEW_EVERY])
 
 
@@ -71,7 +71,7 @@ def read_scene(artifact: Artifact) -> Scene:
 
 
 def write_scene(writer: ArtifactWriter, scene: Scene, **attributes: str | int | float | None) -> None:
-    """Write a `scene` artifact; `attributes` (registered, total, …) stand beside the names."""
+    """Write a `scene` artifact; `attributes` (registered, total, …) are stored beside the names."""
     writer.write("pictures", scene.pictures)
     writer.write("world_to_camera", scene.cameras.world_to_camera)
     writer.write("intrinsics", scene.cameras.intrinsics)

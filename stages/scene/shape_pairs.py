@@ -1,4 +1,4 @@
-"""Gaussians paired by what no motion changes, and which pairs agree on one motion: RANSAC (Fischler, Bolles 1981)."""
+"""Pairs Gaussians by what no motion changes, and finds the pairs that agree on one: RANSAC (Fischler, Bolles 1981)."""
 
 from __future__ import annotations
 
@@ -13,48 +13,46 @@ from stages.scene.gaussians import Gaussians
 from stages.scene.similarity import Similarity, fit_similarity
 
 ALIKE = 0.1
-"""Of the distance at which published Gaussians typically have the next one, of a kind of values: what is so near to one
-is alike. By chance one in a thousand is, of three values, and of four one in ten thousand."""
+"""Fraction of the typical distance between neighbouring published values of a kind: values this close are alike. By
+chance one in a thousand values of three numbers is, and one in ten thousand of four."""
 
 SAMPLED = 6000
-"""Of the found Gaussians that partners are looked for."""
+"""Found Gaussians, at most, for which partners are sought."""
 
 TRIPLES = 20_000
-"""Drawn from the pairs: with one pair in ten right, twenty of them are right."""
+"""Drawn from the pairs; if one pair in ten is right, twenty triples are."""
 
 TRIED = 200
-"""Of the triples whose sides are in one proportion."""
+"""Triples, at most, of those whose sides all scale alike."""
 
 REACH = 0.03
-"""Of the scene's radius, in which half of the Gaussians are: pairs that a motion carries so near agree with it."""
+"""Fraction of the scene's radius (half of the Gaussians are within it): pairs that a motion brings this close agree."""
 
 SHORTEST = 0.3
-"""Of the radius: the sides of triples; shorter ones tell too little of a turn."""
+"""Shortest side of a triple, as a fraction of the radius; shorter ones say too little about the rotation."""
 
 AGREEING = 0.1
-"""Of the pairs must agree, if they are to be believed. Of two scenes that have nothing to do with each other, one in a
-hundred does, with the motion that suits them best."""
+"""Fraction of the pairs that must agree to be believed. Of unrelated scenes, one pair in a hundred agrees with the
+motion that suits them best."""
 
 FEWEST = 10
-"""Pairs that must agree at least."""
+"""Smallest number of pairs that must agree."""
 
 TIGHTENINGS = 3
 SPREADS = 4.0
-"""Medians of the distances that pairs may be away from a motion that they agree on."""
+"""How far pairs may be from a motion that they agree on, in medians of their distances."""
 
 ROUNDING = 1e-4
-"""Of the reach: so far apart are pairs that agree, at most, by the rounding of what is stored."""
+"""Largest distance of agreeing pairs due to the rounding of stored values, as a fraction of the reach."""
 
 
 def pairs_by_shape(
     found: Gaussians, published: Gaussians, any_scale: bool, seed: int
 ) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"], Bool[np.ndarray, " P"]]:
-    """Rows of found and of published Gaussians that are nearest to each other in their sizes and opacities, and which
-    of these are `ALIKE`.
+    """Rows of found and published Gaussians that are mutual nearest neighbours in shape, and which are `ALIKE`.
 
-    Sizes are the three logarithmic scales, sorted, as they are stored, or the proportions alone of `any_scale`;
-    opacities are logits. Many pairs may be wrong. At most `SAMPLED` found Gaussians are looked at, drawn by `seed`.
-    Neither may be without Gaussians.
+    Shapes are sizes, the three stored log scales, sorted, or only their differences if `any_scale`, and opacities, as
+    logits. Many pairs may be wrong. At most `SAMPLED` found Gaussians are used, drawn by `seed`. Neither may be empty.
     """
     shapes, known = _shapes(found, any_scale), _shapes(published, any_scale)
     spread = known.std(axis=0)
@@ -68,7 +66,7 @@ def pairs_by_shape(
 
 
 def typical_distance(values: Float[np.ndarray, "N D"]) -> float:
-    """The median distance to the next other one, of at most `SAMPLED` of them; 0 for a lone one."""
+    """The median distance to the nearest other value, over at most `SAMPLED` of them; 0 for fewer than two."""
     if len(values) < 2:
         return 0.0
     distances, _ = cKDTree(values).query(values[:: math.ceil(len(values) / SAMPLED)], k=2)
@@ -78,11 +76,11 @@ def typical_distance(values: Float[np.ndarray, "N D"]) -> float:
 def agreeing(
     source: Float[np.ndarray, "P 3"], target: Float[np.ndarray, "P 3"], seed: int
 ) -> Bool[np.ndarray, " P"] | None:
-    """Which pairs agree on one similarity from sources to targets; None where too few do to be believed.
+    """Which pairs agree on one similarity from source to target; None if too few do to be believed.
 
-    The motion that misses them least, of what three pairs ask for, is fitted again to all that it carries to within
-    `REACH`, and then to those that are no farther from it than most: what exact pairs agree on comes out exact. A miss
-    counts for no more than `REACH`. Pairs at one place tell nothing.
+    Of the identity and the similarities fitted to three pairs each, the one with the smallest sum of distances, each
+    capped at `REACH`, is taken. It is fitted again to all pairs within `REACH`, then to those no farther off than most,
+    so that exact pairs give an exact result. Coincident pairs determine nothing.
     """
     if len(source) < FEWEST:
         return None
@@ -115,7 +113,7 @@ def _shapes(gaussians: Gaussians, any_scale: bool) -> Float[np.ndarray, "N D"]:
 def _tried(
     source: Float[np.ndarray, "P 3"], target: Float[np.ndarray, "P 3"], reach: float, generator: np.random.Generator
 ) -> Iterator[Similarity]:
-    """What triples of pairs ask for whose sides are long enough, and in one proportion to within what is in reach."""
+    """Similarities fitted to triples of pairs whose sides are long enough, and all scale alike up to the reach."""
     triples = generator.integers(len(source), size=(TRIPLES, 3))
     sides, moved = (
         np.linalg.norm(points[triples] - points[np.roll(triples, 1, axis=1)], axis=2) for points in (source, target)
@@ -131,5 +129,5 @@ def _tried(
 def _distances(
     motion: Similarity, source: Float[np.ndarray, "P 3"], target: Float[np.ndarray, "P 3"]
 ) -> Float[np.ndarray, " P"]:
-    """How far pairs are from agreeing, in units of the source world."""
+    """Distances of the pairs under a motion, in units of the source world."""
     return np.linalg.norm(motion.points(source) - target, axis=1) / motion.scale

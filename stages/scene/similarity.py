@@ -1,4 +1,4 @@
-"""Similarities: a rotation, one scale and a translation, which carry one world into another."""
+"""Similarities: a rotation, a uniform scale and a translation from one world into another."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 class Similarity:
     """x ↦ scale · rotation @ x + translation, from a source world into a target world.
 
-    Two similarities are equal only if they are one object. Raises `ValueError` for a scale that is not positive, a
-    matrix that is no rotation, or numbers that are not finite.
+    Compared by identity, not by value. Raises `ValueError` for wrong shapes, a scale that is not positive, a matrix
+    that is not a rotation, or values that are not finite.
     """
 
     scale: float
@@ -32,6 +32,7 @@ class Similarity:
 
     @staticmethod
     def identity() -> Similarity:
+        """The similarity that changes nothing."""
         return Similarity(1.0, np.eye(3), np.zeros(3))
 
     def points(self, points: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "N 3"]:
@@ -39,13 +40,13 @@ class Similarity:
         return self.scale * points @ self.rotation.T + self.translation
 
     def directions(self, directions: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "N 3"]:
-        """Directions turn and keep their length."""
+        """Directions, rotated without a change of length."""
         return directions @ self.rotation.T
 
     def world_to_camera(self, world_to_camera: Float[np.ndarray, "V 4 4"]) -> Float[np.ndarray, "V 4 4"]:
-        """Poses of cameras that stood in the source world, for the target world: every picture stays as it was.
+        """Poses in the target world of cameras in the source world: every picture stays the same.
 
-        Depths grow by `scale`.
+        Depths are multiplied by `scale`.
         """
         moved = world_to_camera.copy()
         moved[:, :3, :3] = world_to_camera[:, :3, :3] @ self.rotation.T
@@ -60,8 +61,8 @@ class Similarity:
     ) -> tuple[Float[np.ndarray, "N 3"], Float[np.ndarray, "N 4"], Float[np.ndarray, "N 3"]]:
         """Gaussians of the source world in the target world; quaternions are w x y z and keep their length.
 
-        Opacities and colours stay. Colours that depend on the direction (spherical harmonics) would have to turn too:
-        move the cameras into the source world instead (`inverse().world_to_camera`), which shows the same picture.
+        Opacities and colours stay. View-dependent colours (spherical harmonics) would have to rotate, too: move the
+        cameras into the source world instead (`inverse().world_to_camera`), which gives the same picture.
         """
         turned = hamilton_product(quaternion_of(self.rotation), quats)
         return self.points(means), turned, log_scales + np.log(self.scale)
@@ -71,29 +72,29 @@ class Similarity:
         return Similarity(1 / self.scale, self.rotation.T, -self.rotation.T @ self.translation / self.scale)
 
     def compose(self, first: Similarity) -> Similarity:
-        """First `first`, then this one."""
+        """This similarity after `first`."""
         moved = self.points(first.translation[None])[0]
         return Similarity(self.scale * first.scale, self.rotation @ first.rotation, moved)
 
 
 def quaternion_of(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]:
-    """The unit quaternion w x y z of a rotation matrix, w not negative."""
+    """The unit quaternion w x y z of a rotation matrix, with w ≥ 0."""
     x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True)
     return np.array([w, x, y, z])
 
 
 def hamilton_product(left: Float[np.ndarray, " 4"], right: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, "N 4"]:
-    """left · right for quaternions w x y z: the rotation `right`, then `left`."""
+    """left · right for quaternions w x y z: rotate by `right`, then by `left`."""
     scalar = left[0] * right[:, :1] - right[:, 1:] @ left[1:, None]
     vector = left[0] * right[:, 1:] + right[:, :1] * left[1:] + np.cross(left[1:], right[:, 1:])
     return np.concatenate([scalar, vector], axis=1)
 
 
 def fit_similarity(source: Float[np.ndarray, "N 3"], target: Float[np.ndarray, "N 3"]) -> Similarity:
-    """The similarity that carries N source points closest to their targets, in the least squares (Umeyama 1991).
+    """The least-squares similarity from N source points to their targets (Umeyama 1991).
 
-    Points on one line leave the turn about it undetermined: one of the best is returned. Raises `ValueError` for
-    fewer than three pairs, or where all sources coincide or all targets do.
+    Collinear points leave the rotation about their line undetermined: one of the best is returned. Raises `ValueError`
+    for different shapes, fewer than three pairs, or if all sources or all targets coincide.
     """
     if source.shape != target.shape or len(source) < 3:
         raise ValueError(f"a similarity needs at least three pairs of points; got {source.shape} and {target.shape}")

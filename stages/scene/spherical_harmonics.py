@@ -14,7 +14,7 @@ BASE = 0.5 / math.sqrt(math.pi)
 
 
 def harmonics_count(degree: int) -> int:
-    """(degree + 1)², how many harmonics there are up to `degree`. Raises `ValueError` for a degree outside 0..3."""
+    """(degree + 1)², the number of harmonics up to `degree`. Raises `ValueError` for a degree outside 0..3."""
     _check_degree(degree)
     return (degree + 1) ** 2
 
@@ -25,7 +25,7 @@ def harmonics(directions: Float[Tensor, "N 3"], degree: int) -> Float[Tensor, "N
     Raises `ValueError` for a degree outside 0..3.
     """
     _check_degree(degree)
-    x, y, z = directions.movedim(-1, 0).contiguous()  # each by itself in memory, as the results are: half the time
+    x, y, z = directions.movedim(-1, 0).contiguous()  # contiguous, like the results: half the time
     values = [torch.full_like(x, BASE)]
     if degree >= 1:
         first = math.sqrt(3 / (4 * math.pi))

@@ -1,8 +1,8 @@
-"""Captures whose poses come in one file for each split, as those of NeRF's synthetic scenes, which Blender rendered.
+"""Captures with one file of poses per split, such as NeRF's synthetic scenes, rendered in Blender.
 
-`transforms_train.json` and `transforms_test.json` name pictures of the same name in the folders `train` and `test`, so
-names begin with the split here: `train_r_0.png`. Where a split's pictures lie in several folders, these are in the
-names, too: `train_left_r_0.png`. The split `val` is left out, as others leave it out.
+`transforms_train.json` and `transforms_test.json` name pictures with the same names in the folders `train` and `test`,
+so here names begin with the split: `train_r_0.png`. If a split's pictures are in several folders, names include these,
+too: `train_left_r_0.png`. The split `val` is left out, as is usual.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ TRAIN, TEST = "train", "test"
 
 
 def find_splits(folder: Path) -> dict[str, Path]:
-    """The file of poses of each split of a capture; empty where it has none for training.
+    """The file of poses of each split of a capture; empty if it has none for training.
 
-    A split for tests without frames is left out. Raises `UserError` for one that cannot be read.
+    A test split without frames is left out. Raises `UserError` if its file cannot be read.
     """
     files = {split: folder / f"transforms_{split}.json" for split in (TRAIN, TEST)}
     if not files[TRAIN].is_file():
@@ -33,10 +33,9 @@ def find_splits(folder: Path) -> dict[str, Path]:
 
 
 def find_split_photos(folder: Path, splits: Mapping[str, Path]) -> PhotoFolder:
-    """The photos that the splits' frames name, which may leave the extension out, and no others.
+    """The photos that the splits' frames name, with or without extension, and no others.
 
-    Raises `UserError` where one is not there, or lies outside of `folder`, since what does could change unseen, and for
-    names as `named_photos` does.
+    Raises `UserError` if one is missing or outside `folder`, where it could change unseen, and as `named_photos` does.
     """
     photos: dict[str, Path] = {}
     for split, file in splits.items():

@@ -1,4 +1,4 @@
-"""Cameras in the store without pictures: from where something may be looked at."""
+"""Cameras stored without pictures: viewpoints from which something may be looked at."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SIZE = "size"
 
 
 def write_cameras(writer: ArtifactWriter, cameras: Cameras | None) -> None:
-    """Write a `cameras` artifact; None where nothing is known of any."""
+    """Write a `cameras` artifact; None if no cameras are known."""
     writer.attributes["names"] = [*cameras.names] if cameras else []
     if cameras:
         writer.write("world_to_camera", cameras.world_to_camera)
@@ -20,7 +20,7 @@ def write_cameras(writer: ArtifactWriter, cameras: Cameras | None) -> None:
 
 
 def read_cameras(artifact: Artifact) -> Cameras | None:
-    """Read a `cameras` artifact; None where it has none."""
+    """Read a `cameras` artifact; None if it has no cameras."""
     names = strings(artifact, "names")
     if not names:
         return None

@@ -1,4 +1,4 @@
-"""Structure from motion of a capture: working pictures, the process that reconstructs, undistorted pictures."""
+"""Structure from motion of a capture: working pictures, the reconstructing process, and undistorted pictures."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from stages.scene.scene import Scene, held_out_by_number
 from stages.scene.undistortion import even_sides, training_size, undistort
 
 PROCESS = "stages.scene.reconstruction_process"
-"""The module that runs as a process of its own; it is not imported here, for the reasons that it gives."""
+"""The module that runs as a separate process; it is not imported here, for the reasons it gives."""
 
 SHARES = {
     "reading": (0.0, 0.05),
@@ -43,21 +43,21 @@ SHARES = {
     "mapping": (0.7, 0.95),
     "undistortion": (0.95, 1.0),
 }
-"""From where to where each phase takes the progress of the whole."""
+"""Start and end of each phase, as fractions of the overall progress."""
 SHARES_WITH_POINTS = {"lenses": (0.0, 0.1), "undistortion": (0.1, 1.0)}
-"""The same where points came with the photos, so that none is matched."""
+"""The same if points came with the photos, so that nothing is matched."""
 
 WHERE = "where SFM is the stage's name in the workflow, such as cover_scene"
-"""What stands for it in a remedy: a stage does not know what a workflow calls it."""
+"""Explains SFM in a remedy: a stage does not know its name in a workflow."""
 FEWEST_PHOTOS, FEWEST_POINTS = 3, 10
-MOST_NAMED = 5  # photos, by an error
-MOST_THREADS = 8  # each extracts features of a photo of its own: of 1.6 megapixels half a gibibyte, by estimate
-GUESSED_FOCAL_LENGTH = 1.2  # of the longer side, COLMAP's own guess where EXIF says nothing
+MOST_NAMED = 5  # photos, in an error
+MOST_THREADS = 8  # each extracts features of one photo, in an estimated half gibibyte for 1.6 megapixels
+GUESSED_FOCAL_LENGTH = 1.2  # times the longer side: COLMAP's own guess without EXIF
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How to reconstruct: sizes are long sides in pixels; see the parameters of the stage `sfm`."""
+    """How to reconstruct; sizes are long sides in pixels. See the parameters of the stage `sfm`."""
 
     width: int
     matching_size: int
@@ -70,7 +70,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Watcher:
-    """How the stage follows: progress of the whole from 0 to 1, lines for the log, and whether to stop."""
+    """The stage's callbacks: overall progress from 0 to 1, lines for the log, and whether to stop."""
 
     progress: Callable[[float], None]
     log: Callable[[str], None]
@@ -78,6 +78,7 @@ class Watcher:
     shares: Mapping[str, tuple[float, float]] = field(default_factory=lambda: SHARES)
 
     def phase(self, name: str, done: float, total: float) -> None:
+        """Report progress within a phase. Raises `Interrupted` if asked to stop."""
         start, end = self.shares[name]
         self.progress(start + (end - start) * done / max(total, 1))
         if self.stop_requested():
@@ -92,12 +93,12 @@ def reconstruct(
     scratch: Path,
     watcher: Watcher,
 ) -> tuple[Scene, Reconstruction]:
-    """The scene of a capture, its photos being at `pictures`, and how the reconstruction went.
+    """The scene of a capture with its photos at `pictures`, and how the reconstruction went.
 
-    `poses` are kept, and the points that are with them; without these, points are triangulated. None has cameras
-    estimated. What `scratch` holds of an interrupted run is used again. Raises `UserError` for fewer than three photos,
-    where fewer than `minimum_registered` could be placed, or hardly any point, for given lenses that fold over, and
-    where the process ends otherwise than it should; `Interrupted` where the watcher asks to stop.
+    Given `poses` are kept, with the points that came with them; without points, these are triangulated. If `poses` is
+    None, cameras are estimated. Work of an interrupted run in `scratch` is reused. Raises `UserError` for fewer than
+    three photos, for fewer placed than `minimum_registered`, for hardly any points, for given lenses that fold over,
+    and if the process fails; `Interrupted` if the watcher asks to stop.
     """
     if len(capture.names) < FEWEST_PHOTOS:
         raise UserError(
@@ -127,7 +128,7 @@ def reconstruct(
 def write_working_pictures(
     capture: Capture, pictures: Mapping[str, Path], matching_size: int, folder: Path, watcher: Watcher
 ) -> list[tuple[int, int]]:
-    """Pictures for matching: upright, their long side at most `matching_size`. Returns their sizes."""
+    """Write upright pictures for matching, with long sides of at most `matching_size`; returns their sizes."""
     sizes = []
     for row, name in enumerate(capture.names):
         watcher.phase("reading", row, len(capture.names))
@@ -145,7 +146,7 @@ def write_working_pictures(
 def job_of(
     capture: Capture, sizes: list[tuple[int, int]], poses: KnownPoses | None, settings: Settings, folder: Path
 ) -> Job:
-    """What the process is to do."""
+    """The job for the process."""
     if poses is not None:
         lenses = [lens.resized(*size) for lens, size in zip(poses.lenses, sizes, strict=True)]
         known = [True] * len(lenses)
@@ -179,7 +180,7 @@ def job_of(
 
 
 def starting_lens(capture: Capture, row: int, size: tuple[int, int], model: str) -> Lens:
-    """A lens to begin with: EXIF's focal length or a guess, no distortion. Equal ones become one camera."""
+    """An initial lens: EXIF's focal length or a guess, without distortion. Photos with equal ones share a camera."""
     focal_pixels = capture.focal_pixels[row]
     scale = max(size) / max(capture.sizes[row])
     focal = GUESSED_FOCAL_LENGTH * max(size) if focal_pixels is None else round(focal_pixels * scale, 3)
@@ -189,7 +190,7 @@ def starting_lens(capture: Capture, row: int, size: tuple[int, int], model: str)
 
 
 def run_process(job: Job, watcher: Watcher) -> None:
-    """Run the process to its end; it is killed where the watcher asks to stop."""
+    """Run the process to its end; it is killed if the watcher asks to stop."""
     for name in (FACTS, ARRAYS, CORNERS):
         (job.folder / name).unlink(missing_ok=True)
     damage = drop_damaged_database(job.folder, len(job.lenses))
@@ -216,7 +217,7 @@ def run_process(job: Job, watcher: Watcher) -> None:
 
 
 def with_points(result: Reconstruction, points: KnownPoints) -> Reconstruction:
-    """The reconstruction with the points that came with the photos, of which it has some unless their lenses fold."""
+    """The reconstruction with the points that came with the photos."""
     return replace(
         result,
         points=points.positions.astype(np.float32),
@@ -227,7 +228,7 @@ def with_points(result: Reconstruction, points: KnownPoints) -> Reconstruction:
 
 
 def refuse_folded(capture: Capture, result: Reconstruction) -> None:
-    """Raise `UserError` for lenses that came with the photos and are none."""
+    """Raise `UserError` if lenses that came with the photos fold over."""
     if result.folded:
         raise UserError(
             "lenses that came with the photos fold over, or cannot be inverted within them",
@@ -245,7 +246,7 @@ def _named(capture: Capture, rows: tuple[int, ...]) -> str:
 
 
 def refuse_few(capture: Capture, result: Reconstruction, settings: Settings, given: bool) -> None:
-    """Raise `UserError` where too little was reconstructed to be trained on."""
+    """Raise `UserError` if too little was reconstructed for training."""
     registered, total = len(result.rows), len(capture.names)
     if registered < max(1, settings.minimum_registered * total):
         raise UserError(
@@ -278,7 +279,7 @@ def scene_of(
     result: Reconstruction,
     watcher: Watcher,
 ) -> Scene:
-    """Undistorted pictures of the registered photos, straight from the photos at full size."""
+    """The scene of the registered photos, undistorted directly from the photos at full size."""
     names = tuple(capture.names[row] for row in result.rows)
     corners = read_corners(job.folder)
     undistorted = np.empty((len(names), job.height, job.width, 3), np.uint8)

@@ -1,4 +1,4 @@
-"""Short tours: an order in which to visit points without much detour."""
+"""Short tours: an order in which to visit points with little detour."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from scipy.sparse.csgraph import shortest_path
 from scipy.spatial.distance import cdist
 
 SMALLEST_GAIN = 1e-12
-"""Share of a tour's length; what saves less is rounding."""
+"""Fraction of the largest distance between points; a smaller gain is a rounding error."""
 
 SHORTEST_EDGE = 1e-6
-"""Of a graph, as a share of the longest: SciPy takes what is nearly 0 for no edge, and points may be in one place."""
+"""Fraction of a graph's longest edge: SciPy takes weights near 0 for missing edges, and points may coincide."""
 
 
 def shortest_tour(points: Float[np.ndarray, "N D"]) -> Int[np.ndarray, " N"]:
-    """The order of a closed tour that no exchange of two of its steps for two others makes shorter (Croes 1958).
+    """The order of a closed tour that no exchange of two of its steps makes shorter (2-opt, Croes 1958).
 
-    It begins at the first point and starts from always going to the nearest point that is left. N = 0 is allowed. The
-    time is cubic in N: a second for a few hundred.
+    It starts at the first point. The initial tour always goes on to the nearest unvisited point. N = 0 is allowed. The
+    time is cubic in N: a second for a few hundred points.
     """
     distances = cdist(points, points)
     order = _nearest_first(distances)
@@ -35,7 +35,7 @@ def shortest_tour(points: Float[np.ndarray, "N D"]) -> Int[np.ndarray, " N"]:
 
 
 def longest_step_last(points: Float[np.ndarray, "N D"], order: Int[np.ndarray, " N"]) -> Int[np.ndarray, " N"]:
-    """The same closed tour, begun so that its longest step is the one from its end to its beginning."""
+    """The same closed tour, rotated so that its longest step is the one from its end to its beginning."""
     if len(order) < 2:
         return order
     steps = step_lengths(points[np.append(order, order[0])])
@@ -43,11 +43,11 @@ def longest_step_last(points: Float[np.ndarray, "N D"], order: Int[np.ndarray, "
 
 
 def by_way_of_others(points: Float[np.ndarray, "N D"], stops: Int[np.ndarray, " K"]) -> Int[np.ndarray, " L"]:
-    """The way from stop to stop: a long step goes by way of points that lie between, if any do.
+    """The way through `stops`, as rows of points: a long step goes by way of points that lie between, if any.
 
-    L rows of points, which are finite, the stops among them; a stop that follows itself counts once, and no stops are
-    no way. Its sum of squared steps is the least, to which many short ones are cheaper than one long. The time is cubic
-    in N: a tenth of a second for a few hundred.
+    The L rows include the stops; a stop that follows itself counts once, and no stops give no rows. The way minimises
+    the sum of squared steps, for which many short ones cost less than one long. Points must be finite. The time is
+    cubic in N: a tenth of a second for a few hundred points.
     """
     if len(stops) < 2:
         return stops
@@ -64,7 +64,7 @@ def by_way_of_others(points: Float[np.ndarray, "N D"], stops: Int[np.ndarray, " 
 
 
 def step_lengths(points: Float[np.ndarray, "N D"]) -> Float[np.ndarray, " n"]:
-    """Distances from each point to the next: N - 1 of them."""
+    """The N - 1 distances from each point to the next."""
     return np.linalg.norm(np.diff(points, axis=0), axis=1)
 
 

@@ -1,4 +1,4 @@
-"""Reading a `transforms.json` as NeRF, instant-ngp and nerfstudio write it: camera to world, OpenGL's cameras."""
+"""Reading a `transforms.json` of NeRF, instant-ngp or nerfstudio: camera-to-world poses with OpenGL's axes."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ DISTORTIONS = {
     "OPENCV": ("k1", "k2", "p1", "p2"),
     "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4"),
 }
-"""Distortion parameters of the camera models, in COLMAP's order."""
+"""Distortion parameters of the supported camera models, in COLMAP's order."""
 INTRINSICS = frozenset(
     (
         *("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", "x_fov", "y_fov"),
         *("camera_model", "is_fisheye", "k1", "k2", "k3", "k4", "p1", "p2"),
     )
 )
-"""What the file may say for all frames, or a frame for itself."""
+"""Keys that the file may state for all frames, or per frame."""
 FOCAL_LENGTHS = {axis: (f"fl_{axis}", f"camera_angle_{axis}", f"{axis}_fov") for axis in "xy"}
-"""What says the focal length along an axis; the first of them counts."""
+"""Keys for the focal length along an axis, in order of precedence."""
 IN_PIXELS = frozenset(("fl_x", "fl_y", "cx", "cy"))
 
 
 def read_transforms(
     path: Path, size_of: Callable[[str], tuple[int, int]], *, resized: bool = False
 ) -> list[PosedPhoto]:
-    """The frames of the file, sorted by name; `size_of` tells a photo's width and height where the file does not.
+    """The file's frames as posed photos, sorted by name; `size_of(name)` gives width and height if the file does not.
 
-    Intrinsics may be global or a frame's own: `fl_x`, `camera_angle_x` or `x_fov`, the same of y, `cx`, `cy`, `k1` to
-    `k4`, `p1`, `p2`, and `camera_model` or `is_fisheye`. A name is the `file_path`, with or without extension. Sizes of
-    photos that are `resized` do not tell what intrinsics in pixels are relative to. Raises `UserError` naming the frame
-    whose pose is missing, not finite or no rotation, and what is wrong otherwise.
+    Intrinsics may be global or per frame: `fl_x`, `camera_angle_x` or `x_fov`, likewise for y, `cx`, `cy`, `k1` to
+    `k4`, `p1`, `p2`, and `camera_model` or `is_fisheye`. A photo's name is its `file_path`, with or without extension.
+    If photos are `resized`, intrinsics in pixels require `w` and `h`, as the photos' sizes do not tell what they refer
+    to. Raises `UserError` for an unreadable file, and for a frame, which it names, without a usable pose or intrinsics.
     """
     content = _content(path)
     shared = {name: content[name] for name in INTRINSICS & content.keys()}
@@ -70,32 +70,31 @@ def read_transforms(
 
 
 def frame_files(path: Path) -> list[str]:
-    """Where the file says that its frames lie, relative to itself, with or without extension; "" where it does not."""
+    """The `file_path` of each frame, relative to the file, with or without extension; "" if it has none."""
     frames = _content(path)["frames"]
     named = [frame.get("file_path", "") if isinstance(frame, Mapping) else "" for frame in frames]
     return [_slashed(name) if isinstance(name, str) else "" for name in named]
 
 
 def held_out_files(path: Path) -> list[str]:
-    """The paths of the frames that nerfstudio's `test_filenames` holds out; empty where there is no such list."""
+    """The paths of the frames that nerfstudio's `test_filenames` holds out; empty if there is no such list."""
     listed = _content(path).get("test_filenames", [])
     return [_slashed(name) for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
 
 
 def points_file(path: Path) -> str | None:
-    """Where the file says that its points lie, relative to itself (nerfstudio's `ply_file_path`); None where it does
-    not."""
+    """The path of the points, relative to the file, from nerfstudio's `ply_file_path`; None if not stated."""
     named = _content(path).get("ply_file_path")
     return _slashed(named) if isinstance(named, str) and named else None
 
 
 def masked_frames(path: Path) -> int:
-    """How many frames name a mask, as nerfstudio's `mask_path` does."""
+    """How many frames name a mask (nerfstudio's `mask_path`)."""
     return sum(isinstance(frame, Mapping) and bool(frame.get("mask_path")) for frame in _content(path)["frames"])
 
 
 def _slashed(path: str) -> str:
-    """What Windows wrote with backslashes, as Blender's exporters do there; no photo's name may hold one."""
+    """The path with slashes for the backslashes that Blender's exporters write on Windows; no photo's name has any."""
     return path.replace("\\", "/")
 
 
@@ -124,7 +123,7 @@ def _posed_photo(
 
 
 def _left_by(frame: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
-    """Of what is said for all frames, what a frame does not say otherwise, though by an angle in place of a length."""
+    """The shared intrinsics that a frame does not override; an angle also overrides a focal length, and vice versa."""
     given = {word for words in FOCAL_LENGTHS.values() if not frame.keys().isdisjoint(words) for word in words}
     return {name: value for name, value in shared.items() if name not in given}
 
@@ -159,7 +158,7 @@ def _lens(given: Mapping[str, Any], size: Callable[[], tuple[int, int]]) -> Lens
 
 
 def _distortion(given: Mapping[str, Any]) -> tuple[str, list[float]]:
-    """COLMAP's model with two focal lengths, and its distortion parameters: what is not given is zero."""
+    """COLMAP's model with two focal lengths, and its distortion parameters, zero where not given."""
     stated = given.get("camera_model", "OPENCV_FISHEYE" if given.get("is_fisheye") else "OPENCV")
     if stated not in DISTORTIONS:
         raise ValueError(f"camera_model {stated}; known are {', '.join(DISTORTIONS)}")

@@ -1,8 +1,8 @@
-"""From photos taken through lenses to pictures of one pinhole camera, at training size, in one resampling.
+"""Resamples photos taken through lenses to pictures of one pinhole camera at training size, in one step.
 
 The pinhole is chosen so that every pixel of every picture shows something: no black borders. Photos of one camera
-without distortion that are trained on in their own size are not resampled at all, as in 3DGS: to blur what renders are
-compared with, by half a pixel, would add a decibel to their PSNR.
+without distortion that are used at their own size are not resampled at all, as in 3DGS: blurring the reference by half
+a pixel would add a decibel to the PSNR of renders.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
 Project = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, "N 2"]]
-"""Points in camera space to pixel positions; NaN where the lens sees no such point."""
+"""Maps points in camera space to pixel positions; NaN if the lens does not see a point."""
 Unproject = Callable[[Float64[np.ndarray, "N 2"]], Float64[np.ndarray, "N 2"]]
-"""Pixel positions to points on the plane at depth 1; NaN where the lens model cannot tell."""
+"""Maps pixel positions to points on the plane at depth 1; NaN if the lens model has no solution."""
 
 BORDER_SAMPLES = 101
 WIDEST_TANGENT = 1.75  # a pinhole of more than 120 degrees would spend its pixels on the corners
 SHRINKING, SHRINKINGS = 1.01, 100
-WIDE_ENOUGH = 0.8  # of most photos the pictures show at least this share, by area, or some photos are left out
-FEW = 0.1  # share of the photos, at most
-FINEST_SAMPLING = 8  # samples a training pixel and axis; larger photos are averaged down to that first
+WIDE_ENOUGH = 0.8  # fraction by area that pictures must show of most photos; otherwise some photos are left out
+FEW = 0.1  # largest fraction of the photos to leave out
+FINEST_SAMPLING = 8  # samples per training pixel and axis; larger photos are averaged down to that first
 
 
 @dataclass(frozen=True)
 class LensView:
-    """What undistortion needs of a lens: its projection, the inverse of that, and the photos' size."""
+    """What undistortion needs of a lens: its projection, the inverse, and the photos' size."""
 
     project: Project
     unproject: Unproject
@@ -39,7 +39,7 @@ class LensView:
 
 @dataclass(frozen=True)
 class Pinhole:
-    """A camera without distortion, of even sides; with square pixels, unless it is the photos' own."""
+    """A camera without distortion whose sides are even; its pixels are square, unless it is the photos' own."""
 
     intrinsics: Float64[np.ndarray, "3 3"]
     width: int
@@ -49,7 +49,7 @@ class Pinhole:
 def training_size(size: tuple[int, int], long_side: int) -> tuple[int, int]:
     """Width and height with the proportions of `size`, both even, the longer at most `long_side`; never enlarged.
 
-    What is not shrunk lacks an odd last row or column and no more.
+    Without a reduction, only an odd last row or column is lost.
 
     >>> training_size((1080, 1920), 240), training_size((779, 520), 192), training_size((1237, 822), 1600)
     ((134, 240), (192, 128), (1236, 822))
@@ -62,7 +62,7 @@ def training_size(size: tuple[int, int], long_side: int) -> tuple[int, int]:
 
 
 def even_sides(size: tuple[int, int]) -> tuple[int, int]:
-    """Width and height without an odd last row or column; of a single pixel, two."""
+    """Width and height without an odd last row or column, but at least 2."""
     width, height = (max(2, side // 2 * 2) for side in size)
     return width, height
 
@@ -71,7 +71,7 @@ def own_pinhole(lenses: Sequence[LensView], size: tuple[int, int]) -> Pinhole | 
     """The camera that took all photos of this width and height, if it is one without distortion; else None.
 
     Its pictures are the photos, pixel by pixel, but for an odd last row or column. Lenses may be those of resized
-    photos; without any there is none.
+    photos. None without lenses.
     """
     width, height = even_sides(size)
     for lens in lenses[:1]:
@@ -85,7 +85,7 @@ def own_pinhole(lenses: Sequence[LensView], size: tuple[int, int]) -> Pinhole | 
 
 
 def takes_pixels_as_they_are(lens: LensView, pinhole: Pinhole, size: tuple[int, int]) -> bool:
-    """Whether the corners of the pinhole's pixels are those of the photo's, up to a thousandth of a pixel."""
+    """Whether the pinhole's pixels coincide with the photo's, up to a thousandth of a pixel."""
     scale = np.array(size) / (lens.width, lens.height)
     own = np.stack(np.meshgrid(np.arange(pinhole.width + 1), np.arange(pinhole.height + 1)), axis=-1)
     return bool((np.abs(corner_positions(lens, pinhole) * scale - own) <= 1e-3).all())  # NaN is not
@@ -94,8 +94,8 @@ def takes_pixels_as_they_are(lens: LensView, pinhole: Pinhole, size: tuple[int, 
 def shared_pinhole(lenses: Sequence[LensView], width: int, height: int) -> Pinhole:
     """The widest pinhole camera of this size whose every pixel lies inside the photos of all lenses.
 
-    Where the lenses' fields of view differ, it sees what all of them see. Raises `ValueError` where the lenses have
-    no field of view in common, or fold over within it.
+    If the lenses' fields of view differ, it sees what all of them see. Raises `ValueError` if they have no field of
+    view in common, or fold over within it.
     """
     left, top, right, bottom = common_rectangle(lenses)
     if not (right > left and bottom > top):
@@ -118,9 +118,9 @@ def shared_pinhole(lenses: Sequence[LensView], width: int, height: int) -> Pinho
 
 
 def folded_lenses(lenses: Sequence[LensView], width: int, height: int) -> list[int]:
-    """Which of the lenses, by their numbers, fold over or cannot be inverted, where that leaves no pinhole for all.
+    """Numbers of the lenses that fold over or cannot be inverted, if that leaves no pinhole for all; else empty.
 
-    No lens that was ground is so; one is that was estimated of what no lens took, such as a phone's panorama.
+    Real lenses do not; those estimated for something that no lens took, such as a phone's panorama, may.
     """
     if _have_pinhole(lenses, width, height):
         return []
@@ -136,19 +136,19 @@ def _have_pinhole(lenses: Sequence[LensView], width: int, height: int) -> bool:
 
 
 def shares_shown(lenses: Sequence[LensView], width: int, height: int) -> tuple[float, ...]:
-    """How much of the picture that each lens alone would give the shared pinhole shows, by area, from 0 to 1.
+    """The fraction, by area, that the shared pinhole shows of the picture that each lens alone would give, from 0 to 1.
 
-    1 for the lenses that see least, which crop the pictures of all others, and for every lens where all are alike.
+    1 for the lenses that see least, which crop the pictures of all others, and for every lens if all are alike.
     """
     shared = focal_within(common_rectangle(lenses), width, height)
     return tuple((focal_within(common_rectangle([lens]), width, height) / shared) ** 2 for lens in lenses)
 
 
 def cropping_lenses(lenses: Sequence[LensView], photos: Sequence[int], width: int, height: int) -> list[int]:
-    """Which lenses crop the pictures of all others, by their numbers, where few photos have them: of photos that were
-    held the other way, or zoomed. `photos`: how many each lens has.
+    """Numbers of the few lenses that crop the pictures of all others, such as lenses of rotated or zoomed photos.
 
-    None where the shared pinhole shows enough of most photos, or where more than a `FEW` would have to go for that.
+    `photos` is the number of photos of each lens. Empty if the shared pinhole shows enough of most photos, or if more
+    than a fraction `FEW` would have to go for that.
     """
     left, chosen, allowed = list(range(len(lenses))), list[int](), FEW * sum(photos)
     while left:
@@ -166,7 +166,7 @@ def cropping_lenses(lenses: Sequence[LensView], photos: Sequence[int], width: in
 
 
 def common_rectangle(lenses: Sequence[LensView]) -> tuple[float, float, float, float]:
-    """Left, top, right, bottom of what all lenses see, on the plane at depth 1; empty where that is nothing."""
+    """Left, top, right, bottom of what all lenses see, on the plane at depth 1; reversed or NaN if that is nothing."""
     rectangles = np.array([inner_rectangle(lens) for lens in lenses])
     left, top = rectangles[:, :2].max(axis=0).clip(-WIDEST_TANGENT)
     right, bottom = rectangles[:, 2:].min(axis=0).clip(max=WIDEST_TANGENT)
@@ -174,7 +174,7 @@ def common_rectangle(lenses: Sequence[LensView]) -> tuple[float, float, float, f
 
 
 def focal_within(rectangle: tuple[float, float, float, float], width: int, height: int) -> float:
-    """The shortest focal length, in pixels, at which a picture of this size fits into what the lenses see."""
+    """The shortest focal length, in pixels, at which a picture of this size fits into a rectangle at depth 1."""
     left, top, right, bottom = rectangle
     return max(width / (right - left), height / (bottom - top))
 
@@ -182,7 +182,7 @@ def focal_within(rectangle: tuple[float, float, float, float], width: int, heigh
 def inner_rectangle(lens: LensView) -> tuple[float, float, float, float]:
     """Left, top, right, bottom of the largest upright rectangle inside a photo, on the plane at depth 1.
 
-    A side is NaN where the lens model can tell nothing of it.
+    A side is NaN if the lens model has no solution anywhere along it.
     """
     along = np.linspace(0, 1, BORDER_SAMPLES)
     zero, one = np.zeros_like(along), np.ones_like(along)
@@ -197,14 +197,14 @@ def inner_rectangle(lens: LensView) -> tuple[float, float, float, float]:
 
 
 def sees_whole_pinhole(lens: LensView, pinhole: Pinhole) -> bool:
-    """Whether all of the pinhole's picture lies within the lens's photo, up to a thousandth of a pixel."""
+    """Whether the pinhole's whole picture lies within the lens's photo, up to a thousandth of a pixel."""
     positions = corner_positions(lens, pinhole)
     inside = (positions >= -1e-3) & (positions <= np.array([lens.width, lens.height]) + 1e-3)
     return bool(inside.all())  # NaN is not inside
 
 
 def corner_positions(lens: LensView, pinhole: Pinhole) -> Float32[np.ndarray, "rows columns 2"]:
-    """Where in the photo the corners of the pinhole's pixels lie: (height + 1) x (width + 1) pixel positions."""
+    """Positions in the photo, in pixels, of the (height + 1) x (width + 1) corners of the pinhole's pixels."""
     y, x = np.mgrid[: pinhole.height + 1, : pinhole.width + 1].astype(np.float64)
     pixels = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)
     rays = pixels @ np.linalg.inv(pinhole.intrinsics).T
@@ -214,10 +214,10 @@ def corner_positions(lens: LensView, pinhole: Pinhole) -> Float32[np.ndarray, "r
 def undistort(
     photo: UInt8[np.ndarray, "h w 3"], corners: Float32[np.ndarray, "rows columns 2"]
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The pinhole's picture: every pixel is the mean over its area in the photo.
+    """The pinhole's picture, each pixel being the mean over its area in the photo.
 
-    `corners` are the positions of its pixels' corners in this photo, as `corner_positions` gives them. Samples lie at
-    most one photo's pixel apart, so that nothing aliases, and distortion is linear within a training pixel.
+    `corners` are the positions of its pixels' corners in this photo, from `corner_positions`. Samples are at most one
+    photo pixel apart, to prevent aliasing; distortion is interpolated linearly within a training pixel.
     """
     steps = (np.abs(np.diff(corners, axis=0)).max(), np.abs(np.diff(corners, axis=1)).max())
     samples = max(1, int(np.ceil(max(steps) - 1e-3)))
@@ -235,7 +235,7 @@ def undistort(
 
 
 def refined(corners: Float32[np.ndarray, "rows columns 2"], samples: int) -> Float32[np.ndarray, "y x 2"]:
-    """Positions of `samples` x `samples` points in every pixel, linear between the positions of its corners."""
+    """Positions of `samples` x `samples` points in every pixel, interpolated linearly between its corners."""
     for axis in (0, 1):
         count = corners.shape[axis] - 1
         place = (np.arange(count * samples) + 0.5) / samples

@@ -1,6 +1,6 @@
-"""Which pictures of a folder of any pictures cannot be read: a capture has them not, and says so.
+"""Records in a capture which pictures of a folder could not be read, and are therefore not in it.
 
-A file of its own: what a capture is otherwise stays as it is, and with it all that is made of captures.
+A module of its own, so that captures, and all that is made from them, need not be made again.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ UNREADABLE = "unreadable"
 
 
 def write_unreadable_names(writer: ArtifactWriter, names: Iterable[str]) -> None:
-    """Say in a `capture` artifact which pictures it lacks because they cannot be read; nothing where there are none."""
+    """State in a `capture` artifact which pictures it lacks because they cannot be read; nothing if there are none."""
     if listed := list(names):
         writer.attributes[UNREADABLE] = [*listed]
 
 
 def unreadable_names(capture: Artifact) -> tuple[str, ...]:
-    """Their names, in the order written; empty where all could be read."""
+    """Names of the pictures that could not be read, in the order written; empty if all could."""
     return tuple(strings(capture, UNREADABLE)) if UNREADABLE in capture.attributes else ()

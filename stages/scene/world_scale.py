@@ -1,7 +1,7 @@
-"""By how much the world of a scene, and of splats trained in it, is larger than that of the poses that it came with.
+"""How much larger the world of a scene, and of splats trained in it, is than that of the poses it came with.
 
-1 but where poses of small units were enlarged (`drawn_depths`). Whatever else came with these poses, such as splats
-that were trained elsewhere, stands in the smaller world.
+1 unless poses in small units were enlarged (`drawn_depths`). Anything else that came with these poses, such as splats
+trained elsewhere, is in the smaller world.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from pipeline.errors import UserError
 from stages.scene.gaussians import Gaussians
 
 WORLD_SCALE = "world_scale"
-"""The attribute of `scene` and `splats` that says so, where it is not 1."""
+"""Attribute of `scene` and `splats` with that factor, if it is not 1."""
 
 
 def world_scale_of(artifact: Artifact) -> float:
-    """What a `scene` or `splats` says, or 1. Raises `UserError` for what is no positive number."""
+    """The factor that a `scene` or `splats` states, or 1. Raises `UserError` unless it is a positive number."""
     found = artifact.attributes.get(WORLD_SCALE, 1.0)
     if isinstance(found, bool) or not isinstance(found, int | float) or not 0 < found < math.inf:
         raise UserError(
@@ -31,11 +31,11 @@ def world_scale_of(artifact: Artifact) -> float:
 
 
 def stated(scale: float) -> dict[str, float]:
-    """The attributes to write."""
+    """The attributes to write; none for 1."""
     return {} if scale == 1 else {WORLD_SCALE: scale}
 
 
 def scaled(gaussians: Gaussians, factor: float) -> Gaussians:
-    """Gaussians in a world that is `factor` times as large; colours that depend on the direction stay as they are."""
+    """Gaussians in a world that is `factor` times as large; view-dependent colours stay as they are."""
     grown = {"means": gaussians.means * factor, "log_scales": gaussians["log_scales"] + math.log(factor)}
     return Gaussians(gaussians.parameters | grown)

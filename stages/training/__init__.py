@@ -1,1 +1,1 @@
-"""The one optimisation loop, its objectives, density control and schedules."""
+"""The common optimisation loop, its objectives, density control and schedules."""

@@ -1,4 +1,4 @@
-"""Adam, torch's own, without torch's compiler."""
+"""torch's Adam, without importing torch's compiler."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import torch
 
 
 class Adam(torch.optim.Adam):
-    """To the bit what `torch.optim.Adam` does, for code that nobody compiles.
+    """Bit for bit equal to `torch.optim.Adam`, for code that is never compiled.
 
-    torch wraps an optimizer's methods to keep its compiler out of them, and imports the compiler to do so: 2.1 s of a
-    core (Zen 3, torch 2.13) in every process that trains, of which some train for no longer. Here they are called as
-    written, without gradients, as those wrappers have it.
+    torch wraps an optimizer's methods to keep its compiler out of them, and imports the compiler to do so. That takes
+    2.1 s of a core (Zen 3, torch 2.13) in every process that trains, and some train for no longer. Here, the methods
+    are unwrapped, and `step` runs without gradients, as in those wrappers.
     """
 
     add_param_group = unwrap(torch.optim.Adam.add_param_group)

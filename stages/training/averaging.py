@@ -1,7 +1,7 @@
-"""Values averaged while a training ends: Gaussians and networks as on the way, not where the last view left them.
+"""Averaging Gaussians and networks over the end of a training, instead of keeping what the last view left.
 
-Every step follows one view, so that the last ones pull each parameter to and fro. An exponential average of the end of
-the way (Polyak and Juditsky, 1992) leaves most of that out.
+Every step follows one view, so that the last ones pull each parameter back and forth. An exponential average of the
+last iterations (Polyak and Juditsky, 1992) removes most of that.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from stages.hiding.method import Method
 from stages.scene.gaussians import Gaussians
 
 AVERAGED_SHARE = 0.2
-"""Of the iterations, the last: density control has ended long before, so that rows stay what they are."""
+"""Share of the iterations, at the end, that is averaged: density control has stopped long before, so that rows
+correspond."""
 
 
 class Averages:
-    """`values` by name, empty until the first iteration that counts; `decay` is the weight of what was before."""
+    """The averages, `values`, by name; empty until the first averaged iteration. `decay` is the weight of the past."""
 
     def __init__(self, decay: float, iterations: int):
         self.decay = decay
@@ -28,7 +29,7 @@ class Averages:
 
     @torch.no_grad()
     def add(self, iteration: int, gaussians: Gaussians, method: Method) -> None:
-        """Take in the values after this iteration, if it counts. With a decay of 0 nothing is averaged."""
+        """Include the values after this iteration, if it is averaged. With a decay of 0, nothing is averaged."""
         if self.decay == 0 or iteration < self.first:
             return
         for name, value in _values(gaussians, method).items():
@@ -39,7 +40,7 @@ class Averages:
 
     @torch.no_grad()
     def apply(self, gaussians: Gaussians, method: Method) -> None:
-        """Put the averages in the place of the values; without any, all stays as it is."""
+        """Replace the values by their averages; without averages, nothing changes."""
         for name, value in _values(gaussians, method).items():
             if name in self.values:
                 value.copy_(self.values[name])

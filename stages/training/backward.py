@@ -1,4 +1,4 @@
-"""Backward passes that give the same bits every time, wherever pictures are drawn."""
+"""Deterministic backward passes, on whichever device pictures are rendered."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import torch
 
 
 def in_one_thread() -> AbstractContextManager[None]:
-    """Inside, backward goes through all operations in one order.
+    """A context in which backward always visits operations in the same order.
 
-    Else torch has a thread for each device, and which is first decides in which order gradients are added, and so their
-    last bits, wherever tensors of a GPU are drawn elsewhere, with copies. On one device alone it changes nothing.
+    Otherwise torch runs one thread per device. If tensors on a GPU are rendered elsewhere, with copies, their timing
+    determines the order in which gradients are summed, and so their last bits. With a single device it changes nothing.
     """
     return torch.autograd.set_multithreading_enabled(False)

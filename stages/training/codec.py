@@ -1,4 +1,4 @@
-"""How a watermark codec is trained: random windows of photos, hidden in each other and found again."""
+"""Training a watermark codec: random windows of photos are hidden in each other and revealed."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from stages.training.network import NetworkTraining
 Pictures = Float[Tensor, "B 3 H W"]
 
 MARKED, FOUND = "watermarked picture", "watermark"
-"""The two errors: of the watermarked picture beside the picture, and of the watermark that is found in it."""
+"""The two errors: of the watermarked picture relative to the original, and of the watermark revealed from it."""
 
 RATE, FINAL_RATE = 1e-3, 1e-4
-"""Of Adam, at first and at last."""
+"""Adam's learning rate at the start and at the end."""
 
 
 @dataclass(frozen=True)
 class CodecSettings:
-    """Each of `iterations` steps sees `batch` windows of `window` x `window` pixels.
+    """Each of `iterations` steps uses `batch` windows of `window` x `window` pixels.
 
-    `fidelity_weight` is that of the watermarked picture's squared error beside the watermark's. `given_share` of the
-    watermarks are pictures that were given for it, the others are windows of photos. Noise of a standard deviation up
-    to `largest_noise`, in [0, 1], is added to watermarked pictures before they are read.
+    `fidelity_weight` is the weight of the watermarked picture's squared error; that of the watermark's is 1.
+    `given_share` of the watermarks are the given pictures, the others are windows of photos. Before decoding, noise
+    with a standard deviation of up to `largest_noise`, in [0, 1], is added to watermarked pictures.
     """
 
     iterations: int
@@ -44,8 +44,10 @@ class CodecSettings:
 
 
 class CodecTraining(NetworkTraining):
-    """`photos` must not be empty; without `watermarks`, windows of photos are hidden alone. All of these are on the
-    CPU, the codec wherever it is."""
+    """Trains a codec on `photos`, at least one; without `watermarks`, only windows of photos are hidden.
+
+    Photos and watermarks are on the CPU, the codec on any device.
+    """
 
     def __init__(
         self, codec: WatermarkCodec, photos: Sequence[Picture], watermarks: Sequence[Picture], settings: CodecSettings
@@ -55,7 +57,7 @@ class CodecTraining(NetworkTraining):
         self.codec, self.photos, self.watermarks, self.settings = codec, photos, watermarks, settings
 
     def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
-        """Hide a batch, round it to bytes, add noise, and find the watermarks."""
+        """Hide a batch, round it to bytes, add noise, and reveal the watermarks."""
         images, watermarks, noise = self._batch(iteration)
         marked = self.codec.watermark_encoder(images, watermarks)
         found = self.codec.watermark_decoder(rounded(marked) + noise)
@@ -82,10 +84,10 @@ class CodecTraining(NetworkTraining):
 
 
 def batch_of(pictures: Sequence[Picture]) -> Pictures:
-    """Pictures of one size as networks take them, in [0, 1]."""
+    """A batch, in [0, 1], of pictures of equal size."""
     return picture_to_tensor(np.stack(pictures)).permute(0, 3, 1, 2).contiguous()
 
 
 def rounded(pictures: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """As files hold them, clamped and in 256 steps; gradients pass as if nothing had been done to the pictures."""
+    """Clamp to [0, 1] and round to multiples of 1/255, as files do, with a straight-through gradient."""
     return pictures + ((pictures.clamp(0, 1) * 255).round() / 255 - pictures).detach()

@@ -1,4 +1,4 @@
-"""The photos of captures as a codec or a decoder learns from them: all in memory, none too large for that."""
+"""The photos of captures from which a codec or decoder learns: all in memory, reduced so that they fit."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from stages.scene.scene import TEST_VIEW_EVERY
 
 
 def read_photos(capture: Artifact, among: Collection[str] | None = None, longest: int = LONGEST_SIDE) -> list[Picture]:
-    """The photos of a capture, in their order: all, or those of these names; reduced to a side of `longest`."""
+    """The photos of a capture in its order, or only those `among` these names, with sides of at most `longest`."""
     names = [name for name in read_capture(capture).names if among is None or name in among]
     return [no_larger(read_picture(picture_path(capture, name)), longest) for name in names]
 
 
 def parted(photos: Sequence[Picture]) -> tuple[list[Picture], list[Picture]]:
-    """A capture's photos: those to learn from, and every eighth, the first among them, which is held out."""
+    """Split a capture's photos into those to learn from, and every eighth, from the first on, to be held out."""
     return [photo for row, photo in enumerate(photos) if row % TEST_VIEW_EVERY], [*photos[::TEST_VIEW_EVERY]]
 
 
 def learnt_photos(
     captures: Sequence[Artifact], shipped: Sequence[str], longest: int = LONGEST_SIDE
 ) -> list[list[Picture]]:
-    """The captures' photos but those that are held out, and those that packages ship, by their names.
+    """The captures' photos without the held-out ones, and the photos of these names that packages ship.
 
-    A list for each scene: a capture is one, and so is a shipped photo.
+    One list per scene: a capture is a scene, and so is a shipped photo.
     """
     of_captures = [parted(read_photos(capture, longest=longest))[0] for capture in captures]
     return of_captures + [[read_photo(name, longest)] for name in shipped]

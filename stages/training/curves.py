@@ -1,4 +1,4 @@
-"""A training's curves: loss, PSNR of the training views and the number of Gaussians, a point for each stretch."""
+"""A training's curves: loss, PSNR of the training views and the number of Gaussians, one point per stretch."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LOSS = "loss"
 
 @dataclass(frozen=True)
 class Point:
-    """Means over the stretch that ends with `iteration`: the loss, and the PSNR in dB of each picture by its name."""
+    """Means over the stretch that ends with `iteration`: the loss, and the PSNR in dB of each picture by name."""
 
     iteration: int
     gaussians: int
@@ -23,7 +23,7 @@ class Point:
 
 
 class Curves:
-    """`points` so far, about a hundred in a whole training, and the figures of each iteration since the last."""
+    """The `points` so far, about a hundred in a whole training, and each iteration's figures since the last one."""
 
     def __init__(self, iterations: int, terms: Sequence[PictureTerm], method: str):
         self.iterations = iterations
@@ -34,18 +34,18 @@ class Curves:
         self.stretch: list[Mapping[str, float]] = []
 
     def add(self, iteration: int, figures: Mapping[str, float], gaussians: int) -> None:
-        """One iteration's `loss`, and the mean squared error of each picture by its name."""
+        """Add one iteration's `loss`, and each picture's mean squared error by its name."""
         self.stretch.append(figures)
         if iteration % self.every == 0 or iteration == self.iterations:
             self.points.append(self._point(iteration, gaussians))
             self.stretch = []
 
     def newest(self, iteration: int, gaussians: int) -> Point:
-        """The last point; before the first, what it would be after the iterations so far."""
+        """The last point; before the first, the means over the iterations so far."""
         return self.points[-1] if self.points else self._point(iteration, gaussians)
 
     def rows(self) -> list[MetricRow]:
-        """The points as rows of figures, in their order."""
+        """The points as rows of metrics, in order."""
         return [row for point in self.points for row in self._rows(point)]
 
     def _point(self, iteration: int, gaussians: int) -> Point:

@@ -1,4 +1,4 @@
-"""The tuning of the watermark decoder D_w: the second half of RTWS (the paper's appendix A, Eq. 8)."""
+"""Tuning the watermark decoder D_w: the second half of RTWS (the paper's appendix A, Eq. 8)."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from stages.training.network import NetworkTraining
 
 RENDERS, PHOTOS = "watermark in renders", "black in photos"
 CLEAN, OTHERS = "black in clean renders", "black in other photos"
-"""The errors: I_pred that should show W_cop, I_gt that should show black, and what the paper does not ask for."""
+"""The errors: I_pred should show W_cop, I_gt should show black; the other two are not in the paper."""
 
 
 @dataclass(frozen=True)
 class TuningSettings:
-    """Each of `iterations` steps sees `batch` renders with the watermark, as many windows of other photos, and one
-    picture of every other kind.
+    """Settings of `DecoderTuning`.
 
-    `tinted`: each after a random tint; `distorted`: after a random distortion, or none. `black_weight` is that of every
-    kind that should show black, beside that of renders. Every window of other photos is the one of `hardest_of` in
-    which the decoder sees most (online hard example mining: Shrivastava et al., 2016).
+    Each of `iterations` steps uses `batch` renders with the watermark, as many windows of other photos, and one picture
+    of each other kind. `tinted` applies a random tint to each picture, `distorted` a random distortion or none.
+    `black_weight` is the weight of each kind that should show black; that of renders is 1. Each window of other photos
+    is the one of `hardest_of` in which the decoder shows most (online hard example mining: Shrivastava et al., 2016).
     """
 
     iterations: int
@@ -43,12 +43,12 @@ class TuningSettings:
 
 
 class DecoderTuning(NetworkTraining):
-    """`pictures` by the names of their errors, all of one size: renders, photos, and what else should show black. They
-    are on the CPU, the codec wherever it is.
+    """Tunes the decoder of `codec` to show `watermark` in renders and black in everything else.
 
-    Each kind goes through its pictures in random orders of its own. `others`, of any size, should show black, too: they
-    are lists of photos, of each of which as many random windows are drawn as of any other list, recoloured and
-    distorted whatever the settings are: they stand for all pictures.
+    `pictures`, by the names of their errors, are all of one size: renders, photos, and whatever else should show black.
+    They are on the CPU, the codec on any device. Each kind is traversed in random orders of its own. `others` are lists
+    of photos of any size that should show black, too; each list is drawn from equally often. Their random windows are
+    always recoloured and distorted, whatever the settings: they stand for all other pictures.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class DecoderTuning(NetworkTraining):
         self.settings = settings
 
     def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
-        """ℓ_cop (Eq. 8), its two terms apart, as means over pixels; and the same for what else is black."""
+        """The two terms of ℓ_cop (Eq. 8) as means over pixels, and the same for other kinds that should show black."""
         generator = np.random.default_rng((self.settings.seed, iteration))
         errors = {
             kind: torch.stack([self._error(picture, kind == RENDERS) for picture in pictures]).mean()
@@ -115,12 +115,12 @@ class DecoderTuning(NetworkTraining):
 
 
 def tinted(picture: Float[Tensor, "H W 3"], generator: np.random.Generator) -> Float[Tensor, "H W 3"]:
-    """The picture, or its gradients, through a random tint; not clamped."""
+    """Apply a random tint, with gradients; not clamped."""
     gains, shifts = random_tint(generator)
     return picture * torch.from_numpy(gains).to(picture.device) + torch.from_numpy(shifts).to(picture.device)
 
 
 def decoded(codec: WatermarkCodec, picture: Picture) -> Float[Tensor, "H W 3"]:
-    """D_w of one 8-bit picture of even sides, unclamped, on the codec's device."""
+    """Run D_w on one 8-bit picture with even sides; the result is unclamped, on the codec's device."""
     values = picture_to_tensor(picture, codec.device).permute(2, 0, 1)[None]
     return codec.watermark_decoder(values)[0].permute(1, 2, 0)

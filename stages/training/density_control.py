@@ -1,4 +1,4 @@
-"""Adaptive density control (3DGS, section 5.2): clone and split where the picture pulls, prune what is not seen."""
+"""Adaptive density control (3DGS, section 5.2): clone and split where gradients are large, prune what is not seen."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from stages.training.optimizer import GaussianOptimizer
 
 CHILDREN = 2
 CHILD_SHRINKAGE = 0.8 * CHILDREN
-"""A split Gaussian's children are 1.6 times smaller."""
+"""The children of a split Gaussian are 1.6 times smaller."""
 
 RESET_OPACITY = 0.01
 
 
 @dataclass(frozen=True)
 class DensitySettings:
-    """3DGS's thresholds, as its code acts.
+    """3DGS's thresholds, as its code applies them.
 
     `gradient_threshold`: mean screen-space gradient, in normalised device coordinates, above which a Gaussian is
-    refined; `dense_fraction`: of the rig's extent, below which it is cloned and above which it is split;
-    `smallest_opacity`: pruned below; `largest_fraction` of the extent: pruned above, once an opacity reset has passed;
-    `maximum_gaussians`: no more than these, the strongest gradients first; a bound that 3DGS does not have.
+    refined; `dense_fraction` of the rig's extent: scale up to which it is cloned, and above which it is split;
+    `smallest_opacity`: below it, Gaussians are pruned; `largest_fraction` of the extent: scale above which they are
+    pruned after the first opacity reset; `maximum_gaussians`: a bound on their number, which 3DGS does not have. Those
+    with the largest gradients are refined first.
 
-    Its code also compares radii on the screen with 20 pixels, but has just set them to zero: nothing was ever pruned by
-    that, in its paper neither, as its authors say (issues 123 and 643 of their repository). To do it costs a scene
-    most of its Gaussians.
+    3DGS's code also compares radii on the screen with 20 pixels, but sets them to zero just before. So this never
+    pruned anything, in its paper neither, as its authors say (issues 123 and 643 of their repository). Pruning by that
+    radius would cost a scene most of its Gaussians.
     """
 
     gradient_threshold: float = 2e-4
@@ -41,13 +42,13 @@ class DensitySettings:
 
 
 class DensityControl:
-    """Gathers what the rasterizer says between two refinements, then refines.
+    """Accumulates the rasterizer's statistics between two refinements, then refines.
 
-    `limited`: whether the bound on Gaussians has kept any from being refined so far.
+    `limited`: whether the bound on Gaussians has prevented any refinement so far.
     """
 
     def __init__(self, settings: DensitySettings, extent: float, count: int, device: torch.device | str = "cpu"):
-        """Of `count` Gaussians on a device, where what is gathered is kept."""
+        """Start without statistics for `count` Gaussians on `device`, where statistics are kept."""
         self.settings = settings
         self.extent = extent
         self.device = device
@@ -59,10 +60,10 @@ class DensityControl:
         self.views_seen = torch.zeros(count, device=self.device)
 
     def observe(self, rendering: Rendering, width: int, height: int) -> None:
-        """Add one view's screen-space gradients (after backward); 3DGS measures them in device coordinates.
+        """Add one view's screen-space gradients, after backward, in normalised device coordinates as in 3DGS.
 
-        Seen is what reaches a pixel, and not, as in 3DGS, whatever a tile's worth of its rectangle lies in the picture:
-        at the edges fewer views count, and dilute the mean gradient less.
+        A Gaussian counts as seen if it reaches a pixel. In 3DGS, its rectangle only has to overlap a tile of the
+        picture. So fewer views count for Gaussians at the edges, and dilute the mean gradient less.
         """
         gradient = rendering.means2d.grad
         if gradient is None:
@@ -73,13 +74,13 @@ class DensityControl:
         self.views_seen += visible
 
     def refine(self, optimizer: GaussianOptimizer, prune_large: bool, generator: torch.Generator) -> None:
-        """Clone small and split large Gaussians with strong gradients, prune transparent and overgrown ones.
+        """Clone small and split large Gaussians with large gradients, and prune transparent and overgrown ones.
 
-        `generator` is one of the CPU's on every device, so that a seed draws the same numbers on all of them.
+        `generator` is on the CPU, whatever the device, so that a seed gives the same numbers on all devices.
 
-        (3DGS prunes afterwards, and so copies and children of a transparent one with it, and children that are still
-        overgrown. Here these stay until the next time, and the last ones for good: of the fox's 60,000 in 1,000
-        iterations that were four.)
+        (3DGS prunes after cloning and splitting, including copies and children of a transparent Gaussian, and children
+        that are still overgrown. Here, these remain until the next refinement, and after the last one for good: for the
+        fox, that was 4 of 60,000 Gaussians in 1,000 iterations.)
         """
         gaussians = optimizer.gaussians
         with torch.no_grad():
@@ -99,7 +100,7 @@ class DensityControl:
         self._forget(len(gaussians))
 
     def reset_opacity(self, optimizer: GaussianOptimizer) -> None:
-        """Lower every opacity to at most 0.01, so that what is not needed does not come back."""
+        """Lower every opacity to at most 0.01: Gaussians that are needed recover, the others can be pruned."""
         logits = optimizer.gaussians["logit_opacities"].detach()
         ceiling = torch.logit(logits.new_tensor(RESET_OPACITY))
         optimizer.overwrite("logit_opacities", logits.clamp_max(ceiling))
@@ -123,7 +124,7 @@ class DensityControl:
 
 
 def _children(gaussians: Gaussians, parents: Int[Tensor, " P"], generator: torch.Generator) -> dict[str, Tensor]:
-    """Two Gaussians drawn from each parent's own density, 1.6 times smaller, with the parent's other attributes."""
+    """Two Gaussians sampled from each parent's density, 1.6 times smaller, with the parent's other attributes."""
     rows = parents.repeat(CHILDREN)
     children = {name: tensor.detach()[rows] for name, tensor in gaussians.parameters.items()}
     drawn = torch.randn(len(rows), 3, generator=generator).to(gaussians.device)

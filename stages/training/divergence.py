@@ -1,4 +1,4 @@
-"""A training that has lost its way ends at once, and not with a result of which nothing is a number."""
+"""Stopping a diverged training at once, instead of returning a result of NaN."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pipeline.errors import UserError
 
 
 def refuse_divergence(loss: float, iteration: int) -> None:
-    """Raise `UserError` for a loss that is NaN or infinite; `iteration` counts from 1."""
+    """Raise `UserError` if the loss is NaN or infinite; `iteration` counts from 1."""
     if not math.isfinite(loss):
         raise UserError(
             "the training has diverged",

@@ -1,4 +1,4 @@
-"""Fine-tuning of what Gaussians look like, and of nothing else: the first half of RTWS (the paper's appendix A)."""
+"""Fine-tuning only the appearance of Gaussians: the first half of RTWS (the paper's appendix A)."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ from stages.training.objectives import FixedView, PictureTerm
 def half_watermarked(
     views: TrainingViews, codec: WatermarkCodec, watermark: Float[Tensor, "H W 3"], seed: int
 ) -> tuple[TrainingViews, tuple[int, ...]]:
-    """The views with the watermark in the cover's pictures of a random half of them, and the rows of these, in order.
+    """Watermark the cover's pictures of a random half of the views; also return the rows of these views, ascending.
 
-    Of an odd number of views, the smaller half. The rest, messages among it, is shared with `views`. The codec is where
-    the watermark is, pictures stay on the CPU.
+    With an odd number of views, it is the smaller half. All else, including messages, is shared with `views`. `codec`
+    and `watermark` must be on the same device; pictures stay on the CPU.
 
-    The paper mixes photos with and without the watermark "in a 50% ratio"; both of every view would fit that as well.
+    The paper mixes photos with and without the watermark "in a 50% ratio"; using both versions of every view would fit
+    that description as well.
     """
     count = len(views.cameras)
     chosen = np.random.default_rng(seed).permutation(count)[: count // 2]
@@ -50,7 +51,7 @@ def watermarked(
 
 @dataclass(frozen=True)
 class FeatureRates:
-    """Adam's learning rate of f_i, which falls to `final_share` of itself."""
+    """Adam's learning rate of f_i, which decays to `final_share` of itself."""
 
     features: float
     final_share: float
@@ -66,15 +67,15 @@ def feature_training(
     seed: int,
     fixed: Sequence[FixedView] = (),
 ) -> Training:
-    """A training that changes f_i alone, or the spherical harmonics of methods without features.
+    """A training that changes only f_i, or the spherical harmonics of methods without features.
 
-    With learning rates of 0, Adam leaves positions, shapes and opacities as they are to the last bit. A container's
-    own networks come from `read_method`, which freezes them. No Gaussian is added or removed. Harmonics learn in the
-    proportions of 3DGS's own rates, the constant one as fast as f_i would.
+    With learning rates of 0, Adam leaves positions, shapes and opacities unchanged to the last bit. A container's own
+    networks come from `read_method`, which freezes them. No Gaussian is added or removed. Harmonics keep the ratio of
+    3DGS's learning rates; the constant one gets the rate of f_i.
     """
     settings = TrainingSettings(
         iterations=iterations,
-        extent=1.0,  # scales positions' rate alone
+        extent=1.0,  # only scales the positions' learning rate
         seed=seed,
         attribute_rates={**dict.fromkeys(GEOMETRY, 0.0), **attribute_rates(method, rates.features)},
         network_rate=0.0,
@@ -86,9 +87,9 @@ def feature_training(
 
 
 def refuse_unknown_attributes(gaussians: Gaussians, method: Method, stage: str) -> None:
-    """Raise `UserError` where Gaussians hold attributes that the method, as `stage` was given it, knows nothing of.
+    """Raise `UserError` if the Gaussians have attributes that the method, as given to `stage`, does not know.
 
-    So it is with those of the messages of 3DGS+SH where the secret, which names them, is not given.
+    This happens for containers of 3DGS+SH if the secret, which names their messages, is not given.
     """
     unknown = gaussians.attributes.keys() - method.learning_rates.keys()
     if unknown:
@@ -101,6 +102,6 @@ def refuse_unknown_attributes(gaussians: Gaussians, method: Method, stage: str) 
 
 
 def attribute_rates(method: Method, rate: float) -> dict[str, float]:
-    """`rate` for the attribute of the method that learns fastest, and for the others as much less as by themselves."""
+    """Scale the method's learning rates so that the largest equals `rate`."""
     fastest = max(method.learning_rates.values())
     return {name: rate * own / fastest for name, own in method.learning_rates.items()}

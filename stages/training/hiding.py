@@ -1,4 +1,4 @@
-"""What hiding scenes and hiding an image have in common: their parameters, and the training that follows from them."""
+"""What hiding scenes and hiding an image have in common: their parameters, and the training that they define."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ from stages.training.starting_points import GREY, Points, starting_points
 
 
 class HidingParameters(TrainingParameters):
-    """The paper's symbols: M is `feature_dim`, λ `lambda_message`, γ and β the two SSIM weights.
+    """The paper's symbols: M is `feature_dim`, λ is `lambda_message`, γ and β are the two SSIM weights.
 
-    What is null or left out is the method's own: of its `PRESETS`, and else the default. Defaults of λ, M, layers, γ
-    and β are the paper's; those of rates and of how features start are ours, and
+    A parameter that is null or left out takes the method's `PRESETS`, or else the default. Defaults of λ, M, layers, γ
+    and β are the paper's. Those of learning rates and initial features are ours;
     `workflows/profiles/released_code.yaml` has the released code's.
     """
 
@@ -133,7 +133,7 @@ class HidingParameters(TrainingParameters):
         return stated
 
     def build_method(self, messages: Sequence[str], key: Artifact | None) -> Method:
-        """The method for these messages, its networks' first weights drawn from the key; without one from `seed`."""
+        """Build the method for these messages; its initial weights follow from the key, or else from `seed`."""
         settings = self.model_dump(include=set(settings_of(self.method))) | self.own_settings
         with torch.random.fork_rng():
             torch.manual_seed(self.seed if key is None else int(generator_apart(key, "building").integers(2**32)))
@@ -154,12 +154,14 @@ def hiding_training(
     message_points: int = 0,
     fixed: Sequence[FixedView] = (),
 ) -> Training:
-    """A training from the first iteration: Gaussians at the cover's sparse points and at `message_points` of each
-    message that is `placed` in its world. Those of other messages are grey at first. All is made on the CPU, so that a
-    seed means the same everywhere, and then moved to where stages work.
+    """A new training, which starts from the cover's sparse points and the messages' points.
 
-    Raises `UserError` where `initial_features` are zeros and the method has other attributes than features, and where
-    decoders that start by showing colours are too narrow for those of all messages.
+    Each message that is `placed` in the cover's world contributes up to `message_points` Gaussians; other messages
+    start grey everywhere. Everything is created on the CPU, so that a seed has the same effect everywhere, and then
+    moved to the working device.
+
+    Raises `UserError` if `initial_features` is zeros and the method has attributes other than features, and if decoders
+    that start by showing colours are too narrow for all messages.
     """
     method = parameters.build_method(messages, key)
     points, colors = starting_points(cover, placed or {}, parameters.start(message_points))
@@ -178,9 +180,11 @@ def hiding_training(
 
 
 def _draw_weights(method: Method, key: Artifact) -> None:
-    """The first weights of every layer anew, as far as it can draw them by itself. Of a seed torch heeds 32 bits, which
-    can be tried one by one on the public scene decoder: each layer has one of its own, so that none tells of the
-    message decoder's. What else a method draws as it is built follows from the key by one such seed.
+    """Draw the initial weights of every layer that has `reset_parameters` from the key, each from a seed of its own.
+
+    torch only uses 32 bits of a seed, which could be found from the public scene decoder by brute force; with separate
+    seeds, this reveals nothing about the message decoder's weights. What else a method draws while it is built depends
+    on a single such seed from the key.
     """
     generator = generator_apart(key, "weights")
     for network in method.networks.values():

@@ -1,10 +1,10 @@
-"""An imprint: Gaussians' features and a watermark decoder that are tuned together until renders show the watermark.
+"""Imprinting: Gaussians' features and a watermark decoder are optimised jointly until renders show the watermark.
 
-RTWS (the paper's appendix A) fits Gaussians to watermarked photos and tunes the decoder afterwards; what such photos
-carry hardly reaches the Gaussians. WateRF (Jang et al., CVPR 2024) and those after it send the gradient of a decoder
-through renders to what is rendered. Here the decoder learns at the same time, and it learns to show black for renders
-from before, too. Features start with a coarse grain, which a decoder soon tells. Then the grain fades, and what it may
-change renders by becomes less and less, while both adapt.
+RTWS (the paper's appendix A) fits Gaussians to watermarked photos and tunes the decoder afterwards; hardly anything of
+the watermark reaches the Gaussians. WateRF (Jang et al., CVPR 2024) and its successors propagate a decoder's gradient
+through renders to the scene representation. Here, the decoder learns at the same time, and also learns to show black
+for renders from before. Features start with a coarse grain, which a decoder soon detects. Then the grain fades and the
+bound on changes of renders decreases, while features and decoder adapt.
 """
 
 from __future__ import annotations
@@ -36,12 +36,13 @@ from stages.training.schedules import decayed
 
 @dataclass(frozen=True)
 class ImprintSettings:
-    """Each of `iterations` steps sees one training view and one picture of every kind without the watermark.
+    """Each of `iterations` steps uses one training view, and one picture of each kind without the watermark.
 
-    Levels are root mean squares, of 255: no view's cover may differ by more from what it was. That is `first_level` to
-    begin with, and falls exponentially to `level` in the first `settling_share` of the steps; a message may differ by
-    `message_level`. `feature_rate` and `decoder_rate` are Adam's first learning rates, which fall to `final_rate_share`
-    of themselves. `distorted`: pictures are distorted at random before they are read, beyond their tint.
+    Levels are root mean square differences, in levels of 255. No view's cover may differ by more from its earlier state
+    than a bound that starts at `first_level` and decays exponentially to `level` over the first `settling_share` of the
+    steps; a message may differ by `message_level`. `feature_rate` and `decoder_rate` are Adam's initial learning rates,
+    which decay to `final_rate_share` of themselves. `distorted` adds random distortions, besides the tint, before
+    pictures are decoded.
     """
 
     iterations: int
@@ -58,11 +59,11 @@ class ImprintSettings:
 
 @dataclass(frozen=True)
 class ImprintPictures:
-    """What an imprint learns from, T training views.
+    """The pictures that an imprint learns from, for T training views.
 
-    `before` has the pictures of these views that must stay nearly as they are, the cover's among them; `image` the one
-    view that hides an image, likewise. `photos` are the training views' own; `others` have any size, `watermark` has
-    that of the views.
+    `before` holds the pictures of these views that must stay nearly unchanged, including the cover's; `image` likewise
+    the single view that hides an image. `photos` are those of the training views; `others` may have any size;
+    `watermark` has the size of the views.
     """
 
     before: TrainingViews
@@ -73,7 +74,7 @@ class ImprintPictures:
 
 
 class Imprint(torch.nn.Module):
-    """All that learns: the decoder, and those attributes of the Gaussians that say what they look like."""
+    """All that is optimised: the decoder, and the Gaussians' appearance attributes."""
 
     def __init__(self, codec: WatermarkCodec, attributes: Mapping[str, Float[Tensor, "N ..."]]):
         super().__init__()
@@ -84,9 +85,10 @@ class Imprint(torch.nn.Module):
 
 
 class Imprinting(NetworkTraining):
-    """`gaussians`, which begin with a grain of the first level, become those with the imprint; `codec`, which expects
-    the watermark, becomes their decoder. `clean` are the Gaussians without the grain. Geometry, opacities and the
-    method's own networks stay as they are. All of these are on one device, pictures on the CPU.
+    """Imprints a watermark on `gaussians`, which must have a grain of the first level, and tunes `codec` to read it.
+
+    `codec` must expect the watermark (`WatermarkCodec.expect`). `clean` are the Gaussians without the grain. Geometry,
+    opacities and the method's own networks do not change. All of these are on one device, pictures on the CPU.
     """
 
     def __init__(
@@ -111,7 +113,7 @@ class Imprinting(NetworkTraining):
         super().__init__(self.imprint, weights, settings.iterations, rate, rate * settings.final_rate_share)
 
     def parameter_groups(self) -> list[dict[str, Any]]:
-        """The decoder, and each attribute at its own share of the rate."""
+        """The decoder, and each attribute with its own share of the learning rate."""
         rates = attribute_rates(self.method, self.settings.feature_rate)
         groups: list[dict[str, Any]] = [{"params": list(self.imprint.codec.parameters())}]
         for name, attribute in self.imprint.attributes.items():
@@ -120,22 +122,23 @@ class Imprinting(NetworkTraining):
         return groups
 
     def allowed(self, name: str, progress: float) -> float:
-        """The level by which a picture may differ from what it was, when `progress` in (0, 1] is done."""
+        """The level by which a picture may differ from its earlier state at `progress` in (0, 1]."""
         settings = self.settings
         if name != COVER:
             return settings.message_level
         return decayed(settings.first_level, settings.level, min(1.0, progress / settings.settling_share))
 
     def weighed(self, name: str, error: Float[Tensor, ""], progress: float) -> Float[Tensor, ""]:
-        """What is shown counts as it is; what pictures differ by, only beyond what is allowed, and as a share of it."""
+        """Weigh decoder errors as usual; changes of pictures count by their relative excess over what is allowed."""
         if name not in self.kept:
             return self.weights[name] * error
         return (error / (self.allowed(name, progress) / 255) ** 2 - 1).relu()
 
     def step(self) -> None:
-        """One step, after which all that the features were changed by fades as the level falls.
+        """Take one step, then shrink all changes of the features in proportion to the falling level.
 
-        Also that of Gaussians which no training view shows: nothing else would, and new views would show their grain.
+        This includes Gaussians that no training view shows: nothing else would fade them, and new views would show
+        their grain.
         """
         super().step()
         last, before = (self.allowed(COVER, done / self.iterations) for done in (self.iteration, self.iteration - 1))
@@ -144,8 +147,10 @@ class Imprinting(NetworkTraining):
                 attribute.copy_(self.clean[name].lerp(attribute, last / before))
 
     def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
-        """Mean squares: what pictures differ by from what they were, and what the decoder shows from what it should
-        (Eq. 8, with more kinds of pictures)."""
+        """Mean squared errors of pictures against their earlier states, and of decoder outputs against their targets.
+
+        The latter are Eq. 8 with more kinds of pictures.
+        """
         generator = np.random.default_rng((self.settings.seed, iteration))
         before = self.pictures.before
         row, photo, clean = (int(drawn) for drawn in generator.integers(len(before.cameras), size=3))
@@ -158,13 +163,13 @@ class Imprinting(NetworkTraining):
         return errors
 
     def _changed(self, before: TrainingViews, row: int) -> tuple[Mapping[str, Tensor], dict[str, Float[Tensor, ""]]]:
-        """The pictures of one view as they are now, and how far they are from what they were."""
+        """The current pictures of one view, and their mean squared differences from their earlier states."""
         truths = before.truths(row, self.device)
         pictures = self.method.render(self.gaussians, before.cameras[row], 1.0, [*truths]).pictures
         return pictures, {name: (pictures[name] - truth).square().mean() for name, truth in truths.items()}
 
     def _without(self, photo: int, clean: int, generator: np.random.Generator) -> dict[str, Picture]:
-        """One picture of every kind that must show black."""
+        """One picture of each kind that must show black."""
         pictures = {PHOTOS: self.pictures.photos[photo], CLEAN: self.pictures.before.pictures[COVER][clean].numpy()}
         if OTHERS in self.black:
             other = self.pictures.others[int(generator.integers(len(self.pictures.others)))]
@@ -175,7 +180,7 @@ class Imprinting(NetworkTraining):
     def _shown(
         self, picture: Float[Tensor, "H W 3"], generator: np.random.Generator, watermark: Picture | None = None
     ) -> Float[Tensor, ""]:
-        """How far what the decoder shows is from the watermark, or from black."""
+        """The mean squared error of the decoder's output against the watermark, or against black."""
         read = self._as_read(picture, generator)
         shown = self.imprint.codec.watermark_decoder(read.permute(2, 0, 1)[None])[0].permute(1, 2, 0)
         if watermark is None:
@@ -184,9 +189,10 @@ class Imprinting(NetworkTraining):
         return (shown - expected).square().mean()
 
     def _as_read(self, picture: Float[Tensor, "H W 3"], generator: np.random.Generator) -> Float[Tensor, "h w 3"]:
-        """Tinted, or the imprint would be a tint, which all see; in 8 bits; and distorted where that is wanted.
+        """Tint the picture, round it to 8 bits, and distort it if required.
 
-        Gradients pass as if nothing had been done but the tint.
+        Without the tint, the imprint would become a tint itself, which everyone sees. Only the tint has a gradient of
+        its own; rounding and distortions that keep the size are straight-through.
         """
         picture = tinted(picture, generator)
         if not self.settings.distorted:

@@ -1,4 +1,4 @@
-"""The one optimisation loop: plain 3DGS, hiding and fine-tuning differ only in their method and objective."""
+"""The common optimisation loop: plain 3DGS, hiding and fine-tuning differ only in their method and objective."""
 
 from __future__ import annotations
 
@@ -35,28 +35,29 @@ LOSS = "loss"
 class TrainingViews:
     """T views to learn from: a camera each, and T pictures for every name that the objective compares.
 
-    All on the CPU, wherever the training is: of large pictures only those of one view need room on a GPU. They may
-    share the memory of what they were read from.
+    All are on the CPU, wherever the training runs: a GPU only needs room for the pictures of one view. They may share
+    memory with what they were read from.
     """
 
     cameras: tuple[Camera, ...]
     pictures: Mapping[str, Sequence[UInt8[Tensor, "H W 3"]]]
 
     def truths(self, view: int, device: torch.device | str = "cpu") -> dict[str, Tensor]:
-        """The pictures of one view on a device, float32 in [0, 1]. They go there as bytes, a quarter as many."""
+        """The pictures of one view on a device, float32 in [0, 1]. They are moved as bytes, a quarter of the data."""
         return {name: pictures[view].to(device).float() / 255 for name, pictures in self.pictures.items()}
 
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """Constants of 3DGS; `extent` of the rig scales positions' learning rate. `density` None keeps all Gaussians.
+    """3DGS's constants. The rig's `extent` scales positions' learning rate; `density` None keeps the Gaussians' number.
 
-    Schedules are 3DGS's, scaled to the first `schedule_share` of the iterations; later ones keep the last rates.
-    `attribute_rates` replace the method's own learning rates; they and `network_rate` fall exponentially to
-    `final_rate_share` of themselves. `averaging` is the decay of the averages that the training ends with; 0: none.
-    `opacity_weight` and `scale_weight` are those of the prior. One on opacities holds them down all the time, in place
-    of 3DGS's resets, as in 3DGS-MCMC: what a reset has made transparent could not climb back against it. What
-    `goes_on` from Gaussians that were trained shows all degrees of their harmonics from its first iteration on.
+    Schedules are 3DGS's, scaled to the first `schedule_share` of the iterations; later iterations keep the last rates.
+    `attribute_rates` replace the method's own learning rates; they and `network_rate` decay exponentially to
+    `final_rate_share` of themselves. `averaging` is the decay of the averages that replace the final values; 0 for
+    none. `opacity_weight` and `scale_weight` are those of the prior. A prior on opacities lowers them all the time, in
+    place of 3DGS's resets, as in 3DGS-MCMC: Gaussians made transparent by a reset could not recover against it. With
+    `goes_on`, for Gaussians that are already trained, all degrees of their harmonics are in use from the first
+    iteration on.
     """
 
     iterations: int
@@ -79,19 +80,19 @@ class TrainingSettings:
 
     @property
     def scheduled(self) -> int:
-        """The iterations to which schedules are scaled."""
+        """The number of iterations to which schedules are scaled."""
         return max(1, round(self.schedule_share * self.iterations))
 
 
 Observer = Callable[[], None]
-"""Called after every iteration, when nothing is half done."""
+"""Called after every iteration, when the state is consistent."""
 
 
 class Training:
-    """A training under way: Gaussians, networks, their optimizers, and every source of randomness.
+    """A training in progress: Gaussians, networks, their optimizers, and every source of randomness.
 
-    It works on the device of its Gaussians, where the method's networks must be, too; only what is drawn at random is
-    drawn on the CPU. `state` takes and sets all of it that changes: what is added here belongs there, too.
+    It runs on the device of its Gaussians, where the method's networks must be, too; only random numbers are drawn on
+    the CPU. `state` saves and restores everything that changes: whatever is added here must be added there.
     """
 
     def __init__(
@@ -136,9 +137,9 @@ class Training:
         return Adam(weights, lr=self.settings.network_rate, fused=True) if weights else None
 
     def step(self, iteration: int) -> dict[str, float]:
-        """One view, one step; `iteration` counts from 1. Returns the loss and each picture's squared error.
+        """Take one step on one view; `iteration` counts from 1. Returns the loss and each picture's mean squared error.
 
-        Raises `UserError` where the loss is no number: nothing comes of such a training.
+        Raises `UserError` if the loss is NaN or infinite.
         """
         settings = self.settings
         progress = min(1.0, iteration / settings.scheduled)
@@ -164,19 +165,19 @@ class Training:
         return figures
 
     def _penalties(self) -> list[Float[Tensor, ""]]:
-        """What the loss holds beside pictures, for all training views together: the method's, and the prior."""
+        """The loss terms other than pictures, for all training views together: the method's penalty and the prior."""
         settings = self.settings
         weighed = prior(self.gaussians, settings.opacity_weight, settings.scale_weight, settings.extent)
         return [penalty for penalty in (self.method.penalty(self.gaussians), weighed) if penalty is not None]
 
     def _seen(self, view: FixedView, progress: float) -> Compared:
-        """What a fixed camera sees now. Where Gaussians are added is left to the views that are drawn."""
+        """Render what a fixed camera sees. Only the sampled views determine where density control adds Gaussians."""
         with part(ACTIVATIONS):
             rendering = self.method.render(self.gaussians, view.camera, progress, [view.term.picture])
         return Compared(view.term, rendering.pictures[view.term.picture], view.truth.float() / 255)
 
     def _set_learning_rates(self, progress: float) -> None:
-        """Positions slow down as in 3DGS; so do `attribute_rates` and networks, down to `final_rate_share`."""
+        """Decay positions' rate as in 3DGS, and those of `attribute_rates` and networks down to `final_rate_share`."""
         settings = self.settings
         position_rate = decayed(settings.position_rate, settings.final_position_rate, progress)
         self.optimizer.set_learning_rate("means", position_rate * settings.extent)
@@ -187,8 +188,10 @@ class Training:
             self.network_optimizer.param_groups[0]["lr"] = settings.network_rate * share
 
     def _update(self, iteration: int, rendering: Rendering, camera: Camera) -> None:
-        """Adam, then density control. 3DGS refines and resets first, which voids Adam's step there: of all Gaussians at
-        each refinement, of opacities at each reset; and it takes no step at the last iteration.
+        """Adam's step, then density control.
+
+        3DGS refines and resets first. That voids Adam's step, for all Gaussians at each refinement and for opacities at
+        each reset; it also takes no step in the last iteration.
         """
         if self.density is not None and iteration <= self.schedule.stop:
             with part(DENSITY_CONTROL):
@@ -210,7 +213,7 @@ class Training:
             density.reset_opacity(self.optimizer)
 
     def run(self, observe: Observer) -> list[MetricRow]:
-        """The iterations that are left; returns the training curves from the first one on."""
+        """Run the remaining iterations; returns the training curves from the first iteration on."""
         while self.iteration < self.settings.iterations:
             figures = self.step(self.iteration + 1)
             self.iteration += 1

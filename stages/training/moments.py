@@ -1,4 +1,4 @@
-"""What Adam remembers of each parameter, in a checkpoint and taken from one."""
+"""Saving and restoring Adam's state of each parameter in checkpoints."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from stages.training.adam import Adam
 
 
 def moments_of(adam: Adam | None, parameters: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Both moments and the count of steps of every parameter that has taken one, under the parameter's name.
+    """Both moments and the step count of every parameter that has taken a step, under the parameter's name.
 
-    Without an Adam there are none.
+    Empty without an Adam.
     """
     return {
         f"{name}/{moment}": tensor
@@ -24,7 +24,7 @@ def moments_of(adam: Adam | None, parameters: Mapping[str, Tensor]) -> dict[str,
 
 
 def set_moments(adam: Adam | None, parameters: Mapping[str, Tensor], tensors: Mapping[str, Tensor]) -> None:
-    """Has Adam go on with copies of what `moments_of` gave; other tensors may lie among these."""
+    """Make Adam continue with copies of what `moments_of` returned; `tensors` may hold others as well."""
     for name, parameter in parameters.items():
         found = {key.rpartition("/")[2]: tensor for key, tensor in tensors.items() if key.rpartition("/")[0] == name}
         if adam is not None and found:
@@ -32,8 +32,10 @@ def set_moments(adam: Adam | None, parameters: Mapping[str, Tensor], tensors: Ma
 
 
 def _laid_out_as(parameter: Tensor, tensor: Tensor) -> Tensor:
-    """A copy on the parameter's device and with its layout in memory, as Adam makes its moments; the count of steps,
-    which fused Adam wants there, too, has no layout."""
+    """A copy of Adam's state on the parameter's device and in its memory layout, as Adam creates it.
+
+    The step count has no layout; fused Adam needs it on that device, too.
+    """
     if tensor.shape != parameter.shape:
         return tensor.to(parameter.device, copy=True)
     return torch.empty_like(parameter, requires_grad=False).copy_(tensor)

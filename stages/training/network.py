@@ -1,7 +1,7 @@
-"""The training of a network on pictures: a watermark codec, or its decoder. Gaussians have a loop of theirs.
+"""Training a network on pictures: a watermark codec, or its decoder. Gaussians have a loop of their own.
 
-It goes on from its checkpoint to the bits that it would have made anyway: what a step draws follows from the seed and
-from the number of the step, so that no generator is part of the state.
+A training resumed from a checkpoint gives the same bits as an uninterrupted one: what a step draws follows from the
+seed and the number of the step, so that the state holds no generator.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from stages.training.schedules import decayed
 from stages.training.stretches import POINTS, decibels_of, stretch_of
 
 LARGEST_GRADIENT = 1.0
-"""Norm above which a gradient is shortened: the scales of couplings and their inverses are exponentials."""
+"""Norm to which gradients are clipped, since the scales of couplings and of their inverses are exponentials."""
 
 
 class NetworkTraining(ABC):
-    """A training under way. `weights` says which squared errors a step compares, and how each counts in its loss.
+    """A training in progress. `weights` names the squared errors that a step computes, and their weights in the loss.
 
-    Adam's learning rate falls exponentially from `rate` to `final_rate` over `iterations` steps; that of a group with
-    a `share` is so much of it.
+    Adam's learning rate decays exponentially from `rate` to `final_rate` over `iterations` steps; a parameter group's
+    `share`, if any, multiplies it.
     """
 
     def __init__(
@@ -49,15 +49,15 @@ class NetworkTraining(ABC):
 
     @property
     def iteration(self) -> int:
-        """How many steps were taken."""
+        """The number of steps taken."""
         return len(self.history)
 
     def parameter_groups(self) -> list[dict[str, Any]]:
-        """What Adam learns, as it takes it; each group's gradient is shortened by itself."""
+        """Adam's parameter groups; each group's gradient is clipped separately."""
         return [{"params": list(self.network.parameters())}]
 
     def weighed(self, name: str, error: Float[Tensor, ""], progress: float) -> Float[Tensor, ""]:
-        """What an error adds to the loss when `progress` in (0, 1] of the training is done."""
+        """The contribution of an error to the loss at `progress` in (0, 1] of the training."""
         return self.weights[name] * error
 
     @abstractmethod
@@ -65,7 +65,7 @@ class NetworkTraining(ABC):
         """The squared errors of one step, by the names of `weights`; `iteration` counts from 1."""
 
     def step(self) -> None:
-        """One step. Raises `UserError` where an error is no number: nothing comes of such a training."""
+        """Take one step. Raises `UserError` if an error is NaN or infinite."""
         iteration = self.iteration + 1
         progress = iteration / self.iterations
         rate = decayed(self.rate, self.final_rate, progress)
@@ -82,12 +82,12 @@ class NetworkTraining(ABC):
         refuse_divergence(sum(self.history[-1]), iteration)
 
     def decibels(self, first: int, last: int) -> dict[str, float]:
-        """The PSNR over steps `first` + 1 to `last` by the names of the errors; at least one step."""
+        """The PSNR in dB over steps `first` + 1 to `last`, at least one step, by the names of the errors."""
         means = np.mean(self.history[first:last], axis=0)
         return {name: decibels_of(mean) for name, mean in zip(self.weights, means, strict=True)}
 
     def curves(self) -> list[MetricRow]:
-        """About a hundred points of each error's curve, as PSNR; the error's name stands for a method's."""
+        """About a hundred points of each error's curve, as PSNR; the error's name is in the column `method`."""
         every = stretch_of(self.iterations)
         return [
             MetricRow("psnr", value, "dB", split="train", iteration=last, method=name)
@@ -96,14 +96,14 @@ class NetworkTraining(ABC):
         ]
 
     def state(self) -> State:
-        """All that changes. Arrays may share their memory with the training: save them before it goes on."""
+        """Everything that changes. Arrays may share memory with the training: save them before the next step."""
         tensors = {f"weights/{name}": tensor for name, tensor in self.network.state_dict().items()}
         tensors |= moments_of(self.adam, self._learnt())
         arrays = {name: tensor.detach().contiguous().cpu().numpy() for name, tensor in tensors.items()}
         return State({**arrays, "history": np.array(self.history, float).reshape(-1, len(self.weights))}, {})
 
     def set_state(self, state: State) -> None:
-        """Go on from a state of a training with the same inputs and settings, on the device that the network is on."""
+        """Continue from the state of a training with the same inputs and settings, on the network's device."""
         arrays = dict(state.arrays)
         self.history = arrays.pop("history").tolist()
         tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
@@ -115,9 +115,9 @@ class NetworkTraining(ABC):
 
 
 def train_network(context: Context, training: NetworkTraining) -> list[MetricRow]:
-    """All steps that are left, and the curves of all there were.
+    """Take all remaining steps, from the newest checkpoint if there is one; returns the curves of all steps.
 
-    Raises `Interrupted` where the engine asks to stop, with a checkpoint saved.
+    Raises `Interrupted` when the engine asks to stop, after saving a checkpoint.
     """
     checkpoints = Checkpoints(context, LIBRARIES, {"device": describe_drawing(working_device())})
     found = checkpoints.newest()

@@ -1,4 +1,4 @@
-"""Which pictures are compared, and with which weight: Eq. 6, Eq. 7 and their sum."""
+"""Which pictures are compared, and with which weights: Eq. 6, Eq. 7 and their sum."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stages.scene.cameras import Camera
 
 @dataclass(frozen=True)
 class PictureTerm:
-    """How one picture of a rendering counts: `weight` in the sum, `ssim_weight` (γ or β) inside its own loss."""
+    """One picture's part of the objective: `weight` in the sum, `ssim_weight` (γ or β) inside its own loss."""
 
     picture: str
     weight: float
@@ -34,14 +34,14 @@ class FixedView:
 
 @dataclass(frozen=True)
 class Compared:
-    """A picture as it is, unclamped, and as it should be, in [0, 1]."""
+    """A rendered picture, unclamped, and its ground truth in [0, 1]."""
 
     term: PictureTerm
     picture: Float[Tensor, "H W 3"]
     truth: Float[Tensor, "H W 3"]
 
     def squared_error(self) -> float:
-        """The mean over the picture, clamped to [0, 1]."""
+        """The mean squared error of the picture, clamped to [0, 1]."""
         return float((self.picture.clamp(0, 1) - self.truth).square().mean())
 
 
@@ -54,7 +54,7 @@ def picture_loss(
 
 
 def total_loss(compared: Sequence[Compared]) -> Float[Tensor, ""]:
-    """Σ weight · loss over all that is compared: ℓ_total = ℓ_rgb + λ ℓ_mes."""
+    """Σ weight · loss over all compared pictures, at least one: ℓ_total = ℓ_rgb + λ ℓ_mes."""
     losses = [each.term.weight * picture_loss(each.picture, each.truth, each.term.ssim_weight) for each in compared]
     return torch.stack(losses).sum()
 
@@ -64,13 +64,13 @@ def hiding_terms(
 ) -> tuple[PictureTerm, ...]:
     """The joint objective: the cover with weight 1, each of the L messages with λ.
 
-    The paper leaves open whether λ is shared by L messages; a weight for each keeps what one message costs and gains
-    the same whatever else is hidden.
+    The paper does not say whether L messages share λ. With λ for each, what a message costs and gains does not depend
+    on what else is hidden.
     """
     hidden = (PictureTerm(name, lambda_message, ssim_weight_message) for name in messages)
     return (cover_term(ssim_weight_cover), *hidden)
 
 
 def cover_term(ssim_weight: float) -> PictureTerm:
-    """The cover counts fully: ℓ_rgb."""
+    """The cover's term, ℓ_rgb, with weight 1."""
     return PictureTerm(COVER, 1.0, ssim_weight)

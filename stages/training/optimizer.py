@@ -1,4 +1,4 @@
-"""Adam over Gaussians whose number changes: rows of parameters and of their moments move together."""
+"""Adam over a changing number of Gaussians: rows of parameters and of their moments are rearranged together."""
 
 from __future__ import annotations
 
@@ -13,13 +13,16 @@ from stages.scene.gaussians import Gaussians
 from stages.training.adam import Adam
 
 EPSILON = 1e-15
-"""3DGS's: its gradients are far smaller than Adam's default epsilon is made for."""
+"""3DGS's value: its gradients are far smaller than Adam's default epsilon is suited to."""
 
 MOMENTS = ("exp_avg", "exp_avg_sq")
 
 
 class GaussianOptimizer:
-    """One Adam group a parameter, with a learning rate of its own."""
+    """One Adam group per parameter, with a learning rate of its own.
+
+    Raises `ValueError` unless each parameter has exactly one learning rate.
+    """
 
     def __init__(self, gaussians: Gaussians, learning_rates: Mapping[str, float]):
         missing = set(gaussians.parameters) ^ set(learning_rates)
@@ -38,18 +41,18 @@ class GaussianOptimizer:
         )
 
     def step(self) -> None:
-        """One step of Adam; gradients are dropped afterwards."""
+        """Take one step of Adam and discard the gradients."""
         self.adam.step()
         self.adam.zero_grad(set_to_none=True)
 
     def set_learning_rate(self, name: str, rate: float) -> None:
-        """From the next step on."""
+        """Set a parameter's learning rate from the next step on."""
         self._group(name)["lr"] = rate
 
     def rearrange(self, kept: Int[Tensor, " K"], added: Mapping[str, Tensor]) -> None:
         """Keep the rows `kept`, in that order, then append the rows `added` (the same count for every parameter).
 
-        Kept rows keep their moments; added ones start with none.
+        Kept rows keep their moments; those of added rows are zero.
         """
         for name in list(self.gaussians.parameters):
             old = self.gaussians.parameters[name]
@@ -57,17 +60,17 @@ class GaussianOptimizer:
             self._replace(name, torch.cat([old.detach()[kept], new_rows]), partial(_extended, kept, len(new_rows)))
 
     def overwrite(self, name: str, values: Tensor) -> None:
-        """Replace a parameter's values by a copy of these and forget its moments: 3DGS's opacity reset."""
+        """Replace a parameter's values by a copy of `values` and set its moments to zero: 3DGS's opacity reset."""
         self._replace(name, values.detach().clone(), torch.zeros_like)
 
     def replace_all(self, values: Mapping[str, Tensor]) -> None:
-        """Copies of `values` in place of every parameter, any number of rows, and no moments."""
+        """Replace every parameter by a copy of its `values`, with any number of rows, and discard Adam's state."""
         for name in list(self.gaussians.parameters):
             self._replace(name, values[name].clone(), torch.zeros_like)
         self.adam.state.clear()
 
     def _replace(self, name: str, values: Tensor, transform: Callable[[Tensor], Tensor]) -> None:
-        """`values`, which nobody else holds, become the parameter."""
+        """Make `values`, which must not be shared, the parameter."""
         group = self._group(name)
         state = self.adam.state.pop(group["params"][0], None)
         parameter = values.requires_grad_()
@@ -82,5 +85,5 @@ class GaussianOptimizer:
 
 
 def _extended(kept: Int[Tensor, " K"], added: int, moment: Tensor) -> Tensor:
-    """The moments of the kept rows, then none for the added ones."""
+    """The moments of the kept rows, then zeros for the added ones."""
     return torch.cat([moment[kept], moment.new_zeros(added, *moment.shape[1:])])

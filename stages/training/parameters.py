@@ -1,4 +1,4 @@
-"""Parameters that every training stage has."""
+"""Parameters common to all training stages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from stages.training.starting_points import Start
 
 
 class TrainingParameters(Parameters):
-    """Constants of the optimisation; the defaults are those of 3DGS, but that it has no `maximum_gaussians`."""
+    """Constants of the optimisation. Defaults are 3DGS's, except for `maximum_gaussians`, which it does not have."""
 
     iterations: int = Field(30_000, ge=1, description="Optimisation steps, one view each; schedules scale with it.")
     schedule_share: float = Field(
@@ -64,7 +64,7 @@ class TrainingParameters(Parameters):
     )
 
     def start(self, message_points: int = 0) -> Start:
-        """Where the first Gaussians are."""
+        """Where the first Gaussians are placed."""
         return Start(self.sparse_points, message_points, self.random_points, self.seed)
 
     def settings(self, extent: float) -> TrainingSettings:

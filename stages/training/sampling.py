@@ -1,4 +1,4 @@
-"""Which view comes next: a new seeded order for every pass over the training views."""
+"""Sampling of views: a new random order, from the seed, for every pass over the training views."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import torch
 
 
 class ViewSampler:
-    """Draws views without replacement, a pass at a time, as 3DGS does; the whole order follows from the seed."""
+    """Samples views without replacement, pass after pass, as 3DGS does; the whole order follows from the seed."""
 
     def __init__(self, count: int, seed: int):
         self.count = count

@@ -1,4 +1,4 @@
-"""When things happen in a training: fractions of its iterations, equal to 3DGS's numbers at 30,000."""
+"""Schedules of a training: fractions of its iterations that equal 3DGS's numbers at 30,000 iterations."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ REFERENCE_ITERATIONS = 30_000
 SHORTEST_INTERVAL = 50
 
 SHORTEST_RESET_INTERVAL = 1_500
-"""Opacities climb back from a reset in 500 iterations, and the picture more slowly: one every 600 cost plain 3DGS 0.5
-dB on bonsai, and as good as nothing on the fox and kitchen (workflows/figures/relations.md)."""
+"""Opacities recover from a reset within 500 iterations, and the picture takes longer: a reset every 600 iterations cost
+plain 3DGS 0.5 dB on bonsai, and next to nothing on the fox and kitchen (workflows/figures/relations.md)."""
 
 
 @dataclass(frozen=True)
@@ -27,18 +27,19 @@ class DensitySchedule:
         return self.start < iteration <= self.stop and iteration % self.interval == 0
 
     def resets_opacity_at(self, iteration: int) -> bool:
-        """Whether opacities are lowered after this iteration."""
+        """Whether opacities are lowered after this iteration (counted from 1)."""
         return iteration < self.stop and iteration % self.opacity_reset_interval == 0
 
 
 def density_schedule(iterations: int, opacity_resets: bool = True) -> DensitySchedule:
     """3DGS's schedule (500 to 15,000 every 100, reset every 3,000), scaled from 30,000 to `iterations`.
 
-    Deviations: Gaussians are refined once more, at 15,000 itself, where 3DGS ends at 14,900; the interval is never
-    under 50, since a mean gradient over a handful of views decides nothing; and a run in which opacity resets would
-    follow each other too soon, one of under 15,000 iterations, has none at all.
+    Deviations: Gaussians are refined once more, at 15,000 itself, where 3DGS ends at 14,900; the interval is at least
+    50, since a mean gradient over a handful of views says nothing; and a run of under 15,000 iterations, in which
+    opacity resets would follow each other too soon, has none at all.
 
-    Without `opacity_resets` there is none either, and overgrown Gaussians stay, as they do before the first of them.
+    Without `opacity_resets`, there are none either. Overgrown Gaussians, which are only pruned after the first reset,
+    then stay.
     """
     scale = iterations / REFERENCE_ITERATIONS
     reset = round(3_000 * scale)
@@ -51,6 +52,6 @@ def density_schedule(iterations: int, opacity_resets: bool = True) -> DensitySch
 
 
 def decayed(initial: float, final: float, progress: float) -> float:
-    """From `initial` to `final`, exponentially in `progress` from 0 to 1: 3DGS's position learning rate."""
+    """Decay exponentially from `initial` to `final` for `progress` from 0 to 1, like 3DGS's position learning rate."""
     share = min(max(progress, 0.0), 1.0)
     return math.exp((1 - share) * math.log(initial) + share * math.log(final))

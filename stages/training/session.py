@@ -1,4 +1,4 @@
-"""A training inside a stage: it goes on from its checkpoint, keeps new ones, tells how far it is, and heeds a stop."""
+"""Running a training inside a stage: resuming from a checkpoint, saving new ones, reporting progress, stopping."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from stages.training.loop import Training
 from stages.training.state import set_state, state_of
 
 CHECKPOINTS = "checkpoints"
-"""Part of an iteration, as the stopwatch names it."""
+"""A part of an iteration, for the stopwatch."""
 
 
 def train(context: Context, training: Training, checkpoints: Checkpoints | None = None) -> list[MetricRow]:
-    """All iterations that are left, and the curves of all there were; where their time went is in the stage's log.
+    """Run all remaining iterations; returns the curves of all of them, and logs where the time went.
 
-    Raises `Interrupted` where the engine asks to stop, within an iteration and with a checkpoint saved.
+    Raises `Interrupted` when the engine asks to stop, after at most one iteration and with a checkpoint saved.
     """
     iterations = training.settings.iterations
     if checkpoints is None:
@@ -43,7 +43,7 @@ class _Session:
         self.told_of_bound = False
 
     def go_on(self) -> None:
-        """From the last good checkpoint, if there is one."""
+        """Resume from the last valid checkpoint, if there is one."""
         with part(CHECKPOINTS):
             found = self.checkpoints.newest()
             if found is not None:
@@ -62,7 +62,7 @@ class _Session:
         )
 
     def look(self) -> None:
-        """After every iteration."""
+        """Report progress, save checkpoints and stop on request, after every iteration."""
         training, iterations = self.training, self.training.settings.iterations
         newest = training.curves.newest(training.iteration, len(training.gaussians))
         self.context.progress(training.iteration, iterations, loss=newest.loss, psnr=newest.decibels[COVER])
@@ -75,7 +75,7 @@ class _Session:
             raise Interrupted(f"stopped after iteration {training.iteration} of {iterations}")
 
     def _tell_of_bound(self) -> None:
-        """Once: 3DGS has no bound on Gaussians, and figures of a training that reached ours are not its own."""
+        """Log once that the bound was reached: 3DGS has none, so that figures of such a training are not its own."""
         density = self.training.density
         if density is not None and density.limited and not self.told_of_bound:
             self.told_of_bound = True

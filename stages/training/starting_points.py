@@ -1,7 +1,8 @@
-"""Where the first Gaussians are: on sparse points of SfM, and anywhere in the space before the cameras.
+"""Positions of the first Gaussians: sparse points of SfM, and random points in the space in front of the cameras.
 
-3DGS and the paper start on the cover's points. Those say nothing of where the message's things are, and density control
-only grows from what is there: without the message's points it is learnt view by view and not seen from a new one.
+3DGS and the paper start from the cover's points. These say nothing about where the message's surfaces are, and density
+control only grows from existing Gaussians: without the message's points, it is fitted view by view and missing from new
+views.
 """
 
 from __future__ import annotations
@@ -21,23 +22,26 @@ from stages.scene.scene import Scene
 
 GREY = 0.5
 RANDOM = ""
-"""The name under which random points are listed: no picture has it."""
+"""The name under which random points are listed; no picture has it."""
 
 CLEAR_SHARE = 0.75
-"""Of the depth of the cover's nearest things: how near to a camera a message's points may stand. With 1 a tenth of the
-kitchen's are left among the bonsai's cameras, which stand all around it; with 0.5 the fox loses 0.7 dB."""
+"""Smallest distance of a message's points from any camera, relative to the nearest depth of the cover. With 1, a tenth
+of the kitchen's points are left among the bonsai's cameras, which surround it; with 0.5, the fox loses 0.7 dB."""
 
 DEPTH_PERCENTILES = (1, 99)
 NEARER, FARTHER = 0.7, 2.0
-"""Random points may lie this much nearer and farther than the sparse points in front of a camera, seen or not."""
+"""Factors by which random points may be nearer and farther than the sparse points in front of a camera, visible or
+not."""
 
 Points = Float[np.ndarray, "N 3"]
 
 
 @dataclass(frozen=True)
 class Start:
-    """Which points: the cover's sparse ones, the first so many of each message's that are clear of the cameras, and so
-    many random ones.
+    """Which points to start from.
+
+    These are the cover's sparse points, the first `message_points` of each message's points that are clear of the
+    cameras, and `random_points` random ones.
     """
 
     sparse_points: bool
@@ -49,11 +53,11 @@ class Start:
 def starting_points(
     scene: Scene, messages: Mapping[str, MessagePictures], start: Start
 ) -> tuple[Points, dict[str, Points]]:
-    """Positions [N, 3] in world units of the first Gaussians, and their colour [N, 3] in every picture, by its name.
+    """World positions [N, 3] of the first Gaussians, and their colours [N, 3] in every picture, by its name.
 
-    A point of the cover is grey in the messages, and the other way round; random points are grey everywhere. Raises
-    `UserError` for a scene without sparse points, without which nothing says how far from the cameras its things are,
-    and where no point is asked for.
+    Points of the cover are grey in the messages, and vice versa; random points are grey everywhere. Raises `UserError`
+    for a scene without sparse points, since nothing else says how far from the cameras its surfaces are, and if no
+    point is requested.
     """
     if len(scene.points) == 0:
         raise UserError(
@@ -88,10 +92,10 @@ def starting_points(
 
 
 def clear_of_cameras(scene: Scene, points: Points) -> Int[np.ndarray, " K"]:
-    """Rows of the points that keep clear of all training cameras.
+    """Indices of the points that are far enough from all training cameras.
 
-    A message's surface right before a camera would veil the cover there, and few other cameras could tell: the fox, of
-    which the kitchen's table veiled two of seven test views, lost 11 dB in one of them with such points.
+    A message's surface right in front of a camera would veil the cover there, and few other cameras could correct it.
+    With such points, the kitchen's table veiled two of the fox's seven test views; one of them lost 11 dB.
     """
     if len(points) == 0:
         return np.zeros(0, np.int64)
@@ -103,7 +107,7 @@ def clear_of_cameras(scene: Scene, points: Points) -> Int[np.ndarray, " K"]:
 def points_before_cameras(scene: Scene, count: int, generator: np.random.Generator) -> Points:
     """`count` points that the training cameras see, uniform over views, pixels and inverse depth.
 
-    They know nothing of a message, so that they can serve it without betraying its shape.
+    They do not depend on any message, so they can serve one without revealing its shape.
     """
     cameras = scene.training_cameras
     views = generator.integers(len(cameras), size=count)

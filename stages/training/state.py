@@ -1,8 +1,8 @@
-"""The whole state of a training, taken and set: what goes on from it makes the bits that it would have made anyway.
+"""Saving and restoring the whole state of a training: it then gives the same bits as without interruption.
 
-Not in it is what follows from the stage's inputs and parameters, which are in the key of its action: the views, the
-objective, the schedules (functions of the iteration) and the learning rates (set anew in every iteration). Nothing may
-draw from torch's or NumPy's global generators.
+The state excludes what follows from the stage's inputs and parameters, which are in the key of its action: the views,
+the objective, the schedules (functions of the iteration) and the learning rates (set anew in every iteration). Nothing
+may draw from the global generators of torch or NumPy.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ STATISTICS = ("gradient_sums", "views_seen")
 
 
 def state_of(training: Training) -> State:
-    """The state between two iterations. Its arrays may share the training's memory: save them before the next."""
+    """The state between two iterations. Arrays may share memory with the training: save them before the next."""
     tensors: dict[str, Tensor] = {
         **{f"gaussians/{name}": tensor for name, tensor in training.gaussians.parameters.items()},
         **moments_of(training.optimizer.adam, _gaussian_parameters(training)),
@@ -48,7 +48,7 @@ def state_of(training: Training) -> State:
 
 
 def set_state(training: Training, state: State) -> None:
-    """Has a training, new and made from the same inputs and parameters, go on from a state, on the device it is on."""
+    """Make a new training, created from the same inputs and parameters, continue from a state, on its own device."""
     values: Mapping[str, Any] = state.values
     tensors = {name: torch.from_numpy(array) for name, array in state.arrays.items()}
     training.iteration = values["iteration"]
@@ -61,7 +61,7 @@ def set_state(training: Training, state: State) -> None:
     set_moments(training.optimizer.adam, _gaussian_parameters(training), tensors)
     with torch.no_grad():
         for name, tensor in _network_values(training):
-            tensor.copy_(tensors[f"networks/{name}"])  # into place: their layout in memory stays what it was
+            tensor.copy_(tensors[f"networks/{name}"])  # in place, to preserve the memory layout
     set_moments(training.network_optimizer, _network_parameters(training), tensors)
     training.averages.values = {
         name.removeprefix("averages/"): tensor.to(training.device, copy=True)
@@ -87,7 +87,7 @@ def _network_parameters(training: Training) -> dict[str, Tensor]:
 
 
 def _network_values(training: Training) -> Iterator[tuple[str, Tensor]]:
-    """Parameters and buffers."""
+    """Yield parameters and buffers by name."""
     for name, network in training.method.networks.items():
         for value, tensor in network.state_dict().items():
             yield f"{name}/{value}", tensor
@@ -100,7 +100,7 @@ def _set_statistics(density: DensityControl | None, tensors: Mapping[str, Tensor
 
 
 def _curve_arrays(curves: Curves) -> Arrays:
-    """Points as rows: iteration and number of Gaussians; loss and decibels. Then the figures since the last point."""
+    """Points as rows of iteration and Gaussians, and of loss and decibels; and the figures since the last point."""
     columns = 1 + len(curves.pictures)
     figures = [[point.loss, *(point.decibels[name] for name in curves.pictures)] for point in curves.points]
     stretch = [[step["loss"], *(step[name] for name in curves.pictures)] for step in curves.stretch]

@@ -1,4 +1,4 @@
-"""From scenes in the store to the views that a training learns from."""
+"""The views that a training learns from, taken from scenes in the store."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from stages.training.loop import TrainingViews
 def training_views(scene: Scene, messages: Mapping[str, UInt8[np.ndarray, "V H W 3"]] | None = None) -> TrainingViews:
     """The scene's training views; `messages` are pictures of each message from all of the scene's cameras, in order.
 
-    No picture is copied: all of them may be gigabytes. Raises `UserError` for a scene without training views.
+    Pictures are not copied, since they may take gigabytes. Raises `UserError` for a scene without training views.
     """
     names = learnt_names(scene)
     rows = scene.rows(names)

@@ -1,4 +1,4 @@
-"""One file a method: how its Gaussians become pictures. `method: NAME` in a workflow means `NAME.py` here.
+"""One file per method: how its Gaussians become pictures. `method: NAME` in a workflow means `NAME.py` here.
 
-A method of your own is one file more: workflows/README.md says what stands in it.
+To add a method of your own, add a file; workflows/README.md describes its contents.
 """

@@ -1,7 +1,7 @@
-"""3DGS+Decoder: a decoder turns the rendered picture into the messages, the paper's other intuitive approach (3.2).
+"""3DGS+Decoder, the paper's other intuitive approach (3.2): a decoder turns the rendered picture into the messages.
 
-As in StegaNeRF the splats stay 3DGS's own, and what differs from them must carry the message: Gaussians and the
-decoder are trained together until the pictures of the cover show it.
+As in StegaNeRF, the Gaussians keep 3DGS's attributes, and small deviations in them must carry the message: Gaussians
+and decoder are optimised jointly until the cover's pictures reveal it.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ SETTINGS = ("sh_degree", "layers", "decoder_width", "precision")
 
 
 class PlainWithDecoder(Plain):
-    """3DGS, and a message decoder D_m of 3·L channels on its unclamped pictures.
+    """3DGS with a message decoder D_m of 3·L channels that reads the unclamped pictures of the cover.
 
-    The decoder starts from torch's random weights: nothing of a picture of the cover is a message's from the start.
-    Raises `KeyError` for a precision that is none of `PRECISIONS`.
+    The decoder starts from torch's random weights: initially, no part of the cover's picture belongs to a message.
+    Raises `KeyError` for a precision that is not in `PRECISIONS`.
     """
 
     name = "decoder"
@@ -50,14 +50,14 @@ class PlainWithDecoder(Plain):
     def render(
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None
     ) -> Rendering:
-        """The cover's picture over black, and what the decoder reads in it if that is wanted."""
+        """Render the cover over black, and decode the messages from its picture if one is wanted."""
         rendering = super().render(gaussians, camera, progress)
         if self.messages and (wanted is None or set(wanted) & set(self.messages)):
             rendering.pictures.update(self.read_off(rendering.pictures[COVER]))
         return rendering
 
     def read_off(self, picture: Float[Tensor, "H W 3"]) -> dict[str, Float[Tensor, "H W 3"]]:
-        """The messages that the decoder reads in a picture of the cover, whatever befell it; unclamped."""
+        """The messages, unclamped, that the decoder reads from a picture of the cover, which may have been altered."""
         with part(DECODERS):
             decoded = decode(self.message_decoder, picture, self.precision)
         backward_of(DECODERS, decoded)
@@ -65,5 +65,5 @@ class PlainWithDecoder(Plain):
 
 
 def build(settings: Mapping[str, object]) -> PlainWithDecoder:
-    """The method from its settings; `messages` may be absent where the secret is not at hand."""
+    """Build the method from its settings, which lack `messages` if the secret is not available."""
     return PlainWithDecoder(**settings)  # type: ignore[arg-type]  # a missing or unknown setting raises TypeError

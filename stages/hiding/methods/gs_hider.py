@@ -1,4 +1,4 @@
-"""GS-Hider: a coupled feature a Gaussian, blended into one feature map, read by two decoders (section 3.3)."""
+"""GS-Hider: one coupled feature per Gaussian, blended into a feature map that two decoders read (section 3.3)."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ SETTINGS = COUPLED_SETTINGS
 
 
 class GSHider(CoupledFeatures[Decoder]):
-    """The paper's method: both decoders see the feature map as it is."""
+    """The paper's method: both decoders read the feature map as it is."""
 
     name = "gs_hider"
 
     def make_decoder(self, pictures: int, layers: int, width: int, kernel_size: int) -> Decoder:
-        """Five convolutions in the paper."""
+        """Make a decoder for this many pictures; the paper's has five convolutions."""
         return Decoder(self.feature_dim, 3 * pictures, layers, width, kernel_size)
 
     def initial_attributes(
@@ -32,10 +32,10 @@ class GSHider(CoupledFeatures[Decoder]):
     ) -> dict[str, Float[Tensor, "N ..."]]:
         """Features that the decoders show as the points' colours, in the cover and in every message.
 
-        The released code starts from zeros and random decoders, which needs tens of thousands of iterations. Here every
-        decoder starts as a linear map of its own three channels out of a random orthonormal mixture of all M: each
-        channel of the feature map carries something of the cover and of every message, and which mixture is a
-        message's follows from `generator`, that is, from the key.
+        The released code starts from zeros and random decoders, and needs tens of thousands of iterations. Here, every
+        decoder starts as a linear map that reads its own three channels from a random orthonormal mixture of all M:
+        each channel of the feature map carries a part of the cover and of every message. `generator`, and so the key,
+        determines which mixture belongs to a message.
         """
         mixture = orthonormal_rows(3 + 3 * len(self.messages), self.feature_dim, generator)
         self.scene_decoder.pass_through(mixture[:3])
@@ -48,10 +48,10 @@ class GSHider(CoupledFeatures[Decoder]):
     def decoded(
         self, decoders: Sequence[Decoder], rendering: Rendering, camera: Camera
     ) -> list[Float[Tensor, "H W C"]]:
-        """The feature map through each decoder (Eq. 5)."""
+        """Run the feature map through each decoder (Eq. 5)."""
         return [decode(decoder, rendering.feature_map, self.precision) for decoder in decoders]
 
 
 def build(settings: Mapping[str, object]) -> GSHider:
-    """GS-Hider from its settings; `messages` may be absent where the secret is not at hand."""
+    """Build GS-Hider from its settings, which lack `messages` if the secret is not available."""
     return GSHider(**settings)  # type: ignore[arg-type]  # a missing or unknown setting raises TypeError by its name

@@ -1,13 +1,12 @@
-"""Homogeneous features: GS-Hider in which each picture is blended from the Gaussians that belong to it, whatever else
-stands before them. A method of ours, not of the paper.
+"""Homogeneous features: GS-Hider with each picture blended only from the Gaussians that belong to it. Not in the paper.
 
-In GS-Hider all pictures share one opacity, so that a message's surface hides what of the cover lies behind it, and the
-other way round. Its decoders can only guess from the feature map how much is hidden; with few small photos they learn
-the training views by heart and fail on others. Here a feature says, along a direction u_k that only decoder k knows,
-how much its Gaussian belongs to picture k. Blended like the rest, these shares tell each decoder by how much its
-picture was weakened, and it divides by them, as homogeneous coordinates are divided by their weight.
+In GS-Hider, all pictures share one opacity, so that a message's surface occludes the cover behind it, and vice versa.
+The decoders can only guess from the feature map how much is occluded; with few small photos, they memorise the training
+views and fail on others. Here, a feature states along a direction u_k, known only to decoder k, how much of its
+Gaussian belongs to picture k. Blended like all else, these shares tell each decoder by how much its picture was
+attenuated. It divides by them, as homogeneous coordinates are divided by their weight.
 
-The decoders also see from where a pixel is looked at, which the paper names as what its own decoders lack.
+The decoders also see each pixel's viewing direction. The paper names the lack of view dependence as a limitation.
 """
 
 from __future__ import annotations
@@ -39,44 +38,45 @@ PRESETS = {
     "opacity_weight": 2.0,
     "scale_weight": 2.0,
 }
-"""How they were found: workflows/figures/tried.md."""
+"""workflows/figures/tried.md describes how these were found."""
 
 SCENE_PRESETS = {"lambda_message": 0.1, "message_points": 4000}
 
 BELONGING = 0.48
-"""A Gaussian starts with a share of 0.5 + this in its own picture, and 0.5 - this in the others."""
+"""A Gaussian's initial share is 0.5 + this in its own picture, and 0.5 - this in the others."""
 
 SMALLEST_SHARE = 0.05
-"""Added to what is divided by: pixels in which a picture has hardly any share come out grey instead of noisy."""
+"""ε, added to the divisor: pixels in which a picture has hardly any share come out grey instead of noisy."""
 
 COLORS = 3
 
 READINGS = 7
-"""Channels that a decoder reads of a picture, its colours first: it sees features along directions of its own, and not
-what belongs to others divided by its own small share. With one message there is room for seven at right angles."""
+"""Channels that a decoder reads for each picture, the colours first. It reads features along directions of its own, so
+that other pictures' content is not divided by this picture's small share. With one message and M = 16, there is room
+for seven orthogonal directions."""
 
 SHARED_WEIGHT = 100.0
-"""Of the penalty on Gaussians that belong to several pictures: the product of their shares in each two, on average.
-Over all training views together: with 255 of them, a weight of 5 in every step cost the bonsai 0.3 dB."""
+"""Weight of the penalty on Gaussians that belong to several pictures: the mean product of their shares in each pair. It
+applies to all training views together: with 255 views, a weight of 5 in every step cost the bonsai 0.3 dB."""
 
 BEYOND_WEIGHT = 60.0
-"""Of the penalty on what a Gaussian holds of a picture beyond its share: how far readings reach past half of it. Both
-together keep a message's Gaussians from serving the cover as fog that only training views see through: on kitchen
-hiding bonsai, with 21 photos, the cover gains 1.6 dB on test views, and 0.4 to 0.8 or nothing with one of them."""
+"""Weight of the penalty on readings that exceed half a Gaussian's share of the picture. The two penalties together keep
+a message's Gaussians from serving the cover as fog that only training views see through: for kitchen hiding bonsai,
+with 21 photos, the cover gains 1.6 dB on test views; with either penalty alone it gains 0.4 to 0.8 dB or nothing."""
 
 VIEW_DEGREE = 2
-"""Of the spherical harmonics by which the decoders are told a pixel's direction of view."""
+"""Degree of the spherical harmonics that encode a pixel's viewing direction for the decoders."""
 
 VIEW_CHANNELS = harmonics_count(VIEW_DEGREE) - 1
-"""The harmonics but the constant one, last among the channels that the convolutions see."""
+"""All harmonics but the constant one; they are the last channels that the convolutions see."""
 
 
 class HomogeneousDecoder(torch.nn.Module):
-    """Features read along a few directions, divided by the share of the picture they belong to, then convolutions.
+    """Reads features along a few directions, divides by the picture's share, and applies convolutions.
 
-    `directions [P, M]` are u_k of the P pictures that this decoder shows, `readings [P, R, M]` what it reads of each.
-    Both are zeros until they are told. The convolutions see for each picture its divided readings and the share itself,
-    without which nothing would tell black from grey, and 8 harmonics of the direction of view.
+    `directions [P, M]` holds u_k for the P pictures that this decoder shows, `readings [P, R, M]` the rows along which
+    it reads each. Both are zero until they are set. For each picture, the convolutions see its divided readings and the
+    share itself, which distinguishes black from grey, and then 8 harmonics of the viewing direction.
     """
 
     reads_centred = True
@@ -89,7 +89,7 @@ class HomogeneousDecoder(torch.nn.Module):
         self.convolutions = Decoder(self.channels, 3 * pictures, layers, width, kernel_size)
 
     def start(self, directions: Float[Tensor, "P M"], readings: Float[Tensor, "P R M"]) -> None:
-        """Start by showing each picture as its first three readings + 0.5."""
+        """Initialise to show each picture as its first three readings + 0.5."""
         pictures = len(directions)
         taps = torch.zeros(pictures, COLORS, self.channels)
         for picture in range(pictures):
@@ -100,19 +100,19 @@ class HomogeneousDecoder(torch.nn.Module):
 
     @torch.no_grad()
     def look_along(self, directions: Float[Tensor, "P M"], readings: Float[Tensor, "P R M"]) -> None:
-        """Find each picture's share along its direction, and read it along its readings."""
+        """Set the rows along which each picture's share and content are read."""
         self.directions.copy_(directions)
         self.readings.copy_(readings)
 
     @torch.no_grad()
     def read_along(self, back: Float64[Tensor, "M M"]) -> None:
-        """Read features, centred at 0.5, along r B where it read them along r; B is `back`."""
+        """Replace every row r that reads features, centred at 0.5, by r B, with B = `back`."""
         self.directions.copy_(rows_along(self.directions, back))
         self.readings.copy_(rows_along(self.readings, back))
 
     @torch.no_grad()
     def turn_view(self, rotation: Float64[np.ndarray, "3 3"]) -> None:
-        """Read of directions of view in a world that turned by `rotation` what it read of the old ones."""
+        """Adapt the weights to a world turned by `rotation`, so that they respond to viewing directions as before."""
         first = self.convolutions.convolutions[0]
         told = first.weight[:, -VIEW_CHANNELS:]
         rest = told.flatten(2).permute(2, 0, 1).reshape(-1, VIEW_CHANNELS, 1)
@@ -122,10 +122,10 @@ class HomogeneousDecoder(torch.nn.Module):
     def divided(
         self, centred: Float[Tensor, "H W M"], half_alphas: Float[Tensor, "H W 1"]
     ) -> list[Float[Tensor, "H W C"]]:
-        """For each picture its readings of (F - A/2) / (E_k + ε), and E_k, its blended share: u_k·(F - A/2) + A/2 ≥ 0.
+        """For each picture k, its readings of (F - A/2) / (E_k + ε), and its blended share E_k.
 
-        `centred` is F - A/2, `half_alphas` A/2. Multiplied by reciprocals: of a division, autograd needs twice the
-        passes over all features.
+        E_k = max(0, u_k·(F - A/2) + A/2), with `centred` = F - A/2 and `half_alphas` = A/2. It multiplies by
+        reciprocals, since autograd passes over all features twice as often for a division.
         """
         shares = (centred @ self.directions.T + half_alphas).clamp_min(0)
         reciprocals = (shares + SMALLEST_SHARE).reciprocal()
@@ -138,21 +138,21 @@ class HomogeneousDecoder(torch.nn.Module):
 
 
 class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
-    """As in GS-Hider, but both decoders divide first."""
+    """GS-Hider with decoders that divide by shares first."""
 
     name = "homogeneous"
 
     def make_decoder(self, pictures: int, layers: int, width: int, kernel_size: int) -> HomogeneousDecoder:
-        """A decoder that divides by the shares of so many pictures."""
+        """Make a decoder that divides by the shares of this many pictures."""
         return HomogeneousDecoder(self.feature_dim, pictures, layers, width, kernel_size)
 
     def initial_attributes(
         self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
     ) -> dict[str, Float[Tensor, "N ..."]]:
-        """Features that the decoders show as the points' colours; a point belongs to the pictures where it is not grey.
+        """Features that the decoders show as the points' colours; a point belongs to pictures where it is not grey.
 
-        One that is grey everywhere belongs to all by half. Where that lies in features is drawn from `generator`, that
-        is, from the key.
+        A point that is grey everywhere belongs to every picture by half. The directions of shares and colours in
+        feature space come from `generator`, that is, from the key.
         """
         pictures = (COVER, *self.messages)
         directions, readings = self._drawn(generator)
@@ -165,15 +165,15 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         return {FEATURES: features.clamp(*FEATURE_RANGE).logit()}
 
     def draw_directions(self, generator: np.random.Generator) -> None:
-        """Give the decoders directions without the colours: features are to start with zeros."""
+        """Set the decoders' directions at random, without colours: features will start at zero."""
         directions, readings = self._drawn(generator)
         for decoder, rows in self._rows():
             decoder.look_along(directions[rows], readings[rows])
 
     def _drawn(self, generator: np.random.Generator) -> tuple[Float[Tensor, "P M"], Float[Tensor, "P R M"]]:
-        """Random directions for each picture, its share's and its readings'.
+        """Random directions of each picture's share [P, M] and of its readings [P, R, M].
 
-        All are at right angles while there is room for them: shares and colours have it first.
+        They are orthogonal as long as M allows it; shares and colours come first.
         """
         count = 1 + len(self.messages)
         mixture = orthonormal_rows((1 + READINGS) * count, self.feature_dim, generator)
@@ -186,22 +186,23 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         return [*zip(self.decoders, (slice(1), slice(1, None)), strict=False)]
 
     def cover_shares(self, gaussians: Gaussians) -> Float[Tensor, " N"]:
-        """How much of each of N Gaussians is the cover's, about 0 to 1: what the scene decoder has is public."""
+        """Each of N Gaussians' share of the cover, about 0 to 1; computed from the scene decoder, which is public."""
         return (gaussians[FEATURES].sigmoid() - 0.5) @ self.scene_decoder.directions[0] + 0.5
 
     def rows_read(self) -> Float[Tensor, "R M"]:
-        """u of the cover and the readings of the scene decoder: of centred features it sees nothing else."""
+        """The cover's u and readings: the scene decoder sees nothing else of centred features."""
         return torch.cat([self.scene_decoder.directions, self.scene_decoder.readings.flatten(0, 1)])
 
     def rows_of_messages(self) -> Float[Tensor, "Q M"]:
-        """u and the readings of every message; only with the secret there is a message decoder."""
+        """u and the readings of every message. Requires the secret: without it, there is no message decoder."""
         return torch.cat([self.message_decoder.directions, self.message_decoder.readings.flatten(0, 1)])
 
     def penalty(self, gaussians: Gaussians) -> Float[Tensor, ""] | None:
-        """Σ s_k s_l over pairs of pictures, and Σ max(0, |r_k| - s_k / 2) over pictures and readings, as means.
+        """S · mean_i Σ_{k<l} s_k s_l + B · Σ_k mean_ij max(0, |r_kj| - s_k / 2), which separates the pictures.
 
-        s_k are the shares of a Gaussian, r_k its readings. Features change by it, and how long readings are: were they
-        fixed, the fox would lose 0.6 dB. Without a message there is none, nor without Gaussians.
+        S and B are `SHARED_WEIGHT` and `BEYOND_WEIGHT`, s_k the shares of Gaussian i, r_kj its readings. Gradients
+        reach the features and the rows of readings; with these rows fixed, the fox would lose 0.6 dB. None without a
+        message or without Gaussians.
         """
         if not self.messages or not len(gaussians):
             return None
@@ -219,7 +220,7 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
     def decoded(
         self, decoders: Sequence[HomogeneousDecoder], rendering: Rendering, camera: Camera
     ) -> list[Float[Tensor, "H W C"]]:
-        """The feature map divided for each picture, beside the direction of view, through each decoder."""
+        """Divide the feature map for each picture, append the viewing direction, and run each decoder."""
         view = harmonics(pixel_directions(camera, rendering.alphas.device), VIEW_DEGREE)[..., 1:]
         half_alphas = rendering.alphas[..., None] / 2
         centred = rendering.feature_map - half_alphas
@@ -231,5 +232,5 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
 
 
 def build(settings: Mapping[str, object]) -> Homogeneous:
-    """The method from its settings; `messages` may be absent where the secret is not at hand."""
+    """Build the method from its settings, which lack `messages` if the secret is not available."""
     return Homogeneous(**settings)  # type: ignore[arg-type]  # a missing or unknown setting raises TypeError by its name

@@ -1,4 +1,4 @@
-"""3DGS as it is: colour from spherical harmonics, no message. The upper bound that the paper compares against."""
+"""Unmodified 3DGS: colours from spherical harmonics, no message. The paper's upper bound on fidelity."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SETTINGS = ("sh_degree",)
 
 
 class Plain:
-    """3DGS: `sh_base [N,3]` is the constant harmonic, `sh_rest [N,K,3]` the others, learnt 20 times slower."""
+    """3DGS: `sh_base [N,3]` is the constant harmonic, `sh_rest [N,K,3]` the others, learnt at a 20 times lower rate."""
 
     name = "plain"
 
@@ -32,7 +32,7 @@ class Plain:
     def initial_attributes(
         self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
     ) -> dict[str, Float[Tensor, "N ..."]]:
-        """The points' colours, the same from everywhere."""
+        """Harmonics that show the points' colours in every direction."""
         base, rest = initial_harmonics(colors[COVER], self.sh_degree)
         return {"sh_base": base, "sh_rest": rest}
 
@@ -44,7 +44,7 @@ class Plain:
     def render(
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None
     ) -> Rendering:
-        """The cover's picture over black."""
+        """Render the cover over black."""
         colors = seen_colors(
             gaussians, gaussians["sh_base"], gaussians["sh_rest"], camera, degree_at(self.sh_degree, progress)
         )
@@ -57,5 +57,5 @@ class Plain:
 
 
 def build(settings: Mapping[str, object]) -> Plain:
-    """3DGS with harmonics up to `sh_degree`."""
+    """Build 3DGS with harmonics up to `sh_degree`."""
     return Plain(int(str(settings["sh_degree"])))

@@ -1,7 +1,7 @@
-"""3DGS+SH: a second set of spherical harmonics for each message, the first of the paper's intuitive approaches (3.2).
+"""3DGS+SH, the first of the paper's intuitive approaches (3.2): another set of spherical harmonics for each message.
 
-Cover and messages share positions, shapes and opacities. Nothing is hidden: the harmonics of a message stand in the
-published file, and whoever drops them loses nothing of the cover. The paper keeps it as a baseline of fidelity.
+Cover and messages share positions, shapes and opacities. Nothing is hidden: a message's harmonics are in the published
+file, and removing them does not affect the cover. The paper uses this method as a baseline for fidelity.
 """
 
 from __future__ import annotations
@@ -22,7 +22,11 @@ SETTINGS = ("sh_degree",)
 
 
 class HarmonicsForEach:
-    """`sh_base [N,3]`, `sh_rest [N,K,3]` of the cover; `message_sh_base [N,L,3]`, `message_sh_rest [N,L,K,3]`."""
+    """Harmonics of the cover, and of each message with attributes of their own.
+
+    `sh_base [N,3]` and `sh_rest [N,K,3]` are the cover's, `message_sh_base [N,L,3]` and `message_sh_rest [N,L,K,3]`
+    those of L messages.
+    """
 
     name = "sh"
 
@@ -39,7 +43,7 @@ class HarmonicsForEach:
     def initial_attributes(
         self, colors: Mapping[str, Float[np.ndarray, "N 3"]], generator: np.random.Generator
     ) -> dict[str, Float[Tensor, "N ..."]]:
-        """The points' colours in every picture, the same from everywhere."""
+        """Harmonics that show the points' colours in every picture and every direction."""
         base, rest = initial_harmonics(colors[COVER], self.sh_degree)
         attributes = {"sh_base": base, "sh_rest": rest}
         if self.messages:
@@ -50,7 +54,7 @@ class HarmonicsForEach:
         return attributes
 
     def attribute_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Harmonics up to `sh_degree`, of the cover and of every message."""
+        """Harmonics up to `sh_degree`, for the cover and for every message."""
         base, rest = harmonics_shapes(self.sh_degree)
         shapes = {"sh_base": base, "sh_rest": rest}
         if self.messages:
@@ -61,7 +65,7 @@ class HarmonicsForEach:
     def render(
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None
     ) -> Rendering:
-        """The cover and every message over black, blended at once."""
+        """Render the cover and every message over black, in a single pass."""
         degree = degree_at(self.sh_degree, progress)
         sets = [(gaussians["sh_base"], gaussians["sh_rest"])]
         if self.messages:
@@ -78,5 +82,5 @@ class HarmonicsForEach:
 
 
 def build(settings: Mapping[str, object]) -> HarmonicsForEach:
-    """The method from its settings; `messages` may be absent: then only the cover is shown."""
+    """Build the method from its settings; without `messages`, it shows the cover only."""
     return HarmonicsForEach(**settings)  # type: ignore[arg-type]  # a missing or unknown setting raises TypeError

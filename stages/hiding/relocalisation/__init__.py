@@ -1,1 +1,1 @@
-"""From where in a scene of Gaussians a picture was taken: known landmarks first, then every pixel."""
+"""Where in a scene of Gaussians a picture was taken from: first by known landmarks, then by every pixel."""

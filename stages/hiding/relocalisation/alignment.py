@@ -1,4 +1,4 @@
-"""Where exactly a picture was taken: a camera is moved until a render from there agrees with it in every pixel."""
+"""Refining a picture's camera: it is moved until a render from there agrees with the picture in every pixel."""
 
 from __future__ import annotations
 
@@ -18,34 +18,36 @@ from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 
 BLURS = (3.0, 2.0, 1.2, 0.7, 0.5)
-"""Standard deviations in pixels, one a step: coarse first, which reaches farther; the last until nothing moves."""
+"""Standard deviations in pixels, one per step: coarse ones first, for a wider basin of convergence; the last is
+repeated until convergence."""
 
 MOST_STEPS = 14
-"""In all; of a good start the first seven are enough."""
+"""In total; from a good start, the first seven are enough."""
 
 STILL = 0.05
-"""Pixels: where a step moves the middle pixel, in the order of how far they move, by less, the camera has arrived."""
+"""Convergence threshold in pixels, for the median displacement of a step over all pixels."""
 
 FAR = 0.5
-"""Pixels by which a step moves that pixel from which on depth is taken anew."""
+"""Median displacement of a step, in pixels, above which depth is rendered again."""
 
 BORDER = 4
-"""Pixels at the edges that are not compared: what lies beyond them shows through the blur."""
+"""Width in pixels of the margin that is not compared: blur mixes in what lies beyond the edge."""
 
 LEAST_NOISE = 0.5
-"""Levels of 255 by which picture and render differ where all is well."""
+"""Difference in levels of 255 between picture and render of a perfectly aligned camera."""
 
 DAMPING = 1e-6
-"""Of the normal equations, whose columns have length one: what the picture does not tell stays as it is."""
+"""Damping of the normal equations, whose columns are normalised: parameters that the picture does not determine stay
+unchanged."""
 
 Flow = tuple[Float64[np.ndarray, "H W 9"], Float64[np.ndarray, "H W 9"]]
 
 
 def aligned(picture: Picture, gaussians: Gaussians, method: Method, start: Cameras) -> Cameras:
-    """The one camera of `start`, moved, turned, zoomed and shifted, so that its render agrees with the picture.
+    """The single camera of `start`, with pose, focal length and principal point refined to match the picture.
 
-    Gauss and Newton's steps on the luminance of blurred pictures, whose brightness and contrast are free. Pixels that
-    differ much, which are no error of the camera, count little.
+    Gauss-Newton steps on the luminance of blurred pictures, with free brightness and contrast. Pixels that differ much,
+    for reasons other than the camera, get small weights.
     """
     target = _grey(picture)
     world_to_camera, intrinsics = start.world_to_camera[0].copy(), start.intrinsics[0].copy()
@@ -77,7 +79,7 @@ def _grey(picture: Picture) -> Float64[np.ndarray, "H W"]:
 def _step(
     target: Float64[np.ndarray, "H W"], shown: Float64[np.ndarray, "H W"], flow: Flow, blur: float
 ) -> Float64[np.ndarray, " 9"]:
-    """A step along the camera's axes, a turn about them, a zoom's logarithm, a shift of the centre in pixels."""
+    """One step: translation along the camera's axes, rotation vector, log focal length, principal point in pixels."""
     render, wanted = (cv2.GaussianBlur(each, (0, 0), blur) for each in (shown, target))
     slopes = [cv2.Sobel((render + wanted) / 2, -1, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1))]
     change = -(slopes[0][..., None] * flow[0] + slopes[1][..., None] * flow[1])
@@ -91,7 +93,7 @@ def _step(
 
 
 def _weights(errors: Float64[np.ndarray, "H W"]) -> Float64[np.ndarray, "H W"]:
-    """Cauchy's, of errors over their spread; 0 along the edges of the picture."""
+    """Cauchy weights of the errors relative to their spread; 0 along the edges of the picture."""
     spread = 1.4826 * np.median(np.abs(errors)) + LEAST_NOISE
     weights = np.zeros_like(errors)
     inside = np.s_[BORDER:-BORDER, BORDER:-BORDER]
@@ -100,7 +102,7 @@ def _weights(errors: Float64[np.ndarray, "H W"]) -> Float64[np.ndarray, "H W"]:
 
 
 def _flow(depth: Float64[np.ndarray, "H W"], intrinsics: Float64[np.ndarray, "3 3"]) -> Flow:
-    """How far every pixel moves, across and down, by each of the nine parameters of a step."""
+    """The derivatives of each pixel's position, horizontal and vertical, by the nine parameters of a step."""
     height, width = depth.shape
     down, across = np.mgrid[0:height, 0:width] + 0.5
     x, y = (across - intrinsics[0, 2]) / intrinsics[0, 0], (down - intrinsics[1, 2]) / intrinsics[1, 1]

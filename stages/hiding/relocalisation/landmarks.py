@@ -1,4 +1,4 @@
-"""Landmarks: places of a scene that pictures of it are recognised by, found in renders of its Gaussians."""
+"""Landmarks: points of a scene by which pictures of it are recognised, found in renders of its Gaussians."""
 
 from __future__ import annotations
 
@@ -18,37 +18,38 @@ from stages.scene.even_spread import evenly_spread
 from stages.scene.gaussians import Gaussians
 
 MOST_VIEWS = 48
-"""Of the rig, evenly spread, whose renders are searched."""
+"""Number of the rig's views, evenly spread, whose renders are searched."""
 
 TURNS = (0.0, 45.0, -45.0)
-"""Degrees by which each of these cameras is turned about its own vertical, to see what lies beside the pictures: those
-of bonsai all look at its middle, and renders that do not were found nowhere."""
+"""Degrees by which each of these cameras is also turned about its own vertical axis, to cover what lies beside the
+pictures: all of bonsai's cameras look at its middle, and renders of other directions were not recognised."""
 
 MOST_OF_A_VIEW = 250
-"""Landmarks, the most pronounced first."""
+"""Landmarks per view, the most pronounced first."""
 
 LEAST_CONTRAST = 0.01
-"""Of SIFT; its own default, 0.04, leaves small smooth renders with next to no landmark."""
+"""SIFT's contrast threshold; its default, 0.04, finds next to no landmarks in small, smooth renders."""
 
 SMALL_PICTURE, ENLARGEMENT = 640, 2
-"""Pictures whose longer side is at most so many pixels are enlarged first: SIFT's finest scale is coarse for them."""
+"""Pictures whose longer side has at most `SMALL_PICTURE` pixels are enlarged by this factor first: SIFT's finest scale
+is too coarse for them."""
 
 SMALLEST_OPACITY = 0.5
-"""Of a pixel: through less, the depth that is blended is that of nothing."""
+"""A pixel with less opacity gets no landmark: its blended depth is not that of any surface."""
 
 
 @dataclass(frozen=True)
 class Landmarks:
-    """K places in world coordinates, and what each looks like (`described`). K = 0 is allowed."""
+    """K points in world coordinates and their descriptors (`described`). K = 0 is allowed."""
 
     points: Float64[np.ndarray, "K 3"]
     descriptors: Float32[np.ndarray, "K 128"]
 
 
 def landmarks(gaussians: Gaussians, method: Method, cameras: Cameras) -> Landmarks:
-    """What SIFT finds in renders of the cover by at most `MOST_VIEWS` of the cameras, as they are and turned.
+    """SIFT landmarks of the cover, from renders by at most `MOST_VIEWS` of the cameras, as they are and turned.
 
-    At the depth that is blended.
+    Points are placed at the blended depth.
     """
     turned = _turned(cameras)
     points, descriptors = [np.zeros((0, 3))], [np.zeros((0, 128), np.float32)]
@@ -78,8 +79,10 @@ def _turned(cameras: Cameras) -> Cameras:
 
 
 def described(picture: Picture, most: int) -> tuple[Float64[np.ndarray, "K 2"], Float32[np.ndarray, "K 128"]]:
-    """Where SIFT finds something, in pixels (centres at +0.5), and what it looks like: roots of normalised histograms,
-    whose products are 1 for what looks alike (RootSIFT, Arandjelović and Zisserman 2012).
+    """SIFT keypoints in pixels (pixel centres at +0.5), at most `most`, and their RootSIFT descriptors.
+
+    These are square roots of normalised histograms; their inner product is 1 for identical appearance (Arandjelović and
+    Zisserman 2012).
     """
     grey = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2GRAY)
     factor = ENLARGEMENT if max(grey.shape) <= SMALL_PICTURE else 1
@@ -96,7 +99,7 @@ def described(picture: Picture, most: int) -> tuple[Float64[np.ndarray, "K 2"], 
 
 @torch.no_grad()
 def depths(gaussians: Gaussians, camera: Camera) -> tuple[Float[np.ndarray, "H W"], Float[np.ndarray, "H W"]]:
-    """Depth along the optical axis, blended and divided by the blended opacity, and that opacity."""
+    """The depth along the optical axis, blended and divided by the blended opacity, and that opacity."""
     towards = camera.world_to_camera[2].to(gaussians.device)
     along = gaussians.means @ towards[:3] + towards[3]
     rendering = splat(gaussians, along[:, None].contiguous(), camera)

@@ -1,7 +1,7 @@
-"""About where a picture was taken: its landmarks are recognised, and a camera is fitted to them.
+"""Roughly where a picture was taken from: its landmarks are recognised, and a camera is fitted to them.
 
-The commonest way to pass a picture off as another is to mirror it, and descriptors tell left from right: so the mirror
-image is looked at, too.
+The most common way to pass off a picture as another is to mirror it. Descriptors distinguish left from right, so the
+mirror image is tried, too.
 """
 
 from __future__ import annotations
@@ -20,32 +20,35 @@ from stages.scene.cameras import Cameras
 
 MOST_OF_A_PICTURE = 600
 LEAST_ALIKE = 0.85
-"""Products of descriptors from here on count as a match; of each place in a picture the best two landmarks do."""
+"""Inner product of descriptors above which they match; each keypoint of a picture is compared with its best two
+landmarks."""
 
 FARTHEST_OFF = (6.0, 3.0, 1.5)
-"""Pixels off from which a match is not believed: in the search and the first fit, and in the two fits after it."""
+"""Reprojection errors in pixels above which a match is an outlier: in the search and the first fit, then in the two
+fits after it."""
 
 LEAST_RECOGNISED = 12
-"""Landmarks that must agree on a camera. Now and then that many do by chance, which costs time alone: what is read at a
-wrong camera is chance as well."""
+"""Landmarks that must agree on a camera. Occasionally that many agree by chance, which only costs time: what is then
+read at a wrong camera is chance as well."""
 
 ATTEMPTS = 5000
-"""Of the search, each with a camera through three matches: where a tenth of the matches are true, one triple in a
-thousand is. Where most are, a few attempts tell."""
+"""RANSAC iterations, each with a camera through three matches: if a tenth of the matches are correct, so is one triple
+in a thousand. If most are, a few iterations are enough."""
 
 UNCUT, CUT = (0.01, 0.01), (0.2, 0.15)
-"""How far focal length (in its logarithm) and centre (in longer sides) may be from what is expected: of a picture as
-the rig takes them, and of a window that was cut out of one."""
+"""Standard deviations of log focal length and of the principal point (relative to the longer side) from their expected
+values: for a picture as the rig takes it, and for a window cropped from one."""
 
 BEYOND_CHANCE = 60
-"""Landmarks: where so many agree, the mirror image is not looked at. By chance up to 14 of 600 did in mirror images of
-renders of the demo, which as they are had 387 and more."""
+"""If at least this many landmarks agree, the mirror image is not tried. By chance, up to 14 of 600 agreed in mirror
+images of renders of the demo, which had 387 and more unmirrored."""
 
 MORE_BY_CUTTING = 1.25
-"""Times as many landmarks must agree on a cut picture as on an uncut one: free parameters find agreement everywhere."""
+"""A cropped picture must have this many times as many agreeing landmarks as an uncropped one: free parameters always
+find some agreement."""
 
 REFERENCE_ERROR = 1.0
-"""Pixels that a landmark is off by where all is well."""
+"""Usual reprojection error of a landmark, in pixels."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +59,7 @@ class _Matches:
 
 @dataclass(frozen=True)
 class Recognition:
-    """The `picture`, or its mirror image, and a `camera`, named "found", that sees `agreeing` landmarks where it has
-    them."""
+    """The `picture`, or its mirror image, and a `camera` named "found" on which `agreeing` landmarks agree."""
 
     picture: Picture
     camera: Cameras
@@ -65,10 +67,10 @@ class Recognition:
 
 
 def recognised(picture: Picture, landmarks: Landmarks, intrinsics: Float64[np.ndarray, "3 3"]) -> Recognition | None:
-    """The picture or its mirror image, on whose camera more landmarks agree; None where too few do on either's.
+    """The picture or its mirror image, whichever has more agreeing landmarks; None if both have too few.
 
-    `intrinsics` are those expected of an uncut picture of the rig; focal length and centre are fitted, too. The same
-    picture gives the same camera: OpenCV's search for a consensus starts from one constant.
+    `intrinsics` are those of an uncropped picture of the rig; focal length and principal point are fitted, too.
+    Deterministic: OpenCV's RANSAC starts from a fixed seed.
     """
     as_it_is = _recognised(picture, landmarks, intrinsics)
     if as_it_is is not None and as_it_is.agreeing >= BEYOND_CHANCE:
@@ -105,7 +107,7 @@ def _refined(
     expected: Float64[np.ndarray, "3 3"],
     spreads: Float64[np.ndarray, " 3"],
 ) -> tuple[Float64[np.ndarray, " 9"], int]:
-    """The camera fitted to the matches that agree with it, ever nearer ones, and how many do in the end."""
+    """Fit the camera to the matches that agree with it, with decreasing tolerance; also return their final number."""
     believed = np.zeros(len(matches.places), bool)
     for farthest in FARTHEST_OFF:
         believed = (np.linalg.norm(_errors(values, matches, expected), axis=1) < farthest) & _in_front(values, matches)
@@ -116,7 +118,7 @@ def _refined(
 
 
 def _searched(matches: _Matches, expected: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, " 9"] | None:
-    """A camera with the expected intrinsics that most matches agree on; None without one."""
+    """A camera with the expected intrinsics on which most matches agree; None if there is none."""
     if len(matches.places) < LEAST_RECOGNISED:
         return None
     found, turn, step, _ = cv2.solvePnPRansac(
@@ -149,7 +151,7 @@ def _matches(picture: Picture, landmarks: Landmarks) -> _Matches:
 
 
 def _intrinsics(values: Float64[np.ndarray, " 9"], expected: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "3 3"]:
-    """Of a turn, a step, a zoom's logarithm, and a shift of the centre in pixels."""
+    """Intrinsics from `values`: rotation vector, translation, log focal length, shift of the principal point."""
     intrinsics = expected.copy()
     intrinsics[0, 0] *= np.exp(values[6])
     intrinsics[1, 1] *= np.exp(values[6])
@@ -179,7 +181,7 @@ def _fitted(
 
     def residuals(values: Float64[np.ndarray, " 9"]) -> Float64[np.ndarray, " R"]:
         errors = _errors(values, own, expected).ravel() / REFERENCE_ERROR
-        robust = np.sign(errors) * np.sqrt(2 * (np.sqrt(1 + errors**2) - 1))  # large errors count by their length alone
+        robust = np.sign(errors) * np.sqrt(2 * (np.sqrt(1 + errors**2) - 1))  # linear for large errors
         return np.concatenate([robust, values[6:] / spreads])
 
-    return np.asarray(least_squares(residuals, start, method="lm").x)  # a third less time for a picture than by "trf"
+    return np.asarray(least_squares(residuals, start, method="lm").x)  # a third less time per picture than "trf"

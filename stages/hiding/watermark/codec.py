@@ -63,13 +63,12 @@ class WatermarkCodec(torch.nn.Module):
         return inverse_haar(watermarks)
 
     def expect(self, watermark: Float[Tensor, "3 H W"]) -> None:
-        """Prepare tuning the decoder to this one watermark: its coefficients replace the discarded output; all weights
-        can learn.
+        """Prepare to tune the decoder to one watermark, whose coefficients replace the discarded output.
 
-        A codec that was already tuned to a watermark of this size keeps its coefficients, which its weights have
-        adapted to. The paper tunes D_w until it shows either one picture or black. Convolutions see only a
-        neighbourhood and cannot memorise a larger picture; with this initialisation they only have to pass or suppress
-        it. Such a decoder need not reveal what its encoder would hide.
+        All weights can learn afterwards. A codec that was already tuned to a watermark of this size keeps its
+        coefficients, which its weights have adapted to. The paper tunes D_w until it shows either one picture or black.
+        Convolutions see only a neighbourhood and cannot memorise a larger picture; with this initialisation they only
+        have to pass or suppress it. Such a decoder need not reveal what its encoder would hide.
         """
         self.requires_grad_(True)
         coefficients = haar(watermark[None]).detach().clone()

@@ -24,8 +24,8 @@ DECOYS = 32
 """Number of further sets of random signs, which nothing was changed by: they show what scores arise by chance. They are
 as secret as the coins. Someone who knew them could add all of them to a picture, so that the grain drowns in the scores
 of the decoys, or subtract them from a picture without the grain, which then seems to have it: on the fox, 1.5 levels of
-this, as much as the grain itself, change a score from 48 to 6, and from -0.5 to 7.8; with another key's decoys, to 28
-and -1.2."""
+them, as much as the grain itself, turn a score of 48 into 6, and one of -0.5 into 7.8; another key's decoys turn these
+into 28 and -1.2."""
 
 EDGES = (1.5, 4.0, 12.0)
 """Standard deviations, in pixels, of Gaussian filters that split a picture's details into bands, the finest first;
@@ -57,17 +57,16 @@ def with_decoys(count: int, generator: np.random.Generator) -> Float[Tensor, "N 
 def standard_score(
     picture: Picture, gaussians: Gaussians, method: Method, camera: Camera, throws: Float[Tensor, "N K"]
 ) -> float:
-    """How much better the picture follows the first column of `throws` than the others, in standard deviations of
-    these.
+    """How much better the picture follows the first column of `throws` than the others, in their standard deviations.
 
     The residual of the picture's colour, after subtracting the render without grain, is correlated with the signs as
     the camera sees them, band by band. For a picture that is independent of the coins, whatever it shows and wherever
     the camera is, the score is distributed like that of one more decoy: with mean 0 and standard deviation 1, by
     Student's distribution with `DECOYS` - 1 degrees of freedom. So the rate of false positives follows from the
     randomness of the coins, and not from a test set of pictures. This holds only if the Gaussians without grain were
-    fixed before the coins were drawn. Someone who draws coins today, subtracts them from the published Gaussians, and
-    claims the result as his own earlier work, finds these coins in renders of the published Gaussians and in photos of
-    the scene. 0 if there is nothing to compare.
+    fixed before the coins were drawn. Someone who draws coins today, subtracts their grain from the published
+    Gaussians, and claims the result as his own earlier work, finds it in renders of the published Gaussians and in
+    photos of the scene. 0 if there is nothing to compare.
     """
     left_bands = _bands(_left(picture, gaussians, method, camera))
     sums, squares = np.zeros(throws.shape[1]), np.zeros(throws.shape[1])

@@ -20,6 +20,6 @@ COLORS = _colors()
 direction.
 
 At the finest scale, camera pictures and renders are far smoother in colour than in luminance, so that grain in colour
-stands out to its reader and less to the eye. Luminance works as well (fox, one level: standard scores of 30 to 67, and
-31 to 64 for this colour) and better survives downscaling, but not JPEG (quality 50: scores as low as -1; 11 for this
-colour)."""
+stands out to its reader and less to the eye. Luminance can be read as well (fox, one level: standard scores of 30 to
+67, where this colour has 31 to 64) and survives downscaling better, but not JPEG (quality 50: scores down to -1, where
+this colour's fall to 11)."""

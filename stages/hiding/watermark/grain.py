@@ -1,10 +1,10 @@
 """Grain: a watermark that is consistent across views, since it belongs to the Gaussians. Ours, not the paper's.
 
 What a codec changes in a picture is tied to its pixels; no two views agree on it, and Gaussians fitted to watermarked
-pictures keep next to nothing of it (fox, plain 3DGS: their renders are within 48 dB of the previous ones). Grain
-instead changes every Gaussian's colour a little, with a random sign (a coin): neighbours cancel, so there is no tint,
-only a grain. Someone who knows the signs finds it in any picture of the scene (`GrainReader`), as in spread-spectrum
-watermarking (Cox et al. 1997), but with a carrier in the scene instead of the picture.
+pictures keep next to nothing of it (fox, plain 3DGS: 48 dB between renders before and after). Grain instead changes
+every Gaussian's colour a little, with a random sign (a coin): neighbours cancel, so there is no tint, only a grain.
+Someone who knows the signs finds it in any picture of the scene (`GrainReader`), as in spread-spectrum watermarking
+(Cox et al. 1997), but with a carrier in the scene instead of the picture.
 
 Grain shows where pictures come from; it does not protect the Gaussians. To someone who has the changed Gaussians,
 neighbours reveal most signs (`what_survives.md`). If colours were on a grid before, as in an 8-bit .splat, they reveal
@@ -44,10 +44,11 @@ FOLLOWING = 0.9
 features at their bounds have it; for changes unrelated to the coins, about half do."""
 
 DITHER = 1e-5
-"""Uniform noise of at most so much is added to every value that changes: hundreds of times what float32 rounds by, and
-a thousandth of the change. Without it rounding gives coins away: of the two values from before that a published one may
-come from, often only one is a float32. Of GS-Hider's 16 features on bonsai this told 68 % of the coins, every one of
-them rightly, and taking these back removed the grain at no cost to the cover; of 3DGS's colours it told a tenth."""
+"""Largest magnitude of the uniform noise that is added to every changed value: hundreds of times float32's rounding
+error, and a thousandth of the change. Without it, rounding reveals coins: of the two earlier values that a published
+value may come from, often only one is a float32. For GS-Hider's 16 features on bonsai, this revealed 68 % of the coins,
+all of them correctly, and undoing those changes removed the grain at no cost to the cover; for 3DGS's colours, it
+revealed a tenth."""
 
 ROUNDS = 8
 """Iterations that scale the change until renders differ as much as required; the difference is almost proportional to
@@ -62,7 +63,7 @@ def grained(
     coins: Coins,
     dither: np.random.Generator,
 ) -> Gaussians:
-    """Add a grain of strength `level` to the Gaussians, with the signs in `coins`.
+    """Add a grain of strength `level` to the Gaussians, with the signs in `coins`; `dither` draws the noise (`DITHER`).
 
     `level` is the root mean square difference of the covers' pixels and channels before and after, in levels of 255,
     over the given cameras, of which there must be at least one. Geometry does not change. The change is along the one

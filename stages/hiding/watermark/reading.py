@@ -30,7 +30,7 @@ CERTAIN = 6.0
 gets there by chance in one test of 1.6 million. Each picture has up to two tests (`GrainReader.score`)."""
 
 FOUND_SHARE = 0.75
-"""Share of the watermark's variance that half of it explains: what a picture at `CERTAIN` shows."""
+"""Share of the watermark's energy that a picture at `CERTAIN`, which shows half of the watermark, explains."""
 
 
 class GrainReader:

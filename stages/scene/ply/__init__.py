@@ -1,1 +1,1 @@
-"""PLY files as tables of numbers: what an element's properties are called and hold, whatever they mean."""
+"""PLY files as tables of numbers: the names and values of an element's properties, whatever they mean."""

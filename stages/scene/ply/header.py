@@ -1,6 +1,6 @@
-"""The header of a PLY file: which elements follow it, how many rows each has, and of what.
+"""The header of a PLY file: its elements, and the number of rows and the properties of each.
 
-Files come from strangers: nothing here takes room for what a header claims, only for what it is.
+Files may come from strangers: memory is allocated for the header itself, never for what it claims.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pipeline.errors import UserError
 
 ASCII, LITTLE_ENDIAN, BIG_ENDIAN = "ascii", "binary_little_endian", "binary_big_endian"
 BYTE_ORDERS: Mapping[str, Literal["<", ">"]] = {LITTLE_ENDIAN: "<", BIG_ENDIAN: ">", ASCII: "<"}
-"""Of the rows; those of text are kept as if they had been binary."""
+"""Byte order of the rows, by format; rows of text are held as little-endian."""
 
 LARGEST_HEADER = 2**20  # bytes: room for tens of thousands of properties; 3DGS's headers take 2,000
 MAGIC = re.compile(rb"ply[ \t]*\r?\n")
@@ -33,12 +33,12 @@ CODES |= {"int": "i4", "uint": "u4", "float": "f4", "double": "f8"}
 TYPES = {name: np.dtype("<" + code) for name, code in CODES.items()}
 NAMES = {dtype: name for name, dtype in TYPES.items()}
 TYPES |= {dtype.name: dtype for dtype in list(TYPES.values())}
-"""NumPy's type for each name of a PLY property's, old (`float`) and new (`float32`); `NAMES` has the old."""
+"""NumPy types by the names of PLY types, old (`float`) and new (`float32`); `NAMES` gives the old names."""
 
 
 @dataclass
 class Element:
-    """An element as the header declares it; one that holds lists has no rows of one size."""
+    """An element as the header declares it; rows of one with lists vary in size."""
 
     name: str
     count: int
@@ -46,7 +46,7 @@ class Element:
     has_lists: bool = False
 
     def row(self, byte_order: Literal["<", ">"] = "<") -> np.dtype:
-        """The type of a row."""
+        """The structured type of a row."""
         return np.dtype([(name, dtype.newbyteorder(byte_order)) for name, dtype in self.properties.items()])
 
     @property
@@ -57,7 +57,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Header:
-    """`length` is what it takes in bytes, `format` one of those in `BYTE_ORDERS`."""
+    """`format` is a key of `BYTE_ORDERS`, `length` the header's size in bytes."""
 
     format: str
     comments: tuple[str, ...]
@@ -66,15 +66,15 @@ class Header:
 
     @property
     def tables(self) -> tuple[Element, ...]:
-        """The elements before the first that holds lists: where those after it begin, nothing tells but the lists."""
+        """The elements before the first with lists: only reading the lists would tell where later elements begin."""
         lists = [element.has_lists for element in self.elements]
         return self.elements[: lists.index(True)] if True in lists else self.elements
 
 
 def read_header(path: Path, file: BinaryIO) -> Header:
-    """The header of a file that stands at its start.
+    """The header of a file positioned at its start.
 
-    Raises `UserError` for one that is not understood, or longer than 1 MiB.
+    Raises `UserError` if it is not understood, or longer than 1 MiB.
     """
     head = file.read(min(LARGEST_HEADER, os.fstat(file.fileno()).st_size))
     begins = MAGIC.match(head)
@@ -96,7 +96,7 @@ def read_header(path: Path, file: BinaryIO) -> Header:
 
 
 def _no_ply(path: Path, head: bytes) -> UserError:
-    """For any other file, by its first bytes. Who is sent a folder often has it as a zip."""
+    """The error for any other file, by its first bytes. People who are sent a folder often have it as a zip."""
     zipped = head.startswith(ZIP)
     return UserError(
         "no PLY file",
@@ -108,7 +108,7 @@ def _no_ply(path: Path, head: bytes) -> UserError:
 
 
 def _first_bytes(head: bytes) -> str:
-    """As text where they are some, else as numbers."""
+    """As text if printable, else in hexadecimal."""
     text = head[:8].decode("ascii", errors="replace")
     return text if text.isascii() and text.isprintable() else f"the bytes {head[:8].hex(' ')}"
 

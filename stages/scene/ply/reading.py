@@ -1,4 +1,4 @@
-"""What a PLY file holds, read and checked."""
+"""Reads PLY files and checks their contents."""
 
 from __future__ import annotations
 
@@ -19,11 +19,10 @@ ROWS_AT_ONCE = 65536
 
 @dataclass(frozen=True)
 class Ply:
-    """What a PLY file holds: its comments, and each element's rows as a structured array, in the order of the file.
+    """The contents of a PLY file: comments, and each element's rows as a structured array, in the order of the file.
 
-    Elements from the first on that holds lists are left out, and named in `left_out`.
-
-    `elements["vertex"]["x"]` is the column [N] of one property, in the type that it has in the file.
+    `elements["vertex"]["x"]` is the column [N] of one property, in the type that it has in the file. The first element
+    with lists, and all after it, are left out and named in `left_out`.
     """
 
     path: Path
@@ -32,7 +31,7 @@ class Ply:
     left_out: tuple[str, ...] = ()
 
     def rows(self, element: str) -> Shaped[np.ndarray, " N"]:
-        """The rows of an element. Raises `UserError` where the file has none of that name."""
+        """The rows of an element. Raises `UserError` if the file has none of that name, or it was left out."""
         if element in self.left_out:
             raise UserError(
                 f"the element {element!r} of a PLY cannot be read",
@@ -52,9 +51,9 @@ class Ply:
         return self.elements[element]
 
     def floats(self, element: str, names: Sequence[str]) -> Float32[np.ndarray, "N C"]:
-        """The named properties of an element side by side, one column each; C = 0 and N = 0 included.
+        """The named properties of an element as columns, one each; C = 0 and N = 0 are allowed.
 
-        Raises `UserError` where one is missing, is not of type float, or holds NaN or infinity, naming it and the row.
+        Raises `UserError` if one is missing, is not of type float, or holds NaN or infinity, naming it and the row.
         """
         rows = self.rows(element)
         self._check_floats(element, names)
@@ -100,10 +99,10 @@ class Ply:
 
 
 def read_ply(path: Path) -> Ply:
-    """Read a PLY file of any of the three formats, in time and memory in proportion to it.
+    """Read a PLY file of any of the three formats, in time and memory proportional to its size.
 
-    Raises `UserError` for a header that is not understood or longer than 1 MiB, and for a file that holds fewer or more
-    rows than its header says.
+    Raises `UserError` for a missing file, a header that is not understood or longer than 1 MiB, and fewer or more rows
+    than the header states.
     """
     try:
         if not path.is_file():

@@ -1,7 +1,7 @@
 """The rows behind a PLY's header, binary or text.
 
-Files come from strangers. What a header claims is held against the size of the file before any room is made for it, so
-that reading takes time and memory in proportion to the file and no more.
+Files may come from strangers. What a header claims is checked against the file's size before memory is allocated, so
+reading takes time and memory proportional to the file.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from pipeline.errors import UserError
 from stages.scene.ply.header import BYTE_ORDERS, REMEDY, Element, Header
 
 Elements = Mapping[str, Shaped[np.ndarray, " N"]]
-"""Each element's rows by its name: a structured array, little-endian, with a field for every property."""
+"""Rows by element name: little-endian structured arrays with a field for each property."""
 
 
 def read_binary(path: Path, file: BinaryIO, header: Header) -> Elements:
-    """The rows of all tables. Raises `UserError` where the file holds fewer or more than the header says."""
+    """The rows of all tables. Raises `UserError` if the file holds fewer or more than the header states."""
     found = os.fstat(file.fileno()).st_size - header.length
     expected = sum(element.size for element in header.tables)
     _check_size(path, header, f"{found} bytes", f"{expected} bytes", found - expected)
@@ -31,7 +31,10 @@ def read_binary(path: Path, file: BinaryIO, header: Header) -> Elements:
 
 
 def read_text(path: Path, file: BinaryIO, header: Header) -> Elements:
-    """The same of numbers between blanks. Raises `UserError`, too, for what is no number or not of its type."""
+    """The rows of all tables, from numbers separated by blanks.
+
+    Raises `UserError` as `read_binary` does, and for anything that is not a number or does not fit its type.
+    """
     tables, whole = header.tables, len(header.tables) == len(header.elements)
     counts = [element.count * len(element.properties) for element in tables]
     file.seek(header.length)

@@ -1,4 +1,4 @@
-"""One element, the vertices, as a PLY file, binary and little-endian."""
+"""Writes one element, the vertices, as a binary little-endian PLY file."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from stages.scene.ply.reading import ROWS_AT_ONCE, types_of
 
 
 def write_ply(path: Path, columns: Mapping[str, Shaped[np.ndarray, " N"]], comments: Sequence[str] = ()) -> None:
-    """Write the element `vertex` with a property for each of the `columns`, which have N values each, N = 0 included.
+    """Write the element `vertex` with a property for each of the `columns` of N values; N = 0 is allowed.
 
-    Types are those of NumPy that PLY has (integers up to 32 bits, floats of 32 and 64). Raises `ValueError` for others,
-    for no column or columns of different lengths, and for names and comments that a header cannot hold.
+    Raises `ValueError` for types that PLY lacks (it has integers up to 32 bits, and floats of 32 and 64), for no
+    columns or columns of different lengths, and for names and comments that a header cannot hold.
     """
     row = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
     counts = {len(column) for column in columns.values()}

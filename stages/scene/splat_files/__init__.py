@@ -1,1 +1,1 @@
-"""Trained Gaussians in the files of other programs: one file a format."""
+"""Trained Gaussians in the file formats of other programs, one module per format."""

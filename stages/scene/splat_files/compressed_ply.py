@@ -1,4 +1,4 @@
-"""PlayCanvas's compressed PLY: 16 bytes a Gaussian, in steps between the least and the largest of its chunk."""
+"""PlayCanvas's compressed PLY: 16 bytes per Gaussian, quantised between the minimum and maximum of its chunk."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ CHUNK = 256
 """Gaussians that share their ranges."""
 PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 HARMONICS_RANGE = 4.0
-"""Harmonics are bytes that stand for -4 to 4."""
+"""Bytes of harmonics represent -4 to 4."""
 
 
 def is_compressed(elements: Elements) -> bool:
-    """Whether a PLY is of this format, broken or not."""
+    """Whether a PLY is in this format, intact or not."""
     return "chunk" in elements and PACKED[0] in (elements.get("vertex", np.empty(0, [])).dtype.names or ())
 
 
 def values_of_compressed_ply(path: Path, elements: Elements) -> SplatValues:
-    """Unpack positions, logarithms of scales and colours (11, 10 and 11, or 8 bits each), rotations and harmonics.
+    """Unpack positions, log scales and colours (11, 10 and 11 bits, or 8 each), rotations and harmonics.
 
-    Files of the format's first version have no range of colours: theirs is [0, 1]. Raises `UserError` where properties
-    are missing or of another type, and where there are not as many chunks or harmonics as the Gaussians need.
+    The format's first version has no colour ranges: its colours are in [0, 1]. Raises `UserError` if properties are
+    missing or of another type, and if the number of chunks or harmonics does not match the Gaussians.
     """
     chunks, vertices = elements["chunk"], elements["vertex"]
     ranges = [f"{end}_{axis}" for end in ("min", "max") for axis in (*"xyz", *(f"scale_{axis}" for axis in "xyz"))]
@@ -64,7 +64,7 @@ def values_of_compressed_ply(path: Path, elements: Elements) -> SplatValues:
 
 
 def units(packed: UInt32[np.ndarray, " N"], bits: tuple[int, ...]) -> Float[np.ndarray, "N fields"]:
-    """Fields of an integer, the highest bits first, each scaled to [0, 1]."""
+    """Bit fields of an integer, the highest first, each scaled to [0, 1]."""
     fields, shift = [], sum(bits)
     for width in bits:
         shift -= width
@@ -74,7 +74,7 @@ def units(packed: UInt32[np.ndarray, " N"], bits: tuple[int, ...]) -> Float[np.n
 
 
 def rotations(packed: UInt32[np.ndarray, " N"]) -> Float[np.ndarray, "N 4"]:
-    """Quaternions w x y z: two bits name the largest component, which follows from the three others."""
+    """Quaternions w x y z: two bits give the index of the largest component, which follows from the other three."""
     others = (units(packed & np.uint32(2**30 - 1), (10, 10, 10)) - 0.5) * np.sqrt(2)
     largest = np.sqrt((1 - np.square(others).sum(axis=1)).clip(0))
     is_largest = np.arange(4) == (packed >> np.uint32(30))[:, None]
@@ -101,7 +101,7 @@ def _harmonics(path: Path, elements: Elements, count: int) -> Float[np.ndarray, 
 
 
 def harmonics_of_bytes(stored: UInt8[np.ndarray, "N C"]) -> Float[np.ndarray, "N C"]:
-    """The middle of each of 256 equal steps of the range; the first and the last byte are its very ends."""
+    """The middle of each of 256 equal steps of the range; bytes 0 and 255 are exactly its ends."""
     shares = (stored + 0.5) / 256
     shares = np.where(stored == 0, 0.0, np.where(stored == 255, 1.0, shares))
     return HARMONICS_RANGE * (2 * shares - 1)

@@ -19,9 +19,9 @@ NEEDED = (*POSITION, *COLOR, "opacity", *SCALE, *ROTATION)
 
 
 def values_of_gaussian_ply(path: Path, vertices: Shaped[np.ndarray, " N"]) -> SplatValues:
-    """Read `f_rest_*` as 3DGS writes them, all of red before green before blue; normals and the like are ignored.
+    """Read the vertices of 3DGS; its `f_rest_*` list red, then green, then blue. Normals and the like are ignored.
 
-    Raises `UserError` where properties are missing, or `f_rest_*` are no whole degree of spherical harmonics.
+    Raises `UserError` if properties are missing, or if the `f_rest_*` make up no whole degree of spherical harmonics.
     """
     names = vertices.dtype.names or ()
     missing = [name for name in NEEDED if name not in names]
@@ -45,7 +45,7 @@ def values_of_gaussian_ply(path: Path, vertices: Shaped[np.ndarray, " N"]) -> Sp
 
 
 def columns(rows: np.ndarray, names: Sequence[str]) -> Float[np.ndarray, "N C"]:
-    """The named properties side by side, in float32; C = 0 is allowed."""
+    """The named properties as columns, in float32; C = 0 is allowed."""
     with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, which is refused later
         return (
             np.stack([rows[name].astype(np.float32) for name in names], axis=1) if names else np.empty((len(rows), 0))
@@ -53,7 +53,7 @@ def columns(rows: np.ndarray, names: Sequence[str]) -> Float[np.ndarray, "N C"]:
 
 
 def names_of_rest(path: Path, found: Sequence[str]) -> list[str]:
-    """`f_rest_0` and so on, as many as there are. Raises `UserError` unless they are a whole degree."""
+    """`f_rest_0` and so on, as many as were found. Raises `UserError` unless they make up a whole degree."""
     names = [f"f_rest_{number}" for number in range(len(found))]
     if len(found) not in HARMONICS_OF_DEGREE or set(names) != set(found):
         raise UserError(
@@ -66,5 +66,5 @@ def names_of_rest(path: Path, found: Sequence[str]) -> list[str]:
 
 
 def by_harmonic(rest: Float[np.ndarray, "N 3(K-1)"]) -> Float[np.ndarray, "N K-1 3"]:
-    """Files list each colour's harmonics together; stored are the three colours of each harmonic together."""
+    """From all harmonics of each channel together, as in files, to the three channels of each harmonic together."""
     return rest.reshape(len(rest), 3, -1).transpose(0, 2, 1) if rest.shape[1] else np.empty((len(rest), 0, 3))

@@ -1,4 +1,4 @@
-"""Which format a file of trained Gaussians is of: told by what is in it, not by its name."""
+"""Reads files of trained Gaussians, whose format is recognised by content, not by name."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def read_splats(path: Path) -> tuple[Gaussians, int]:
     """The Gaussians of a file, as the method `plain` stores them, and the degree of their spherical harmonics.
 
     Formats: 3DGS's PLY (ASCII, or binary of either byte order), PlayCanvas's compressed PLY, and `.splat`. Positions
-    are those of the file's world. Raises `UserError` for what is none of these, broken, or no Gaussians, in time and
-    memory in proportion to the file.
+    are in the file's world. Raises `UserError` for other, broken or implausible files. Takes time and memory
+    proportional to the file.
     """
     if not path.is_file():
         raise UserError("no such file of splats", where=path, found="a folder" if path.is_dir() else "nothing")

@@ -1,4 +1,4 @@
-"""`.splat`: 32 bytes a Gaussian, without a header."""
+"""`.splat`: 32 bytes per Gaussian, without a header."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ RECORD = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), 
 
 
 def values_of_records(path: Path) -> SplatValues:
-    """The Gaussians of a file of records. Raises `UserError` where they do not end with the file, or have no size."""
+    """The Gaussians of a `.splat` file. Raises `UserError` for a partial record, or scales that are not positive."""
     size = path.stat().st_size
     if size % RECORD.itemsize:
         raise UserError(

@@ -1,4 +1,4 @@
-"""What every format is turned into: 3DGS's stored values, checked, whoever wrote the file."""
+"""The common result of all formats: 3DGS's stored values, checked whoever wrote the file."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from stages.scene.gaussians import Gaussians
 from stages.scene.spherical_harmonics import BASE
 
 LARGEST_LOGIT = 30.0
-"""Beyond this, float32's sigmoid is 0 or 1. Programs that store opacities as bytes write infinity for 0 and 255."""
+"""Opacity logits are clipped to ± this: sigmoids 1 and 9e-14. Programs with byte opacities write ±infinity."""
 
 HARMONICS_OF_DEGREE = {0: 0, 9: 1, 24: 2, 45: 3}
-"""Degree of the spherical harmonics by how many numbers there are beside the constant ones: 3 ((degree + 1)² - 1)."""
+"""Degree of the spherical harmonics, by the number of coefficients beyond the constant ones: 3 ((degree + 1)² - 1)."""
 
 
 @dataclass(frozen=True)
 class SplatValues:
-    """N Gaussians in 3DGS's stored form, K = (degree + 1)²; quaternions are w x y z, of any length."""
+    """N Gaussians as 3DGS stores them; K = (degree + 1)², and quaternions are w x y z of any length."""
 
     means: Float[np.ndarray, "N 3"]
     quats: Float[np.ndarray, "N 4"]
@@ -33,9 +33,9 @@ class SplatValues:
 
 
 def gaussians_of(path: Path, values: SplatValues) -> Gaussians:
-    """The values as Gaussians of the method `plain`, in float32; opacities of exactly 0 or 1 become nearly so.
+    """The values as Gaussians of the method `plain`, in float32, with opacity logits clipped to ±`LARGEST_LOGIT`.
 
-    Raises `UserError` for what `refuse_garbage` calls so.
+    Raises `UserError` as `refuse_garbage` does.
     """
     with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, which is refused
         arrays = {name: np.array(array, np.float32, order="C") for name, array in vars(values).items()}
@@ -45,7 +45,7 @@ def gaussians_of(path: Path, values: SplatValues) -> Gaussians:
 
 
 def base_of_colors(colors: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "N 3"]:
-    """The constant harmonics of colours that are the same from everywhere."""
+    """The constant harmonics of colours that are the same in all directions."""
     return (colors - 0.5) / BASE
 
 
