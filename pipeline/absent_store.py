@@ -1,4 +1,4 @@
-"""A store that is not there yet, as a command sees it that only reads: nothing is in it, and nothing is made there."""
+"""A store that does not exist yet, as seen by commands that only read: empty, and not created by reading."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from pipeline.store import Store
 
 
 class AbsentStore(Store):
-    """A store in a folder that is missing or empty, and stays so.
+    """A store whose folder is missing or empty, and which is never created.
 
-    What would be remembered for the next time is forgotten: whoever writes into a store can do without.
+    Data that is only cached for the next run is dropped: the code that writes it tolerates a failed write.
     """
 
     def folder(self, *names: str) -> Path:
-        """Raises OSError: there is no folder to write into."""
+        """Always raises OSError: there is no folder to write to."""
         raise OSError(errno.ENOENT, "no store there yet", str(self.root))
 
     @contextmanager
     def in_use(self, alone: bool = False) -> Iterator[None]:
-        """Holds nothing: there is nothing that anybody could delete."""
+        """Takes no lock: there is nothing that another process could delete."""
         yield

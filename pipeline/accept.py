@@ -1,10 +1,10 @@
-"""`accept`: results are kept after a change that a person knows to be cosmetic.
+"""`accept`: keeps results after a code change that a person knows to be cosmetic.
 
-A key cannot know that a renamed variable changes no bit, and hours of training are too much to pay for it. Accepting a
-stage writes one more record, under its new key, with the old outputs, and notes from which key, when, at which commit
-and over which changes: whoever explains the result, or reports on what was made from it, says so. Only code, the
+A key cannot tell that a renamed variable changes no bit, and hours of training are too high a price for it. Accepting a
+stage writes one more record, under its new key and with the old outputs. The record notes the old key, the time, the
+commit and the changes; explanations of the result, and reports on anything made from it, mention them. Only code, the
 declared version and the format of keys can be accepted. Parameters, inputs, files and privacy say what was asked for,
-and a result whose outputs are no longer those of the stage is none of it.
+so a change there cannot; nor can a result whose outputs no longer match those that the stage declares.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ GONE = "it has no result that is whole in the store"
 
 @dataclass(frozen=True)
 class Acceptance:
-    """A result to be kept: `record` is the new one, with `old` the key that it was made under."""
+    """A result to keep: `record` is the new record, `old` the key under which the result was made."""
 
     name: str
     old: str
@@ -38,12 +38,13 @@ class Acceptance:
 
     @property
     def changes(self) -> list[str]:
+        """The accepted changes, in words."""
         return list(self.record.accepted[-1]["changes"])
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """A result that cannot be kept, and each thing that stands in the way."""
+    """A result that cannot be kept, with every reason why."""
 
     name: str
     reasons: list[str]
@@ -53,10 +54,10 @@ class Refusal:
 
 
 def acceptances(graph: Graph, store: Store, stage: str, commit: str | None) -> tuple[list[Acceptance], list[Refusal]]:
-    """What accepting `stage`, a name in the file or one item of a foreach, would keep, and what it could not.
+    """What accepting `stage` (a name in the file, or one item of a foreach) would keep, and what it cannot keep.
 
-    Both are empty where all is cached. An item that cannot be kept holds up no other, as in a run. Raises
-    CommandError, which says of every item what stands in the way, where none can be kept.
+    Both lists are empty if everything is cached. As in a run, an item that cannot be kept does not hold up the others.
+    Raises CommandError if there is no such stage, or if nothing can be kept; it then gives the reasons for every item.
     """
     part = graph.needed_for([stage])
     steps = make_plan(part, store)
@@ -81,7 +82,7 @@ def acceptances(graph: Graph, store: Store, stage: str, commit: str | None) -> t
 
 
 def _remedy(graph: Graph, steps: Mapping[str, Step], refused: Sequence[Refusal]) -> str:
-    """What to do where nothing can be kept."""
+    """What to do if nothing can be kept."""
     waiting = all(steps[refusal.name].key is None and GONE not in refusal.reasons for refusal in refused)
     first = to_accept_first(graph, steps, [refusal.name for refusal in refused]) if waiting else []
     if first:
@@ -90,7 +91,10 @@ def _remedy(graph: Graph, steps: Mapping[str, Step], refused: Sequence[Refusal])
 
 
 def keep(found: Sequence[Acceptance], graph: Graph, store: Store) -> None:
-    """Writes the records, and a journal with all that is cached then, which is what `gc` and `explain` go by."""
+    """Writes the records, then a journal of everything that is cached now, on which `gc` and `explain` rely.
+
+    Raises CommandError while `gc` deletes from the store, OSError if the journal or a link in `latest` cannot be made.
+    """
     with store.in_use():
         for acceptance in found:
             with store.lock(acceptance.record.key):
@@ -107,19 +111,23 @@ def keep(found: Sequence[Acceptance], graph: Graph, store: Store) -> None:
 
 
 def still_to_accept(graph: Graph, store: Store) -> list[str]:
-    """Stages of the graph that would run for nothing but what could be accepted, too."""
+    """Stages of the graph that would run only because of changes that could be accepted, too."""
     return [name for name, step in make_plan(graph, store).items() if is_acceptable(step)]
 
 
 def is_acceptable(step: Step) -> bool:
-    """Whether a stage would run for nothing but what can be accepted; another run that is doing it is not stopped."""
+    """Whether a stage would run only because of changes that can be accepted.
+
+    False while a run is doing it: accepting would not stop that run.
+    """
     return bool(step.changes) and step.key is not None and step.state != "running" and not _unacceptable(step)
 
 
 def to_accept_first(graph: Graph, steps: Mapping[str, Step], names: Iterable[str]) -> list[str]:
-    """Stages, in order, that can be accepted and for which alone those of `names` wait that are not cached.
+    """The stages, in order, whose acceptance is all that the uncached stages among `names` wait for.
 
-    One that waits for nothing is named itself. Empty where one of them has to run in any case, or all are cached.
+    A stage among `names` that waits for nothing is itself included. Empty if one of them has to run in any case, or if
+    all are cached.
     """
     asked, found = list(names), set()
     seen: set[str] = set()
@@ -139,13 +147,13 @@ def to_accept_first(graph: Graph, steps: Mapping[str, Step], names: Iterable[str
 
 
 def _passes(change: Change) -> bool:
-    """Whether a change can be accepted, or may be gone when what is upstream is accepted."""
+    """Whether a change can be accepted, or may disappear when stages upstream are accepted."""
     waits = change.part == "input" and "source" in change.details and change.after is None and change.before != FAILED
     return waits or change.part in ACCEPTABLE
 
 
 def _misfits(node: Node, record: Record | None, store: Store, digests: Mapping[Source, str | None]) -> Iterator[str]:
-    """What the stage would make now and the result is not: other outputs, kinds, or privacy."""
+    """How the result differs from what the stage would make now: other outputs, kinds or privacy."""
     declared, made = node.declaration.outputs, record.outputs if record else {}
     if declared.keys() != made.keys():
         yield f"its outputs are {', '.join(declared) or 'none'} now; its result has {', '.join(made) or 'none'}"

@@ -1,7 +1,7 @@
-"""One action, done where a worker is: look again under the lock, run the stage, commit what it made.
+"""One action, performed by a worker: look for it in the store again under its lock, run the stage, commit its outputs.
 
-It never raises for what a stage does wrong: the outcome says what happened, in words, and the log holds the rest. An
-input that turns out to be damaged is no failure of the stage's: the outcome names it, and the run makes it again.
+An error of the stage is never raised: the outcome says in words what happened, and the log holds the rest. A damaged
+input is not the stage's failure: the outcome names it, and the run makes it again.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ from pipeline.stage import (
 from pipeline.stagelog import StageLog, printed_to_stderr
 from pipeline.store import Store
 
-TELL_EVERY = 0.25  # seconds between two messages about progress
-LOOK_EVERY = 0.2  # seconds between two looks at the stop flag
+TELL_EVERY = 0.25  # seconds between two progress events
+LOOK_EVERY = 0.2  # seconds between two checks of the stop flag
 LONGEST_CAUSE = 500  # characters
 
 
 @dataclass(frozen=True)
 class Ancestor:
-    """An action that something was made from, and the names of the stages that it took artifacts from."""
+    """An action in the lineage of an artifact; `upstream` names the stages whose artifacts it took."""
 
     key: str
     upstream: tuple[str, ...]
@@ -64,7 +64,7 @@ class Ancestor:
 
 @dataclass(frozen=True)
 class JobItem:
-    """What one artifact of a labelled input is about; `digest` is None where it failed, because of `cause`."""
+    """What one artifact of a labelled input is about. If its stage failed, `digest` is None and `cause` says why."""
 
     label: str
     values: Mapping[str, Json]
@@ -75,14 +75,14 @@ class JobItem:
 
 @dataclass(frozen=True)
 class Job:
-    """All that a worker must know to do one action.
+    """Everything that a worker needs to perform one action.
 
-    `command` has the workflow run as it is being run. `inputs` holds the digests of the artifacts of each input,
-    `items` what those of labelled ones are about; `lineage` every action upstream by the name of its stage, in order;
-    `store` is its address. `stop_flag` is a file that appears when work should stop, `begun_flag` one that the worker
-    makes when the stage begins: where it lacks, a worker that died has done nothing. `private` is what the workflow
-    says; `private_log` whether an output is declared private. `captures` sends what the process prints to the log, for
-    processes that are a worker's own.
+    `command` runs the workflow in the same way again. `inputs` holds the digests of each input's artifacts, `items`
+    what the artifacts of labelled inputs are about, and `lineage` every action upstream by stage name, in order.
+    `store` is the address of the store. The worker stops when the file `stop_flag` appears, and creates the file
+    `begun_flag` when the stage begins: without it, a worker that died has done nothing. `private` is the workflow's
+    setting; `private_log` is true if the stage or any of its outputs is declared private. `captures` sends the
+    process's output to the log, in processes that are a worker's own.
     """
 
     name: str
@@ -108,16 +108,16 @@ class Job:
 
     @property
     def digests(self) -> tuple[str, ...]:
-        """Those of all inputs, each once."""
+        """The digests of all inputs, each once."""
         return tuple(dict.fromkeys(digest for digests in self.inputs.values() for digest in digests))
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How an action ended. `outputs` are digests; `cause` says in one line why it did not end well.
+    """How an action ended. `outputs` holds digests; `cause` says in one line why it did not end well.
 
-    `damaged` are digests of inputs that are not what was written; `private` whether an output is private; `transient`
-    whether what failed may succeed if it is tried again; `remarks` what a person should know of what was made.
+    `damaged` holds the digests of damaged inputs. `private` says whether an output is private, `transient` whether a
+    retry may succeed. `remarks` are what a person should know about the result.
     """
 
     state: Literal["ran", "cached", "failed", "stopped", "damaged"]
@@ -132,10 +132,13 @@ class Outcome:
 
 
 def perform(job: Job, tell: Tell) -> Outcome:
-    """Does the action of `job`, unless it is done already or all is to stop."""
+    """Performs the action of `job`, unless it is already done or the run is to stop.
+
+    An OSError or PipelineError outside the stage becomes an outcome, too.
+    """
     try:
         return _perform(job, tell)
-    except (OSError, PipelineError) as error:  # beside the stage: no lock, no log, no input fetched, a `gc` at work
+    except (OSError, PipelineError) as error:  # outside the stage: no lock, no log, no input fetched, or `gc` at work
         return Outcome("failed", cause=_cause(error, job.store), transient=isinstance(error, TransientError))
 
 
@@ -163,7 +166,7 @@ def _perform(job: Job, tell: Tell) -> Outcome:
 
 
 def _with_inputs(job: Job, store: Store, tell: Tell) -> Outcome:
-    """Opens the inputs, and runs the stage."""
+    """Opens the inputs and runs the stage, unless an input is damaged."""
     artifacts: dict[str, Artifact] = {}
     for digest in job.digests:
         with suppress(CorruptArtifact):
@@ -209,14 +212,14 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         transient = isinstance(error, TransientError)
         return Outcome(state, time.monotonic() - started, None, cause, damaged, log=path, transient=transient)
     finally:
-        action.loaded.look()  # a stage that failed early, and remarks, may have loaded what others work with later
+        action.loaded.look()  # a stage that failed early, or its remarks, may have loaded modules for later stages
         log.close()
         store.keep_log(path)
         shutil.rmtree(work, ignore_errors=True)
 
 
 class _Action:
-    """A stage at work, and what the engine does for it meanwhile."""
+    """A running stage, and what the engine does for it."""
 
     def __init__(self, job: Job, store: Store, given: Mapping[str, tuple[Artifact, ...]], private: bool) -> None:
         self.job = job
@@ -229,6 +232,7 @@ class _Action:
         self.unsaved = ""
 
     def run(self, work: Path, log: StageLog, tell: Tell) -> Record:
+        """Runs the stage and commits its outputs. Raises whatever the stage raises."""
         job, began, started = self.job, now(), time.monotonic()
         work.mkdir(mode=0o700)
         declared = import_stage(job.package, job.uses)
@@ -276,7 +280,7 @@ class _Action:
         return bind_inputs(declared, given)
 
     def remarks(self, record: Record, log: StageLog) -> tuple[Remark, ...]:
-        """What is to be said of the result, which the log gets in full. It is kept even where that is defective."""
+        """The stage's remarks on the result, also written to the log in full; none if making them fails."""
         try:
             declared = import_stage(self.job.package, self.job.uses)
             outputs = {name: self.store.artifact(digest) for name, digest in record.outputs.items()}
@@ -289,7 +293,7 @@ class _Action:
         return said
 
     def check_external(self) -> None:
-        """Raises UserError where a file that the stage may have read is not as it was when the run was planned."""
+        """Raises UserError if a file that the stage may have read has changed since the run was planned."""
         external: Any = self.job.parts["external"]
         cache = ExternalCache(self.store)
         for name, planned in external.items():
@@ -311,9 +315,9 @@ class _Action:
         }
 
     def damaged_inputs(self, error: CorruptArtifact) -> tuple[str, ...]:
-        """Digests of the inputs that are not what was written; reads every byte of all of them.
+        """Digests of the inputs that are damaged; reads every byte of all of them.
 
-        If all are, then of those that the error is about: another run has just made them again.
+        If all are sound, another run has just made them again: then the digests of those that the error mentions.
         """
         damaged = tuple(digest for digest in self.job.digests if not self.store.is_sound(digest))
         return damaged or tuple(digest for digest in self.job.digests if digest in str(error))
@@ -327,7 +331,7 @@ class _Action:
             tell(StageProgressed(self.job.name, float(done), float(total), numbers))
 
     def saved(self, tell: Tell, problem: str | None) -> None:
-        """Tells the run once that checkpoints can no longer be kept: hours later is too late to make room for them."""
+        """Reports once that checkpoints can no longer be written, while it is still time to make room for them."""
         name, before = self.job.name, self.unsaved
         self.unsaved = f"its checkpoint could not be written: {problem}" if problem else ""
         if self.unsaved and not before:
@@ -348,7 +352,7 @@ class _Action:
 
 
 def read_lineage(store: Store, ancestors: Mapping[str, Ancestor]) -> tuple[LineageRecord, ...]:
-    """What the store knows of actions, given by the names that their stages have in this workflow."""
+    """What the store knows about `ancestors`, named as in this workflow; those without a record are left out."""
     records = []
     for name, ancestor in ancestors.items():
         record = store.record(ancestor.key)
@@ -388,7 +392,7 @@ def _accepted_fact(record: Record) -> dict[str, Json]:
 
 
 def _cause(error: BaseException, store: Path | str, written: int = 0) -> str:
-    """One line for a person: our own messages as they are, the disk's in words, others with their type."""
+    """One line for a person: our own messages as they are, disk errors in words, other errors with their type."""
     if isinstance(error, OSError) and error.errno in IN_WORDS:
         return words_of(error, store, written)
     lines = str(error).strip().splitlines() or [""]

@@ -1,8 +1,8 @@
-"""What the folder of an array must look like before zarr is let near it.
+"""Checks the folder of an array before zarr opens it.
 
-zarr believes what `zarr.json` says: codecs by their names, shapes of any size; it returns zeros for chunks that are
-missing, and a chunk decides itself how much memory it unfolds into. Artifacts come from strangers, so only the form
-that our own writer gives them is read, and a chunk unfolds into exactly what the manifest says.
+zarr trusts `zarr.json`: codecs by name, shapes of any size. It returns zeros for missing chunks, and a chunk itself
+decides how much memory it decompresses into. Artifacts may come from strangers. So only the form that our own writer
+produces is read, and a chunk must decompress into exactly the number of bytes that the manifest implies.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from pipeline.errors import CorruptArtifact
 from pipeline.manifest import ARRAYS, ArrayRecord, Manifest
 
 DESCRIPTION = "zarr.json"
-LARGEST_READ = 2**31  # bytes that a chunk may unfold into
+LARGEST_READ = 2**31  # bytes that a chunk may decompress into
 TYPE = re.compile(r"[<|]([biufc])(\d{1,2})")
 NAMES = {"b": "bool", "i": "int", "u": "uint", "f": "float", "c": "complex"}
 EMPTY = {"b": False, "i": 0, "u": 0, "f": 0.0, "c": [0.0, 0.0]}
-"""What zarr fills gaps with, by the kind of numbers."""
-HARDEST = 22  # level of Zstandard
+"""zarr's fill value, by kind of number."""
+HARDEST = 22  # highest compression level of Zstandard
 OPTIONAL: dict[str, Any] = {"storage_transformers": [], "dimension_names": None}
-"""What one version of zarr writes so, and another leaves out."""
+"""Entries that some versions of zarr write, with these values, and others leave out."""
 ZSTANDARD = b"\x28\xb5\x2f\xfd"
 SINGLE_SEGMENT, CHECKSUM, RESERVED_OR_DICTIONARY = 0x20, 0x04, 0x0B
-REPEATED_BYTE = 1  # kind of a block
+REPEATED_BYTE = 1  # type of a block that stores a single byte
 CHECKSUM_BYTES = 4
-SIZE_BYTES = {0: 0, 1: 2, 2: 4, 3: 8}  # of the field that says how much a frame unfolds into
+SIZE_BYTES = {0: 0, 1: 2, 2: 4, 3: 8}  # of a frame's content size field, by its flag
 
 
 def check_array(directory: Path, manifest: Manifest, name: str) -> None:
-    """Raises CorruptArtifact unless the array `name` is stored as we store arrays; unfolds nothing."""
+    """Raises CorruptArtifact unless the array `name` is stored just as our writer stores it. Decompresses nothing."""
     where = directory / ARRAYS / name
     record = manifest.arrays[name]
     bytes_of_a_chunk = _bytes_of_a_chunk(where, record)
@@ -67,9 +67,9 @@ def _bytes_of_a_chunk(where: Path, record: ArrayRecord) -> int:
 
 
 def _check_description(where: Path, record: ArrayRecord) -> None:
-    """Refuses a `zarr.json` that says anything else than the manifest, or anything that our own writer does not say.
+    """Raises CorruptArtifact for a `zarr.json` that contradicts the manifest or is not as our own writer writes it.
 
-    Texts are compared: to Python 1, 1.0 and True are the same, and to zarr they are not.
+    Compares JSON texts: 1, 1.0 and True are equal in Python, but not to zarr.
     """
     try:
         found = parse_json(read_plain_file(where / DESCRIPTION))
@@ -82,7 +82,7 @@ def _check_description(where: Path, record: ArrayRecord) -> None:
 
 
 def _description(record: ArrayRecord, found: Any) -> dict[str, Any]:
-    """What our writer says of such an array; how hard it packed is as it was found."""
+    """What our writer would say of this array, except for the compression level found, which only has to be valid."""
     level = found["codecs"][1]["configuration"]["level"]
     if type(level) is not int or not 1 <= level <= HARDEST:
         raise ValueError(f"packed by level {level!r}; expected 1 to {HARDEST}")
@@ -108,9 +108,9 @@ def _name_of_type(code: str) -> str:
 
 
 def _check_chunk(path: Path, expected: int) -> None:
-    """Walks along a Zstandard frame (RFC 8878, 3.1.1): it must unfold into `expected` bytes, and be alone in its file.
+    """Walks through a Zstandard frame (RFC 8878, 3.1.1): it must state `expected` bytes, and be alone in its file.
 
-    The decoder would make room for whatever the frame states, and go on with frames behind it.
+    The decoder would allocate whatever a frame states, and go on with frames behind it. Raises CorruptArtifact.
     """
     try:
         with path.open("rb") as file:
@@ -123,7 +123,7 @@ def _check_chunk(path: Path, expected: int) -> None:
 
 
 def _frame(head: bytes) -> tuple[int | None, int]:
-    """What the head of a frame states as its unfolded size, and where its blocks begin; None for a head not of ours."""
+    """The content size in the header of a frame, and the offset of its first block; (None, 0) if it is not ours."""
     if head[:4] != ZSTANDARD or len(head) < 6:
         return None, 0
     flags = head[4]
@@ -135,7 +135,7 @@ def _frame(head: bytes) -> tuple[int | None, int]:
 
 
 def _end_of_frame(file: BinaryIO, position: int) -> int | None:
-    """Where the checksum behind the last block ends; None where a block is cut off."""
+    """The offset at which the checksum after the last block ends; None if the file ends before a last block."""
     while True:
         file.seek(position)
         header = file.read(3)

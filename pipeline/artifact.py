@@ -1,11 +1,11 @@
-"""Artifacts: immutable directories of zarr arrays and plain files, with a manifest of all that they hold.
+"""Artifacts: immutable directories of zarr arrays and plain files, with a manifest of everything in them.
 
     <artifact>/manifest.json     kind, privacy, attributes, arrays, and every file's size and SHA-256
     <artifact>/arrays.zarr/…     the arrays, one zarr group, Zstandard with a checksum in each chunk
     <artifact>/report.html …     plain files, under the names that the stage gave them
 
-Nothing here is ever unpickled: loading a stranger's artifact is safe. zarr is imported where it is used, because it
-takes half a second that a run with nothing to do would otherwise spend.
+Nothing here is ever unpickled: loading a stranger's artifact is safe. zarr is imported only where it is used: the
+import takes half a second, which a run with nothing to do should not spend.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ if TYPE_CHECKING:
     import zarr
 
 ROWS_OF_A_CHUNK = 65536
-LARGE_ROW = 16 * 1024  # bytes from which one item along axis 0 (a picture, not a matrix) is a chunk of its own
+LARGE_ROW = 16 * 1024  # bytes; an item of this size along axis 0 (a picture, not a matrix) is a chunk of its own
 LARGEST_CHUNK = 64 * 1024 * 1024  # bytes
 
 
 class Artifact:
-    """An immutable artifact. Opening one reads the manifest only; reading checks that every file is there and whole."""
+    """An immutable artifact. Opening it reads only the manifest; reading an array or file checks that it is whole."""
 
     def __init__(self, path: Path, manifest: Manifest) -> None:
         self.path = path
@@ -57,10 +57,12 @@ class Artifact:
 
     @property
     def kind(self) -> str:
+        """What it is, such as `container`."""
         return self.manifest.kind
 
     @property
     def private(self) -> bool:
+        """Whether only its owner may see the content."""
         return self.manifest.private
 
     @property
@@ -70,6 +72,7 @@ class Artifact:
 
     @property
     def attributes(self) -> Mapping[str, Json]:
+        """The JSON values that the stage set."""
         return self.manifest.attributes
 
     @property
@@ -83,10 +86,10 @@ class Artifact:
         return self.manifest.plain_files
 
     def open(self, name: str) -> zarr.Array:
-        """The array `name`, read-only and not yet read, for slices.
+        """The array `name`, open for reading slices; nothing of it is read yet.
 
-        Raises ArtifactError where there is none of that name, CorruptArtifact where a chunk is missing or shortened:
-        zarr itself would return zeros for it.
+        Raises ArtifactError if there is no such array, CorruptArtifact if a chunk is missing or truncated: zarr itself
+        would return zeros for it.
         """
         import zarr
 
@@ -97,7 +100,7 @@ class Artifact:
         for file in self.manifest.files:
             if file.startswith(prefix):
                 self._check_size(file)
-        self._check_content(f"{prefix}zarr.json")  # chunks carry checksums of their own, what describes them does not
+        self._check_content(f"{prefix}zarr.json")  # chunks have checksums of their own, their description has none
         check_array(self.path, self.manifest, name)
         try:
             return zarr.open_array(self.path / ARRAYS / name, mode="r", zarr_format=3)
@@ -112,7 +115,10 @@ class Artifact:
         return values
 
     def blocks(self, name: str) -> Iterator[np.ndarray]:
-        """The array `name` chunk by chunk, so that one larger than memory can be looked at. Raises as `read` does."""
+        """Yields the array `name` chunk by chunk, so that it may be larger than memory.
+
+        Raises as `open` does, and CorruptArtifact for a chunk that does not match its checksum.
+        """
         array = self.open(name)
         starts = [range(0, size, chunk) for size, chunk in zip(array.shape, array.chunks, strict=True)]
         for corner in itertools.product(*starts):
@@ -120,12 +126,15 @@ class Artifact:
             yield self._part(name, array, tuple(map(slice, corner, ends)))
 
     def item(self, name: str, index: tuple[int, ...]) -> np.ndarray:
-        """The part of the array `name` at `index` along its first axes. Raises as `read` does."""
+        """The part of the array `name` at `index` along its first axes. Raises as `blocks` does."""
         return self.parts(name)(index)
 
     def parts(self, name: str) -> Callable[[object], np.ndarray]:
-        """What reads parts of the array `name`, each by its index or slices, for many of them: whether the array is
-        there is looked at once, which takes longer than reading a picture. Raises as `read` does, now and then.
+        """A function that reads a part of the array `name`, given by an index or slices.
+
+        For reading many parts: the array is checked only once, since the check takes longer than reading a picture.
+        Raises as `open` does; the function raises CorruptArtifact for a damaged chunk, or if the artifact has
+        disappeared meanwhile.
         """
         array = self.open(name)
 
@@ -146,7 +155,10 @@ class Artifact:
             raise CorruptArtifact(f"{self.path}: array {name!r} cannot be read ({error})") from error
 
     def file(self, name: str) -> Path:
-        """The path of the plain file `name`, its bytes checked. Raises as `open` does."""
+        """The path of the plain file `name`, after checking its bytes.
+
+        Raises ArtifactError if there is no such file, CorruptArtifact if it is missing or altered.
+        """
         if name not in self.files:
             raise ArtifactError(f"{self.path}: no file {name!r}; this {self.kind} holds {', '.join(self.files)}")
         self._check_content(name)
@@ -155,7 +167,7 @@ class Artifact:
     def verify(self) -> None:
         """Reads every byte; raises CorruptArtifact naming the first file that is missing or altered.
 
-        What is not its own does no harm, since nothing reads it: see `foreign`.
+        Foreign files do no harm, since nothing reads them: see `foreign`.
         """
         self._check_folders()
         for name in self.manifest.files:
@@ -164,20 +176,20 @@ class Artifact:
             check_array(self.path, self.manifest, name)
 
     def check_sizes(self) -> None:
-        """Raises CorruptArtifact naming the first file that is missing or not of its size; reads none."""
+        """Raises CorruptArtifact naming the first file that is missing or has the wrong size; reads no content."""
         self._check_folders()
         for name in self.manifest.files:
             self._check_size(name)
 
     def foreign(self) -> tuple[str, ...]:
-        """Names of files and links that something else put here, such as a browser of files. Raises OSError."""
+        """Names of files and links that something else put here, such as a file browser. Raises OSError."""
         own = {MANIFEST, *self.manifest.files}
         found = [path for path in sorted(self.path.rglob("*")) if path.is_symlink() or not path.is_dir()]
         names = [path.relative_to(self.path).as_posix() for path in found]
         return tuple(name for name in names if name not in own)
 
     def _check_folders(self) -> None:
-        """Nothing of an artifact lies elsewhere: a folder that is a link could lead to anyone's files."""
+        """Raises CorruptArtifact for a folder that is a link: it could lead to anyone's files."""
         for folder in {parent for name in self.manifest.files for parent in PurePosixPath(name).parents}:
             if is_link(self.path / folder):
                 raise CorruptArtifact(f"{self.path / folder}: a link; expected a folder")
@@ -202,7 +214,7 @@ class Artifact:
 
 
 class ArtifactWriter:
-    """Fills the directory of an artifact to be; set `attributes` at any time before the stage returns."""
+    """Fills the directory of a new artifact; set `attributes` at any time before the stage returns."""
 
     def __init__(self, path: Path, kind: str, private: bool = False) -> None:
         self.path = path
@@ -215,11 +227,11 @@ class ArtifactWriter:
             path.chmod(0o700)
 
     def write(self, name: str, array: np.ndarray, chunks: tuple[int, ...] | None = None) -> None:
-        """Writes a whole array under `name`, which may hold `/`.
+        """Writes a whole array under `name`, which may contain `/`.
 
-        `chunks` is the shape of a chunk, at most that of the array; by default an item along axis 0 that is large (a
-        picture) is a chunk of its own, and of anything smaller up to 65,536 items are. Raises ArtifactError for types
-        other than booleans, integers and floating-point or complex numbers, and for a name that is taken.
+        `chunks` is the shape of a chunk, at most that of the array. By default a large item along axis 0 (a picture) is
+        a chunk of its own, and up to 65,536 smaller items share one, in at most 64 MiB. Raises ArtifactError for types
+        other than booleans, integers and floating-point or complex numbers, and for a name that is invalid or taken.
         """
         import numpy as np
         import zarr
@@ -242,17 +254,20 @@ class ArtifactWriter:
             chunks=chunks,
             compressors=[ZstdCodec(level=3, checksum=True)],
             fill_value=0,
-            config={"write_empty_chunks": True},  # else a deleted chunk and one of zeros look the same
+            config={"write_empty_chunks": True},  # otherwise a deleted chunk would look like one of zeros
         )
         stored[...] = array
         self._arrays[name] = ArrayRecord(array.dtype.str, array.shape, chunks, sha256_of_array(array))
 
     def write_file(self, name: str, data: bytes | str) -> None:
-        """Writes a plain file; text is written as UTF-8."""
+        """Writes a plain file; text is written as UTF-8. Raises as `path_for` does."""
         self.path_for(name).write_bytes(data.encode() if isinstance(data, str) else data)
 
     def path_for(self, name: str) -> Path:
-        """Where a library is to write the plain file `name` itself; its folder exists on return."""
+        """Where a library can write the plain file `name` itself; its folder exists on return.
+
+        Raises ArtifactError for a name that is invalid or reserved by the engine.
+        """
         check_name(name)
         if name.split("/")[0] in (MANIFEST, ARRAYS):
             raise ArtifactError(f"{name!r} is a name of the engine's own; choose another")
@@ -266,7 +281,10 @@ class ArtifactWriter:
         return not self._arrays and not self.attributes and not any(self.path.iterdir())
 
     def seal(self) -> Artifact:
-        """Writes the manifest, flushes everything to the disk and returns the artifact, still where it was written."""
+        """Writes the manifest, flushes everything to disk and returns the artifact, still where it was written.
+
+        Raises ArtifactError for attributes that are not JSON.
+        """
         manifest = Manifest(self.kind, self.private, check_attributes(self.attributes), self._arrays, survey(self.path))
         manifest.write(self.path)
         hidden = 0o077 if self.private else user_mask()
@@ -278,7 +296,10 @@ class ArtifactWriter:
 
 @contextmanager
 def create(directory: Path, kind: str, private: bool = False) -> Iterator[ArtifactWriter]:
-    """Writes an artifact aside and moves it to `directory` on leaving; nothing is left behind after an exception."""
+    """Writes an artifact aside and renames it to `directory` on exit; leaves nothing behind after an exception.
+
+    An artifact that is already there stays.
+    """
     aside = directory.parent / f".{directory.name}.{uuid.uuid4().hex}"
     writer = ArtifactWriter(aside, kind, private)
     try:
@@ -289,12 +310,15 @@ def create(directory: Path, kind: str, private: bool = False) -> Iterator[Artifa
 
 
 def load(path: Path) -> Artifact:
-    """The artifact at `path`; raises CorruptArtifact where there is none."""
+    """The artifact at `path`. Raises CorruptArtifact if there is none, or if its manifest is damaged."""
     return Artifact(path, read_manifest(path))
 
 
 def publish(artifact: Artifact, directory: Path) -> Artifact:
-    """Renames a sealed artifact to `directory`, on the same file system; if one is there already, that one stays."""
+    """Renames a sealed artifact to `directory`, on the same file system, atomically and durably.
+
+    If an artifact is already there, that one stays and the new one is deleted.
+    """
     try:
         artifact.path.rename(directory)
     except OSError:
@@ -306,7 +330,7 @@ def publish(artifact: Artifact, directory: Path) -> Artifact:
 
 
 def default_chunks(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
-    """The shape of a chunk where none is stated; never 0 along an axis.
+    """The default shape of a chunk; never 0 along an axis.
 
     >>> default_chunks((48, 144, 192, 3), 1), default_chunks((200_000, 16), 4), default_chunks((48, 4, 4), 8)
     ((1, 144, 192, 3), (65536, 16), (48, 4, 4))
@@ -319,7 +343,7 @@ def default_chunks(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
 
 
 def sha256_of_array(array: np.ndarray) -> str:
-    """SHA-256 of the little-endian bytes in C order."""
+    """SHA-256 of the array's little-endian bytes in C order, in hexadecimal."""
     import numpy as np
 
     array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
@@ -327,7 +351,7 @@ def sha256_of_array(array: np.ndarray) -> str:
 
 
 def user_mask() -> int:
-    """What the user wants to be hidden from others in new files."""
-    mask = os.umask(0o077)  # it can only be asked for by setting it
+    """The user's umask: the permissions that new files do not get."""
+    mask = os.umask(0o077)  # it can only be read by setting it
     os.umask(mask)
     return mask

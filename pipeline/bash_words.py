@@ -1,7 +1,7 @@
-"""Completion in bash, which parts words at `=` and `:` and wants to hear the last part alone.
+"""Completion in bash, which splits words at `=` and `:` and expects only the last part in return.
 
-For `--set hide.method=sh` bash asks with the words `--set`, `hide.method`, `=` and `sh`, and puts what it is offered in
-the place of `sh`. Whoever has taken these signs from COMP_WORDBREAKS is asked, and answered, with whole words.
+For `--set hide.method=sh`, bash passes the words `--set`, `hide.method`, `=` and `sh`, and replaces `sh` with what it
+is offered. If the user has removed these characters from COMP_WORDBREAKS, bash passes and expects whole words.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ BREAK = re.compile("[=:]+")
 
 @contextmanager
 def whole_words(environment: MutableMapping[str, str]) -> Iterator[None]:
-    """Has the program asked with whole words, and what it prints meanwhile told as bash wants it.
+    """Lets the program complete whole words, and reduces what it prints meanwhile to what bash expects.
 
-    `environment` is what the shell's script sets: COMP_WORDS has a line for each word, and COMP_CWORD is the number of
-    the word that is to be completed.
+    `environment` is as the shell's script sets it: COMP_WORDS has one word per line, and COMP_CWORD is the index of the
+    word to complete.
     """
     words, last = joined(environment["COMP_WORDS"].split("\n"), int(environment["COMP_CWORD"]))
     environment["COMP_WORDS"], environment["COMP_CWORD"] = "\n".join(words), str(len(words) - 1)
     known, said = words[-1].removesuffix(last), io.StringIO()
     if known.startswith("--"):
-        known = known.partition("=")[2]  # what is offered for `--set=hide.` is offered without the option
+        known = known.partition("=")[2]  # completions of `--set=hide.` come without the option
     try:
         with redirect_stdout(said):
             yield
-    finally:  # the program ends by SystemExit
+    finally:  # the program ends with SystemExit
         print("".join(line.removeprefix(known) for line in said.getvalue().splitlines(keepends=True)), end="")
 
 
 def joined(words: Sequence[str], current: int) -> tuple[list[str], str]:
-    """The words up to the one at index `current`, whole, and the part of the last one that bash would replace.
+    """The words up to index `current`, joined again, and the part of the last one that bash would replace.
 
     >>> joined(["run", "--set", "a.b", "=", "c"], 4), joined(["run", "--set", "a.b", "="], 3), joined(["run", ""], 1)
     ((['run', '--set', 'a.b=c'], 'c'), (['run', '--set', 'a.b='], ''), (['run', ''], ''))

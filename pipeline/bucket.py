@@ -1,11 +1,11 @@
-"""A bucket of an object store that speaks S3, reached through fsspec's s3fs: named bytes, and little else.
+"""A bucket of an S3-compatible object store, reached through fsspec's s3fs: named bytes, and little else.
 
-Credentials and endpoint come from where AWS's own programs take them (`AWS_PROFILE`, `AWS_ACCESS_KEY_ID`,
-`AWS_ENDPOINT_URL`, the files in `~/.aws`) and are never told to anybody: messages name the address and the server's
-code for what went wrong, never its text. Objects are put without an access list, which makes them their owner's alone
-unless the bucket itself is public.
+Credentials and endpoint come from where AWS's own tools look for them (`AWS_PROFILE`, `AWS_ACCESS_KEY_ID`,
+`AWS_ENDPOINT_URL`, the files in `~/.aws`) and are never revealed: messages give the address and the server's error
+code, never its text. Objects are put without an access list, which makes them private to their owner unless the bucket
+itself is public.
 
-s3fs is imported where it is needed: it takes half a second, and only those who keep results in a bucket install it.
+s3fs is imported only when it is needed: that takes half a second, and only users with results in a bucket install it.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from typing import Any
 from pipeline.errors import CommandError, PipelineError, RemoteError, Unreachable
 
 ADDRESS = re.compile(r"s3://(?P<bucket>[a-z0-9][a-z0-9.-]{1,61}[a-z0-9])(?P<prefix>(/[\w!'().*-]+)*)/?")
-TOGETHER = 8  # files on their way at the same time
-PAGE = 1000  # objects, at most, in one answer or request
+TOGETHER = 8  # files transferred at the same time
+PAGE = 1000  # objects in one response or request, at most
 DENIED = ("AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMatch", "ExpiredToken", "InvalidToken", "403")
 MISSING = ("NoSuchKey", "404")
 TAKEN = ("PreconditionFailed", "412")
@@ -33,17 +33,19 @@ CREDENTIALS = "AWS's own: AWS_PROFILE, or AWS_ACCESS_KEY_ID and AWS_SECRET_ACCES
 
 @dataclass(frozen=True)
 class Entry:
-    """An object in a listing: its bytes, and the seconds since it was put, by the server's clock."""
+    """An object in a listing: its size in bytes, and its age in seconds by the server's clock."""
 
     size: int
     age: float
 
 
 class Bucket:
-    """What lies under an address `s3://BUCKET/PREFIX`; names are relative to it.
+    """The objects under an address `s3://BUCKET/PREFIX`; names are relative to it.
 
-    Opening one asks nothing of the server. Every method raises RemoteError where the bucket is missing, the credentials
-    are missing or not enough, and Unreachable where several attempts at a request failed.
+    Opening a bucket sends no request; it raises CommandError for an address that is malformed or holds credentials.
+    Every method raises CommandError if s3fs is missing or configured to make objects public, RemoteError if the bucket
+    does not exist or the credentials are missing or insufficient, and Unreachable if several attempts at a request
+    failed.
     """
 
     def __init__(self, address: str) -> None:
@@ -55,15 +57,15 @@ class Bucket:
         self._bucket = match["bucket"]
         self._prefix = f"{match['prefix'].strip('/')}/".lstrip("/")
         self.address = f"s3://{self._bucket}{match['prefix']}"
-        self.odd: set[str] = set()  # names in listings that were passed over
+        self.odd: set[str] = set()  # names in listings that were skipped
 
     def get(self, name: str) -> bytes | None:
-        """The bytes of an object; None where there is none."""
+        """The bytes of an object; None if it does not exist."""
         with self._reported():
             try:
                 data: bytes = self._files.cat_file(
                     self._path(name), max_concurrency=1
-                )  # one request, no look before it
+                )  # one request, without a HEAD first
             except FileNotFoundError as error:
                 if _code(error) not in MISSING:
                     raise
@@ -71,12 +73,15 @@ class Bucket:
             return data
 
     def put(self, name: str, data: bytes) -> None:
-        """Puts an object in the place of whatever has that name."""
+        """Writes an object, replacing any other of that name."""
         with self._reported():
             self._call("put_object", Key=self._key(name), Body=data)
 
     def create(self, name: str, data: bytes) -> bool:
-        """Puts an object where none has that name: the server sees to it that of several writers one succeeds."""
+        """Writes an object unless the name is taken, and returns whether it did.
+
+        The server guarantees that exactly one of several concurrent writers succeeds.
+        """
         with self._reported():
             try:
                 self._call("put_object", Key=self._key(name), Body=data, IfNoneMatch="*")
@@ -87,13 +92,13 @@ class Bucket:
             return True
 
     def names(self, folder: str) -> dict[str, int]:
-        """Names and sizes of all objects under a folder."""
+        """The names of all objects under a folder, and their sizes in bytes."""
         return {name: entry.size for name, entry in self.listing(folder).items()}
 
     def listing(self, folder: str) -> dict[str, Entry]:
-        """All objects under a folder, by name; a request for each thousand of them.
+        """All objects under a folder, by name; sends one request per thousand objects.
 
-        Names become paths of files here, so those that could lead out of a folder are passed over: see `odd`.
+        Names become paths of files on this machine, so those that could lead out of a folder are skipped: see `odd`.
         """
         found: dict[str, Entry] = {}
         page: dict[str, Any] = {"NextContinuationToken": None}
@@ -113,14 +118,17 @@ class Bucket:
         return found
 
     def upload(self, files: Mapping[str, Path]) -> None:
-        """Puts files, several at a time, each under its name."""
+        """Uploads files, several at a time, each under its name."""
         with self._reported():
             self._files.put(
                 [str(path) for path in files.values()], [self._path(name) for name in files], batch_size=TOGETHER
             )
 
     def download(self, files: Mapping[str, Path]) -> None:
-        """Writes objects to files in folders that exist, several at a time; FileNotFoundError where one is missing."""
+        """Writes objects to files, several at a time; their folders must exist.
+
+        Raises FileNotFoundError if an object is missing.
+        """
         with self._reported():
             try:
                 self._files.get(
@@ -132,7 +140,7 @@ class Bucket:
                 raise _Missing from error
 
     def delete(self, names: Iterable[str]) -> None:
-        """Deletes objects; those that are not there are passed over."""
+        """Deletes objects; those that do not exist are skipped."""
         keys = [{"Key": self._key(name)} for name in names]
         with self._reported():
             for start in range(0, len(keys), PAGE):
@@ -145,12 +153,12 @@ class Bucket:
     def _files(self) -> Any:
         try:
             import fsspec
-            import s3fs  # noqa: F401 — fsspec finds it by itself; its absence is for us to tell
+            import s3fs  # noqa: F401 — fsspec finds it by itself; its absence is for us to report
         except ImportError as error:
             raise CommandError(
                 "stores in a bucket need s3fs", where=self.address, remedy='Install it: pip install "gs-hider[s3]"'
             ) from error
-        files = fsspec.filesystem("s3", use_listings_cache=False)  # fsspec keeps the connection for the next one
+        files = fsspec.filesystem("s3", use_listings_cache=False)  # fsspec keeps the connection for the next call
         shared = str(files.s3_additional_kwargs.get("ACL", "private"))
         if "public" in shared or "authenticated" in shared:
             raise CommandError(
@@ -179,11 +187,11 @@ class Bucket:
             told = _told(error, self.address)
             if told is None:
                 raise
-            raise told from None  # what lies behind it may quote what was signed
+            raise told from None  # the original error may quote the signed request
 
 
 def is_plain(name: str) -> bool:
-    """Whether a name leads, as a path, to where it says.
+    """Whether a name, used as a path, leads exactly where it says.
 
     >>> [is_plain(name) for name in ("logs/a/b.log", "logs/../x", "logs//x", "/etc/x", "logs/")]
     [True, False, False, False, False]
@@ -192,17 +200,17 @@ def is_plain(name: str) -> bool:
 
 
 class _Missing(Exception):
-    """An object that was to be downloaded is not there."""
+    """An object to be downloaded does not exist."""
 
 
 def _server_time(answer: Mapping[str, Any]) -> datetime:
-    """When the server gave an answer; our own clock, which may be wrong, only where it does not say."""
+    """When the server sent an answer; if it does not say, the time of our own clock, which may be wrong."""
     told = answer.get("ResponseMetadata", {}).get("HTTPHeaders", {}).get("date")
     return parsedate_to_datetime(told) if told else datetime.now(UTC)
 
 
 def _code(error: BaseException) -> str:
-    """The server's code for an error, "" where it is not the server that complains."""
+    """The server's error code; "" if the error does not come from the server."""
     for known in (error, error.__cause__):
         answer = getattr(known, "response", None)
         if isinstance(answer, Mapping):
@@ -211,7 +219,7 @@ def _code(error: BaseException) -> str:
 
 
 def _told(error: Exception, address: str) -> Exception | None:
-    """The error as a person is told it; None for one that has nothing to do with the server."""
+    """The error to show to a person; None for one that has nothing to do with the server."""
     from aiohttp import ClientError as BrokenConnection
     from botocore.exceptions import BotoCoreError, ClientError, HTTPClientError
     from botocore.exceptions import ConnectionError as NoConnection

@@ -1,4 +1,4 @@
-"""One spelling for every value: equal values have equal hashes, and what cannot be told apart is refused."""
+"""Canonical JSON: equal values have equal hashes, and values that JSON would confuse with others are refused."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Json: TypeAlias = bool | int | float | str | list["Json"] | dict[str, "Json"] | 
 
 
 def plain(value: object, where: str) -> Json:
-    """`value` as plain JSON data; enumerations by their values, tuples as lists.
+    """`value` as plain JSON data; enumerations become their values, tuples become lists.
 
-    Raises TypeError for anything that JSON cannot tell apart from something else (bytes, sets, NumPy scalars, keys
-    that are not strings) and ValueError for numbers that are not finite and text that is not Unicode; `where` names
+    Raises TypeError for anything that JSON cannot distinguish from something else (bytes, sets, NumPy scalars, keys
+    that are not strings), and ValueError for numbers that are not finite and text that is not Unicode. `where` names
     the value in the message.
     """
     if isinstance(value, Enum):
@@ -45,9 +45,9 @@ def plain(value: object, where: str) -> Json:
 
 
 def _checked(text: str, where: str) -> str:
-    """`text`, unless JSON would spell it as it does another: two halves of a character beside each other.
+    """`text`, unless it holds surrogates: JSON spells a pair of them like the one character that it encodes.
 
-    Single bytes that are no text, as names of files may hold them, are told apart and allowed.
+    Raises ValueError then. Surrogates for undecodable bytes, as in names of files, are unambiguous and allowed.
     """
     if not text.isascii():
         try:
@@ -58,7 +58,9 @@ def _checked(text: str, where: str) -> str:
 
 
 def canonical_json(value: object, where: str = "value") -> bytes:
-    """The one spelling of `value`: sorted keys, no blanks, ASCII, shortest decimal that gives the same float.
+    """The canonical spelling of `value`: sorted keys, no whitespace, ASCII, shortest decimals that round-trip.
+
+    Raises as `plain` does.
 
     >>> canonical_json({"b": 1.0, "a": (True, None)})
     b'{"a":[true,null],"b":1.0}'
@@ -67,7 +69,7 @@ def canonical_json(value: object, where: str = "value") -> bytes:
 
 
 def digest_of(value: object, where: str = "value") -> str:
-    """SHA-256 of the canonical JSON, in hexadecimal."""
+    """SHA-256 of the canonical JSON, in hexadecimal. Raises as `plain` does."""
     return hashlib.sha256(canonical_json(value, where)).hexdigest()
 
 

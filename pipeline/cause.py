@@ -1,4 +1,4 @@
-"""Why something failed, told so that it can be part of a key: the same failure gives the same words every time."""
+"""Causes of failures, worded so that they can be part of a key: the same failure gives the same words every time."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 from pipeline.graph import Node
 from pipeline.store import Store
 
-LONGEST = 4000  # characters: what to do stands at the end of a message, and is what is wanted of it
+LONGEST = 4000  # characters; generous, since the most useful part of a message, what to do, comes last
 VARYING = (
     (re.compile(r"(?<![\w.])/(?:[^\s/:;,'\"]+/)+"), ""),  # folders; the name at the end of a path stays
     (re.compile(r"\b0x[0-9a-f]+\b", re.IGNORECASE), "0x…"),
-    (re.compile(r"\b[0-9a-f]{16,}\b", re.IGNORECASE), "…"),  # digests and names drawn by chance
+    (re.compile(r"\b[0-9a-f]{16,}\b", re.IGNORECASE), "…"),  # digests and random names
     (re.compile(r"\b[0-9.]+ ?(?:ms|s|seconds?|min|minutes?|h|hours?)\b"), "some time"),
     (re.compile(r"\b[0-9.]+ ?[kMGT]?i?B free\b"), "some free"),
     (re.compile(r"\bafter [0-9.]+ ?[kMGT]?i?B were written\b"), "after some were written"),
@@ -23,14 +23,15 @@ VARYING = (
 
 
 def lasting_cause(node: Node, cause: str, store: Store) -> str:
-    """Why a stage failed, for the stages that go on without it."""
+    """Why a stage failed, as recorded for the stages that go on without it."""
     return f"{node.entry}: {lasting_words(cause.replace(f'{store.root}/', ''), node.outside_paths)}"
 
 
 def lasting_words(cause: str, folders: Iterable[str] = ()) -> str:
-    """`cause` in one line without what differs from run to run or tells where things lie.
+    """`cause` on one line, without anything that differs between runs or reveals where files are.
 
-    Paths keep their last name, those under one of `folders` what follows it; times and addresses are left out.
+    Paths keep only their last name, and those under one of `folders` what follows from the folder's name on. Durations,
+    digests, addresses, process numbers, ports and amounts of space are replaced.
 
     >>> lasting_words("/photos/fox/7.jpg: found 10 bytes after 3.2 s at 0x7f3a")
     '7.jpg: found 10 bytes after some time at 0x…'

@@ -10,22 +10,23 @@ from typing import Any, Literal, Protocol
 from pipeline.canonical import Json
 from pipeline.external import Contents
 from pipeline.graph import Node
-from pipeline.plain_text import in_a_line, without_controls
+from pipeline.plain_text import in_a_line, listed, without_controls
 
 Part = Literal["stage", "version", "parameter", "code", "external", "input", "item", "private", "format"]
 
 SHOWN = 60  # characters of a value
 FAILED = "failed"
-"""Stands for the digest of an input that failed, where a stage goes on without it."""
-LISTED = 4  # names in a text; the fields hold all
+"""Stands in for the digest of an input that failed, if the stage goes on without it."""
+LISTED = 4  # names in a text, at most; the fields hold all
 
 
 @dataclass(frozen=True)
 class Change:
-    """One difference. `name` is that of the parameter, module or input, where there is one; `text` says it in words.
+    """One difference. `name` is that of the parameter, module or input, if there is one; `text` describes the change.
 
-    `details` are, for code: `definitions` by what became of them; for external files: `files` likewise, and `renamed`;
-    for an input that one stage makes: `source`, the name of the stage, and `output`.
+    `details` depend on `part`. For code: `definitions`, grouped by what happened to them, or `modules`. For external
+    files: `files`, grouped likewise, and `renamed`. For an input that one stage makes: `source`, the name of that
+    stage, and `output`.
     """
 
     part: Part
@@ -37,12 +38,13 @@ class Change:
 
     @property
     def as_json(self) -> dict[str, Any]:
+        """The change as JSON fields, `details` included."""
         fields = {"part": self.part, "name": self.name, "text": self.text, "before": self.before, "after": self.after}
         return {**fields, **self.details}
 
 
 class Known(Protocol):
-    """What is known of digests: the modules behind one of code, the files behind one of a folder."""
+    """What digests stand for: the modules behind one of code, the files behind one of a folder; None if unknown."""
 
     def code(self, digest: str) -> Mapping[str, Any] | None: ...
 
@@ -50,7 +52,7 @@ class Known(Protocol):
 
 
 def changes(node: Node, old: Mapping[str, Any], new: Mapping[str, Any], known: Known) -> tuple[Change, ...]:
-    """What differs between the parts of two keys of the same node; empty where nothing does."""
+    """What differs between the parts of two keys of the same node; empty if nothing does."""
     return (
         *_value("stage", None, "stage", old["stage"], new["stage"]),
         *_value("version", None, "version", old["version"], new["version"]),
@@ -81,7 +83,7 @@ def _parameters(old: Mapping[str, Json], new: Mapping[str, Json]) -> Iterator[Ch
 
 
 def _spelt(value: Json) -> str:
-    """In which 1, 1.0 and true differ, which are equal, and the order of names does not count, as in keys."""
+    """JSON in which, as in keys, 1, 1.0 and true differ and the order of names does not matter."""
     return json.dumps(value, sort_keys=True)
 
 
@@ -168,9 +170,9 @@ def _inputs(node: Node, old: Mapping[str, Any], new: Mapping[str, Any]) -> Itera
 
 
 def _items(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[Change]:
-    """What items are called and why they failed; how many there are is told of the inputs already.
+    """Changes of items' labels, values and causes of failure; their number is already reported for the inputs.
 
-    An item is in a list once for each stage that an input gathers from it, and told of once.
+    An item is in a list once for each stage that an input gathers from it, but reported only once.
     """
     for name in new:
         before, after = old.get(name, []), new[name]
@@ -199,16 +201,12 @@ def _what_became(old: Mapping[str, str], new: Mapping[str, str]) -> dict[str, li
 
 
 def _listed(names: Mapping[str, Sequence[str]]) -> str:
-    """`a and b changed, c added`; long lists are cut.
+    """Such as `a, b changed, c added`; long lists are cut.
 
     >>> _listed({"changed": ["a", "b"], "added": [], "removed": ["c"]})
     'a, b changed, c removed'
     """
-    words = []
-    for became, group in names.items():
-        more = f" and {len(group) - LISTED} more" if len(group) > LISTED else ""
-        words += [f"{', '.join(group[:LISTED])}{more} {became}"] if group else []
-    return ", ".join(words)
+    return ", ".join(f"{listed(group, LISTED)} {became}" for became, group in names.items() if group)
 
 
 def _few(renamed: Mapping[str, str]) -> list[tuple[str, str]]:

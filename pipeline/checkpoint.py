@@ -1,4 +1,4 @@
-"""Where a stage keeps what it needs to go on after an interruption: a private directory for each action.
+"""Checkpoints: what a stage saves to resume after an interruption, in a private directory for each action.
 
     checkpoints = Checkpoints(context, libraries=("torch",))
     found = checkpoints.newest()
@@ -12,8 +12,8 @@
         if checkpoints.due():
             checkpoints.save(state())
 
-A checkpoint is an artifact, `checkpoint-N` in the scratch directory: written aside, flushed and renamed, and only then
-is the one before it deleted. It belongs to the key of its action, so that a changed parameter never meets it.
+A checkpoint is an artifact, `checkpoint-N` in the scratch directory. It is written aside, flushed and renamed, and only
+then is the previous one deleted. It belongs to the key of its action, so a changed parameter never meets it.
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ if TYPE_CHECKING:
     import numpy as np
 
 FORMAT = 1
-EVERY = 60.0  # seconds: what a kill costs at most, where a checkpoint takes less than 0.6 s
-LARGEST_SHARE = 0.01  # of the time may go into checkpoints, up to `LONGEST`: one that takes 2 s is due every 200 s
-LONGEST = 600.0  # seconds: a disk that stalls once must not put the next checkpoint off by an hour
+EVERY = 60.0  # seconds: the most that a kill costs, if a checkpoint takes less than 0.6 s
+LARGEST_SHARE = 0.01  # of the time spent on checkpoints: one that takes 2 s is due every 200 s; up to `LONGEST`
+LONGEST = 600.0  # seconds: a disk that stalls once must not delay the next checkpoint by an hour
 EVERY_VARIABLE = "GS_HIDER_CHECKPOINT_SECONDS"
-"""Environment variable: so many seconds between two checkpoints, whatever they cost; 0 for one at every chance."""
+"""Environment variable: seconds between two checkpoints, whatever they cost; 0 for one at every chance."""
 
-LARGEST_CHUNK = 1 << 24  # items: every file costs a flush, so there are to be few
+LARGEST_CHUNK = 1 << 24  # items: large chunks mean few files, each of which costs a flush
 
 
 def scratch_directory(store: Store, key: str) -> Path:
-    """The scratch directory of an action, as an interrupted run left it or new; nobody else can read it."""
+    """The scratch directory of an action, new or as an interrupted run left it; nobody else can read it."""
     store.folder("scratch")
     path = store.root / "scratch" / key
     path.mkdir(mode=0o700, exist_ok=True)
@@ -58,13 +58,13 @@ def scratch_directory(store: Store, key: str) -> Path:
 
 
 def discard_scratch(store: Store, key: str) -> None:
-    """Deletes it: the action is committed and needs no checkpoint."""
+    """Deletes the scratch directory of an action that is committed and needs no checkpoint any more."""
     shutil.rmtree(store.root / "scratch" / key, ignore_errors=True)
 
 
 @dataclass(frozen=True)
 class State:
-    """All that a stage needs to go on: arrays of numbers or booleans, and JSON values, each by its name."""
+    """Everything that a stage needs to resume: arrays of numbers or booleans, and JSON values, each by name."""
 
     arrays: Mapping[str, np.ndarray]
     values: Mapping[str, Json]
@@ -72,7 +72,7 @@ class State:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """What was saved, and when, in this machine's time."""
+    """What was saved, and when, in local time."""
 
     written: str
     state: State
@@ -81,11 +81,11 @@ class Checkpoint:
 class Checkpoints:
     """The checkpoints of one action. They are private, whatever the stage's outputs are.
 
-    `libraries` are those whose versions a result depends on, and `circumstances` what else it depends on (a device): a
-    checkpoint that another version or another device wrote is used, and the stage's log says so. `every` seconds lie
-    between two checkpoints, whatever they cost; by default as `EVERY_VARIABLE` says, and without it 60, or more where
-    checkpoints would otherwise take over a hundredth of the time, but at most ten minutes. Raises UserError where that
-    variable is no number.
+    The result depends on the versions of `libraries` and on `circumstances`, such as the device. A checkpoint written
+    with another version or device is used all the same, and the stage's log says so. `every` is the number of seconds
+    between two checkpoints, whatever they cost. By default `EVERY_VARIABLE` decides; without it 60 s, or more if
+    checkpoints would otherwise take over a hundredth of the time, but at most ten minutes. Raises UserError if that
+    variable is not a number.
     """
 
     def __init__(
@@ -106,9 +106,9 @@ class Checkpoints:
         self._due_at = clock() + (EVERY if self._every is None else self._every)
 
     def newest(self) -> Checkpoint | None:
-        """The last good one, every byte of it checked; None where there is none. The log names damaged ones.
+        """The latest sound checkpoint, every byte of it checked; None if there is none. The log names damaged ones.
 
-        What it took to come so far counts as the stage's time, too.
+        The time that it took to get there counts as the stage's time, too.
         """
         for path in reversed(self._complete()):
             try:
@@ -118,13 +118,13 @@ class Checkpoints:
         return None
 
     def due(self) -> bool:
-        """Whether it is time for another one."""
+        """Whether it is time to save another checkpoint."""
         return self._clock() >= self._due_at
 
     def save(self, state: State) -> None:
-        """Puts a checkpoint in the place of the one before it.
+        """Replaces the previous checkpoint, atomically and durably.
 
-        Where the disk does not take it, the log and the run say so, the one before stays, and work can go on.
+        If the disk does not take it, the log and the run say so, the previous one stays, and work can go on.
         """
         began = self._clock()
         aside = self._folder / f".checkpoint-{uuid.uuid4().hex}"
@@ -148,7 +148,7 @@ class Checkpoints:
         return min(max(EVERY, cost / LARGEST_SHARE), LONGEST)
 
     def _complete(self) -> list[Path]:
-        """The checkpoints that were renamed into place, the oldest first; mostly one."""
+        """The checkpoints that were renamed into place, oldest first; usually one."""
         numbered = [path for path in self._folder.glob("checkpoint-*") if path.name.partition("-")[2].isdecimal()]
         return sorted(numbered, key=_number)
 
@@ -191,7 +191,7 @@ def _number(path: Path) -> int:
 
 
 def wished_seconds() -> float | None:
-    """What `EVERY_VARIABLE` says; None where it is not set. Raises UserError where it is no number of seconds."""
+    """The value of `EVERY_VARIABLE`, None if it is not set. Raises UserError if it is not a number of seconds."""
     text = os.environ.get(EVERY_VARIABLE)
     if not text:
         return None
@@ -211,9 +211,9 @@ def wished_seconds() -> float | None:
 
 
 def _write_packed(writer: ArtifactWriter, arrays: Mapping[str, np.ndarray]) -> list[Json]:
-    """Writes all arrays of a type as one, and returns what is where: name, type and shape of each, in order.
+    """Writes all arrays of one type as a single array, and returns a table of name, type and shape of each, in order.
 
-    An array of zarr's is four files and folders, each of them flushed: 75 arrays took five times as long as one.
+    A zarr array is four files and folders, each of which is flushed: 75 arrays took five times as long as one.
     """
     import numpy as np
 

@@ -1,7 +1,7 @@
 """The command line: `python -m pipeline run | status | explain | accept | graph | show | export | verify | gc | pin`.
 
-Each command imports what it works with when it is called: help and the completion of the shell, which a person waits
-for, load neither the engine nor any library of numbers.
+Each command imports what it needs only when it is called. So help and shell completion, for which a person waits, load
+neither the engine nor any numeric library.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from pipeline.resources import Resources
     from pipeline.store import Store
 
-COMMAND = "gs-hider"  # the same program under a name of its own, which is what a shell can complete
+COMMAND = "gs-hider"  # another name of the same program, which a shell can complete
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -72,6 +72,7 @@ app = typer.Typer(
 
 
 def main() -> None:
+    """Runs the command line, or answers a shell that asks for completions."""
     open_closed_streams()
     spell_what_cannot_be_printed()
     set_thread_policy()
@@ -111,7 +112,7 @@ def run(
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Runs a workflow: what is in the store is taken from there, the rest is done.
+    """Runs a workflow: takes what is in the store from there, and does the rest.
 
     \b
     python -m pipeline run workflows/hide_multi.yaml
@@ -158,7 +159,7 @@ def status(
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Says of every stage whether its result is in the store, and if not, why, or that a run is just making it.
+    """Says for every stage whether its result is in the store, and if not, why, or that a run is making it right now.
 
     \b
     python -m pipeline status workflows/hide_multi.yaml
@@ -184,7 +185,7 @@ def explain(
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Says why a stage would run again, down to the changes that it all comes from, or what its result was made of.
+    """Says why a stage would run again, down to the changes that cause it, or what its result was made of.
 
     \b
     python -m pipeline explain workflows/hide_multi.yaml hide
@@ -228,15 +229,15 @@ def accept(
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Keeps the result of a stage after a change of its code that changes no result, such as a new name.
+    """Keeps the result of a stage after a code change that does not affect the result, such as a renamed variable.
 
     \b
     python -m pipeline accept workflows/hide_multi.yaml hide --dry-run
       hide: would be kept although code changed: stages.hiding.key (draw changed)
     python -m pipeline accept workflows/hide_multi.yaml message_splats[reef]
 
-    Refused where parameters, inputs, files or privacy changed: of a foreach, those items only; with exit status 2 where
-    nothing can be kept. Explanations and reports say that a result was accepted.
+    Results are not kept if parameters, inputs, files or privacy changed; in a foreach, this concerns only the items
+    that changed. Exit status 2 if nothing can be kept. Explanations and reports mention that a result was accepted.
     """
     with reported(store):
         from pipeline.accept import acceptances, keep, still_to_accept
@@ -278,7 +279,7 @@ def graph(
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Shows the stages of a workflow and what each takes from which.
+    """Shows the stages of a workflow and which stages each of them takes from.
 
     \b
     python -m pipeline graph workflows/hide_multi.yaml --svg hide_multi.svg
@@ -308,7 +309,7 @@ def graph(
 def _run(
     project: Project, graph: Graph, make_executor: Callable[[Display], Executor], captures: bool, as_json: bool
 ) -> Summary:
-    """Runs a graph and shows it. `make_executor` is asked when there is something to do, and may tell of it first."""
+    """Runs a graph and displays it. `make_executor` is called only if there is work to do, and may display notes."""
     from pipeline.events import Noted
     from pipeline.other_runs import MIXED, beside_others
     from pipeline.progress import make_display
@@ -343,7 +344,7 @@ def _executor_maker(workers: int, scheduler: str | None, resources: Resources, s
             from pipeline.executor import SerialExecutor
 
             return SerialExecutor()
-        from pipeline.cluster import DaskExecutor  # dask takes a second to import, which a cached run can do without
+        from pipeline.cluster import DaskExecutor  # importing dask takes a second, which a cached run should not spend
 
         return DaskExecutor(workers, scheduler, resources)
 
@@ -351,8 +352,11 @@ def _executor_maker(workers: int, scheduler: str | None, resources: Resources, s
 
 
 def _made_ready(make: Callable[[], Executor], graph: Graph, store: Store, here: bool, display: Display) -> Executor:
-    """What `make` makes. Before that it is checked, for workers that are `here`, that they can do what there is to do,
-    and told what a person may not expect of it."""
+    """Calls `make`, after displaying what a person may not expect of the run.
+
+    If the workers are `here`, first checks that they can do the work. Raises UserError if they cannot, and RemoteError
+    if they are `here` and the bucket cannot be reached.
+    """
     from pipeline.errors import RemoteError
     from pipeline.events import Noted
     from pipeline.foretelling import foretold
@@ -366,7 +370,7 @@ def _made_ready(make: Callable[[], Executor], graph: Graph, store: Store, here: 
     except RemoteError:
         if here:
             raise
-        return make()  # the workers may reach the bucket, and each stage is asked for again
+        return make()  # the workers may reach the bucket, and the run looks up each stage again
     to_do = [graph.nodes[name] for name, step in steps.items() if step.state != "cached"]
     if here:
         check_readiness(to_do, LIBRARIES)

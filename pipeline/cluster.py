@@ -1,8 +1,8 @@
-"""Work done by dask: worker processes of our own on this machine, or a scheduler that runs already.
+"""Work done by dask: in worker processes of our own on this machine, or by a scheduler that is already running.
 
-Only small descriptions and results go through dask, never arrays. What runs where is decided here, one piece a worker:
-so it is known what a worker that dies was doing, dask tries nothing again behind our back, and work that no worker can
-do is not queued for ever. It takes seconds to import, so this module is imported when there is work to do.
+Only small descriptions and results go through dask, never arrays. This module decides what runs where and gives each
+worker one piece at a time. So it knows what a dying worker was doing, dask retries nothing behind our back, and work
+that no worker can do is not queued forever. The import takes seconds, so it happens only when there is work to do.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ from pipeline.workers import (
 )
 
 PATIENCE = 45.0  # seconds that work waits for a worker that could do it
-SILENCE = 30.0  # seconds of waiting for answers after which a scheduler is given up
-SILENCE_HERE = 600.0  # the same of our own, a thread of this process: silent where others take the cores, and not gone
-LOOK_EVERY = 1.0  # seconds between two looks at the workers
+SILENCE = 30.0  # seconds without an answer after which a scheduler is given up
+SILENCE_HERE = 600.0  # the same for our own, a thread of this process: it may be silent while others take the cores
+LOOK_EVERY = 1.0  # seconds between two checks of the workers
 ANSWER = 10.0  # seconds that a scheduler has to answer, and a worker to hand over a result
-CLOSE = 5.0  # seconds that dask's processes have to end
+CLOSE = 5.0  # seconds that dask's processes have to exit
 DIED = "its worker process died: killed from outside, out of memory, or crashed inside a library"
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece of work that waits for its worker, or has one."""
+    """A piece of work, waiting for a worker or given to one."""
 
     name: str
     work: Work
@@ -63,7 +63,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Given:
-    """A piece that a worker has."""
+    """A piece that a worker is doing."""
 
     piece: Piece
     worker: Worker
@@ -73,9 +73,10 @@ class Given:
 class DaskExecutor:
     """Hands work to dask's workers, one piece at a time to each.
 
-    `address` names a scheduler that runs already; without one, `workers` processes are started here, which share what
-    this machine has: its memory, and the `resources` that are stated. Raises CommandError where nothing answers at the
-    address, or its workers cannot load this package.
+    `address` is that of a running scheduler. Without one, starts `workers` processes here, which share this machine's
+    memory and the stated `resources`. Work that no worker can do is given up after `patience` seconds, or at once if
+    the workers are our own. Raises CommandError if nothing answers at the address, or if a worker cannot load this
+    package.
     """
 
     def __init__(
@@ -98,20 +99,20 @@ class DaskExecutor:
         self._ends = ExitStack()
         self._ends.enter_context(kept_environment())
         self._ends.enter_context(dask.config.set(SETTINGS))
-        for logger in ("distributed", "distributed.client"):  # dask gives the second a level of its own
+        for logger in ("distributed", "distributed.client"):  # dask sets a separate level for the second
             logging.getLogger(logger).setLevel(logging.CRITICAL)
         cluster = None
         if address is None:
             self._ends.callback(kill_children, multiprocessing.active_children())
             cluster = start_workers(workers)
-            # Where closing is interrupted, dask would wait ten seconds at exit for processes that are killed by then.
+            # If closing is interrupted, dask would wait ten seconds at exit for processes that are already killed.
             self._ends.callback(setattr, cluster, "shutdown_on_close", False)
             self._ends.callback(_closed, cluster)
         self._client = self._connected(cluster or address)
 
     def _connected(self, cluster: Any) -> Client:
         where = f"--scheduler {self._address}"
-        if self._address is not None and ":" not in self._address:  # dask would try for a minute, and leave a trace
+        if self._address is not None and ":" not in self._address:  # dask would try for a minute, and print a traceback
             self._ends.close()
             raise CommandError("no address of a dask scheduler", where=where, expected="HOST:PORT")
         try:
@@ -122,7 +123,7 @@ class DaskExecutor:
         self._ends.callback(_closed, client)
         try:
             client.register_plugin(PrepareWorker(None if self._address else os.getpid()), name="prepare-worker")
-        except Exception as error:  # whatever a worker raised that lacks our package, or has another one
+        except Exception as error:  # whatever is raised in a worker that lacks our package, or has another version
             self._ends.close()
             found = f"{type(error).__name__}: {error}"
             if self._address is None:
@@ -160,7 +161,7 @@ class DaskExecutor:
         return None
 
     def _give(self, tell: Tell) -> None:
-        """Gives pieces to workers that are free and have what they need; gives up those that wait in vain."""
+        """Hands pieces to free workers that have what they need; gives up pieces that wait in vain."""
         if not self._changed or self._client.status != "running":
             return
         self._changed = False
@@ -220,14 +221,14 @@ class DaskExecutor:
         return f"Start one that has: dask worker {self._address} --nthreads 1{stated}"
 
     def _look(self) -> None:
-        """Asks the scheduler, once a second, what workers there are; what one was doing that is gone is lost."""
+        """Asks the scheduler once a second which workers there are; what a vanished worker was doing is lost."""
         now = time.monotonic()
         if now - self._looked < LOOK_EVERY:
             return
         self._looked = now
         answer = self._asked()
         if answer is None:
-            # What was waited for, not what has passed: a run that was stopped (Ctrl-Z) finds the last answer old.
+            # Time spent waiting, not time passed: after a suspension (Ctrl-Z) any last answer is old.
             self._silence += LOOK_EVERY + min(time.monotonic() - now, ANSWER)
             enough = SILENCE_HERE if self._address is None else min(SILENCE, self._patience)
             if self._client.status in ("closing", "closed") or self._silence > enough:
@@ -247,7 +248,7 @@ class DaskExecutor:
                 self._lost.append((given.piece.name, Lost(DIED, transient=True)))
 
     def _asked(self) -> tuple[Mapping[str, Any], Mapping[str, Any]] | None:
-        """Facts about each worker, and the keys of what it works on, ours and others'; None where nobody answers."""
+        """Facts about each worker, and the keys of all work that each is doing, ours or not; None if nobody answers."""
         if self._client.status != "running":
             return None
         try:
@@ -264,7 +265,7 @@ class DaskExecutor:
         return Worker(address, {MEMORY: memory} | stated, counted=frozenset(stated))
 
     def _give_up(self) -> None:
-        """Loses everything: the scheduler has been silent for too long."""
+        """Gives everything up as lost: the scheduler has been silent for too long."""
         lost = Lost(f"the dask scheduler{f' at {self._address}' if self._address else ''} no longer answers")
         names = [*(given.piece.name for given in self._given.values()), *(piece.name for piece in self._waiting)]
         self._lost.extend((name, lost) for name in names)
@@ -280,7 +281,7 @@ class DaskExecutor:
             return Lost(DIED, transient=True)
         except UserError as error:
             return Lost(str(error))
-        except Exception as error:  # raised where the work was sent, not by the work, which raises nothing
+        except Exception as error:  # raised in sending the work, not by the work, which raises nothing
             return Lost(f"{given.worker.address} cannot do the work: {type(error).__name__}: {error}")
 
     def close(self) -> None:
@@ -291,6 +292,6 @@ class DaskExecutor:
 
 
 def _closed(opened: Client | LocalCluster) -> None:
-    """Closes it; on a busy machine that may take longer, and what was done is done all the same."""
+    """Closes a client or cluster. On a busy machine that may time out, but finished work is not affected."""
     with suppress(OSError, TimeoutError):
         opened.close(timeout=CLOSE)

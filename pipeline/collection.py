@@ -1,4 +1,4 @@
-"""Python's search for garbage, left out where thousands of things are made that stay."""
+"""Pausing Python's garbage collection while thousands of lasting objects are made."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from contextlib import contextmanager
 
 @contextmanager
 def without_collection() -> Iterator[None]:
-    """Saves a fifth of the time that 10,000 nodes take: all of them stay, and every look for garbage looks at all."""
+    """Disables garbage collection in its block; for 10,000 nodes that saves a fifth of the time.
+
+    All of them stay alive, and each collection would look at all of them.
+    """
     enabled = gc.isenabled()
     gc.disable()
     try:

@@ -1,4 +1,4 @@
-"""`show` and `export`: looking at results, and taking them elsewhere."""
+"""`show` and `export`: looking at results, and copying them elsewhere."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ def show(
     reveal: Reveal = False,
     as_json: Json = False,
 ) -> None:
-    """Says what is in an artifact and how it was made, and writes its pictures to files.
+    """Shows what is in an artifact and how it was made, and writes its pictures to files.
 
     \b
     python -m pipeline show hide_multi/sealed.container
-    python -m pipeline show scores.public_scores --all       STAGE.OUTPUT: there is only one of that name
-    python -m pipeline show 3fa9c1d2                         the start of a digest, as `show` prints them
+    python -m pipeline show scores.public_scores --all       STAGE.OUTPUT is enough if there is only one of that name
+    python -m pipeline show 3fa9c1d2                         the start of a digest, as printed by `show`
     python -m pipeline show hide_multi/cover.scene --pictures seen --limit 4
     python -m pipeline show 'message_views[reef]' --reveal   a private one, with its values
 
-    Of a private artifact only names, shapes and sizes are shown, unless --reveal is given. Its pictures are written,
-    as files that only you can read, into private places: folders that only you can enter, since they or one above them
-    are yours and closed to others (mode 0700), and that are in no git work tree. With --reveal they are written
-    anywhere. No picture is written over another one.
+    Of a private artifact, only names, shapes and sizes are shown, unless --reveal is given. Its pictures are written as
+    files that only you can read, and only to private places: folders that only you can enter, because they or a folder
+    above them are yours and closed to others (mode 0700), and that are not in a git work tree. With --reveal they are
+    written anywhere. Existing files are never overwritten.
     """
     with reported(store):
         from pipeline.description import as_json as description_as_json
@@ -72,16 +72,16 @@ def export(
     zipped: Annotated[bool, typer.Option("--zip", help="One .zip file; so does a TARGET that ends in .zip.")] = False,
     reveal: Reveal = False,
 ) -> None:
-    """Copies an artifact out of the store, every byte of it checked: a folder, or one .zip file of the same layout.
+    """Copies an artifact out of the store, checking every byte: to a folder, or to one .zip file of the same layout.
 
     \b
     python -m pipeline export hide_multi/sealed.container container
     python -m pipeline export hide_multi/sealed.container container.zip
     mkdir -m 700 ~/secrets && python -m pipeline export hide_multi/hide.secret ~/secrets/reef
 
-    `pipeline.artifact.load` opens the folder, and `show` shows it. A private artifact is copied, for your eyes only,
-    into private places: folders that only you can enter, since they or one above them are yours and closed to others
-    (mode 0700), and that are in no git work tree. With --reveal it is copied anywhere.
+    `pipeline.artifact.load` opens the folder, and `show` shows it. A private artifact is copied so that only you can
+    read it, and only to private places: folders that only you can enter, because they or a folder above them are yours
+    and closed to others (mode 0700), and that are not in a git work tree. With --reveal it is copied anywhere.
     """
     with reported(store):
         from pipeline.exporting import export_artifact

@@ -26,17 +26,17 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="Only says what would be
 
 
 def verify(store: StoreAddress = "store", dry_run: DryRun = False, as_json: Json = False) -> None:
-    """Reads every byte of the store, and sets aside what is damaged: the next run makes it again.
+    """Reads every byte of the store and sets aside what is damaged; the next run makes it again.
 
     \b
     python -m pipeline verify
     python -m pipeline verify --store /scratch/store --dry-run
 
-    Looked at are artifacts, the records of how they were made, pins, and the links in `latest`. What is set aside
-    lies in the store's folder `damaged` until the next `gc`. A file that is no part of the artifact in which it lies is
-    moved there too, and the artifact stays; on a disk that is read-only, all stays. Of a store in a bucket all is
-    fetched to be looked at and none of it kept; a sound copy on this machine takes the place of what is damaged there.
-    Exit status: 0 all is sound, 1 something was damaged.
+    This checks artifacts, the records of how they were made, pins, and the links in `latest`. Damaged data moves to the
+    store's folder `damaged`, until a `gc` finds that it was made again or is not needed. A file in an artifact that is
+    not part of it moves there too, and the artifact stays. On a read-only disk nothing moves. If the store is in a
+    bucket, everything is fetched to be checked, and none of it is kept; a sound copy on this machine replaces damaged
+    data in the bucket. Exit status: 0 everything is sound, 1 something was damaged.
     """
     with reported(store):
         from pipeline.disk import is_read_only
@@ -45,7 +45,7 @@ def verify(store: StoreAddress = "store", dry_run: DryRun = False, as_json: Json
         from pipeline.verification import verify_store
 
         opened = open_existing(store)
-        fixed = is_read_only(opened.root)  # there nobody can delete meanwhile, nor hold a lock
+        fixed = is_read_only(opened.root)  # nobody can delete anything there, nor hold a lock
         dry_run = dry_run or fixed
         with nullcontext() if fixed else opened.in_use():
             total = Verified()
@@ -87,14 +87,15 @@ def gc(
     python -m pipeline gc --older-than 30 --dry-run
     python -m pipeline pin workflows/hide_multi.yaml --name paper     and gc keeps these results for ever
 
-    Kept are the results that the last N runs of each workflow used, the last result of each of their stages with all
-    that it was made from, and what is pinned. Only runs of a whole workflow that came to their end count; results of a
-    part, and of interrupted runs, are kept besides. So are the checkpoints of runs that are kept, and those younger
-    than 14 days, and what is damaged and needed and was not made again. No run may use the store meanwhile, except
-    with --dry-run. A gc that is interrupted leaves a valid store.
+    It keeps the results that the last N runs of each workflow used, the last result of each of their stages with
+    everything that it was made from, what is pinned, and what cannot be made again, such as keys. Only complete runs of
+    a whole workflow count toward N; results of partial and interrupted runs since then are kept as well. So are
+    checkpoints of runs that are kept, checkpoints younger than 14 days, and damaged data that is needed and was not
+    made again. No run may use the store meanwhile, except with --dry-run. A gc that is interrupted leaves a valid
+    store.
 
-    Of runs on other machines that use a store in a bucket gc knows nothing, so it spares all that was put there within
-    a day; what such a run took that is older may be deleted under it, and is then made again.
+    gc does not see runs on other machines that use a store in a bucket, so it spares everything put there within a day.
+    It may delete older results that such a run uses; they are then made again.
     """
     with reported(store):
         from pipeline.garbage import Rules, collect
@@ -157,7 +158,7 @@ def pin(
 
 
 def _before_pinning(to_accept: Sequence[str]) -> str:
-    """What to do before a pin: after a change of code a run may make other results than those that are to be kept."""
+    """What to do before pinning: after a code change, a run may make results other than those that are to be kept."""
     if to_accept:
         return f"Only code changed, of {', '.join(to_accept)}: `accept` keeps these results, and a run may make others."
     return "Run it first, or name the stages that are to be pinned."
@@ -167,7 +168,7 @@ def unpin(
     name: Annotated[str, typer.Argument(metavar="NAME", help="A name of `pins`.", autocompletion=complete_pin)],
     store: StoreAddress = "store",
 ) -> None:
-    """Lets pinned results go: the next `gc` deletes them unless something else needs them.
+    """Removes a pin: the next `gc` deletes its results unless something else needs them.
 
     \b
     python -m pipeline unpin long_training
@@ -180,7 +181,7 @@ def unpin(
 
 
 def pins(store: StoreAddress = "store", as_json: Json = False) -> None:
-    """Lists what is pinned: name, workflow, when, and how many results.
+    """Lists the pins: name, workflow, time, and number of results.
 
     \b
     python -m pipeline pins

@@ -1,8 +1,8 @@
-"""Companions: processes that work for a stage, `python -m MODULE JOB`, and say how far they are in JSON lines.
+"""Companions: processes that work for a stage, `python -m MODULE JOB`, and report progress as JSON lines.
 
-A stage takes companions where its own process will not do: for a library that would harm it, or for work in Python on
-more than one core. The process of a stage may be a daemon, which `multiprocessing` forbids children; and what passes
-between a stage and its companions are plain files, not pickles.
+A stage uses companions if its own process will not do: for a library that would harm it, or for Python code on more
+than one core. The process of a stage may be a daemon, which `multiprocessing` does not allow to have children; and a
+stage and its companions exchange plain files, not pickles.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ def work_together(
     watch: Callable[[], None],
     remedy: str | None = None,
 ) -> None:
-    """Run `module` once for each of the files `jobs`, all at the same time, to their ends.
+    """Runs `module` once for each of the files `jobs`, all at the same time, and waits until all have ended.
 
-    `heard` takes each object that a companion says; `watch` is called several times a second besides. Where either
-    raises, or a companion breaks off, all are killed. What a companion writes to its standard error goes to a file
-    beside its job, with the suffix `.log`. Raises `UserError`, which calls the work `what`, where an exit status is
-    not 0; with `remedy`, which is one for want of memory, unless the companion raised something else.
+    `heard` is called with each object that a companion sends, `watch` several times a second. If either raises, or a
+    companion fails, all are killed. A companion's standard error goes to a file beside its job, with the suffix `.log`.
+    Raises UserError, which calls the work `what`, if an exit status is not 0. The error includes `remedy`, which is for
+    lack of memory, unless the companion raised an exception other than MemoryError.
     """
     lines: queue.Queue[tuple[int, bytes | None]] = queue.Queue()
     with ExitStack() as ends:
@@ -67,7 +67,7 @@ def work_together(
 
 
 def _start(module: str, job: Path, ends: ExitStack) -> subprocess.Popen[bytes]:
-    given = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))  # an empty one is the current folder
+    given = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))  # an empty entry is the current folder
     paths = [str(ROOT), *(str(Path(path).absolute()) for path in given)]
     log = ends.enter_context(job.with_suffix(".log").open("wb"))
     companion = subprocess.Popen(
@@ -95,7 +95,7 @@ def _listen(number: int, stream: IO[bytes], lines: queue.Queue[tuple[int, bytes 
 
 def _broken_off(what: str, status: int, log: Path, remedy: str | None) -> UserError:
     lines = log.read_text(errors="replace").strip().splitlines()
-    lines = [line for line in lines if not line.lstrip().startswith("@")]  # without the stack of a crash
+    lines = [line for line in lines if not line.lstrip().startswith("@")]  # without the stack dump of a crash
     if any(line.startswith(TRACEBACK) for line in lines) and not lines[-1].startswith("MemoryError"):
         return UserError(f"{what} broke off", found=lines[-1].removeprefix("ValueError: "))
     return UserError(
@@ -107,17 +107,17 @@ def _broken_off(what: str, status: int, log: Path, remedy: str | None) -> UserEr
 
 
 def say(**facts: Json) -> None:
-    """In a companion: tell the stage."""
+    """For use in a companion: sends `facts` to the stage, as a JSON object."""
     print(json.dumps(facts), flush=True)
 
 
 def end_with_stage() -> None:
-    """In a companion, first of all: end when the stage's process does, which closes the standard input."""
+    """For use in a companion, first of all: ends it with the stage's process, which closes the standard input."""
     end_with_parent(os.getppid())
     threading.Thread(target=_await_end, daemon=True).start()
 
 
 def _await_end() -> None:
-    while os.read(sys.stdin.fileno(), 1024):  # unbuffered: a buffer's lock would abort the interpreter's end
+    while os.read(sys.stdin.fileno(), 1024):  # unbuffered: a buffer's lock would abort the interpreter at its exit
         pass
     os._exit(1)

@@ -1,7 +1,7 @@
 """What the shell offers when Tab is pressed: workflow files, stages, settings, artifacts and pins.
 
-It is asked in a process of its own while a person waits, so nothing here loads the engine, and where anything is wrong
-it offers nothing and stays silent: what is wrong with a workflow is told by the command itself.
+Completion runs in a process of its own while a person waits, so nothing here loads the engine. After any error it
+offers nothing and prints nothing: the command itself reports what is wrong with a workflow.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ def _silent(complete: Completer) -> Completer:
 
 @_silent
 def complete_workflow(ctx: typer.Context, args: list[str], incomplete: str) -> list[str]:
-    """YAML files and folders where one is typing; those in `workflows` before anything is typed."""
+    """YAML files and folders; while no folder is typed, also the files in `workflows`."""
     return _yaml_files(incomplete, Path("workflows"))
 
 
 @_silent
 def complete_vars(ctx: typer.Context, args: list[str], incomplete: str) -> list[str]:
-    """YAML files and folders where one is typing; the profiles before anything is typed."""
+    """YAML files and folders; while no folder is typed, also the profiles."""
     return _yaml_files(incomplete, Path("workflows/profiles"))
 
 
@@ -64,7 +64,7 @@ def complete_stage(ctx: typer.Context, args: list[str], incomplete: str) -> list
 
 @_silent
 def complete_setting(ctx: typer.Context, args: list[str], incomplete: str) -> list[str]:
-    """Vars and the parameters of stages, and the values that these can have where they are a few words."""
+    """Vars, parameters of stages, and their values if these are a few words."""
     document, package = _document(ctx), _package(ctx)
     stage, dot, _ = incomplete.partition("=")[0].partition(".")
     if dot:
@@ -75,7 +75,7 @@ def complete_setting(ctx: typer.Context, args: list[str], incomplete: str) -> li
 
 
 def _settings_of_stage(stage: str, body: Mapping[str, Any], package: str, incomplete: str) -> list[str]:
-    """Its parameters, or of one that is typed so far that no other can be meant the values."""
+    """The stage's parameters; or, once only one of them can be meant, the values of that one."""
     parameters = _parameters(body, package)
     name = incomplete.partition("=")[0].removeprefix(f"{stage}.")
     meant = [name] if "=" in incomplete else [parameter for parameter in parameters if parameter.startswith(name)]
@@ -85,7 +85,7 @@ def _settings_of_stage(stage: str, body: Mapping[str, Any], package: str, incomp
 
 
 def _settings_of_vars(document: Mapping[str, Any], package: str, incomplete: str) -> list[str]:
-    """Vars as they are, and stages, which lead to their parameters; after `=` what else a var can be."""
+    """Vars with their values, and stages, which lead to their parameters; after `=`, a var's other values."""
     name, equals, _ = incomplete.partition("=")
     values = _values_of_var(name, document["stages"], package) if equals else []
     settings = [f"{var}={_shown(value)}" for var, value in document.get("vars", {}).items()]
@@ -94,7 +94,7 @@ def _settings_of_vars(document: Mapping[str, Any], package: str, incomplete: str
 
 @_silent
 def complete_artifact(ctx: typer.Context, args: list[str], incomplete: str) -> list[str]:
-    """The names in the store's folder `latest`, and folders."""
+    """The names in the store's folder `latest`, with and without their workflow."""
     names = [f"{link.parent.name}/{link.name}" for link in (_store(ctx) / "latest").glob("*/*")]
     return sorted([*names, *(name.partition("/")[2] for name in names)])
 
@@ -107,7 +107,7 @@ def complete_pin(ctx: typer.Context, args: list[str], incomplete: str) -> list[s
 
 @_silent
 def complete_known_workflow(ctx: typer.Context, args: list[str], incomplete: str) -> list[str]:
-    """The names of the workflows that ran."""
+    """The names of the workflows that have run."""
     return sorted(path.name for path in (_store(ctx) / "runs").iterdir())
 
 
@@ -115,7 +115,7 @@ def _document(ctx: typer.Context) -> dict[str, Any]:
     """The workflow file as plain data."""
     from ruamel.yaml import YAML
 
-    # Behind an option that still lacks its value, typer leaves what it read before among the other words.
+    # If an option still lacks its value, typer leaves the words before it among the unparsed arguments.
     file = ctx.params.get("workflow") or next(word for word in ctx.args if word.endswith((".yaml", ".yml")))
     return YAML(typ="safe", pure=True).load(Path(file))
 
@@ -125,13 +125,13 @@ def _store(ctx: typer.Context) -> Path:
 
 
 def _parameters(body: Mapping[str, Any], package: str) -> dict[str, list[str]]:
-    """The names of a stage's parameters, with the values that each can have where these are a few words."""
+    """The names of a stage's parameters, each with its possible values if these are a few words."""
     declared = declared_parameters(package, body["uses"])
     return {name: declared[name].choices if name in declared else [] for name in [*body.get("with", {}), *declared]}
 
 
 def _values_of_var(name: str, stages: Mapping[str, Any], package: str) -> list[str]:
-    """The values that a var can have, by the first parameter that it is given to and that has but a few."""
+    """The values that a var can have, according to the first parameter set by it that allows only a few."""
     for body in stages.values():
         for parameter, value in body.get("with", {}).items():
             choices = _parameters(body, package)[parameter] if value == f"${{{name}}}" else []
@@ -145,7 +145,7 @@ def _package(ctx: typer.Context) -> str:
 
 
 def _shown(value: object) -> str:
-    """A var's value as one would type it; nothing where it must be given, or is more than a word."""
+    """A var's value as one would type it; empty for lists, mappings, and null: it has to be given."""
     if isinstance(value, bool):
         return str(value).lower()
     return str(value) if isinstance(value, str | int | float) else ""

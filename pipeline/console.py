@@ -1,4 +1,4 @@
-"""What all commands share: their options, and how errors are told."""
+"""What all commands share: their options, and how errors are reported."""
 
 from __future__ import annotations
 
@@ -80,7 +80,10 @@ Reveal = Annotated[
 
 @contextmanager
 def reported(store: Path | str) -> Iterator[None]:
-    """Tells errors as messages; what is no message of ours is a defect of the engine and keeps its traceback."""
+    """Reports errors as messages, and exits: with 2 for bad input, 1 for other errors, 130 after Ctrl-C.
+
+    Exceptions that are neither ours nor the system's are defects of the engine, and keep their traceback.
+    """
     try:
         yield
     except UserError as error:
@@ -101,7 +104,7 @@ def reported(store: Path | str) -> Iterator[None]:
 
 
 def write_the_rest() -> None:
-    """What is printed and not yet written: of a reader that is gone Python itself would tell on its way out."""
+    """Flushes standard output; if its reader is gone, Python itself would complain at exit."""
     try:
         sys.stdout.flush()
     except BrokenPipeError:
@@ -109,26 +112,27 @@ def write_the_rest() -> None:
 
 
 def _write_no_more() -> None:
-    """Whoever read our output has seen enough."""
+    """Discards further output: its reader is gone."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def say(text: str) -> None:
+    """Prints a message to standard error."""
     print(text, file=sys.stderr, flush=True)
 
 
 def near(path: Path) -> Path:
-    """The path as one would type it here."""
+    """The path as one would type it here: relative if it is below the current folder."""
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
 def command_line() -> str:
-    """The command that is being executed, by the interpreter as it was named."""
+    """The command that is being executed, with the interpreter as it was named."""
     return _typed(sys.argv[1:])
 
 
 def command_line_with(context: typer.Context, **others: str) -> str:
-    """The command that is being executed, but `others` in place of what was given for these parameters."""
+    """The command that is being executed, with `others` in place of the values that were given for these parameters."""
     words = [str(context.info_name)]
     for parameter in context.command.params:
         name = str(parameter.name)
@@ -143,5 +147,5 @@ def command_line_with(context: typer.Context, **others: str) -> str:
 
 
 def _typed(words: Sequence[str]) -> str:
-    """A command as one types it."""
+    """The words of a command as one would type it in a shell."""
     return shlex.join([sys.orig_argv[0], "-m", "pipeline", *words])

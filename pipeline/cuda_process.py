@@ -1,8 +1,8 @@
-"""CUDA and OpenCL in a worker process, which goes on from stage to stage; neither they nor torch are loaded for it.
+"""CUDA and OpenCL in a worker process, which runs one stage after another. Loads neither them nor torch.
 
-What a stage leaves in a cache of a GPU's memory, torch's or our own, is no other process's, and the next stage that
-draws may well be another worker's. And after some errors, such as a kernel's illegal address, every call of CUDA fails
-in a process until it ends: one stage's failure would be that of all that come after it there.
+Memory of a GPU that a stage leaves in a cache, torch's or our own, is unavailable to other processes, and the next
+stage that needs it may well run in another worker. And after some errors, such as an illegal address in a kernel, every
+CUDA call of the process fails until it ends: one failed stage would fail all later ones there.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import sys
 from types import ModuleType
 
 _HOLDERS = ("opencl.staging",)
-"""Modules that keep memory of GPUs beside torch, each with a function `return_held_memory`."""
+"""Modules besides torch that hold GPU memory, each with a function `return_held_memory`."""
 
 
 def return_gpu_memory() -> None:
-    """Gives back what is free of the GPUs' memory, for other processes: when a stage has ended."""
+    """Returns unused GPU memory for other processes; to be called when a stage has ended."""
     if cuda_is_broken():
         return
     cuda = _cuda()
@@ -27,7 +27,7 @@ def return_gpu_memory() -> None:
 
 
 def cuda_is_broken() -> bool:
-    """Whether calls of CUDA can only fail in this process from now on."""
+    """Whether all further CUDA calls in this process will fail."""
     cuda = _cuda()
     try:
         if cuda is not None:
@@ -38,6 +38,6 @@ def cuda_is_broken() -> bool:
 
 
 def _cuda() -> ModuleType | None:
-    """torch.cuda, where a stage has used it."""
+    """`torch.cuda` if a stage has used it, else None."""
     torch = sys.modules.get("torch")
     return torch.cuda if torch is not None and torch.cuda.is_initialized() else None

@@ -1,10 +1,10 @@
-"""What a store holds that is not what was written: kept apart, since nobody knows yet whether it can be made again.
+"""The damaged data of a store, kept apart since nobody knows yet whether it can be made again.
 
     damaged/objects/<digest>         artifacts
     damaged/actions/<key>            records
     damaged/foreign/<digest>/…       files that something else put into an artifact
 
-A number follows a name that is taken. Nobody else can enter the folder, and only `gc` deletes from it.
+If a name is taken, a number is appended. Nobody else can enter the folder, and only `gc` deletes from it.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ OBJECTS, ACTIONS, FOREIGN = "objects", "actions", "foreign"
 
 
 class Damaged:
-    """The damaged things of one store, in a folder that is made with the first."""
+    """The damaged data of one store, in a folder that is created when it is first needed."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def take(self, path: Path, *names: str) -> Path | None:
-        """Moves what lies at `path` under `names`, and returns where it is now; None where it is gone already.
+        """Moves `path` into the folder, under `names`, and returns its new path; None if it is already gone.
 
-        Raises UserError where a folder on the way is a link.
+        Raises UserError if a folder on the way is a link.
         """
         wanted = self.folder.joinpath(*names)
         if leads_elsewhere(self.folder.parent, self.folder.name, *names[:-1]):
@@ -45,11 +45,11 @@ class Damaged:
         return target
 
     def records(self, key: str) -> list[Path]:
-        """Where the damaged records of an action lie."""
+        """The paths of the damaged records of an action."""
         return sorted(self.folder.glob(f"{ACTIONS}/{key}*"))
 
     def record(self, name: str) -> Record | None:
-        """What a damaged record says that is whole itself, and lacks its artifacts; None where it does not.
+        """A record that is sound itself and was set aside because its artifacts are not; None if it cannot be read.
 
         `name` is one of the store's `entries`.
         """
@@ -57,7 +57,7 @@ class Damaged:
 
 
 def name_in_damaged(name: str) -> str:
-    """The digest or key of something damaged: its name without the folder, and the number or `.json` that may follow.
+    """The digest or key of something damaged: its name without the folder and a number or `.json` at the end.
 
     >>> name_in_damaged("damaged/objects/abc.2"), name_in_damaged("damaged/actions/abc.json"), name_in_damaged("abc")
     ('abc', 'abc', 'abc')

@@ -1,9 +1,8 @@
-"""What the stages of a package declare, known without importing them where possible.
+"""What the stages of a package declare, known without importing them if possible.
 
-A stage module imports torch, which takes seconds, and a run with nothing to do should take none. What a stage declares
-and how it completes given parameters depends on its code alone and on what the user's data folder holds, so both are
-kept in the store's cache, in a file for the fingerprint of these, and the module is imported only when they are not
-there.
+A stage module imports torch, which takes seconds, and a run with nothing to do should take none. What a stage declares,
+and how it completes given parameters, depends only on its code and on the files in the user's data folder. So both are
+kept in the store's cache, in a file named after a fingerprint of these, and the module is imported only on a miss.
 """
 
 from __future__ import annotations
@@ -36,12 +35,12 @@ DECLARATION = "declaration"
 LITERAL = re.compile("'([^']*)'")
 TEXT_WANTED = ("string_type", "path_type")  # pydantic's words
 MOST_ANSWERS = 20_000
-"""Kept of one stage; beyond, those that the present workflow does not ask for are forgotten."""
+"""Cached for one stage; beyond that, answers that the present workflow does not ask for are dropped."""
 
 
 @dataclass(frozen=True)
 class Declaration:
-    """A stage as its author declared it; `external` names the parameters that are paths of things outside."""
+    """A stage as its author declared it; `external` names the parameters that are paths outside the store."""
 
     uses: str
     inputs: Mapping[str, Input]
@@ -56,9 +55,9 @@ class Declaration:
 
 @dataclass(frozen=True)
 class Completed:
-    """Parameters with their defaults; `external` holds the paths apart, `modules` what the parameters select.
+    """Parameters with their defaults. `external` holds the external paths, `modules` what parameters select.
 
-    `unrepeatable`: what is made with them cannot be made again.
+    `unrepeatable`: no run can make again what is made with them.
     """
 
     parameters: Mapping[str, Json]
@@ -69,9 +68,9 @@ class Completed:
 
 @dataclass(frozen=True)
 class Refusal:
-    """One reason why parameters are not accepted; `path` leads to the value, empty for the whole.
+    """One reason why parameters are refused; `path` leads to the value, and is empty if it is the whole.
 
-    `text_wanted`: the value is no text, and is to be one.
+    `text_wanted`: the value has to be text and is not.
     """
 
     path: tuple[str | int, ...]
@@ -81,7 +80,7 @@ class Refusal:
 
     @property
     def name(self) -> str:
-        """The path as its message has it."""
+        """The path as its message spells it."""
         return ".".join(map(str, self.path))
 
 
@@ -101,21 +100,24 @@ class Catalogue:
         self._completed: dict[tuple[str, str], Completed] = {}
 
     def code(self, uses: str, modules: tuple[str, ...] = ()) -> Code:
-        """The code behind a stage. Raises UserError where a module that it selects is missing or is not Python."""
+        """The code behind a stage. Raises UserError if a module that its parameters select is missing or not Python."""
         roots = (f"{self.package}.{uses}", *modules)
         if roots not in self._codes:
             self._codes[roots] = self.sources.code(roots)
         return self._codes[roots]
 
     def names(self) -> list[str]:
-        """The stages that a workflow can use: the modules directly in the package."""
+        """The stages that a workflow can use: the modules directly in the package.
+
+        Raises UserError if there is no such package.
+        """
         package = self.sources.module(self.package)
         if package is None:
             raise UserError("no such package of stages", found=self.package)
         return modules_in(package.path.parent)
 
     def declaration(self, uses: str) -> Declaration:
-        """Raises UserError where there is no such stage or its module does not define it."""
+        """What a stage declares. Raises UserError if there is no such stage, or its module does not define it."""
         if uses not in self.names():
             raise UserError(f"no stage {uses!r}; there are {', '.join(self.names())}{nearest(uses, self.names())}")
         cached = self._cached(uses, DECLARATION)
@@ -134,7 +136,10 @@ class Catalogue:
         )
 
     def complete(self, uses: str, arguments: Mapping[str, Json]) -> Completed | list[Refusal]:
-        """The given parameters with their defaults, or every reason why they are refused."""
+        """The given parameters with their defaults, or every reason why they are refused.
+
+        Raises UserError if the stage has to be imported and that fails.
+        """
         question = json.dumps(arguments, sort_keys=True)
         if (uses, question) in self._completed:
             return self._completed[uses, question]
@@ -151,18 +156,18 @@ class Catalogue:
         return answer
 
     def _digest(self, uses: str, modules: Sequence[str]) -> str | None:
-        """Of a stage's code with the modules that its parameters select, which may say how these are completed."""
+        """The digest of a stage's code with the modules that parameters select: these may affect their completion."""
         try:
             return self.code(uses, tuple(modules)).digest
         except UserError:
             return None
 
     def keep_in(self, store: Store) -> None:
-        """From now on, `remember` writes into this store."""
+        """Makes `remember` write to this store from now on."""
         self._store = self._source_cache.store = store
 
     def remember(self) -> None:
-        """Writes what was learnt of stages and their code into the store, for the next time."""
+        """Writes what was learnt about stages and their code to the store, for the next run; ignores failed writes."""
         self._source_cache.remember()
         for code in self._codes.values():
             if not self._store.knows_code(code.digest):
@@ -172,13 +177,13 @@ class Catalogue:
             if len(answers) > MOST_ANSWERS:
                 asked = {DECLARATION, *(question for name, question in self._completed if name == uses)}
                 answers = {question: answer for question, answer in answers.items() if question in asked}
-            with suppress(OSError):  # a store that nobody can write to can be read
+            with suppress(OSError):  # a store may be read-only
                 self._store.folder("cache", "declarations")
                 write_text_whole(self._cache_file(uses), sealed(answers), self._store.temporary(), mode=0o600)
         self._new.clear()
 
     def stage(self, uses: str) -> Stage:
-        """The stage itself, its module imported. Raises UserError where that fails."""
+        """The stage itself, with its module imported. Raises UserError if that fails."""
         if uses not in self._stages:
             self._stages[uses] = import_stage(self.package, uses)
         return self._stages[uses]
@@ -196,7 +201,7 @@ class Catalogue:
     def _cache_file(self, uses: str) -> Path:
         engine = [FORMAT, pydantic.VERSION, *data_files()]
         module = self.sources.module(f"{self.package}.{uses}")
-        text = digest_of_file(module.path) if module else ""  # it also says what is no part of the code's digest
+        text = digest_of_file(module.path) if module else ""  # it holds more than the code's digest
         name = digest_of([engine, self.package, uses, self.code(uses).digest, text], f"stage {uses}")
         return self._store.root / "cache" / "declarations" / f"{name}.json"
 
@@ -206,7 +211,7 @@ def _read_answers(file: Path) -> dict[str, Any]:
 
 
 def import_stage(package: str, uses: str) -> Stage:
-    """Attribute `uses` of module `package.uses`. Raises UserError where the module fails or holds no such stage."""
+    """The stage `uses` in the module `package.uses`. Raises UserError if the module fails, or defines no such stage."""
     name = f"{package}.{uses}"
     try:
         module = importlib.import_module(name)
@@ -219,9 +224,10 @@ def import_stage(package: str, uses: str) -> Stage:
 
 
 def validate(declared: Stage, arguments: Mapping[str, Json]) -> Parameters:
-    """The parameters of a stage. In JSON's terms, where a list may stand for a tuple and a text for a path.
+    """The parameters of a stage, from JSON: a list may stand for a tuple, and text for a path.
 
-    Null stands for the stage's own default, where there is one and null itself is no value of the parameter.
+    Null stands for the stage's own default, if there is one and null is not itself a value of the parameter. Raises
+    pydantic.ValidationError for values that the stage refuses.
     """
     fields = declared.parameters.model_fields
     stated = {name: value for name, value in arguments.items() if value is not None or not _is_own(fields.get(name))}
@@ -229,12 +235,12 @@ def validate(declared: Stage, arguments: Mapping[str, Json]) -> Parameters:
 
 
 def _is_own(field: FieldInfo | None) -> bool:
-    """Whether null takes a parameter back to the stage's own default."""
+    """Whether null resets a parameter to the stage's own default."""
     return field is not None and not field.is_required() and type(None) not in typing.get_args(field.annotation)
 
 
 def check_completed(declared: Stage, parameters: Parameters, planned: Mapping[str, Json]) -> None:
-    """Raises UserError where parameters are completed otherwise here than where the run was planned."""
+    """Raises UserError if parameters are completed differently here than where the run was planned."""
     here = _values(declared, parameters)
     for name, value in planned.items():
         if here.get(name) != value:
@@ -281,7 +287,7 @@ def _complete(declared: Stage, arguments: Mapping[str, Json]) -> Completed | lis
         parameters = validate(declared, arguments)
     except pydantic.ValidationError as error:
         return [_refusal(declared.parameters, detail) for detail in error.errors(include_url=False)]
-    except UserError as error:  # of what is asked besides to complete them
+    except UserError as error:  # from what the stage consults to complete them
         return [Refusal((), str(error))]
     external = {}
     for name in external_fields(declared.parameters):
@@ -298,7 +304,7 @@ def _complete(declared: Stage, arguments: Mapping[str, Json]) -> Completed | lis
 
 
 def _values(declared: Stage, parameters: Parameters) -> dict[str, Json]:
-    """All but external paths."""
+    """The values of all parameters that are not external paths."""
     values = parameters.model_dump(exclude=set(external_fields(declared.parameters)))
     return {name: plain(value, f"parameter {name!r}") for name, value in values.items()}
 
@@ -324,7 +330,7 @@ def _refusal(model: type[Parameters], detail: Any) -> Refusal:
 
 
 def _alike(detail: Any) -> str:
-    """Which of a few words was meant."""
+    """A hint at the allowed word that was probably meant; empty if there is none."""
     if detail["type"] == "literal_error" and isinstance(detail["input"], str):
         return nearest(detail["input"], LITERAL.findall(detail["ctx"]["expected"]))
     return ""

@@ -1,4 +1,4 @@
-"""What the source of a stage tells of its parameters: to import it, with all that it imports, would take seconds."""
+"""What the source of a stage says about its parameters: importing it, with all that it imports, would take seconds."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from pipeline.package_modules import modules_in
 
 @dataclass(frozen=True)
 class Declared:
-    """A parameter: its annotation, and the module in which the names of that mean something."""
+    """A parameter: its annotation, and the module that defines the names in it."""
 
     annotation: ast.expr
     module: str
 
     @property
     def choices(self) -> list[str]:
-        """The values that it can have, as one would type them, where these are a few words; else nothing."""
+        """The values that it can have, as one would type them, if these are a few words; otherwise empty."""
         return list(dict.fromkeys(_choices(self.annotation, self.module)))
 
 
 def declared_parameters(package: str, uses: str) -> dict[str, Declared]:
-    """The parameters of a stage by name, those of base classes first. Raises OSError where there is no such stage."""
+    """The parameters of a stage by name, those of base classes first. Raises OSError if there is no such stage."""
     module = f"{package}.{uses}"
     functions = [node for node in _parsed(module).body if isinstance(node, ast.FunctionDef) and node.name == uses]
     annotation = functions[0].args.args[1].annotation
@@ -41,7 +41,7 @@ def _fields(module: str, name: str) -> Iterator[tuple[str, Declared]]:
             for field in node.body:
                 match field:
                     case ast.AnnAssign(annotation=ast.Subscript(value=ast.Name(id="ClassVar"))):
-                        continue  # is of the class, and no parameter
+                        continue  # a class variable, not a parameter
                     case ast.AnnAssign(target=ast.Name(id=parameter), annotation=annotation):
                         yield parameter, Declared(annotation, where)
 
@@ -69,7 +69,7 @@ def _choices(annotation: ast.expr, module: str) -> Iterator[str]:
 
 
 def _definitions(module: str, name: str) -> Iterator[tuple[str, ast.stmt]]:
-    """Where a first-party name is defined, followed through imports, and the statement that defines it."""
+    """The statements that define a first-party name, followed through imports, each with its module."""
     for node in _parsed(module).body:
         match node:
             case ast.ClassDef(name=found) | ast.Assign(targets=[ast.Name(id=found)]) if found == name:
@@ -94,5 +94,5 @@ def _path(module: str) -> Path | None:
 
 
 def _places(name: str) -> list[Path]:
-    """Where a first-party package may lie, or a module but for its suffix: beside the workflow, and here."""
+    """Possible places of a first-party package, or of a module without its suffix: in the current folder, and here."""
     return [root.joinpath(*name.split(".")) for root in (Path.cwd(), Path(__file__).resolve().parents[1])]

@@ -1,7 +1,7 @@
-"""What an artifact holds and how it came about, as far as a person may see it.
+"""What an artifact holds and how it was made, as far as a person may see it.
 
-Of a private artifact no value is told unless that is asked for: neither attributes, ranges and text nor parameters.
-What it is made of (names, shapes, types, sizes) is.
+Values of a private artifact (attributes, ranges, text and parameters) are withheld unless asked for. Its structure
+(names, shapes, types, sizes) is not.
 """
 
 from __future__ import annotations
@@ -25,13 +25,15 @@ if TYPE_CHECKING:
 
 TEXTS = (".txt", ".md", ".json", ".csv", ".yaml", ".yml", ".log")
 TABLES = (".jsonl",)
-DEEPEST = 20  # levels of what a cell of a table holds
-LONGEST_TEXT = 4 * 1024 * 1024  # bytes of a file that is shown; a longer one is named only
+DEEPEST = 20  # levels of nesting in a row of a table
+LONGEST_TEXT = 4 * 1024 * 1024  # bytes; the content of a longer file is not shown
 
 
 @dataclass(frozen=True)
 class Range:
-    """The values of an array: least, mean and greatest of the finite ones (None where there are none), and the rest."""
+    """The values of an array: least, mean and greatest of the finite ones (None if there are none), and the others'
+    counts.
+    """
 
     least: float | None
     mean: float | None
@@ -42,7 +44,7 @@ class Range:
 
 @dataclass(frozen=True)
 class ArrayDescription:
-    """`stored` is its bytes on the disk, compressed; `range` None where it is not told or there is no such thing."""
+    """An array. `stored` is its compressed size in bytes; `range` is None if withheld or if the numbers are complex."""
 
     name: str
     dtype: str
@@ -54,7 +56,7 @@ class ArrayDescription:
 
 @dataclass(frozen=True)
 class FileDescription:
-    """A plain file; `rows` are those of a table, `text` the lines of a text, None where it is neither or not told."""
+    """A plain file. `rows` are those of a table, `text` the lines of a text; None if it is not one or is withheld."""
 
     name: str
     size: int
@@ -74,7 +76,7 @@ class Ancestor:
 
 @dataclass(frozen=True)
 class Taken:
-    """An artifact that an action took, and the stage that made it, empty where that is not known."""
+    """An artifact that an action took, and the stage that made it; empty if that is unknown."""
 
     digest: str
     made_by: str
@@ -82,7 +84,10 @@ class Taken:
 
 @dataclass(frozen=True)
 class Origin:
-    """How an artifact was made; `lineage` is all actions behind it, each after those that it took from."""
+    """How an artifact was made. `lineage` is all actions up to its own, each after those that it took from.
+
+    `facts` and `parameters` are None if they are withheld.
+    """
 
     made_by: str
     uses: str
@@ -100,7 +105,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class Description:
-    """An artifact. `names` are those in `latest`, `revealed` whether values are told, `attributes` None where not."""
+    """An artifact. `names` are those in `latest`; `revealed`: nothing is withheld; `attributes` is None if withheld."""
 
     kind: str
     private: bool
@@ -116,7 +121,10 @@ class Description:
 
 
 def describe(artifact: Artifact, store: Store | None, reveal: bool) -> Description:
-    """Reads all of an artifact, one chunk at a time. Raises CorruptArtifact where it is not what was written."""
+    """Describes an artifact, reading its arrays chunk by chunk unless values are withheld.
+
+    Raises CorruptArtifact if what it reads is damaged.
+    """
     told = reveal or not artifact.private
     return Description(
         kind=artifact.kind,
@@ -134,7 +142,7 @@ def describe(artifact: Artifact, store: Store | None, reveal: bool) -> Descripti
 
 
 def as_json(description: Description) -> dict[str, object]:
-    """What `show --json` prints."""
+    """The fields that `show --json` prints."""
     return {"event": "artifact", **asdict(description)}
 
 
@@ -147,7 +155,7 @@ def _array(artifact: Artifact, name: str, told: bool) -> ArrayDescription:
 
 
 def range_of(artifact: Artifact, name: str) -> Range | None:
-    """The range of an array, read chunk by chunk; None for complex numbers. Raises CorruptArtifact."""
+    """The range of an array, read chunk by chunk; None for complex numbers. Raises CorruptArtifact if it is damaged."""
     import numpy as np
 
     if np.dtype(artifact.manifest.arrays[name].dtype).kind == "c":
@@ -163,7 +171,7 @@ def range_of(artifact: Artifact, name: str) -> Range | None:
 
 
 def _finite(block: np.ndarray) -> tuple[np.ndarray, int, int]:
-    """The finite values of a block, and how many are not numbers and how many infinite."""
+    """The finite values of a block, and the numbers of NaNs and of infinities."""
     import numpy as np
 
     if block.dtype.kind != "f":
@@ -186,7 +194,7 @@ def _file(artifact: Artifact, name: str, told: bool) -> FileDescription:
 
 
 def _rows(lines: list[str]) -> tuple[Mapping[str, Json], ...] | None:
-    """The rows of a table, an object a line; None where it is none, or nested so deeply that it is no table."""
+    """The rows of a table, one object per line; None if it is not a table, or nested too deeply to be one."""
     try:
         rows = [parse_json(line) for line in lines if line.strip()]
     except ValueError:
@@ -195,7 +203,7 @@ def _rows(lines: list[str]) -> tuple[Mapping[str, Json], ...] | None:
 
 
 def _is_deeper(value: Json, levels: int) -> bool:
-    """Whether a value has more levels than so many of lists and mappings."""
+    """Whether lists and mappings are nested more than `levels` levels deep."""
     items = value.values() if isinstance(value, dict) else value if isinstance(value, list) else None
     return items is not None and (levels == 0 or any(_is_deeper(item, levels - 1) for item in items))
 
@@ -207,7 +215,7 @@ def _origin(artifact: Artifact, store: Store, reveal: bool) -> Origin | None:
         return None
     provenance: Mapping[str, Any] = record.provenance
     parts: Mapping[str, Any] = record.parts
-    told = reveal or not record.private  # what is public of it may have private sisters, which parameters would tell of
+    told = reveal or not record.private  # a public output may have private siblings, which parameters would reveal
     return Origin(
         made_by=f"{record.workflow}/{record.name}",
         uses=str(parts.get("stage")),

@@ -1,7 +1,7 @@
-"""What a disk may hold and do: files that are no files, JSON that is no JSON, no space, no permission.
+"""Disks and their troubles: what is not a plain file, JSON that is not JSON, no space, no permission.
 
-A store may have been damaged, or come from a stranger. So nothing is read but plain files, and whatever is in them is
-an answer or one of two errors; and what the system says when it cannot write is told in the words of a person.
+A store may be damaged, or come from a stranger. So only plain files are read, and reading them gives a result or one of
+two errors. What the system says when it cannot write is put into words for a person.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from typing import Any
 
 FULL = {errno.ENOSPC, errno.EDQUOT}
 IN_WORDS = FULL | {errno.EFBIG, errno.EROFS}
-"""Errors of which `words_of` says what to do."""
+"""Errors for which `words_of` says what to do."""
 MUCH = 10**10
-"""Free bytes with which a disk is hardly the one that is full: no stage writes so much at once."""
+"""Free bytes above which a disk is hardly the one that is full: no stage writes that much at once."""
 
 
 def read_plain_file(path: Path) -> bytes:
-    """The bytes of a file. Raises OSError where it is none: a link, a folder, or a pipe that one would wait for."""
+    """The bytes of a file. Raises OSError for anything else: a link, a folder, or a pipe, which would block."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     with os.fdopen(descriptor, "rb") as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -34,7 +34,7 @@ def read_plain_file(path: Path) -> bytes:
 
 
 def parse_json(data: bytes | str) -> Any:
-    """What `data` says. Raises ValueError for what is no JSON, nested so deeply that it cannot be read included."""
+    """The value of a JSON text. Raises ValueError if it is not JSON, or too deeply nested to be read."""
     try:
         return json.loads(data)
     except RecursionError as error:
@@ -42,7 +42,7 @@ def parse_json(data: bytes | str) -> Any:
 
 
 def read_json_object(path: Path) -> dict[str, Any] | None:
-    """The JSON object in a file; None where there is none that can be read."""
+    """The JSON object in a file; None if there is none, or it cannot be read."""
     try:
         content = parse_json(read_plain_file(path))
     except (OSError, ValueError):
@@ -51,7 +51,7 @@ def read_json_object(path: Path) -> dict[str, Any] | None:
 
 
 def size_of_plain_file(path: Path) -> int | None:
-    """Bytes; None where there is no plain file."""
+    """The size of a file in bytes; None if it is not a plain file."""
     try:
         found = path.lstat()
     except (OSError, ValueError):  # a name that no file can have
@@ -60,9 +60,10 @@ def size_of_plain_file(path: Path) -> int | None:
 
 
 def entries_of(root: Path, *names: str, links: bool = False) -> list[os.DirEntry[str]]:
-    """What is in the folder `names` under `root`, sorted, `links` too if wanted; nothing in a folder that is a link.
+    """The entries of the folder `names` under `root`, sorted by name; with `links`, links too. Empty if unreadable.
 
-    A store may come from a stranger: a link in it could lead to anyone's files.
+    A folder that is reached over a link counts as empty: a store may come from a stranger, and a link in it could lead
+    to anyone's files.
     """
     if leads_elsewhere(root, *names):
         return []
@@ -74,13 +75,13 @@ def entries_of(root: Path, *names: str, links: bool = False) -> list[os.DirEntry
 
 
 def leads_elsewhere(root: Path, *names: str) -> bool:
-    """Whether the way from `root` along the folders `names` could leave it: over a link, or a name that is none."""
+    """Whether the path from `root` along `names` could leave `root`: over a link, or by a name such as `..`."""
     ways = [root.joinpath(*names[: number + 1]) for number in range(len(names))]
     return any(name in ("", ".", "..") for name in names) or any(map(is_link, ways))
 
 
 def is_link(path: Path) -> bool:
-    """Whether there is a symbolic link; False for names that no file can have."""
+    """Whether a path is a symbolic link; False for names that no file can have."""
     try:
         return path.is_symlink()
     except OSError:
@@ -88,9 +89,9 @@ def is_link(path: Path) -> bool:
 
 
 def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
-    """What the system refused, in one line; `written` are the bytes that the work at hand had written by then.
+    """What the system refused, on one line. `written` is the number of bytes that the current work had written.
 
-    A full disk is that of `store`, unless the error names a file elsewhere, or there is much room on it.
+    A full disk is assumed to be that of `store`, unless the error names a file elsewhere, or that disk has much room.
     """
     if error.errno == errno.EFBIG:
         return _words_of_too_large(error.filename or store)
@@ -120,7 +121,7 @@ def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
 
 @contextmanager
 def written_to(place: Path) -> Iterator[None]:
-    """Names `place`, which is written meanwhile, in errors of the system: where a disk is full it says no name."""
+    """Puts `place` into errors of its block that `words_of` explains: about a full disk, the system names no file."""
     try:
         yield
     except OSError as error:
@@ -130,7 +131,7 @@ def written_to(place: Path) -> Iterator[None]:
 
 
 def _words_of_too_large(place: object) -> str:
-    """That a file would have been larger than it may be: by this process, or by its disk."""
+    """That a file would have been larger than this process, or its disk, allows."""
     allowed = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
     kept = "What is done is kept; then run again."
     if allowed == resource.RLIM_INFINITY:
@@ -142,18 +143,18 @@ def _words_of_too_large(place: object) -> str:
 
 
 def _elsewhere(file: object, store: Path | str) -> Path | None:
-    """The file that an error names, unless it names none, or one in the store."""
+    """The file that an error names; None if it names none, or one in the store."""
     path = Path(file).absolute() if isinstance(file, str | os.PathLike) else None
     return None if path is None or path.is_relative_to(Path(store).absolute()) else path
 
 
 def bytes_below(folder: Path) -> int:
-    """What the files in a folder hold together, as far as they can be seen."""
+    """The number of bytes in the files under a folder, as far as they can be seen."""
     return sum(size_of_plain_file(path) or 0 for path in folder.rglob("*")) if folder.is_dir() else 0
 
 
 def size_of(path: Path) -> int:
-    """Bytes of a file or a link, or of all files and links under a folder; 0 where there is nothing, or no longer."""
+    """Bytes of a file or link, or of all files and links under a folder; 0 if there is nothing, or no longer."""
     if path.is_symlink() or not path.is_dir():
         return _size_there(path)
     below = ((Path(folder, name), name in names) for folder, names, files in os.walk(path) for name in (*names, *files))
@@ -161,7 +162,7 @@ def size_of(path: Path) -> int:
 
 
 def _size_there(path: Path) -> int:
-    """Bytes of a file or a link; 0 where another process has just removed it."""
+    """Bytes of a file or link; 0 if another process has just removed it."""
     try:
         return path.lstat().st_size
     except OSError:
@@ -169,7 +170,7 @@ def _size_there(path: Path) -> int:
 
 
 def remove(path: Path) -> None:
-    """Deletes a file, or a folder with all that is in it, if it is there."""
+    """Deletes a file, or a folder with everything in it, if it exists."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:
@@ -186,7 +187,7 @@ def flush(path: Path) -> None:
 
 
 def make_folder(root: Path, *names: str) -> Path:
-    """The folder `names` under `root`, made where it is missing; it survives a power cut."""
+    """The folder `names` under `root`, created if it is missing; its creation survives a power cut."""
     path = root.joinpath(*names)
     if not path.is_dir():
         path.mkdir(parents=True, exist_ok=True)
@@ -196,21 +197,25 @@ def make_folder(root: Path, *names: str) -> Path:
 
 
 def remove_where_it_lies(folder: Path, first: str) -> None:
-    """Deletes a folder that cannot be moved aside, for want of room; without its file `first` it counts for nothing."""
+    """Deletes a folder that cannot be moved aside first for lack of space.
+
+    Its file `first` goes first: without it the rest counts for nothing, even if the deletion breaks off.
+    """
     if folder.is_dir() and not folder.is_symlink():
         (folder / first).unlink(missing_ok=True)
     remove(folder)
 
 
 def close_to_others(folder: Path) -> None:
-    """Takes from all but the owner what they may do with a folder; another user's is left as it is."""
+    """Takes all permissions on a folder from everyone but its owner; leaves another user's folder as it is."""
     if stat.S_IMODE(folder.stat().st_mode) & 0o077:
         with suppress(PermissionError):
             folder.chmod(0o700)
 
 
 def size_words(size: int) -> str:
-    """
+    """A size in words, in decimal units.
+
     >>> size_words(512), size_words(1536), size_words(12_600_000), size_words(10**9)
     ('512 B', '1.5 kB', '12.6 MB', '1.0 GB')
     """
@@ -223,13 +228,13 @@ def size_words(size: int) -> str:
 
 
 def is_read_only(path: Path) -> bool:
-    """Whether the disk of a path, be it there or not yet, lets nobody write; False where that cannot be seen."""
+    """Whether the disk of a path, which need not exist, is read-only; False if that cannot be determined."""
     room = _room_on(path)
     return room is not None and bool(room.f_flag & os.ST_RDONLY)
 
 
 def _room_on(path: Path | str) -> os.statvfs_result | None:
-    """What is left on the disk of a file or folder, or of the nearest above that is there; None where nobody knows."""
+    """The state of the disk of a path, or of its nearest parent that exists; None if that cannot be determined."""
     try:
         there = next((place for place in (Path(path), *Path(path).parents) if place.exists()), None)
         return os.statvfs(there) if there else None
@@ -238,7 +243,10 @@ def _room_on(path: Path | str) -> os.statvfs_result | None:
 
 
 def free_bytes(path: Path | str) -> int | None:
-    """What is free for this user on the disk of a path, be it there or not yet; None where nobody knows."""
+    """Bytes free for this user on the disk of a path, which need not exist; None if that cannot be determined.
+
+    0 if the disk has no free inodes.
+    """
     room = _room_on(path)
     if room is None:
         return None
@@ -246,7 +254,7 @@ def free_bytes(path: Path | str) -> int | None:
 
 
 def _lacks_inodes(room: os.statvfs_result) -> bool:
-    numbered = room.f_files > 0  # else the file system makes inodes as it needs them
+    numbered = room.f_files > 0  # otherwise the file system makes inodes as it needs them
     return numbered and room.f_favail == 0
 
 

@@ -1,7 +1,7 @@
-"""Drawing a graph of stages as SVG, in layers from left to right, with no help from outside.
+"""Draws a graph of stages as SVG, in layers from left to right, without any external tool.
 
-The layout is Sugiyama's: a layer for each stage (the longest way to it), a point in every layer that an arrow passes,
-an order within layers that follows the neighbours, and smooth curves through the points.
+The layout is Sugiyama's: a layer for each stage (the length of the longest path to it), a point in every layer that an
+arrow passes, an order within layers that follows the neighbours, and smooth curves through the points.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FILLS: Mapping[Tone, tuple[str, str]] = {
     "private": ("#f6ecf7", "#9a4fa3"),
     "failed": ("#fdecea", "#c0392b"),
 }
-LETTER, SMALL_LETTER = 9.4, 7.0  # width of a letter of the name, and of the lines under it, in the widest usual font
+LETTER, SMALL_LETTER = 9.4, 7.0  # width of a letter in the name, and in the lines below it, in the widest usual font
 LINE = 15.0  # height of a line of text
 PADDING = 10.0
 GAP_ACROSS = 56.0  # between layers
@@ -30,7 +30,7 @@ SWEEPS = 8
 
 @dataclass(frozen=True)
 class Box:
-    """A stage to be drawn: its name, the names of those that it takes from, and small lines under its name."""
+    """A stage to be drawn: its name, the names of the stages that it takes from, and small lines below its name."""
 
     name: str
     inputs: tuple[str, ...] = ()
@@ -40,7 +40,7 @@ class Box:
 
 @dataclass
 class _Place:
-    """A box, or a point that an arrow passes (`box` None), in a layer."""
+    """A place in a layer: of a box, or (`box` is None) of a point that an arrow passes."""
 
     layer: int
     box: Box | None
@@ -51,10 +51,10 @@ class _Place:
 
 
 def draw(boxes: Sequence[Box]) -> str:
-    """The graph as the text of an `<svg>` element, to be a file or to stand in a page.
+    """The graph as the text of an `<svg>` element, for a file of its own or as part of a page.
 
-    Each box comes after those that it takes from; inputs that are not among the boxes are left out. No boxes give an
-    empty picture.
+    Each box must come after those that it takes from; inputs that are not among the boxes are left out. Without boxes
+    the picture is empty.
     """
     names = {box.name for box in boxes}
     places, arrows = _lay_out([Box(b.name, tuple(i for i in b.inputs if i in names), b.lines, b.tone) for b in boxes])
@@ -87,7 +87,7 @@ def _lay_out(boxes: Sequence[Box]) -> tuple[dict[str, _Place], list[list[str]]]:
     for box in boxes:
         for name in dict.fromkeys(box.inputs):
             between = range(places[name].layer + 1, places[box.name].layer)
-            passing = [f"{name} → {layer}" for layer in between]  # arrows from one box share their way
+            passing = [f"{name} → {layer}" for layer in between]  # arrows from one box share their points
             for layer, point in zip(between, passing, strict=True):
                 places.setdefault(point, _Place(layer, None, 0.0, 4.0))
             arrows.append([name, *passing, box.name])
@@ -115,7 +115,7 @@ def _neighbours(arrows: Sequence[Sequence[str]]) -> tuple[dict[str, set[str]], d
 
 
 def _order(layers: list[list[str]], arrows: Sequence[Sequence[str]]) -> None:
-    """Sorts each layer by where its neighbours stand, forth and back, so that few arrows cross."""
+    """Sorts each layer by where its neighbours are, in alternating directions, so that few arrows cross."""
     before, after = _neighbours(arrows)
     for sweep in range(SWEEPS):
         forth = sweep % 2 == 0
@@ -152,14 +152,14 @@ def _position(layers: list[list[str]], places: dict[str, _Place], arrows: Sequen
 
 
 def _wish(places: Mapping[str, _Place], name: str, neighbours: set[str]) -> float:
-    """Where a place would like its upper edge: level with the middle of its neighbours."""
+    """The upper edge at which a place would be level with the middle of its neighbours."""
     place = places[name]
     middles = [places[other].y + places[other].height / 2 for other in sorted(neighbours)]
     return _mean(middles, place.y + place.height / 2) - place.height / 2
 
 
 def _settle(layer: Sequence[_Place], wished: Sequence[float]) -> None:
-    """Gives each place what it wishes as far as its neighbours leave room, splitting what they lack evenly."""
+    """Moves each place to where it wishes to be, as far as its neighbours leave room; conflicts are split evenly."""
     down, up = list(wished), list(wished)
     for index in range(1, len(layer)):
         down[index] = max(down[index], down[index - 1] + layer[index - 1].height + GAP_ALONG)

@@ -1,4 +1,4 @@
-"""Whether a worker runs the same engine as the run that it works for: what passes between them is the engine's own."""
+"""Whether a worker runs the same engine as the run that it works for: they exchange the engine's own objects."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from pipeline.errors import UserError
 
 @functools.cache
 def engine_digest() -> str:
-    """SHA-256 over the engine's own sources, as they were when this process asked first."""
+    """SHA-256 over the engine's own sources, as they were when this process first asked."""
     folder = Path(__file__).parent
     return digest_of({file.name: digest_of_file(file) for file in sorted(folder.glob("*.py"))}, "the engine")
 
 
 def check_engine(digest: str) -> None:
-    """Raises UserError where the engine of this process is not the one with that digest."""
+    """Raises UserError if the engine of this process does not have that digest."""
     if digest != engine_digest():
         raise UserError(
             "the worker has another version of the engine than the run",

@@ -1,14 +1,14 @@
-"""What can go wrong, as a person is told it.
+"""Everything that can go wrong, as it is reported to a person.
 
 PipelineError            anything that the engine or a stage reports on purpose
 ├── UserError            bad input: one clear message, never a traceback
 │   ├── WorkflowError    a workflow file or a `--set` is wrong: every problem at once, each with its place
 │   ├── CommandError     the command line is wrong
 │   └── RemoteError      a store in a bucket cannot be used: no such bucket, no credentials, access denied
-│       └── Unreachable  nor reached at all, although it was tried several times: a TransientError too
+│       └── Unreachable  its server cannot even be reached, on several attempts; also a TransientError
 ├── ArtifactError        a stage misused an artifact (wrong type of array, a name that leaves the directory)
-│   └── CorruptArtifact  what lies on the disk is not what was written
-├── TransientError       what may well succeed if it is simply tried again, such as a connection that broke off
+│   └── CorruptArtifact  what is on the disk is not what was written
+├── TransientError       a retry may well succeed, for example after a connection broke off
 └── Interrupted          a stage saved its checkpoint because it was asked to stop
 """
 
@@ -65,8 +65,9 @@ class CommandError(UserError):
 
 @dataclass(frozen=True, order=True)
 class Place:
-    """Where something stands: a file with a 1-based line and column, or a `--set` option: line 0, and as `column` the
-    number of the value in it, 0 of the whole.
+    """Where something stands: a file with a 1-based line and column, or a `--set` option.
+
+    For an option, `line` is 0 and `column` numbers the values in it; it is 0 for the whole.
     """
 
     file: str
@@ -79,7 +80,7 @@ class Place:
 
 @dataclass(frozen=True, order=True)
 class Problem:
-    """One thing that is wrong in a workflow."""
+    """One thing that is wrong with a workflow."""
 
     place: Place
     message: str
@@ -89,7 +90,7 @@ class Problem:
 
 
 class WorkflowError(UserError):
-    """All that is wrong with a workflow, in the order of the file."""
+    """Everything that is wrong with a workflow, in the order of the file."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(sorted(set(problems)))
@@ -101,33 +102,33 @@ class ArtifactError(PipelineError):
 
 
 class CorruptArtifact(ArtifactError):
-    """What lies on the disk is not what was written: a missing, shortened or altered file."""
+    """What is on the disk is not what was written: a file is missing, truncated or altered."""
 
 
 class TransientError(PipelineError):
-    """May well succeed if it is simply tried again: a connection that broke off, a service that is busy.
+    """A retry may well succeed: a connection broke off, or a service is busy.
 
-    A stage that raises it is tried again, with growing waits, and goes on from what it kept in `context.scratch`.
+    A stage that raises it is tried again, with growing waits, and can resume from what it kept in `context.scratch`.
     """
 
 
 class RemoteError(UserError):
-    """A store in a bucket cannot be used: there is no such bucket, or the credentials are missing or not enough."""
+    """A store in a bucket cannot be used: the bucket does not exist, or the credentials are missing or insufficient."""
 
 
 class Unreachable(RemoteError, TransientError):
-    """The server of a bucket cannot be reached, or broke off, although it was tried several times."""
+    """The server of a bucket could not be reached, or broke off, on several attempts."""
 
 
 class Interrupted(PipelineError):
-    """Raised by a stage that saw `context.stop_requested()` and has saved its checkpoint into `context.scratch`.
+    """Raised by a stage that saw `context.stop_requested()` and has saved its checkpoint in `context.scratch`.
 
-    Its message, if any, is what a person is told, such as "stopped while pictures were read".
+    Its message, if any, is shown to a person, such as "stopped while pictures were read".
     """
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
-    """`; did you mean 'x'?`, or nothing where no allowed name resembles `name`.
+    """`; did you mean 'x'?`, or an empty text if no allowed name resembles `name`.
 
     >>> nearest("itertions", ["iterations", "width"])
     "; did you mean 'iterations'?"
@@ -138,7 +139,7 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
 
 
 def nearest_of(name: str, allowed: Mapping[str, object]) -> str:
-    """The same, and what is asked back is what the name leads to.
+    """Like `nearest`, but suggests what the allowed name maps to.
 
     >>> nearest_of("hide_photo", {"hide_photos": "workflows/hide_photos.yaml"})
     "; did you mean 'workflows/hide_photos.yaml'?"

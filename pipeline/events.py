@@ -1,4 +1,4 @@
-"""What happens during a run, as the engine tells it to whoever shows it."""
+"""Events during a run, as the engine reports them to a display."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class StageStarted:
 
 @dataclass(frozen=True)
 class StageProgressed:
-    """How far a running stage is."""
+    """How far a running stage is: `done` of `total`, with current figures such as a PSNR."""
 
     name: str
     done: float
@@ -30,7 +30,7 @@ class StageProgressed:
 
 @dataclass(frozen=True)
 class StageEnded:
-    """A stage came to its end, or to none: `cause` says why it failed or was skipped, `log` where to read more."""
+    """A stage ended, or was skipped: `cause` says why it failed or was skipped, `log` where to read more."""
 
     name: str
     state: StageState
@@ -43,9 +43,9 @@ class StageEnded:
 
 @dataclass(frozen=True)
 class Remarked:
-    """What a person should know of a result that a stage just made; `log` is where to read more, if there is more.
+    """What a person should know about a result that a stage just made; `log` is where to read more, if there is more.
 
-    What is `as_wished` is not said once more when the run ends.
+    A remark that is `as_wished` is not repeated when the run ends.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Remarked:
 
 @dataclass(frozen=True)
 class Noted:
-    """Something that a person should know: what the run waits for, where something is."""
+    """Something that a person should know, such as what the run waits for, or where something is."""
 
     text: str
 
@@ -74,7 +74,7 @@ Event = StageStarted | StageProgressed | StageEnded | Remarked | Noted | Summary
 
 
 def as_json(event: Event) -> str | None:
-    """The line that `--json` prints for an event; None for those that it does not print.
+    """The line that `--json` prints for an event; None for events that it does not print.
 
     >>> as_json(StageEnded("cover", "cached", "5e", 0.0, {"scene": Path("ab")}))
     '{"event": "stage", "name": "cover", "state": "cached", "key": "5e", "seconds": 0.0, "outputs": {"scene": "ab"}}'

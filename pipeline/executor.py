@@ -1,7 +1,7 @@
 """Where work is done: in this process, one piece after the other, or (in `cluster`) by dask's workers.
 
-An executor knows nothing of stages. It is given functions and what they work on, passes on the events that they tell,
-and says what came out. Whoever gives it the work decides what may start; the executor holds it until there is room.
+An executor knows nothing about stages. It takes functions and their subjects, passes on the events that they report,
+and returns their results. Its caller decides what may start; the executor holds work back until there is room for it.
 """
 
 from __future__ import annotations
@@ -18,32 +18,34 @@ from pipeline.resources import Resources
 
 Tell = Callable[[Event], None]
 Work = Callable[[Any, Tell], Any]
-"""A function at the top of a module: it is given what it works on, and where to tell events."""
+"""A function at the top of a module; it takes its subject, and a function to which it reports events."""
 
 
 @dataclass(frozen=True)
 class Lost:
-    """Instead of a result: why there is none. `transient` where it may be another time, as when a worker died."""
+    """Stands in for a result that was lost, and says why. `transient`: a retry may succeed, as after a worker died."""
 
     reason: str
     transient: bool = False
 
 
 class Executor(Protocol):
+    """Runs pieces of work and returns their results."""
+
     def start(self, name: str, work: Work, subject: object, urgency: int, needs: Resources) -> None:
-        """Has `work(subject, tell)` done where there is what it needs. What is more urgent is done first."""
+        """Queues `work(subject, tell)`, to run where there is what it `needs`; more urgent work is done first."""
 
     def wait(self, tell: Tell, seconds: float) -> tuple[str, Any] | None:
-        """Passes on events until some work ends, and returns its name and result; None if that takes longer."""
+        """Passes on events until some work ends, and returns its name and result; None after so many seconds."""
 
     def close(self) -> None:
-        """Ends everything, work that still runs included."""
+        """Ends everything, including work that is still running."""
 
 
 class SerialExecutor:
-    """Does the work in this process when it is waited for: for debugging, and where processes are too much.
+    """Does the work in this process, during `wait`: for debugging, or if worker processes are too much.
 
-    Whether the machine has what a piece needs is not asked.
+    Does not check whether the machine has what a piece needs.
     """
 
     def __init__(self) -> None:

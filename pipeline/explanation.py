@@ -1,4 +1,4 @@
-"""Why a stage would run again, down to the changes that it all comes from; or what its result was made of."""
+"""Why a stage would run again, down to the changes that cause it; or what its result was made of."""
 
 from __future__ import annotations
 
@@ -25,16 +25,18 @@ class Cause:
 
     @property
     def text(self) -> str:
+        """The change in words, after the name of its stage."""
         return f"because {self.way[-1]}: {self.change.text}"
 
     @property
     def as_json(self) -> dict[str, Any]:
+        """The change and the way to it as JSON fields."""
         return {"stage": self.way[-1], "way": list(self.way), **self.change.as_json}
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """`record` and `run` (the name of the run that made it) are those of a cached result."""
+    """Explains a step. For a cached result, `record` is its record and `run` the name of the run that made it."""
 
     step: Step
     causes: tuple[Cause, ...] = ()
@@ -43,7 +45,7 @@ class Explanation:
 
 
 def explain(graph: Graph, steps: Mapping[str, Step], store: Store, names: Iterable[str]) -> Iterator[Explanation]:
-    """Explains the steps of the stages `names`; `steps` hold theirs and those of all that they depend on."""
+    """Explains the steps of the stages `names`; `steps` must include those of everything that they depend on."""
     return map(_Explainer(graph, steps, store).explanation, names)
 
 
@@ -68,7 +70,7 @@ class _Explainer:
         return Explanation(step, tuple(self.causes((name,), step.changes, set())))
 
     def causes(self, way: tuple[str, ...], found: tuple[Change, ...], seen: set[tuple[str, str]]) -> Iterator[Cause]:
-        """The changes behind the inputs among `found`, and behind the inputs of these, each once."""
+        """The changes behind the inputs among `found`, and behind the inputs of the changed stages, each once."""
         for change in found:
             upstream, was = change.details.get("source"), str(change.before)
             if change.part != "input" or upstream is None or (upstream, was) in seen:
@@ -82,12 +84,12 @@ class _Explainer:
             yield from self.causes(onward, behind, seen)
 
     def changes_since(self, node: Node, digest: str) -> tuple[Change, ...]:
-        """What changed about a stage since it made the artifact `digest`; nothing where that is not known."""
+        """What changed about a stage since it made the artifact `digest`; empty if that is unknown."""
         record = self.maker(node.name, digest)
         return changes(node, record.parts, key_parts(node, self.digests), self.known) if record else ()
 
     def maker(self, name: str, digest: str) -> Record | None:
-        """The newest record of an action that made an artifact, of the stage `name` rather than of another."""
+        """The newest record of an action that made an artifact, preferably for the stage `name`; None if unknown."""
         makers = self.makers.get(digest, {})
         for key in sorted(makers, key=lambda key: makers[key] != name):
             record = self.store.record(key)
@@ -97,8 +99,10 @@ class _Explainer:
 
     @cached_property
     def makers(self) -> dict[str, dict[str, str]]:
-        """For each artifact that the journals tell of the actions that made it, by key, the newest first, with the
-        stage that each was last done or found for."""
+        """For each artifact in the journals, the keys of the actions that made it, newest first.
+
+        The value of each key is the stage for which the action was last done or found.
+        """
         makers: dict[str, dict[str, str]] = {}
         history = self.store.history
         for journal in history.journals(self.graph.workflow):
@@ -108,7 +112,7 @@ class _Explainer:
         return makers
 
     def run_that_made(self, key: str) -> str | None:
-        """The run, of this workflow or another, whose journal says that it did the action `key`."""
+        """The run, of this workflow or another, whose journal says that it did the action `key`; None if unknown."""
         while key not in self.runs:
             workflow, journal = next(self.journals, (None, None))
             if journal is None:
@@ -119,7 +123,7 @@ class _Explainer:
         return self.runs[key]
 
     def all_journals(self) -> Iterator[tuple[str, Path]]:
-        """Those of this workflow first, the newest of each workflow before the others."""
+        """Each workflow and journal: this workflow first, and the newest journal of each workflow first."""
         history = self.store.history
         others = (name for name in history.workflows() if name != self.graph.workflow)
         for workflow in (self.graph.workflow, *others):
@@ -128,7 +132,7 @@ class _Explainer:
 
 
 def in_words(explanation: Explanation, graph: Graph, duration: str) -> list[str]:
-    """The lines that a person reads; `duration` is how long the action took, in words."""
+    """The explanation in lines for a person; `duration` is how long the action took, in words."""
     step = explanation.step
     if explanation.record:
         lines = [f"{step.name}: cached", *_made_of(explanation, graph, duration)]
@@ -141,12 +145,12 @@ def in_words(explanation: Explanation, graph: Graph, duration: str) -> list[str]
     else:
         lines = [f"{step.name}: to run, because"]
     lines += [f"  {reason}" for reason in step.reasons]
-    lines += dict.fromkeys(f"  {cause.text}" for cause in explanation.causes)  # two inputs may have one cause
+    lines += dict.fromkeys(f"  {cause.text}" for cause in explanation.causes)  # two inputs may have the same cause
     return lines + ([f"  it {step.failed_before}"] if step.failed_before else [])
 
 
 def as_json(explanation: Explanation) -> dict[str, object]:
-    """The same as fields."""
+    """The explanation as JSON fields."""
     step, record = explanation.step, explanation.record
     return {
         "event": "explain",

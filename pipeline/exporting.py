@@ -13,14 +13,14 @@ from pipeline.manifest import MANIFEST
 from pipeline.privacy import make_folder, new_file
 from pipeline.store import Store
 
-EARLIEST = (1980, 1, 1, 0, 0, 0)  # that a .zip can say: equal artifacts give equal files
+EARLIEST = (1980, 1, 1, 0, 0, 0)  # time that a .zip can store; a fixed one, so that equal artifacts give equal files
 
 
 def export_artifact(artifact: Artifact, target: Path, zipped: bool, store: Store | None = None) -> None:
-    """Copies an artifact to `target`, which appears whole or not at all, its every byte checked against the manifest.
+    """Copies an artifact to `target`, which appears whole or not at all. Every byte is checked against the manifest.
 
-    Nobody else can read the copy of a private artifact. Raises CommandError where `target` exists or is
-    inside `store`, CorruptArtifact where the artifact is not what was written.
+    Nobody else can read the copy of a private artifact. Raises CommandError if `target` exists or is inside `store`,
+    CorruptArtifact if the artifact is not what was written.
     """
     if target.exists() or target.is_symlink():
         raise CommandError("exists already", where=target, remedy="Choose another name, or remove it first.")
@@ -42,7 +42,7 @@ def export_artifact(artifact: Artifact, target: Path, zipped: bool, store: Store
 
 
 def _copied(artifact: Artifact, folder: Path) -> Artifact:
-    """A copy of what the manifest names, checked. A link or a pipe in the place of a file is never opened."""
+    """A copy of what the manifest names, checked. Never opens a link or a pipe in the place of a file."""
     artifact.check_sizes()
     make_folder(folder, artifact.private)
     for name in (*artifact.manifest.files, MANIFEST):
@@ -55,7 +55,7 @@ def _copied(artifact: Artifact, folder: Path) -> Artifact:
 
 
 def _pack(artifact: Artifact, path: Path) -> None:
-    """Chunks are compressed already, so nothing is compressed again; the same content gives the same bytes."""
+    """Packs a .zip without compression: chunks are compressed already. The same content gives the same bytes."""
     with new_file(path, artifact.private) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name in sorted((*artifact.manifest.files, MANIFEST)):
             entry = zipfile.ZipInfo(name, EARLIEST)

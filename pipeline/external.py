@@ -1,4 +1,4 @@
-"""What lies outside the store: folders and files that parameters point to, digested by names and bytes."""
+"""What is outside the store: folders and files that parameters point to, digested by names and bytes."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from pipeline.errors import UserError
 
 @dataclass(frozen=True)
 class Contents:
-    """SHA-256 of each file by its name: of all under a folder, with `/`, or of the one file that a path leads to."""
+    """SHA-256 of each file by name: of all files under a folder, named with `/`, or of a single file."""
 
     is_folder: bool
     files: Mapping[str, str]
 
     @property
     def digest(self) -> str:
-        """SHA-256 of names and bytes. The path that leads there does not enter it, nor do empty folders."""
+        """SHA-256 of names and bytes. It does not depend on the path to them, nor on empty folders."""
         if self.is_folder:
             return digest_of({"folder": self.files}, "the folder")
         ((name, content),) = self.files.items()
@@ -30,7 +30,10 @@ class Contents:
 
 
 def resolved(path: Path) -> Path:
-    """Absolute, links followed; as far as that goes for what is no path: too long, a zero byte, a link to itself."""
+    """The absolute path, with links followed.
+
+    Only made absolute if it cannot be resolved: too long, with a zero byte, or a link to itself.
+    """
     try:
         return path.resolve()
     except (OSError, ValueError, RuntimeError):
@@ -38,7 +41,7 @@ def resolved(path: Path) -> Path:
 
 
 def from_home(path: str | Path) -> Path:
-    """With a ~ at its beginning replaced by a home folder; as it is where nobody of that name has one."""
+    """The path with a leading ~ replaced by a home folder; unchanged if there is no such user."""
     try:
         return Path(path).expanduser()
     except RuntimeError:
@@ -46,7 +49,7 @@ def from_home(path: str | Path) -> Path:
 
 
 def is_there(path: str | Path) -> bool:
-    """Whether a file or folder is there; what is no path leads nowhere."""
+    """Whether a file or folder exists; False for what cannot be a path."""
     try:
         return Path(path).exists()
     except (OSError, ValueError):
@@ -54,7 +57,7 @@ def is_there(path: str | Path) -> bool:
 
 
 def _unheard(files: Sequence[Path]) -> None:
-    """For who does not ask what will be read."""
+    """For callers that do not ask what will be read."""
 
 
 def contents_of(
@@ -62,9 +65,9 @@ def contents_of(
     digest_file: Callable[[Path], str] = digest_of_file,
     listed: Callable[[Sequence[Path]], None] = _unheard,
 ) -> Contents:
-    """What is at `path`; links are followed. `listed` hears of all files before the first of them is read.
+    """The contents of a file or folder; links are followed. `listed` is called with all files before the first is read.
 
-    Raises UserError for what cannot be read, or would be waited for.
+    Raises UserError for what cannot be read or would block, and for links that lead round in a circle.
     """
     try:
         if path.is_dir():
@@ -84,7 +87,7 @@ def _files_under(folder: Path) -> list[Path]:
     for name, _, names in os.walk(folder, followlinks=True, onerror=_raise):
         directory = Path(name)
         above = list(takewhile(lambda parent: parent.is_relative_to(folder), directory.parents))
-        # What leads above where it stands, as to /, comes round only after all that is there.
+        # A link to a folder above, such as /, would otherwise come round only after everything in it.
         here = directory.resolve()
         if any(parent.resolve().is_relative_to(here) for parent in above):
             raise UserError("a link leads round in a circle", where=directory)

@@ -1,12 +1,12 @@
-"""Digests of external files, remembered by how each file looked when it was read, so that no plan reads it again.
+"""Digests of external files, cached by how each file looked when it was read, so that no plan reads it again.
 
     cache/external/<hash of the path>.json   for each folder or file that a workflow names: what its files looked like
     external/<digest>.json                   the names and digests behind a digest, for `explain`
 
-See `look` for when a file is taken for the one that it was; what has just changed is not remembered.
+See `look` for when a file counts as unchanged; a file that has only just changed is not cached.
 
-Names of files may tell of a message, so nobody else can read either. A process replaces a whole file at a time; of two
-at once the last one's memory stays, and is as true as the other's.
+Names of files may reveal a message, so nobody else can read either. A file is replaced as a whole; if two processes do
+so at the same time, the last one wins, and its content is as true as the other's.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ Memory = dict[str, tuple[Look, str]]
 
 
 class ExternalCache:
-    """The digests of what lies outside `store`. How far a long reading is, is said on `stream`, if there is one."""
+    """The digests of what is outside `store`. Reports the progress of a long reading on `stream`, if there is one."""
 
     def __init__(self, store: Store, stream: TextIO | None = None) -> None:
         self._store = store
         self._stream = stream
 
     def digest(self, path: Path) -> str:
-        """The digest of a file or folder, as `Contents` has it. Raises UserError for what cannot be read.
+        """The digest of a file or folder, as in `Contents`. What was read stays cached even if Ctrl-C ends the reading.
 
-        So it does for a folder that the store lies in: every run would find it changed, and stages read their results.
-        What was read is remembered even where Ctrl-C ends the reading.
+        Raises UserError for what cannot be read, and for a folder that contains the store: every run would find it
+        changed, and stages would read their own results.
         """
         if resolved(self._store.root).is_relative_to(resolved(path)):
             raise UserError(
@@ -75,7 +75,7 @@ class ExternalCache:
         return digest
 
     def contents(self, digest: str) -> Contents | None:
-        """The names and digests of the files behind a digest; None where that is not known."""
+        """The names and digests of the files behind a digest; None if they are unknown."""
         content = read_sealed(self._listing(digest))
         return Contents(content["folder"], content["files"]) if content else None
 
@@ -87,14 +87,17 @@ class ExternalCache:
         return self._store.root / "external" / f"{digest}.json"
 
     def _write(self, path: Path, content: Mapping[str, object]) -> None:
-        with suppress(OSError):  # a store that nobody can write to can be read, and a full disk is no reason to fail
+        with suppress(OSError):  # the store may be read-only, and a full disk is no reason to fail
             aside = self._store.temporary()
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             write_text_whole(path, sealed(content), aside, mode=0o600)
 
 
 def _digest(path: Path, before: Memory, after: Memory) -> str:
-    """SHA-256 of a file, from the memory `before` if it looks as it did then; what may be remembered joins `after`."""
+    """SHA-256 of a file, from the cached `before` if it looks the same; what may be cached is added to `after`.
+
+    Raises UserError if the file keeps changing while it is read.
+    """
     name = str(path)
     look = look_of(path.stat())
     remembered = before.get(name)
@@ -115,7 +118,7 @@ def _digest(path: Path, before: Memory, after: Memory) -> str:
 
 
 def _read_memory(path: Path) -> Memory:
-    """What was remembered; nothing where there is no such file or it is damaged."""
+    """What was cached; empty if the file is missing or damaged."""
     content = read_sealed(path) or {}
     try:
         return {name: (tuple(map(int, entry[:-1])), str(entry[-1])) for name, entry in content.items()}

@@ -1,18 +1,18 @@
 """The code that a stage's result depends on, as a digest for each first-party module.
 
-The scope is whole modules: the stage's own, and all first-party modules that it imports, directly or not. Function
-scope (what most tools hash) misses an edited helper, and a silently stale result is the worst that a cache can do.
-The whole tree is safe, but then a line changed in the report repeats hours of training. Modules are safe, since Python
-cannot run code of a module that nobody imports, and as precise as the files are small. So:
+The scope is whole modules: the stage's own, and all first-party modules that it imports, directly or indirectly.
+Hashing single functions, as most tools do, misses an edited helper, and a silently stale result is the worst that a
+cache can do. Hashing the whole tree is safe, but then a changed line in the report repeats hours of training. Modules
+are safe, since Python cannot run code of a module that nobody imports, and as precise as the files are small. So:
 
-- a module counts by its syntax tree, without comments, docstrings, layout, and what `@stage` is told by
-  `unrepeatable=`, `unread=` and `remarks=`, which changes no bit;
-- imports count wherever they stand, inside functions and under `TYPE_CHECKING` too, and so do the packages that they
-  pass through: keep `__init__.py` thin;
+- a module counts by its syntax tree, without comments, docstrings, layout, and the arguments `unrepeatable=`, `unread=`
+  and `remarks=` of `@stage`, which change no bit;
+- imports count wherever they are, including inside functions and under `TYPE_CHECKING`, and so do the packages that
+  they pass through: keep `__init__.py` thin;
 - `RESOURCES = ("kernels/*.cl",)` at the top of a module adds the bytes of files beside it;
-- an import whose name is computed hides what it imports, so it is an error unless the stage declares `modules=`, which
-  names the modules that its parameters select; `import_module("its.name")` is an import like others;
-- the engine itself never counts, nor do third-party libraries: the versions of these are in the provenance.
+- an import with a computed name hides what it imports. It is an error unless the stage declares `modules=`, which names
+  the modules that its parameters select; `import_module("its.name")` counts like any other import;
+- the engine itself never counts, nor do third-party libraries: their versions are in the provenance.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ NOTES = ("unrepeatable", "unread", "remarks")  # arguments of `@stage` that say 
 class Module:
     """What one source file contributes; `dynamic` holds the lines of imports whose name is computed.
 
-    `definitions` holds a digest for each name that the file defines at its top level, for its imports and other
-    statements, and for each of its resources. They are there to say what changed: the key counts `digest` alone.
-    `resources` holds the patterns that name these.
+    `definitions` holds a digest for each name defined at the top level, for the imports, for the other statements, and
+    for each resource. They only serve to say what changed: keys depend on `digest` alone. `resources` holds the
+    patterns that name the resources.
     """
 
     path: Path
@@ -67,7 +67,7 @@ class Code:
 
 
 class SourceTree:
-    """The sources of the first-party packages, each file read once, by `read`. Nothing is imported to read it."""
+    """The sources of the first-party packages. Each file is read once, by `read`; nothing is imported for that."""
 
     def __init__(self, packages: Iterable[str], read: Callable[[str, Path], Module] | None = None) -> None:
         self._folders = {package: _folders_of(package) for package in packages if package != ENGINE}
@@ -77,7 +77,7 @@ class SourceTree:
     def code(self, roots: Iterable[str]) -> Code:
         """The code that importing the modules `roots` brings in.
 
-        Raises UserError where a root does not exist or a source file is not Python.
+        Raises UserError if a root does not exist or a source file is not Python.
         """
         roots = tuple(roots)
         for root in roots:
@@ -107,7 +107,7 @@ class SourceTree:
         return {name: module.definitions for name, module in modules.items() if module}
 
     def module(self, name: str) -> Module | None:
-        """The first-party module of that name; None where there is none."""
+        """The first-party module of that name; None if there is none. Raises UserError if it is not Python."""
         if name not in self._modules:
             path = self._path(name)
             self._modules[name] = self._read(name, path) if path else None
@@ -134,7 +134,7 @@ def _folders_of(package: str) -> tuple[Path, ...]:
 
 
 def read_module(name: str, path: Path, read: Callable[[Path], bytes] = Path.read_bytes) -> Module:
-    """The module `name` in the file at `path`. Raises UserError where that is not Python or a resource is missing."""
+    """The module `name` in the file at `path`. Raises UserError if it is not Python or a resource is missing."""
     try:
         tree = ast.parse(read(path), str(path))
     except (SyntaxError, ValueError) as error:
@@ -155,7 +155,7 @@ def read_module(name: str, path: Path, read: Callable[[Path], bytes] = Path.read
 
 
 def _definitions(tree: ast.Module) -> dict[str, str]:
-    """The digest of all that the top level says about each name; a name may be defined several times."""
+    """A digest of everything that the top level says about each name; a name may be defined several times."""
     spellings: dict[str, list[str]] = {}
     for statement in tree.body:
         if not _is_bare_text(statement):
@@ -165,7 +165,7 @@ def _definitions(tree: ast.Module) -> dict[str, str]:
 
 
 def _names(statement: ast.stmt) -> list[str]:
-    """What a statement at the top level defines."""
+    """The names that a statement at the top level defines."""
     if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         return [statement.name]
     if isinstance(statement, ast.Import | ast.ImportFrom):
@@ -176,7 +176,7 @@ def _names(statement: ast.stmt) -> list[str]:
 
 
 def spell(node: object) -> str:
-    """One spelling of a syntax tree: no places, no docstrings or other bare texts, no empty fields.
+    """A canonical spelling of a syntax tree: no positions, no docstrings or other bare strings, no empty fields.
 
     >>> spell(ast.parse("x = 1  # one")) == spell(ast.parse("'''Said.'''\\n\\nx  =  1"))
     True
@@ -202,7 +202,7 @@ def _is_bare_text(node: object) -> bool:
 
 
 def _imports(tree: ast.Module, package: str) -> Iterator[str]:
-    """Full names of all that a module may import: for `from a import b`, both `a` and `a.b`."""
+    """Full names of everything that a module may import: for `from a import b`, both `a` and `a.b`."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -218,7 +218,7 @@ def _imports(tree: ast.Module, package: str) -> Iterator[str]:
 
 
 def _dynamic(tree: ast.Module) -> Iterator[int]:
-    """Lines of imports whose name is computed, and of those that give the means for it another name."""
+    """Lines of imports with a computed name, and of other uses of the functions that make such imports possible."""
     plain = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call) and _literal_name(node)}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
@@ -236,7 +236,7 @@ def _named(node: ast.expr) -> str:
 
 
 def _literal_name(call: ast.Call) -> str | None:
-    """The full name in `import_module("its.name")`, None for anything less plain."""
+    """The module's name in `import_module("its.name")`; None for anything less plain."""
     if _called(call) != "import_module" or len(call.args) != 1 or call.keywords:
         return None
     name = call.args[0]
@@ -246,7 +246,7 @@ def _literal_name(call: ast.Call) -> str | None:
 
 
 def _resources(tree: ast.Module, path: Path) -> tuple[str, ...]:
-    """The patterns of a module-level `RESOURCES`."""
+    """The patterns in a module-level `RESOURCES`. Raises UserError if it is not a literal tuple of strings."""
     found: tuple[str, ...] = ()
     for node in tree.body:
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]

@@ -1,21 +1,23 @@
-"""What of a store nobody needs any more, and its deletion.
+"""What nobody needs any more in a store, and its deletion.
 
-Kept is what a rerun of the kept runs would look up, so that it finds everything:
+Everything is kept that a rerun of the kept runs would look up, so that it finds all of it:
 
-- of each workflow the results of its last N whole runs, and of all runs since the oldest of these; a run of some stages
-  only, or one that was interrupted, is kept besides and never counts;
-- the last result of each stage of these runs, with all that it was made from, however long ago that was;
+- for each workflow, the results of its last N whole runs, and of all runs since the oldest of these; runs of only some
+  stages, and interrupted ones, are kept but do not count;
+- the last result of each stage of these runs, with everything that it was made from, however old;
 - pinned results, and those younger than a given age;
-- what is damaged and was set aside, as long as a kept run needs it and it was not made again.
+- results that no run can make again, such as keys;
+- damaged data that was set aside, as long as a kept run needs it and it was not made again.
 
-Checkpoints are kept as long as a kept run may go on from them, and otherwise for `CHECKPOINT_DAYS`. The folder of an
-action that left nothing in it is none. What the files outside are called that results were made from is kept with
-these, since it may tell of a message; what can be computed again, for `CACHE_DAYS` after it was last of use.
+Checkpoints are kept as long as a kept run may resume from them, and otherwise for `CHECKPOINT_DAYS`; an empty folder of
+an action is not a checkpoint. The names of external files that results were made from are kept with these only, since
+they may reveal a message. What can be computed again is kept for `CACHE_DAYS` after its last use.
 
-Deleted is in an order that leaves a valid store wherever it breaks off: links first, then records, then the artifacts
-that no record names any more. What breaks off half way is left over, and goes the next time.
+The order of deletion leaves a valid store wherever it breaks off: links first, then records, then the artifacts that no
+record names any more. What an interrupted deletion leaves behind goes the next time.
 
-No lock tells of runs elsewhere that use a bucket. So what was put there within a day stays, whatever names it.
+No lock shows which runs elsewhere use a bucket. So everything put there within a day stays, whether or not anything
+refers to it.
 """
 
 from __future__ import annotations
@@ -38,15 +40,15 @@ from pipeline.temporary import left_behind
 
 CHECKPOINT_DAYS = 14.0
 CACHE_DAYS = 30.0
-JOURNALS_KEPT = 20  # of a workflow, at least: `explain` and `status` learn from them
+JOURNALS_KEPT = 20  # for each workflow, at least: `explain` and `status` use them
 DAY = 86400.0  # seconds
 
 
 @dataclass(frozen=True)
 class Rules:
-    """What is to be kept: the last runs of each workflow, at least one, and what is not `older_than` so many days.
+    """What to keep: at least the last `keep_last` runs of each workflow, and results younger than `older_than` days.
 
-    `forgotten` are workflows whose runs do not count any more, and of whose files nothing is to be remembered.
+    Runs of the workflows `forgotten` no longer count, and nothing about their files is remembered.
     """
 
     keep_last: int = 3
@@ -56,7 +58,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class Waste:
-    """Something that goes: `what` it is in words, of which workflow and stage where that is known, and its bytes."""
+    """Things to be deleted: `what` they are in words, their workflow and stage if known, and their size in bytes."""
 
     what: str
     number: int
@@ -67,7 +69,7 @@ class Waste:
 
 @dataclass(frozen=True)
 class Collection:
-    """What a collection would delete, how much stays, and what of note stays and why."""
+    """What a collection would delete, how many results it keeps, and remarks on what stays and why."""
 
     waste: tuple[Waste, ...]
     results_kept: int
@@ -76,19 +78,19 @@ class Collection:
 
     @property
     def size(self) -> int:
-        """Bytes that are freed."""
+        """Bytes to be freed."""
         return sum(waste.size for waste in self.waste)
 
     def delete(self) -> None:
-        """Deletes it. The store must be in use by nobody else since before the collection was made."""
+        """Deletes the waste. The store must have been held alone (`in_use`) since before the collection was made."""
         for step in self._steps:
             step()
 
 
 def collect(store: Store, rules: Rules) -> Collection:
-    """Finds out what can go, and deletes nothing. Runs may use the store meanwhile, unless that is to be deleted.
+    """Finds what can be deleted, and deletes nothing. Runs may use the store meanwhile, unless `delete` follows.
 
-    Raises UserError for a pin or a record that cannot be read: nobody knows then what it was to keep.
+    Raises UserError for a pin or a record that cannot be read: nobody knows what it was to keep.
     """
     return _Collector(store, rules).collection()
 
@@ -100,7 +102,7 @@ class _Collector:
         self.now = time.time()
         self.actions = store.actions
         self.objects = store.objects
-        self.young = store.young  # asked for last: what the above know is looked at in it
+        self.young = store.young  # listed last, so that it covers all that is listed above
         self.records = {record.key: record for record in store.records()}
         self.makers = newest_makers(self.records.values())
         self.links = store.latest_digests()
@@ -147,7 +149,10 @@ class _Collector:
         return self.with_what_made(self.linked(), wanted & self.records.keys()) | self.irreplaceable()
 
     def irreplaceable(self) -> set[str]:
-        """What nothing can make again, such as keys, without what it was made from: what depends on it can be made."""
+        """Results that no run can make again, such as keys.
+
+        Neither what they were made from nor what was made with them is included: that can be made again.
+        """
         found = {
             key
             for key, record in self.records.items()
@@ -189,9 +194,9 @@ class _Collector:
         return keys
 
     def linked(self) -> set[str]:
-        """The artifacts that `latest` leads to, whatever journals tell: lines of these can be lost.
+        """The artifacts that `latest` leads to, whatever the journals say: lines of these can be lost.
 
-        But not those of stages that the workflow no longer has, as far as its newest run knows.
+        Leaves out those of stages that the workflow no longer has, if its newest run was a whole one.
         """
         return {
             digest
@@ -200,7 +205,10 @@ class _Collector:
         }
 
     def with_what_made(self, digests: set[str], wanted: set[str]) -> set[str]:
-        """`wanted`, and what made `digests` and all that these take; where several did, one of `wanted` or the last."""
+        """`wanted`, and the actions that made `digests` and everything that these actions took.
+
+        If several made the same artifact, it is one of `wanted`, or else the newest.
+        """
         kept = set(wanted)
         made = {digest for key in kept for digest in self.records[key].outputs.values()}
         queue = [*digests, *(digest for key in kept for digest in self.records[key].taken)]
@@ -248,7 +256,7 @@ class _Collector:
             if _is_empty(folder):
                 empty[f"scratch/{folder.name}"] = 0
                 continue
-            done = self.store.find(folder.name) is not None  # a record stays where its artifacts have to be made again
+            done = self.store.find(folder.name) is not None  # a record alone does not count: its artifacts may be gone
             days = (self.now - _newest(folder)) / DAY
             if not done and folder.name in self.begun:
                 self.remarks.append(f"checkpoint {folder.name[:8]}: a kept run began it and may go on from it")
@@ -274,12 +282,14 @@ class _Collector:
         self.drop("broken uploads and copies of what is deleted", self.store.abandoned())
 
     def listings(self, kept: set[str]) -> dict[str, int]:
-        """Lists of files that no kept result was made from; the next plan writes those again that it reads."""
+        """Lists of files that no kept result was made from; the next plan writes those that it reads again."""
         named = {digest for key in kept for group in self.records[key].external.values() for digest in group}
         return self.here("external", lambda path: path.stem not in named)
 
     def cached(self) -> dict[str, int]:
-        """What goes of the cache. Nobody knows whose files it remembers: of none any more, once one is forgotten."""
+        """What to delete from the cache. It does not say whose files it names: forgetting one workflow deletes all
+        names.
+        """
 
         def is_old(path: Path) -> bool:
             status = path.lstat()
@@ -292,12 +302,12 @@ class _Collector:
         return files | self.here("cache/declarations", is_old_or_names_files) | self.here("cache/sources", is_old)
 
     def here(self, folder: str, goes: Callable[[Path], bool]) -> dict[str, int]:
-        """As `entries`, of a folder that is never in a bucket."""
+        """Like `entries`, for a folder that is never in a bucket."""
         found = [Path(entry.path) for entry in entries_of(self.store.root, *folder.split("/"))]
         return {f"{folder}/{path.name}": size_of(path) for path in found if goes(path)}
 
     def damaged(self, kept: set[str]) -> dict[str, int]:
-        """What goes of that which was set aside: of what is needed, a copy may be found, or something may be read."""
+        """What to delete of the damaged data. Needed data stays: a copy may turn up, or part of it may be readable."""
         records = self.entries(f"damaged/{ACTIONS}", lambda name: self.is_done_with(name))
         left = self.store.entries(f"damaged/{ACTIONS}").keys() - records.keys()
         told = [self.store.damaged.record(name) for name in left]
@@ -315,30 +325,30 @@ class _Collector:
         return records | objects | self.store.entries(f"damaged/{FOREIGN}")
 
     def is_done_with(self, name: str) -> bool:
-        """Whether an action whose record is damaged was done again, or nothing needs it, and it can be done again."""
+        """Whether a damaged record can go: its action was done again, or nothing needs it and it can be done again."""
         key, record = name_in_damaged(name), self.store.damaged.record(name)
         return key in self.actions or (key not in self.wanted and not (record and record.unrepeatable))
 
     def entries(self, folder: str, goes: Callable[[str], bool]) -> dict[str, int]:
-        """What of a folder of the store goes: names and bytes."""
+        """What to delete from a folder of the store: names, and sizes in bytes."""
         found = self.store.entries(folder)
         return {name: size for name, size in found.items() if goes(name.removeprefix(f"{folder}/"))}
 
     def drop_leftovers(self) -> None:
-        """What processes left in `temporary` that have ended; every run removes it, too."""
+        """Schedules the removal of what ended processes left in `temporary`; every run removes it, too."""
         left = left_behind(self.store.root / "temporary")
         if left:
             self.waste.append(Waste("leftovers of interrupted work", len(left), sum(map(size_of, left))))
             self.steps.append(self.store.sweep)
 
     def drop(self, what: str, entries: Mapping[str, int]) -> None:
-        """Has names of the store deleted, whose bytes are given."""
+        """Schedules the deletion of entries of the store, given as names and sizes in bytes."""
         if entries:
             self.waste.append(Waste(what, len(entries), sum(entries.values())))
             self.steps += [partial(self.store.delete_entry, name) for name in entries]
 
     def age(self, record: Record) -> float:
-        """Seconds since an action began."""
+        """Seconds since an action began; infinite if its record does not say."""
         try:
             return self.now - datetime.fromisoformat(str(record.provenance["started"])).timestamp()
         except (KeyError, ValueError):
@@ -346,7 +356,7 @@ class _Collector:
 
 
 def _is_empty(folder: Path) -> bool:
-    """Whether a stage that had this folder has left nothing in it; no for what cannot be looked into."""
+    """Whether the folder of an action is empty; False if it cannot be read."""
     try:
         return not any(folder.iterdir())
     except OSError:
@@ -360,7 +370,7 @@ def _newest(folder: Path) -> float:
 
 
 def _written(path: Path) -> float:
-    """When something was last written; just now where a run has just replaced it."""
+    """When something was last written; now if a run has just replaced it."""
     try:
         return path.lstat().st_mtime
     except FileNotFoundError:

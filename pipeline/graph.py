@@ -1,4 +1,4 @@
-"""The graph of a workflow: every stage checked against what it declares, its references resolved to outputs."""
+"""The graph of a workflow: every stage checked against its declaration, every reference resolved to an output."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Label:
-    """What an artifact of an input is about: the name of its stage's row, or of the stage, and the row's values."""
+    """What an artifact of an input is about: the name of its row, or of its stage without one, and the row's values."""
 
     text: str
     values: Mapping[str, Json]
@@ -39,12 +39,13 @@ class Label:
 class Node:
     """A stage, ready to be given its inputs.
 
-    `sources` holds, for each input, where its artifacts come from (none for an optional input that is not given), and
-    `labels` what each is about, for inputs that are declared labelled; `without_failed` names the inputs that go on
-    without what failed.
-    `arguments` are the parameters as the workflow gives them, external paths absolute; `parameters` are all but
-    external ones, with their defaults; `external` holds the digests of external files and folders by parameter;
-    `resources` is what it needs while it runs; `unrepeatable`: no run can make again what it makes.
+    `sources` says, for each input, where its artifacts come from; it is empty for an optional input that is not given.
+    `labels` says what each is about, for inputs declared as labelled. `without_failed` names the inputs that go on
+    without artifacts that failed.
+
+    `arguments` are the parameters as the workflow gives them, with absolute external paths. `parameters` are all that
+    are not external, with their defaults. `external` holds the digests of external files and folders by parameter.
+    `resources` is what the stage needs while it runs. `unrepeatable`: no run can make again what it makes.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Node:
 
     @property
     def uses(self) -> str:
+        """The name of the stage in its package."""
         return self.declaration.uses
 
     @property
@@ -71,7 +73,7 @@ class Node:
 
     @property
     def outside_paths(self) -> list[str]:
-        """The paths that it is given and that lead outside the store."""
+        """The paths outside the store that the workflow gives it."""
         given = map(self.arguments.get, self.declaration.external)
         paths = [path for value in given for path in (value if isinstance(value, list) else [value])]
         return [path for path in paths if isinstance(path, str)]
@@ -83,15 +85,18 @@ class Node:
 
     @cached_property
     def required(self) -> tuple[str, ...]:
-        """Those of `upstream` without which it cannot be done."""
+        """Those of `upstream` that it cannot be done without."""
         named = ((name, source) for name, sources in self.sources.items() for source in sources)
         return tuple(dict.fromkeys(source.node for name, source in named if name not in self.without_failed))
 
 
 @dataclass(frozen=True)
 class Graph:
-    """The nodes of a workflow, all of them if it is `whole`, each after those that it takes artifacts from. `command`
-    has it run as it is being run, for pages; `given` are its options as they were typed. Empty where nobody said."""
+    """The nodes of a workflow, each after those that it takes artifacts from; all of them if it is `whole`.
+
+    `command` runs the workflow in the same way again, for display in pages; `given` holds its options as they were
+    typed. Both are empty if unknown.
+    """
 
     workflow: str
     nodes: Mapping[str, Node]
@@ -100,9 +105,9 @@ class Graph:
     given: tuple[str, ...] = ()
 
     def needed_for(self, stages: Iterable[str]) -> Graph:
-        """The part of the graph that makes `stages`, given by their names in the file or with the item of a foreach.
+        """The part of the graph that makes `stages`, named as in the file, or with the item of a foreach.
 
-        Raises CommandError for a name that is in neither form in the workflow.
+        Raises CommandError for a name that is not in the workflow in either form.
         """
         wanted: set[str] = set()
         for stage in stages:
@@ -119,7 +124,7 @@ class Graph:
 
     @property
     def dependents(self) -> dict[str, list[str]]:
-        """For each node the names of those that take from it, in order."""
+        """For each node, the names of the nodes that take from it, in order."""
         taking: dict[str, list[str]] = {name: [] for name in self.nodes}
         for name, node in self.nodes.items():
             for upstream in node.upstream:
@@ -128,7 +133,7 @@ class Graph:
 
     @property
     def final(self) -> tuple[str, ...]:
-        """Names of the nodes that no other takes from."""
+        """Names of the nodes that no other node takes from."""
         taken = {name for node in self.nodes.values() for name in node.upstream}
         return tuple(name for name in self.nodes if name not in taken)
 
@@ -136,10 +141,11 @@ class Graph:
 def build_graph(
     workflow: Workflow, catalogue: Catalogue, external: MakesCache, problems: Problems, stages: Sequence[str] = ()
 ) -> Graph:
-    """Checks a workflow and resolves it. Raises WorkflowError with all of `problems`, those found before included.
+    """Checks a workflow and resolves it.
 
-    Raises CommandError where one of `stages` is none of its stages. What lies outside is read, with what `external`
-    makes, when all else is right: that may be many gigabytes.
+    External files, which may be many gigabytes, are read only if all else is right, with the cache that `external`
+    makes. Raises WorkflowError with all `problems`, including those found before, and CommandError if one of `stages`
+    is not a stage of the workflow.
     """
     try:
         builder = _Builder(workflow, catalogue, problems)
@@ -157,7 +163,7 @@ def build_graph(
 
 
 class _Builder:
-    """Builds a graph without the digests of what lies outside; `outside` tells of each node what to read for them."""
+    """Builds a graph without the digests of external files; `outside` says for each node what to read for them."""
 
     def __init__(self, workflow: Workflow, catalogue: Catalogue, problems: Problems) -> None:
         self.workflow = workflow
@@ -180,11 +186,11 @@ class _Builder:
         return Graph(self.workflow.name, nodes)
 
     def order(self) -> list[str]:
-        """Entries in the order of the file, but each after those that it refers to; a circle is reported once."""
+        """Entries in the order of the file, but each after those that it refers to; a cycle is reported once."""
         entries = self.workflow.entries
         done: dict[str, None] = {}
         for first in entries:
-            path = {} if first in done else {first: _references(entries[first])}  # with what is left to look at
+            path = {} if first in done else {first: _references(entries[first])}  # with the references left to follow
             while path:
                 name, references = next(reversed(path.items()))
                 reference = next(references, None)
@@ -211,11 +217,11 @@ class _Builder:
         instance = replace(instance, parameters={**instance.parameters, **paths})
         arguments = self.arguments(instance, declaration)
         for name, path in paths.items():
-            check_there(name, path, self.problems)  # whatever else is wrong
+            check_there(name, path, self.problems)  # even if something else is wrong
         completed = self.completed(entry, instance, arguments)
         if completed is None:
             return None
-        code = self.code(entry, instance, declaration, completed)
+        code = self.code(instance, declaration, completed)
         if code is None:
             return None
         self.outside[instance.name] = self.paths(entry, instance, completed)
@@ -289,7 +295,7 @@ class _Builder:
         return sources
 
     def resolve(self, entry: Entry, reference: Reference, index: int, port: Input | None = None) -> list[Source]:
-        """The outputs that a reference stands for: one for each row of a foreach, or that of the same row."""
+        """The outputs that a reference stands for: one for each row of a foreach, or only that of the same row."""
         target = self.workflow.entries.get(reference.stage)
         if target is None:
             known = ", ".join(self.workflow.entries)
@@ -300,7 +306,7 @@ class _Builder:
         return [source for number in chosen for source in self.output(target.instances[number], reference, port)]
 
     def labels(self, entry: Entry, references: Iterable[Reference], index: int) -> Iterator[Label]:
-        """What each of the outputs that references stand for is about."""
+        """What each output that `references` stand for is about."""
         for reference in references:
             target = self.workflow.entries.get(reference.stage)
             if target is None or target.rows is None:
@@ -363,14 +369,14 @@ class _Builder:
         return None
 
     def paths(self, entry: Entry, instance: Instance, completed: Completed) -> dict[str, Outside]:
-        """What each parameter leads to outside the store, be it by the workflow or by default."""
+        """The external paths that each parameter holds, given by the workflow or by default."""
         given = instance.parameters
         return {
             name: Outside(paths, given[name].place if name in given else entry.parameters_place)
             for name, paths in completed.external.items()
         }
 
-    def code(self, entry: Entry, instance: Instance, declaration: Declaration, completed: Completed) -> Code | None:
+    def code(self, instance: Instance, declaration: Declaration, completed: Completed) -> Code | None:
         try:
             code = self.catalogue.code(declaration.uses, completed.modules)
         except UserError as error:
@@ -385,7 +391,7 @@ class _Builder:
         return code
 
     def resources(self, instance: Instance) -> dict[str, float]:
-        """What the workflow says that the stage needs, in place of what it declares."""
+        """What the stage needs according to the workflow, which overrides its declaration."""
         needed: dict[str, float] = {}
         for name, value in instance.resources.items():
             try:
@@ -396,5 +402,5 @@ class _Builder:
 
 
 def _references(entry: Entry) -> Iterator[Reference]:
-    """What an entry refers to, in all its rows."""
+    """Everything that an entry refers to, in all its rows."""
     return (reference for each in entry.instances for group in each.inputs.values() for reference in group)

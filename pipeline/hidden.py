@@ -1,4 +1,4 @@
-"""Has git pass over a folder: in a work tree, secrets would be committed with all that is new."""
+"""Makes git ignore a folder: in a work tree, secrets would otherwise be committed along with all that is new."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ EVERYTHING = b"# Results, private ones among them.\n*\n"
 
 
 def hide_from_git(folder: Path) -> None:
-    """What a user says there instead stays. Where nothing can be written nothing is: a reader may be another user."""
+    """Writes a `.gitignore` that covers everything, unless there is one already: the user may have changed it.
+
+    Does nothing if the folder cannot be written: it may be another user's.
+    """
     path = folder / IGNORED
     with suppress(OSError):
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         try:
             with os.fdopen(descriptor, "wb") as file:
                 file.write(EVERYTHING)
-        except OSError:  # a full disk, where an empty one would stay
+        except OSError:  # a full disk, on which an empty file would be left
             path.unlink()

@@ -1,12 +1,12 @@
-"""What the runs of a workflow did: one file a run, a line for each stage as it ended.
+"""What the runs of a workflow did: one file per run, with a line for each stage as it ended.
 
     runs/<workflow>/<time>-<id>.jsonl
 
-`status` and `explain` learn from it what a stage made last and why it failed since, without opening a record for each
-stage; `gc` learns which results the last runs used and which checkpoints they left. Results do not need it: a line
-that was lost, to a full disk, a kill or a power cut (nothing is flushed here), costs an explanation. So a journal that
-cannot be written ends no run, and lines that cannot be read are passed over. Names of stages may tell of a message, so
-nobody else can read these files.
+From it, `status` and `explain` learn what a stage last made and why it has failed since, without opening a record for
+each stage; `gc` learns which results the last runs used and which checkpoints they left. Results do not depend on it: a
+line lost to a full disk, a kill or a power cut (nothing is flushed here) costs an explanation. So a journal that cannot
+be written ends no run, and lines that cannot be read are skipped. Names of stages may reveal a message, so nobody else
+can read these files.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pipeline.events import StageState
 
 @dataclass(frozen=True)
 class StageResult:
-    """How a stage ended in a run; `cause` says why it failed or was skipped, `outputs` are digests."""
+    """How a stage ended in a run; `cause` says why it failed or was skipped, `outputs` holds digests."""
 
     name: str
     state: StageState
@@ -41,13 +41,13 @@ class StageResult:
 
 @dataclass(frozen=True)
 class LastResult:
-    """The last result of a stage, None where it never had one, and its failure since, if it failed."""
+    """The last result of a stage, None if it never had one, and its failure since then, if any."""
 
     made: StageResult | None = None
     failed: StageResult | None = None
 
     def cause(self, key: str | None) -> str | None:
-        """Why it failed, unless it failed at another action than that of `key`."""
+        """Why it failed; None if it did not, or if that was another action than `key`."""
         if self.failed is None or (key is not None and self.failed.key not in (None, key)):
             return None
         return self.failed.cause or "failed"
@@ -55,10 +55,10 @@ class LastResult:
 
 @dataclass(frozen=True)
 class PastRun:
-    """One run as its journal tells it; `began` holds the keys of the actions that it started.
+    """One run according to its journal; `began` holds the keys of the actions that it started.
 
-    `whole`: a run of all stages of the workflow that came to its end, with failures or without, and whose journal
-    tells of every stage; not one of some stages only, nor one that was interrupted or killed.
+    `whole`: it ran all stages of the workflow and came to its end, with or without failures, and its journal has every
+    stage. A run of only some stages is not whole, nor is one that was interrupted or killed.
     """
 
     results: Mapping[str, StageResult]
@@ -67,11 +67,11 @@ class PastRun:
 
 
 STAMP = "%Y%m%dT%H%M%S.%fZ"
-"""Of a journal's name, by which runs are in order."""
+"""The time in a journal's name, which puts runs in order."""
 
 
 def _after_all_in(folder: Path, now: datetime) -> datetime:
-    """Now, or just after the newest journal of a folder where that is later: the clock was wrong then, or is now."""
+    """Now, or just after the newest journal in a folder if that is later, because the clock is or was wrong."""
     names = [entry.name for entry in os.scandir(folder) if entry.name.endswith(".jsonl")]
     with suppress(ValueError, OverflowError):  # no name of ours
         newest = datetime.strptime(max(names, default="").partition("-")[0], STAMP).replace(tzinfo=UTC)
@@ -80,7 +80,7 @@ def _after_all_in(folder: Path, now: datetime) -> datetime:
 
 
 class Journal:
-    """The file of a run under way."""
+    """The journal of a run in progress. Once it is open, failed writes are ignored."""
 
     def __init__(self, folder: Path, **facts: object) -> None:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -92,7 +92,7 @@ class Journal:
         self._write({"started": started.isoformat(timespec="seconds"), "process": os.getpid(), **facts})
 
     def add(self, result: StageResult) -> None:
-        """Keeps how a stage ended; of two lines about one stage the later counts."""
+        """Records how a stage ended; of two lines about one stage, the later counts."""
         content: dict[str, object] = {"name": result.name, "state": result.state}
         content |= {"key": result.key} if result.key else {}
         content |= {"outputs": dict(result.outputs), "seconds": round(result.seconds, 3)} if result.outputs else {}
@@ -101,11 +101,11 @@ class Journal:
         self._write(content)
 
     def begin(self, key: str) -> None:
-        """Keeps that an action was started: if no end follows, its checkpoint may be worth something."""
+        """Records that an action was started: if no end follows, its checkpoint may be worth something."""
         self._write({"began": key})
 
     def end(self) -> None:
-        """Keeps that the run came to its end."""
+        """Records that the run came to its end."""
         self._write({"ended": datetime.now(UTC).isoformat(timespec="seconds")})
 
     def _write(self, content: Mapping[str, object]) -> None:
@@ -118,6 +118,7 @@ class Journal:
             self._unfinished = True
 
     def close(self) -> None:
+        """Closes the file."""
         self._file.close()
 
 
@@ -128,7 +129,7 @@ class History:
         self._runs = runs
 
     def begin(self, workflow: str, **facts: object) -> Journal:
-        """The journal of a run that begins now; `facts` are written first. Raises OSError where there can be none."""
+        """The journal of a run that begins now, with `facts` in its first line. Raises OSError if it cannot be made."""
         if leads_elsewhere(self._runs.parent, self._runs.name, workflow):
             raise OSError(errno.ELOOP, "a link; expected a folder", str(self._runs / workflow))
         self._runs.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -138,22 +139,22 @@ class History:
         return Journal(folder, **facts)
 
     def workflows(self) -> list[str]:
-        """Names of the workflows that ever ran."""
+        """Names of all workflows that have run."""
         return [entry.name for entry in entries_of(self._runs.parent, self._runs.name)]
 
     def journals(self, workflow: str) -> list[Path]:
-        """The files of a workflow's runs, the newest first."""
+        """The files of a workflow's runs, newest first."""
         found = entries_of(self._runs.parent, self._runs.name, workflow)
         return [Path(entry.path) for entry in reversed(found) if entry.name.endswith(".jsonl")]
 
     def results(self, journal: Path) -> dict[str, StageResult]:
-        """How the stages of one run ended, by name."""
-        with suppress(OSError):  # another user's
+        """How the stages of one run ended, by name; empty if the journal cannot be read."""
+        with suppress(OSError):  # another user's journal
             return _results(_lines(journal))
         return {}
 
     def read(self, journal: Path) -> PastRun:
-        """All that a journal tells. Raises OSError where it cannot be read."""
+        """Everything in a journal. Raises OSError if it cannot be read."""
         lines = list(_lines(journal))
         results = _results(lines)
         began = any(content.get("whole") is True and content.get("stages") == len(results) for content in lines)
@@ -162,7 +163,7 @@ class History:
         return PastRun(results, keys, whole=began and ended)
 
     def last_given(self, workflow: str) -> tuple[str, ...]:
-        """The options that set values in the last run of a workflow, as they were typed; empty where it had none."""
+        """The options that set values in the last run of a workflow, as they were typed; empty if it has not run."""
         for journal in self.journals(workflow):
             with suppress(OSError):
                 for content in _lines(journal):
@@ -171,9 +172,9 @@ class History:
         return ()
 
     def latest_digests(self) -> dict[str, str]:
-        """The digest of the last result of every output `<workflow>/<stage>.<output>`, as far as journals tell.
+        """The digest of the last result of every output `<workflow>/<stage>.<output>`, according to the journals.
 
-        A stage that failed since has none.
+        Outputs of stages that have failed since then are left out.
         """
         found: dict[str, str] = {}
         for workflow in self.workflows():
@@ -187,7 +188,7 @@ class History:
         return found
 
     def made(self, workflow: str) -> dict[str, list[str]]:
-        """The keys under which each stage of a workflow made something, the newest first, as far as journals tell."""
+        """The keys under which each stage of a workflow made something, newest first, according to the journals."""
         found: dict[str, dict[str, None]] = {}
         for journal in self.journals(workflow):
             for name, result in self.results(journal).items():
@@ -196,7 +197,7 @@ class History:
         return {name: list(keys) for name, keys in found.items()}
 
     def last(self, workflow: str, names: Collection[str]) -> dict[str, LastResult]:
-        """The last result of each of the stages `names`, as far back as needed."""
+        """The last result of each of the stages `names`, looking back as far as needed."""
         made: dict[str, StageResult] = {}
         failed: dict[str, StageResult] = {}
         for journal in self.journals(workflow):
@@ -228,7 +229,7 @@ def _results(lines: Iterable[Mapping[str, Any]]) -> dict[str, StageResult]:
 
 
 def _result(content: Mapping[str, Any]) -> StageResult | None:
-    """What a line says of a stage; None where it does not say it as we do."""
+    """The result in a line; None if the line is not in our format."""
     name, state, key, outputs = (content.get(word) for word in ("name", "state", "key", "outputs"))
     seconds, cause = content.get("seconds", 0.0), content.get("cause")
     outputs = {} if outputs is None else outputs

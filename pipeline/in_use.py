@@ -1,5 +1,8 @@
-"""The locks of a store: one that all who work with results hold together, and who deletes some alone; whether another,
-that of an action, is held."""
+"""The locks of a store.
+
+All processes that work with results share one lock, which a process that deletes results holds alone. Of the other
+locks, those of actions, `is_held` says whether they are held.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +17,11 @@ from pipeline.errors import CommandError
 
 @contextmanager
 def held(lock: Path, store: Path, alone: bool) -> Iterator[None]:
-    """Holds a lock, which is made where it is missing. Raises CommandError where it cannot be had at once."""
-    # A link would make a file elsewhere; and over NFS a lock is shared only by who could read the file.
+    """Holds a lock, shared or `alone`; its file is created if it is missing.
+
+    Raises CommandError if the lock cannot be had at once, or if files cannot be locked there.
+    """
+    # A link would make a file elsewhere; and over NFS a shared lock needs a file that is open for reading.
     descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
     with os.fdopen(descriptor, "ab") as file:
         try:
@@ -34,7 +40,7 @@ def held(lock: Path, store: Path, alone: bool) -> Iterator[None]:
 
 
 def is_held(lock: Path) -> bool:
-    """Whether a process holds a lock; False where that cannot be seen. A lock that is missing is not made."""
+    """Whether a process holds a lock; False if that cannot be determined. Does not create a missing lock."""
     try:
         descriptor = os.open(lock, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)  # a stranger's may be a pipe
     except OSError:

@@ -12,9 +12,12 @@ STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextmanager
 def interruptible(ask: Callable[[], None]) -> Iterator[None]:
-    """Calls `ask` at Ctrl-C, at SIGTERM, which cluster schedulers send ahead of SIGKILL, and at SIGHUP, when a terminal
-    is closed; it may raise KeyboardInterrupt. Once asked, it is asked again by Ctrl-C alone: of one hangup a shell and
-    the kernel tell, and `make` passes SIGTERM on. Outside the main thread nothing is interrupted."""
+    """Calls `ask` on Ctrl-C, on SIGTERM and on SIGHUP; `ask` may raise KeyboardInterrupt.
+
+    Cluster schedulers send SIGTERM before SIGKILL, and a closed terminal sends SIGHUP. After the first call, only
+    Ctrl-C calls it again: a shell and the kernel both report one hangup, and `make` passes SIGTERM on. Outside the main
+    thread, signals are left as they are.
+    """
     asked_before = False
 
     def asked(number: int, frame: FrameType | None) -> None:
@@ -35,5 +38,5 @@ def interruptible(ask: Callable[[], None]) -> Iterator[None]:
 
 
 def heeded(number: signal.Signals) -> bool:
-    """Whether a signal means something to this process: `nohup` has it ignore SIGHUP."""
+    """Whether this process reacts to a signal: under `nohup` it ignores SIGHUP."""
     return signal.getsignal(number) is not signal.SIG_IGN

@@ -1,4 +1,4 @@
-"""Keys of actions: what each is made of, and the hash of that."""
+"""Keys of actions: the parts of each, and their hash."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from pipeline.graph import Node, Source
 FORMAT = 2
 
 ACCEPTABLE = ("code", "version", "format")
-"""Parts of a key that say how something is made, and not what was asked for: see `accept`."""
+"""Parts of a key that say how something is made, not what was asked for: see `accept`."""
 
 
 def key_parts(
     node: Node, digests: Mapping[Source, str | None], causes: Mapping[str, str] | None = None
 ) -> dict[str, Json]:
-    """All that the result of a node depends on; None stands for an input that is not made yet.
+    """Everything that the result of a node depends on; None stands for an input that is not made yet.
 
-    `causes` says of the nodes that failed why; they are part of the key of a node that is told of them.
+    `causes` says why nodes failed. It is part of the key of a node with labelled inputs, which is told these causes.
     """
     parts: dict[str, Json] = {
         "format": FORMAT,
@@ -47,7 +47,7 @@ def key_of(parts: Mapping[str, Json]) -> str:
 
 
 def asks_the_same(parts: Mapping[str, Json], others: Mapping[str, Json]) -> bool:
-    """Whether two actions differ in how they work alone."""
+    """Whether two actions ask for the same, and at most differ in how they make it."""
     return key_of(_asked_for(parts)) == key_of(_asked_for(others))
 
 

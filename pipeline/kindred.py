@@ -1,7 +1,7 @@
-"""With which earlier result a stage's is compared: one that asked for the same, or else the last.
+"""Which earlier result a stage is compared with: one that asked for the same, or else the last.
 
-Between two runs with the same settings others may have come, of another pair or with another λ. What those made asked
-for something else, and does not say whether anything but code changed since.
+Between two runs with the same settings there may have been others, of another pair or with another λ. Their results
+asked for something else, and do not show whether anything but code has changed since.
 """
 
 from __future__ import annotations
@@ -19,21 +19,22 @@ from pipeline.record import Record
 from pipeline.store import Store
 
 LOOKED_BACK = 20
-"""Different results of a stage."""
+"""How many different results of a stage are examined."""
 
 
 class Kindred:
-    """The earlier results of the stages of one workflow, read when they are first asked for."""
+    """The earlier results of the stages of one workflow, read when they are first needed."""
 
     def __init__(self, workflow: str, store: Store) -> None:
         self._workflow = workflow
         self._store = store
 
     def before(self, node: Node, key: str | None, parts: Mapping[str, Any], last: StageResult | None) -> Record | None:
-        """The record of the newest result that asked for the same as these parts, by other code, and is whole.
+        """The record with which to compare a node of these parts; None if there is none.
 
-        Where there is none that of `last`, whole or not; None without any. Of a stage whose results no run can make
-        again all are looked at that the store has, of whatever workflow. Raises RemoteError where a bucket does not
+        If `last` asked for the same, or `key` is None, it is the record of `last`; otherwise that of the newest whole
+        result that asked for the same; if there is none, again that of `last`. If no run can make the stage's results
+        again, all such results in the store are examined, of any workflow. Raises RemoteError if a bucket does not
         answer.
         """
         newest = self._store.record(str(last.key)) if last is not None else None
@@ -52,12 +53,12 @@ class Kindred:
 
     @cached_property
     def _made(self) -> Mapping[str, list[str]]:
-        with suppress(RemoteError, OSError):  # a bucket that cannot be reached just now costs an explanation
+        with suppress(RemoteError, OSError):  # a bucket that cannot be reached only costs an explanation
             return self._store.history.made(self._workflow)
         return {}
 
     @cached_property
     def _irreplaceable(self) -> list[Record]:
-        """The newest first."""
+        """Records of results that no run can make again, newest first."""
         found = [record for record in self._store.records() if record.unrepeatable]
         return sorted(found, key=lambda record: str(record.provenance.get("started", "")), reverse=True)

@@ -1,8 +1,8 @@
-"""The links in `latest`: what the last run of each workflow made, by the names of its stages, for people.
+"""The links in `latest`, for people: what the last run of each workflow made, by the names of its stages.
 
-A stage that failed in it, or lacked what it needs, has none; one that the run did not come to keeps those it had.
+A stage that failed in that run, or lacked what it needs, has none; one that the run did not get to keeps those it had.
 
-A store may come from a stranger. So no folder that is a link is entered, and what is no link of ours is left alone.
+A store may come from a stranger. So folders that are links are not entered, and links that are not ours are left alone.
 """
 
 from __future__ import annotations
@@ -19,17 +19,21 @@ OURS = re.compile(r"\.\./\.\./objects/([0-9a-f]{64})")
 
 
 class Latest:
-    """The links of one store, `root`; `aside` gives paths to write to."""
+    """The links of the store at `root`; `aside` returns new temporary paths."""
 
     def __init__(self, root: Path, aside: Callable[[], Path]) -> None:
         self._root = root
         self._aside = aside
 
     def path(self, workflow: str, name: str, output: str) -> Path:
+        """Where the link of an output is, or would be."""
         return self._root / "latest" / workflow / f"{name}.{output}"
 
     def link(self, workflow: str, name: str, outputs: Mapping[str, str]) -> None:
-        """Points `latest/<workflow>/<stage>.<output>` to the objects of a result. Raises OSError where it cannot."""
+        """Points `latest/<workflow>/<stage>.<output>` to the objects of a result. Raises OSError if it cannot.
+
+        Each link is replaced atomically.
+        """
         folder = self._root / "latest" / workflow
         if leads_elsewhere(self._root, "latest", workflow):
             raise OSError(errno.ELOOP, "a link; expected a folder", str(folder))
@@ -44,7 +48,7 @@ class Latest:
             aside.replace(link)
 
     def digests(self) -> dict[str, str]:
-        """The digest that each link `<workflow>/<stage>.<output>` leads to, in the store or no longer."""
+        """The digest that each link `<workflow>/<stage>.<output>` leads to, whether or not it is still in the store."""
         return dict(sorted(self._found()))
 
     def _found(self) -> Iterator[tuple[str, str]]:
@@ -55,7 +59,7 @@ class Latest:
                     yield f"{workflow.name}/{entry.name}", digest
 
     def unlink(self, name: str) -> None:
-        """Removes a link of `digests`."""
+        """Removes a link, by its name in `digests`; does nothing if there is none."""
         workflow, _, last = name.partition("/")
         path = self._root / "latest" / workflow / last
         if not leads_elsewhere(self._root, "latest", workflow) and path.name == last and _digest_of(path):
@@ -63,7 +67,7 @@ class Latest:
 
 
 def _digest_of(link: Path) -> str | None:
-    """The digest that a link of ours leads to; None for all else."""
+    """The digest that one of our links leads to; None for anything else."""
     try:
         match = OURS.fullmatch(os.readlink(link))  # noqa: PTH115 — Path.readlink would normalise it
     except OSError:

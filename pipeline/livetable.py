@@ -1,7 +1,7 @@
-"""A run on a terminal: what runs, how far it is and how good so far; what failed, and counts of all else.
+"""A run on a terminal: what is running, how far and how good it is so far; what failed, and counts of everything else.
 
-The table has a row for each running stage, however many stages there are. What has ended scrolls away above it, or, of
-many, is only counted; failures stay in sight; they and remarks on results are said once more when the table goes.
+The table has a row for each running stage, however many stages there are. Ended stages scroll away above it, or are
+only counted if there are many. Failures stay in sight; they and remarks on results are repeated when the table closes.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from rich.text import Text
 from pipeline.events import Event, Noted, Remarked, StageEnded, StageProgressed, StageStarted, StageState
 from pipeline.wording import Pace, clock_words, ending, figures_words, remark_words
 
-MANY = 100  # stages; of more, those that ended well are only counted
+MANY = 100  # stages; if there are more, those that ended well are only counted
 SHOWN_FAILURES = 5
 LAST_ENDED = 3
 OTHER_LINES = SHOWN_FAILURES + 5  # besides those of running stages
 REFRESHES = 5  # a second
 STYLES: Mapping[StageState, str] = {"ran": "green", "failed": "bold red", "skipped": "yellow", "cached": "dim"}
 REMARK = "bold yellow"
-WIDE, NARROW = 100, 60  # columns of the terminal: with all there is; without bars
+WIDE, NARROW = 100, 60  # columns of the terminal: from `WIDE` on everything is shown, below `NARROW` no bars
 
 
 @dataclass
 class Running:
-    """A stage at work."""
+    """A running stage."""
 
     started: float
     done: float = 0.0
@@ -45,7 +45,7 @@ class Running:
 
 
 class LiveTable:
-    """Shows a run of `stages` stages on a terminal; to be used as a context around it."""
+    """Shows a run of `stages` stages on a terminal; to be used as a context manager around it."""
 
     def __init__(self, console: Console, workflow: str, stages: int) -> None:
         self._console = console
@@ -78,7 +78,10 @@ class LiveTable:
             self._console.print(Text(ending(event), STYLES["failed"]))
 
     def __call__(self, event: Event) -> None:
-        """Notes an event. A signal may tell another amid that, which is said later: whoever draws now waits for us."""
+        """Shows an event. If a signal handler reports another one meanwhile, that one is shown afterwards.
+
+        The thread that draws the table may be waiting for our lock, so nothing is printed while we hold it.
+        """
         amid, self._taking = self._taking, True
         try:
             with self._changing:
@@ -90,7 +93,7 @@ class LiveTable:
             self._console.print(self._unsaid.popleft())
 
     def _take(self, event: Event) -> Text | None:
-        """Notes an event; returns what is said about it above the table."""
+        """Takes note of an event; returns what to print about it above the table, if anything."""
         if isinstance(event, StageStarted):
             self._running[event.name] = Running(time.monotonic())
         elif isinstance(event, StageProgressed) and event.name in self._running:
@@ -121,7 +124,7 @@ class LiveTable:
         return Text(ending(event), STYLES[event.state]) if self._stages <= MANY else None
 
     def table(self) -> RenderableType:
-        """What is shown now, fitted to the terminal."""
+        """The table as it is now, fitted to the terminal."""
         with self._changing:
             room = max(1, self._console.height - OTHER_LINES)
             lines: list[RenderableType] = [self._whole()]
@@ -176,5 +179,5 @@ class LiveTable:
 
 
 def _line(text: str, style: str) -> Text:
-    """A text that is cut where the terminal ends."""
+    """Text that is cut at the edge of the terminal."""
     return Text(text, style, no_wrap=True, overflow="ellipsis")

@@ -1,7 +1,7 @@
-"""Whether a process works with the very code that its work was planned for.
+"""Whether a process runs exactly the code that its work was planned for.
 
 Hours may pass between a plan and a stage, a worker may have loaded its modules days ago, and another machine may have
-other sources. A result of other code than its key says would be stale for ever, so a stage fails instead. Editing the
+other sources. A result of code other than its key says would be stale forever, so the stage fails instead. Editing the
 sources while a training runs does no harm: a module counts as it was when it was loaded.
 """
 
@@ -16,7 +16,7 @@ MARK = "__fingerprint__"  # on a loaded module: the digest of its source when it
 
 
 class LoadedCode:
-    """Watches the modules of `code`, of which some may be loaded later and some only by other processes."""
+    """Watches the modules of `code`, some of which may be loaded later, or only by other processes."""
 
     def __init__(self, code: Code) -> None:
         self._code = code
@@ -24,21 +24,21 @@ class LoadedCode:
         self._unseen = set(code.modules)
 
     def look(self) -> None:
-        """Notes what has been loaded since the last look, be it of this code or not: a later stage may work with it."""
+        """Notes what has been loaded since the last look, part of this code or not: a later stage may use it."""
         for name, module in [*sys.modules.items()]:
             if name.partition(".")[0] in self._packages and not hasattr(module, MARK):
                 setattr(module, MARK, self._as_loaded(name))
         self._unseen.difference_update(sys.modules)
 
     def _as_loaded(self, name: str) -> str | None:
-        """The digest of a module that was loaded a moment ago; None, as no plan has it, if it is no Python now."""
+        """The digest of a module that was just loaded; None, which no plan contains, if its file is not Python now."""
         try:
             return self._on_disk([name])[name]
         except UserError:
             return None
 
     def check(self) -> None:
-        """Raises UserError where a module was loaded, or could be loaded from now on, that is not as planned."""
+        """Raises UserError if a module that is loaded, or could be loaded from now on, is not as planned."""
         self.look()
         found = self._on_disk(self._unseen)
         found |= {name: getattr(sys.modules[name], MARK) for name in self._code.modules.keys() - self._unseen}

@@ -1,4 +1,4 @@
-"""YAML whose every value knows its place, so that whatever is wrong later can be pointed at."""
+"""YAML in which every value knows its place, so that later errors can point to it."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ from pipeline.errors import Place, Problem, WorkflowError
 from pipeline.plain_text import in_a_line
 
 Scalar = str | int | float | bool | None
-LONGEST_NUMBER = 1024  # bits, as many as a float's range; longer ones Python does not even print
-DEEPEST = 50  # levels; an alias that holds itself would otherwise never end
-LARGEST = 1_000_000  # values; eight lines of aliases, ten on each, would otherwise fill any memory
+LONGEST_NUMBER = 1024  # bits, as many as a float's range; Python does not even print much longer ones
+DEEPEST = 50  # levels; an alias that contains itself would otherwise never end
+LARGEST = 1_000_000  # values; eight lines of ten aliases each would otherwise fill any memory
 TIMESTAMP = "tag:yaml.org,2002:timestamp"
 A_VALUE_OF_TEXT = 64  # characters that count as one value
 
 
 class Problems:
-    """Collects what is wrong, so that a person hears of all of it at once; `missing` are vars that have no value."""
+    """Collects what is wrong, so that a person sees all of it at once; `missing` names vars that have no value."""
 
     def __init__(self) -> None:
         self._problems: list[Problem] = []
         self.missing: set[str] = set()
 
     def add(self, place: Place, message: str) -> None:
+        """Adds what is wrong at a place."""
         self._problems.append(Problem(place, message))
 
     def __len__(self) -> int:
@@ -39,19 +40,20 @@ class Problems:
         return iter(self._problems)
 
     def raise_if_any(self) -> None:
+        """Raises WorkflowError with all problems, if there are any."""
         if self._problems:
             raise WorkflowError(self._problems)
 
 
 @dataclass(frozen=True)
 class Located:
-    """A value with its place, and the directory that relative paths in it are relative to.
+    """A value with its place, and the directory that relative paths in it are relative to (`base`).
 
-    `size` is the number of values in it, itself included, and one more for every 64 characters of text: what stands in
-    it twice counts twice, although it takes no more room before it is written out. `depth` is its number of levels.
-    `typed` is the text that was read as something else, a number such as 0123 or what stands after `--set NAME=`; None
-    of null, and where nobody typed it. `broken`: it could not be read, which has been reported already. `sources` are
-    the places of the values that became part of a text.
+    `size` is the number of values in it, itself included, plus one for every 64 characters of text. What occurs in it
+    twice counts twice, although it takes twice the memory only when it is written out. `depth` is its number of levels.
+    `typed` is the text of a value that was read as something else, such as the number 0123 or what follows `--set
+    NAME=`; it is None for null, and if nobody typed the value. `broken`: it could not be read, which is already
+    reported. `sources` are the places of the values that became part of a text.
     """
 
     value: Scalar | tuple[Located, ...] | Mapping[str, Located]
@@ -71,7 +73,7 @@ class Located:
         object.__setattr__(self, "depth", 1 + max((item.depth for item in self.items), default=0))
 
     def places(self) -> Iterator[Place]:
-        """Of the value, of all that is in it, and of what became part of its texts."""
+        """The places of the value, of everything in it, and of what became part of its texts."""
         yield self.place
         yield from self.sources
         for item in self.items:
@@ -79,14 +81,14 @@ class Located:
 
     @property
     def items(self) -> tuple[Located, ...]:
-        """What a list or a mapping holds; nothing where the value is neither."""
+        """What a list or a mapping holds; empty for any other value."""
         if isinstance(self.value, Mapping):
             return tuple(self.value.values())
         return self.value if isinstance(self.value, tuple) else ()
 
     @property
     def plain(self) -> Json:
-        """The value alone."""
+        """The value as plain JSON data, without places."""
         if isinstance(self.value, tuple):
             return [item.plain for item in self.value]
         if isinstance(self.value, Mapping):
@@ -118,7 +120,7 @@ class Located:
         return f"the text {self.value!r}" if isinstance(self.value, str) else f"the number {self.value}"
 
     def at(self, path: tuple[object, ...]) -> Located:
-        """What `path` (keys and indices) leads to, or the last thing on the way that exists."""
+        """What `path` (keys and indices) leads to, or the last value on the way that exists."""
         here = self
         for step in path:
             if isinstance(here.value, Mapping) and step in here.value:
@@ -131,9 +133,9 @@ class Located:
 
 
 def read_yaml(text: str, file: str, base: Path, problems: Problems, fixed: Place | None = None) -> Located | None:
-    """The document in `text`; None, with the reason among `problems`, where it is not YAML.
+    """The document in `text`; None, with the reason added to `problems`, if it is not YAML.
 
-    Places are in `file`; where `fixed` is given the whole is there, and what is in it as many columns on as it comes.
+    Places are in `file`. If `fixed` is given, it is the place of the whole, and `column` numbers the values in it.
     """
     try:
         node = YAML(typ="safe", pure=True).compose(text)
@@ -145,7 +147,7 @@ def read_yaml(text: str, file: str, base: Path, problems: Problems, fixed: Place
     except YAMLError as error:
         problems.add(fixed or Place(file), f"not YAML: {str(error).splitlines()[0]}")
         return None
-    except (AssertionError, RecursionError):  # what ruamel makes of %YAML 1.3, and of 500 nested lists
+    except (AssertionError, RecursionError):  # what ruamel raises for %YAML 1.3, and for 500 nested lists
         problems.add(fixed or Place(file), f"not YAML 1.2, or nested more than {DEEPEST} levels deep")
         return None
     if node is None:
@@ -175,9 +177,9 @@ class _Reader:
         self.places = 0
 
     def located(self, node: Node, depth: int) -> Located:
-        """The value of a node. Raises _TooLarge with the place where there are too many of them.
+        """The value of a node. Raises _TooLarge, with the place, if there are too many values.
 
-        What an alias stands for is counted each time, and read once.
+        What an alias stands for is read once, but counts each time.
         """
         found = self.known.get(node)
         if found is None or depth + found.depth > DEEPEST:
@@ -223,10 +225,10 @@ class _Reader:
 
     def scalar(self, node: Node, place: Place) -> Scalar:
         if node.tag == TIMESTAMP:
-            return str(node.value)  # a folder's name, say: there are no dates in JSON, nor in a table
+            return str(node.value)  # perhaps a folder's name: there are no dates in JSON, nor in a table
         try:
             value = self.constructor.construct_object(node)
-        except (YAMLError, ValueError, LookupError):  # LookupError: of !!bool maybe, and of !!int with nothing
+        except (YAMLError, ValueError, LookupError):  # LookupError: for `!!bool maybe`, and for an empty `!!int`
             value = NotImplemented
         if isinstance(value, int) and value.bit_length() > LONGEST_NUMBER:
             self.problems.add(place, f"a number of more than {LONGEST_NUMBER} bits")

@@ -1,10 +1,10 @@
-"""How a file looks from outside, by which one that was read before need not be read again.
+"""How a file looks from outside, which tells whether one that was read before has to be read again.
 
-A file looks the same when size, modification and change time, inode and device are the same. No program can set the
-change time, so a file that is replaced, restored with its old times or renamed over another always looks different.
-Two writes within one tick of the clock do not: a look at what changed less than `SETTLED` before it was read is not to
-be trusted, nor is one at what seems to change in the future. A modification time in the future is no such thing: a
-camera whose clock is wrong wrote it, and the change time tells when.
+A file looks the same if its size, modification time, change time, inode and device are the same. No program can set the
+change time, so a file that is replaced, restored with its old times or renamed over another always looks different. But
+two writes within one tick of the clock look the same. So a look is not trusted if the file changed less than `SETTLED`
+before it was read, or seems to change in the future. A modification time in the future is no reason for distrust: it
+comes from, say, a camera with a wrong clock, and the change time tells when it was written.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def look_of(status: os.stat_result) -> Look:
 
 
 def is_settled(look: Look, moment: int) -> bool:
-    """Whether a file that looked so when it was read, at `moment` (nanoseconds), will look different once changed."""
+    """Whether a file with this look when it was read, at `moment` (nanoseconds), will look different once changed."""
     _, modified, changed, _, _ = look
     latest = changed if modified > moment else max(modified, changed)
     return moment - latest > SETTLED

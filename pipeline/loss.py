@@ -1,7 +1,7 @@
-"""What a person is told of a result that is the only one of its kind.
+"""What a person is told about a result that is the only one of its kind.
 
-Where it is damaged, or only the code that made it is not as it was, a run makes no other in its place by itself. Where
-what it depends on changed, the run needs another one, and what was made with the earlier one is strange to it.
+If it is damaged, or only the code that made it has changed, no run replaces it by itself. If what it depends on has
+changed, the run needs another one, with which nothing that was made with the earlier one can be read.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pipeline.errors import RemoteError, UserError
 from pipeline.graph import Graph, Node
 from pipeline.history import StageResult
 from pipeline.keys import asks_the_same
+from pipeline.plain_text import listed
 from pipeline.record import Record
 from pipeline.store import Store
 
@@ -24,7 +25,7 @@ NOT_READ = "what was made, or published, with the earlier one is not read with t
 def refusal(
     node: Node, key: str, parts: Mapping[str, Json], before: Record | None, graph: Graph, store: Store
 ) -> str | None:
-    """Why a run may not start a stage that is not done under this key; None where it may. `before` as in `Kindred`."""
+    """Why a run may not start a stage that is not done under this key; None if it may. For `before`, see `Kindred`."""
     if not node.unrepeatable:
         return None
     remains = store.remains(key)
@@ -34,11 +35,10 @@ def refusal(
 
 
 def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store) -> str:
-    """The error of a stage whose result is damaged or gone and cannot be made again, with what is made from it."""
+    """The error for a stage whose result is damaged or gone and cannot be made again; it names what is made from it."""
     behind = _behind(name, graph)
-    more = f" and {len(behind) - SHOWN} more" if len(behind) > SHOWN else ""
     nothing = "nothing in this workflow" if graph.whole else "nothing in this part of the workflow"
-    depending = f"{', '.join(behind[:SHOWN])}{more}" if behind else nothing
+    depending = listed(behind, SHOWN) if behind else nothing
     error = UserError(
         f"the result of {name} is damaged or gone, and no run can make the same again; made from it: {depending}",
         where=store.address,
@@ -49,8 +49,8 @@ def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store)
 
 
 def words_of_another(node: Node, key: str, last: StageResult | None, graph: Graph) -> str | None:
-    """That a stage makes another than the last time; None where it made none, the same action made it, or nobody
-    reads it.
+    """That a stage makes another result than last time; None if it made none, by the same action, or if nobody reads
+    it.
     """
     if last is None or last.key == key or not is_read(node.name, graph):
         return None
@@ -58,13 +58,13 @@ def words_of_another(node: Node, key: str, last: StageResult | None, graph: Grap
 
 
 def is_read(name: str, graph: Graph) -> bool:
-    """Whether a stage reads what a node makes, as far as the graph shows it: a person may read what no stage takes."""
+    """Whether a stage reads what a node makes, as far as the graph shows; a person may read what no stage takes."""
     takers = [graph.nodes[other] for other in graph.dependents[name]]
     return not takers or any(_reads(taker, name) for taker in takers)
 
 
 def _reads(taker: Node, name: str) -> bool:
-    """Whether a node, with its parameters, reads what it takes from the one of that name."""
+    """Whether a node, with its parameters, reads anything that it takes from the node `name`."""
     taken = [port for port, sources in taker.sources.items() if name in {source.node for source in sources}]
     return any(not _is_unread(taker, port) for port in taken)
 
@@ -77,8 +77,9 @@ def _is_unread(node: Node, port: str) -> bool:
 def words_of_keeping(
     node: Node, key: str, parts: Mapping[str, Json], before: Record | None, store: Store
 ) -> str | None:
-    """The error of a stage of which an earlier result, which cannot be made again, asked for the same and is under
-    another key for its code alone; None where that is not so.
+    """The error for a stage if an earlier result, which cannot be made again, differs from it only in its code.
+
+    None if there is no such result.
     """
     if before is None or before.key == key or not asks_the_same(before.parts, parts):
         return None
@@ -93,7 +94,7 @@ def words_of_keeping(
 
 
 def last_of_their_kind(graph: Graph, store: Store) -> dict[str, StageResult | None]:
-    """The last results of those stages of a graph whose results no run can make again."""
+    """The last results of the stages whose results no run can make again; empty if a bucket cannot be reached now."""
     names = [name for name, node in graph.nodes.items() if node.unrepeatable]
     if not names:
         return {}
@@ -103,7 +104,7 @@ def last_of_their_kind(graph: Graph, store: Store) -> dict[str, StageResult | No
 
 
 def _behind(name: str, graph: Graph) -> list[str]:
-    """All nodes that are made from a node, in order."""
+    """All nodes that are made from a node, directly or not, in order."""
     found = [name]
     for other, node in graph.nodes.items():
         if not set(found).isdisjoint(node.upstream):

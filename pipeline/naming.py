@@ -13,6 +13,7 @@ from pipeline.errors import CommandError, nearest
 from pipeline.external import from_home
 from pipeline.manifest import MANIFEST
 from pipeline.opening import is_store, open_store
+from pipeline.plain_text import listed
 from pipeline.store import Store
 
 PREFIX = re.compile(r"[0-9a-f]{6,64}")
@@ -109,18 +110,18 @@ def forms_of(name: str) -> list[str]:
 def _only(text: str, found: dict[str, list[str]]) -> str:
     """The one key of `found`, whose values are the names to tell them by."""
     if len(found) > 1:
-        listed = _listed(
+        candidates = [
             " = ".join(dict.fromkeys([name[:12] if PREFIX.fullmatch(name) else name, *names]))
             for name, names in found.items()
-        )
-        raise CommandError(f"{text!r} may mean several artifacts; say which of {listed}")
+        ]
+        raise CommandError(f"{text!r} may mean several artifacts; say which of {listed(candidates, SHOWN)}")
     return next(iter(found))
 
 
 def _expected(text: str, names: dict[str, str]) -> str:
     hint = nearest(text, [form for name in names for form in forms_of(name)])
-    listed = f"; there are {_listed(names)}" if names else ""
-    return f"the path of an artifact, 6 or more characters of a digest, or WORKFLOW/STAGE.OUTPUT{listed}{hint}"
+    there = f"; there are {listed([*names], SHOWN)}" if names else ""
+    return f"the path of an artifact, 6 or more characters of a digest, or WORKFLOW/STAGE.OUTPUT{there}{hint}"
 
 
 def _what_failed(workflow: str, store: Store) -> str | None:
@@ -133,9 +134,3 @@ def _what_failed(workflow: str, store: Store) -> str | None:
                 "What earlier runs made is in the store: the command of such a run gives it its names back at once."
             )
     return None
-
-
-def _listed(names: Iterable[str]) -> str:
-    shown = list(names)
-    more = f" and {len(shown) - SHOWN} more" if len(shown) > SHOWN else ""
-    return f"{', '.join(shown[:SHOWN])}{more}"
