@@ -1,1 +1,1 @@
-"""What is measured about a container: attacks, detectors, curves."""
+"""Measurements of containers, and the pages that report them: fidelity, attacks, secrecy, detection."""

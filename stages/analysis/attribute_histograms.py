@@ -1,4 +1,4 @@
-"""Histograms of what a container's Gaussians hold, and how far two containers' histograms differ."""
+"""Histograms of the attributes of a container's Gaussians, and divergences between those of two containers."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from stages.analysis.measurements import Measurement
 
 BINS = 64
 TAIL = 1e-3
-"""Share of the values at either end that the first and the last bin take together."""
+"""Share of the values at either end that lie outside the equally wide bins and fall into the outermost ones."""
 NOT_COMPARED = ("means", "quats")
-"""Where Gaussians lie and how they are turned depends on the scene's axes."""
+"""Parameters that depend on the scene's axes and are therefore not compared."""
 
 DIVERGENCE, CHANNELS, HISTOGRAM = "divergence", "divergence_of_channels", "histogram"
-"""Quantities, each followed by a colon and the name of an attribute. Divergences are in bits, from 0 to 1."""
+"""Quantities of one attribute, named by `of_attribute`. Divergences are in bits, from 0 to 1."""
 GAUSSIANS, ONLY_THERE = "gaussians", "attributes_only_in_it"
 
 
 def of_attribute(quantity: str, attribute: str) -> str:
-    """The name of a figure of one attribute."""
+    """The name of a quantity of one attribute."""
     return f"{quantity}: {attribute}"
 
 
 def jensen_shannon(first: Float[np.ndarray, " B"], second: Float[np.ndarray, " B"]) -> float:
-    """The Jensen-Shannon divergence of two histograms in bits: 0 for equal ones, 1 for ones without a common bin.
+    """The Jensen-Shannon divergence of two non-empty histograms in bits: 0 if proportional, 1 if they share no bin.
 
     >>> jensen_shannon(np.array([1, 0]), np.array([0, 2])), jensen_shannon(np.array([1, 3]), np.array([2, 6]))
     (1.0, 0.0)
@@ -39,7 +39,7 @@ def jensen_shannon(first: Float[np.ndarray, " B"], second: Float[np.ndarray, " B
 
 
 def edges_of(values: Float[np.ndarray, " K"], other: Float[np.ndarray, " L"]) -> Float64[np.ndarray, " B+1"]:
-    """Edges of bins of one width that hold the values of both, the outer ones open."""
+    """Edges of `BINS` equally wide bins for the values of both samples; the two outermost are open-ended."""
     both = np.concatenate([values, other]).astype(float)
     low, high = np.quantile(both, [TAIL, 1 - TAIL])
     edges = np.linspace(low, max(high, low + 1e-9), BINS + 1)
@@ -48,13 +48,13 @@ def edges_of(values: Float[np.ndarray, " K"], other: Float[np.ndarray, " L"]) ->
 
 
 def counted(values: Float[np.ndarray, " K"], edges: Float64[np.ndarray, " B+1"]) -> Float64[np.ndarray, " B"]:
-    """How many values lie in each bin; a value on an edge lies above it."""
+    """The number of values in each bin; a value on an edge counts in the bin above it."""
     bins = np.searchsorted(edges[1:-1], values, side="right")
     return np.bincount(bins, minlength=len(edges) - 1).astype(float)
 
 
 def divergence(values: Float[np.ndarray, " K"], other: Float[np.ndarray, " L"]) -> float:
-    """Of two samples by their histograms."""
+    """The Jensen-Shannon divergence of two samples' histograms, in bits."""
     edges = edges_of(values, other)
     return jensen_shannon(counted(values, edges), counted(other, edges))
 
@@ -65,10 +65,11 @@ def compare_attributes(
     condition: str,
     method: str,
 ) -> Iterator[Measurement]:
-    """How far the attributes of one set of Gaussians, `own`, differ from those of an `other`: see `DIVERGENCE`.
+    """How far the attributes of one set of Gaussians, `own`, differ from those of an `other`.
 
-    Channels do not correspond from one container to the next: all are pooled, and beside that those are compared that
-    have the same place by variance, on average. Attributes that only `own` has are counted: their names are published.
+    Channels of different containers do not correspond. So `DIVERGENCE` pools all channels, and `CHANNELS` (if their
+    numbers are equal and above 1) is the mean over pairs of equal rank by variance. Also gives the ratio of the numbers
+    of Gaussians, and the number of attributes that only `own` has, since their names are published.
     """
     only = [name for name in own if name not in other]
     yield Measurement(ONLY_THERE, len(only), condition, method=method)
@@ -87,9 +88,10 @@ def compare_attributes(
 def histogram_rows(
     containers: Mapping[str, Mapping[str, Float[np.ndarray, "N ..."]]], method: str
 ) -> Iterator[Measurement]:
-    """The share of values in every bin, of attributes that all `containers` have, by the conditions they stand for.
+    """The share of values in every bin, for every attribute that all `containers` have.
 
-    The severity is the middle of the bin, in the unit in which the attribute is stored.
+    `containers` are at least two, keyed by the condition they stand for. The rows' severity is the middle of the bin,
+    in the unit in which the attribute is stored.
     """
     first, *others = containers.values()
     for name in first:
@@ -106,7 +108,7 @@ def histogram_rows(
 
 
 def _comparable(name: str, *containers: Mapping[str, Float[np.ndarray, "N ..."]]) -> bool:
-    """Whether all have values of an attribute, as `sh_rest` has not where harmonics are of degree 0."""
+    """Whether all have values of an attribute to compare; `sh_rest` is empty for harmonics of degree 0."""
     return name not in NOT_COMPARED and all(name in each and each[name].size for each in containers)
 
 

@@ -1,4 +1,4 @@
-"""How well a watermark codec hides and finds pictures, on photos that it was not trained on."""
+"""Quality of a watermark codec's hidden and recovered pictures, on photos that it was not trained on."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from stages.imaging.windows import random_window
 
 WIDTH, HEIGHT = 200, 112
 WINDOWS = 16
-"""Of each group of photos, of the size that pictures have on the CPU profile."""
+"""Pictures tested per group of photos: windows of the size that pictures have in the CPU profile."""
 
 MARKED, FOUND = "psnr_watermarked", "psnr_found"
-"""PSNR of the watermarked picture beside the picture, and of the watermark that is found in its 8-bit copy."""
+"""PSNR of the watermarked 8-bit picture, and of the watermark decoded from it."""
 
 GIVEN = "the given watermark in "
 
@@ -27,7 +27,7 @@ GIVEN = "the given watermark in "
 def quality(
     codec: WatermarkCodec, photos: Mapping[str, Sequence[Picture]], watermarks: Sequence[Picture], seed: int
 ) -> Iterator[Measurement]:
-    """For each group of photos that is not empty: windows of it hidden in others of it, then the given watermarks."""
+    """PSNRs for each non-empty group of photos: windows of its photos hidden in others, then the given watermarks."""
     for group, pictures in photos.items():
         if pictures:
             generator = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""Pictures beside their ground truth, if there is any, for a person to look at: what the report shows."""
+"""Pictures beside their ground truth, if there is any, for display in the report."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ Role = Literal["cover", "message", "feature_map"]
 
 @dataclass(frozen=True)
 class Comparison:
-    """K views of one thing: `truth` beside `rendered`. Both are the same for a feature map, and where there is no
-    truth: then one of them is stored."""
+    """K views of one picture, such as a message: `truth` beside `rendered`.
+
+    The two are equal for a feature map, and if there is no truth (`has_truth` is False); the latter is stored once.
+    """
 
     title: str
     role: Role
@@ -30,7 +32,7 @@ class Comparison:
     has_truth: bool = True
 
     def of_views(self, names: Collection[str]) -> Comparison:
-        """The same of those views alone that are among `names`."""
+        """A copy with only the views in `names`."""
         rows = [row for row, name in enumerate(self.names) if name in names]
         return replace(
             self,
@@ -42,7 +44,7 @@ class Comparison:
 
 
 def write_comparisons(writer: ArtifactWriter, comparisons: Iterable[Comparison]) -> None:
-    """Write a `comparisons` artifact; none at all is allowed."""
+    """Write a `comparisons` artifact, which may be empty."""
     described: list[Any] = []
     for position, comparison in enumerate(comparisons):
         if comparison.has_truth:

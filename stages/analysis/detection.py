@@ -1,4 +1,4 @@
-"""When a picture counts as watermarked, and how sure one can be of how seldom that is wrong."""
+"""The criterion by which a picture counts as watermarked, and upper bounds of its false positive rate."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from scipy.stats import beta
 from torch import Tensor
 
 DETECTION = 0.99
-"""Of the renders that set the threshold, so many are to be found."""
+"""The share of the calibration renders that the threshold must detect."""
 
 CONFIDENCE = 0.95
-"""One-sided, of every upper bound."""
+"""One-sided confidence of every upper bound."""
 
 
 def explained_share(found: Float[Tensor, "H W 3"], watermark: Float[Tensor, "H W 3"]) -> float:
-    """1 - |D_w(I) - W_cop|² / |W_cop|²: 1 where the decoder shows the watermark, 0 where it shows black.
+    """1 - |D_w(I) - W_cop|² / |W_cop|², the share of the watermark that the decoder's output explains.
 
-    Below 0 where it shows something that is no nearer to the watermark than black. Raises `ValueError` for a black
-    watermark, which could not be told from none.
+    1 if the decoder shows the watermark, 0 if it shows black, negative if its output is farther from the watermark than
+    black is. Raises `ValueError` for a black watermark, which could not be distinguished from none.
     """
     energy = float(watermark.double().square().sum())
     if energy == 0:
@@ -30,7 +30,7 @@ def explained_share(found: Float[Tensor, "H W 3"], watermark: Float[Tensor, "H W
 
 
 def threshold_at(scores: Sequence[float], detection: float = DETECTION) -> float:
-    """The highest threshold that at least this share of the scores reaches. Raises `ValueError` without scores.
+    """The highest threshold that at least this share of the scores reaches. Raises `ValueError` if there are none.
 
     >>> threshold_at([0.1, 0.9, 0.8, 0.7], detection=0.75)
     0.7
@@ -41,14 +41,12 @@ def threshold_at(scores: Sequence[float], detection: float = DETECTION) -> float
 
 
 def share_reaching(scores: Sequence[float], threshold: float) -> float:
-    """How many of the scores reach the threshold; NaN without scores."""
+    """The share of the scores that reach the threshold; NaN if there are none."""
     return float(np.mean(np.asarray(scores) >= threshold)) if len(scores) else math.nan
 
 
 def upper_bound(successes: int, trials: int, confidence: float = CONFIDENCE) -> float:
-    """Clopper and Pearson's upper bound of a rate, one-sided; 1 without trials.
-
-    It holds for trials that are independent of each other.
+    """The one-sided Clopper-Pearson upper bound of a rate, for independent trials; 1 if there are none.
 
     >>> f"{upper_bound(0, 3000):.6f}", f"{upper_bound(0, 10):.3f}", upper_bound(2, 2)
     ('0.000998', '0.259', 1.0)
@@ -59,11 +57,12 @@ def upper_bound(successes: int, trials: int, confidence: float = CONFIDENCE) -> 
 
 
 def upper_bound_by_group(groups: Sequence[str], wrong: Collection[int], confidence: float = CONFIDENCE) -> float:
-    """The same for how many groups, such as scenes, have any wrong trial; `wrong` are positions among `groups`.
+    """The same bound for the rate of groups, such as scenes, with any wrong trial.
 
-    Pictures of one scene resemble each other, so that thousands of them are hardly more than one trial. This bound asks
-    nothing of them but that scenes are independent: with few scenes it stays far from 0, whatever was measured. (A
-    bootstrap over scenes would say 0 where no trial was wrong: it knows nothing but what it has seen.)
+    `groups` holds each trial's group, `wrong` the positions of the wrong trials. Pictures of one scene resemble each
+    other, so thousands of them are hardly more than one trial. This bound assumes only that the scenes are independent:
+    with few scenes it stays far from 0, whatever was measured. (A bootstrap over scenes would give 0 if no trial was
+    wrong, since it resamples only what was observed.)
 
     >>> f"{upper_bound_by_group(['fox'] * 1000 + ['bonsai'] * 1000, []):.3f}"
     '0.776'

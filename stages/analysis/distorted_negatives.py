@@ -1,4 +1,4 @@
-"""False alarms after distortions: a part of the pictures without a watermark is tried after them, as renders are."""
+"""False positives after distortions: some pictures without a watermark are distorted as the renders are."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from stages.imaging.pictures import Picture
 def with_distorted(
     negatives: Iterable[tuple[Negative, Picture]], one_of: int, seed: int
 ) -> Iterator[tuple[Negative, Picture]]:
-    """All of them, and of every `one_of` that are counted as other scenes one, drawn at random, distorted in every way.
+    """All negatives, and for one in `one_of` of those counted in `OTHER_SCENES` a copy after each distortion.
 
-    Those come right after it, and are counted in no sum. Where fewer than `one_of` are left, none of them may be drawn.
-    Nothing is added where `one_of` is 0.
+    It is drawn at random from each run of `one_of`, possibly none from an incomplete last run. The distorted copies
+    follow it and have no `total`. If `one_of` is 0, nothing is added.
     """
     drawn = _one_of_every(one_of, np.random.default_rng(seed))
     generators = [np.random.default_rng(seed) for _ in DISTORTIONS]
@@ -30,12 +30,12 @@ def with_distorted(
 
 
 def most_distorted(count: int, one_of: int) -> int:
-    """How many distorted pictures so many of other scenes lead to, at most."""
+    """The largest number of distorted pictures that `count` pictures of other scenes can lead to."""
     return -(-count // one_of) * len(DISTORTIONS) if one_of else 0
 
 
 def _one_of_every(count: int, generator: np.random.Generator) -> Iterator[bool]:
-    """Without end: whether it is the one that is drawn of so many."""
+    """Endless flags: in each run of `count`, exactly one is True, at a random place."""
     while True:
         drawn = int(generator.integers(count))
         yield from (place == drawn for place in range(count))

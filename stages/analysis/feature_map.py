@@ -11,13 +11,13 @@ from stages.hiding.rendering import Rendering
 from stages.scene.gaussians import Gaussians
 
 CHANNELS = 3
-"""The first are shown as red, green and blue; the paper's figure of the feature map has three at random."""
+"""The first channels, shown as red, green and blue; the paper's figure of the feature map shows three at random."""
 
 
 def feature_map_picture(gaussians: Gaussians, rendering: Rendering) -> Float[Tensor, "H W 3"] | None:
-    """The first channels of what was blended of coupled features; what is missing of three is black.
+    """The first three channels of the feature map; missing channels are black.
 
-    None where the Gaussians have no such features: what is blended then are the pictures themselves, however many.
+    None if the Gaussians have no coupled features: the rasterizer then blends the pictures themselves.
     """
     if FEATURES not in gaussians.parameters:
         return None

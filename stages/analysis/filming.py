@@ -1,4 +1,4 @@
-"""Videos of what was filmed: of each title by itself, and of all side by side."""
+"""Encoding of filmed pictures as videos: one for each title, and one of all side by side."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def encoded(
     pictures_a_second: float,
     after_each: Callable[[], None] = lambda: None,
 ) -> list[Video]:
-    """A video of each title, and where there are several, one of them all, since a page cannot keep videos in step.
+    """A video of each title and, for several titles, one of all side by side, as a page cannot keep videos in step.
 
-    Pictures of each are two or more, all of one size with even sides. No titles are no videos.
+    Each title has at least two pictures, all of the same size with even sides. Empty if nothing was filmed.
     """
 
     def video(title: str, role: VideoRole, panels: Sequence[str], pictures: Sequence[Picture]) -> Video:

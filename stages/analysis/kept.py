@@ -1,4 +1,4 @@
-"""What an interrupted stage has measured is kept in its scratch folder: it goes on with what is next."""
+"""Measurements cached in a stage's scratch folder, so that an interrupted stage can resume."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from stages.analysis.measurements import KIND, Measurement, read_measurements, w
 
 
 def kept(folder: Path, name: str, measure: Callable[[], Iterable[Measurement]]) -> tuple[Measurement, ...]:
-    """The rows that `measure` gives, or gave before under this name: all of them, or it is measured again.
+    """The rows of `measure`, from the cache if they were completed before under this `name`.
 
-    The folder belongs to one action, so that rows of other parameters or inputs are never in it. What a power cut has
-    left damaged is measured again.
+    The folder belongs to one action, so it never holds rows for other parameters or inputs. Rows that a power cut has
+    damaged are measured again.
     """
     place = folder / name
     with suppress(CorruptArtifact):

@@ -1,4 +1,4 @@
-"""Does the cover betray the message? Correlation of what the cover gets wrong with what is hidden there."""
+"""Leakage of the message into the cover: the correlation of the cover's residual with the message."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stages.imaging.metric_table import mean_of_known
 
 
 def correlation(first: Float[np.ndarray, ...], second: Float[np.ndarray, ...]) -> float:
-    """Pearson's correlation of two pictures' values; NaN where one of them is constant or empty."""
+    """Pearson's correlation of two pictures' values; NaN if either is constant or empty."""
     if first.size == 0:
         return math.nan
     first, second = first - first.mean(), second - second.mean()
@@ -23,12 +23,11 @@ def correlation(first: Float[np.ndarray, ...], second: Float[np.ndarray, ...]) -
 def matched_correlations(
     readings: Sequence[Shaped[np.ndarray, ...]], messages: Sequence[Shaped[np.ndarray, ...]]
 ) -> tuple[list[float], list[float]]:
-    """For each view, |correlation| of a reading, such as the cover's residual, with the message of that view, and with
-    the other views'.
+    """For each view, |correlation| of a reading, such as the cover's residual, with that view's message and the others.
 
-    The second is the matched control: a reading that knows nothing of its own view's message correlates with it no more
-    than with the others. It is the mean over all other views that show something of the message, NaN where there is
-    none. Values may be in any unit, bytes too; pictures are of one size.
+    The second list is the matched control: a reading without information about its own view's message correlates no
+    more with it than with the messages of other views. Its entries are means over the other views that show something
+    of the message, NaN if there are none. Values may be in any unit, including bytes; all pictures have the same size.
     """
     own, others = [], []
     shown = np.empty((len(messages), messages[0].size if messages else 0), np.float32)
@@ -42,9 +41,9 @@ def matched_correlations(
 
 
 def _standardised(picture: Shaped[np.ndarray, ...]) -> Float32[np.ndarray, " K"]:
-    """Its values, all of them of mean 0 and together of length 1: two such have their correlation as product.
+    """The picture's values, centred and scaled to unit norm, so that a dot product of two is their correlation.
 
-    NaN where they are all one value. Done once for each picture: of T views there are T² pairs.
+    NaN if the picture is constant. Computed once per picture, since T views have T² pairs.
     """
     values = picture.ravel() - picture.mean(dtype=np.float64)
     length = math.sqrt(float(values @ values))

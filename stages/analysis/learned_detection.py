@@ -1,4 +1,4 @@
-"""Leave one scene out: a learned detector is trained on renders of the others, and looks at those of this one."""
+"""Leave-one-scene-out evaluation: a learned detector is trained on renders of all scenes but the tested one."""
 
 from __future__ import annotations
 
@@ -13,16 +13,19 @@ from stages.analysis.residual_detector import detector_scores, train_detector, v
 from stages.analysis.stored_views import Views
 
 LEARNED = {"learned_on_renders": "renders", "learned_on_feature_maps": "feature maps"}
-"""Quantities, each a detector's logit, and what that detector looks at."""
+"""The quantities, logits of one detector each, and what that detector sees."""
 
 TRAINING_SCENES = "training_scenes"
-"""From how many scenes the detectors learnt, of one capture each."""
+"""Quantity: how many scenes, each a capture of its own, the detectors were trained on."""
 
 TRAINING_PAIRS = "training_pairs"
-"""From how many containers, each with a clean training: more than scenes where some differ in seed or message alone."""
+"""Quantity: how many containers, each with its clean counterpart, the detectors were trained on.
+
+More than scenes if some differ only in seed or message.
+"""
 
 Classes = Mapping[str, Renders]
-"""One scene's renders by their class; HIDDEN and CLEAN are among them."""
+"""Renders of one scene by class; HIDDEN and CLEAN are among the classes."""
 
 
 def detection_rows(
@@ -34,11 +37,11 @@ def detection_rows(
     after_each: Callable[[float], None] = lambda share: None,
     device: torch.device | str = "cpu",
 ) -> Iterator[Measurement]:
-    """The logit of every view of the tested scene, on renders and, where there are any, on feature maps.
+    """The detector's logit for every view of the tested scene, on renders and, if all others have them, feature maps.
 
-    `tested` are its trainings: one as a rule, and the number of each is the `seed` of its rows. `others` are trainings
-    of other scenes, each beside its capture's name. Nothing without any tested, no logits without others. `after_each`
-    is told the share of the work that is done. Detectors are on `device`.
+    `tested` are the trainings of that scene, usually one; each one's position is the `seed` of its rows. `others` are
+    trainings of other scenes, each with the name of its capture. Yields nothing if `tested` is empty, and no logits if
+    `others` is. `after_each` receives the share of the work done. Detectors run on `device`.
     """
     if tested:
         yield Measurement(TRAINING_SCENES, len({capture for capture, _ in others}), HIDDEN, method=method)

@@ -1,4 +1,4 @@
-"""The classes of pictures between which a detector is to tell, as rows of measurements name them."""
+"""The classes of pictures that a detector is to distinguish, by their names in measurements."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from stages.analysis.stegexpose.fusion import stegexpose
 from stages.analysis.stored_views import Views
 
 PHOTOS, HIDDEN, CLEAN, CLEAN_AGAIN = "photos", "hidden", "clean", "clean again"
-"""Photos of the cover; renders of the container; of the same method trained without a message; of the same with another
-seed, which tells how far two trainings differ that both hide nothing."""
+"""Photos of the cover; renders of the container; renders of the same method trained without a message; and of the last
+with another seed, a control for how far two trainings differ that both hide nothing."""
 
 
 def stegexpose_rows(pictures: Views, names: Sequence[str], condition: str, method: str) -> Iterator[Measurement]:
-    """Every detector's value for every picture of a class, NaN where it gives none.
+    """The value of every StegExpose detector, and of their fusion, for every picture of a class; NaN if undefined.
 
-    Of an odd side the last line is left out: sample pairs give nothing for odd sides, and a class of odd pictures would
-    be told from one of even pictures by the detectors that are left.
+    Odd sides are cropped by one pixel: sample pairs are undefined for them, so fusion over the remaining detectors
+    would by itself separate a class of odd pictures from one of even pictures.
     """
     height, width = (side // 2 * 2 for side in pictures.shape[1:3])
     for name, picture in zip(names, pictures, strict=True):

@@ -1,4 +1,4 @@
-"""Features that hold no message, for a container's geometry and a message decoder that ought to show nothing of it."""
+"""Features without a message for a container's geometry, for which a message decoder should show nothing of it."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ RawFeatures = Float[Tensor, "N M"]
 
 
 def run_name(method: str, probe: str) -> str:
-    """What the rows of one probe of one method's container are told apart by, where other rows name a method."""
+    """The name of a probe of a method's container, used in rows in place of the method."""
     return f"{method}: {probe}"
 
 
 def probed(name: str) -> tuple[str, str] | None:
-    """The method and the probe of a `run_name`; None of what is none.
+    """The method and the probe of a `run_name`; None if `name` is not one.
 
     >>> probed("gs_hider: own features"), probed("gs_hider")
     (('gs_hider', 'own features'), None)
@@ -32,9 +32,10 @@ def probed(name: str) -> tuple[str, str] | None:
 
 
 def probes(own: RawFeatures, foreign: RawFeatures | None, seed: int) -> dict[str, RawFeatures]:
-    """Raw features by what was done to them; `foreign` are another container's, any number, of as many channels.
+    """Raw features for each probe: the container's own ones, and what replaces them.
 
-    Each Gaussian takes those of a Gaussian drawn at random. Raises `ValueError` where the channels differ in number.
+    `foreign` are those of another container, of at least one Gaussian: each Gaussian takes the features of one drawn at
+    random. Without them, the FOREIGN probe is left out. Raises `ValueError` if the numbers of channels differ.
     """
     generator = torch.Generator().manual_seed(seed)
     silenced = torch.randperm(own.shape[1], generator=generator)[: own.shape[1] // 2]

@@ -1,8 +1,8 @@
-"""Does the message decoder decode, or has it learnt the message by heart? What it shows of features that hold none.
+"""A test of whether the message decoder decodes or has memorised the message: what it shows for other features.
 
-A decoder of 121,795 weights could keep pictures of its own. If it did, it would show them whatever it is given. So it
-is given the container's geometry with other features: those of another container, one and the same for all Gaussians,
-or its own with channels set to zero (GS-Hider's camera-ready version has such a test, without figures of a floor).
+A decoder with 121,795 weights could memorise pictures, and would then show them whatever its input. So it is given the
+container's geometry with other features: those of another container, the same ones for all Gaussians, or its own with
+channels set to zero. (The camera-ready GS-Hider paper has such a test, without a floor to compare with.)
 """
 
 from __future__ import annotations
@@ -33,8 +33,10 @@ def probe_rows(
     features: Mapping[str, RawFeatures],
     after_each: Callable[[], None],
 ) -> Iterator[MetricRow]:
-    """PSNR over a message's covered pixels and that of the best constant, on test views, for each probe of the method
-    of this name."""
+    """PSNR over each message's covered pixels, and that of the best single colour, on test views for each probe.
+
+    `features` are by probe, `name` is the method's; the rows' method is their `run_name`.
+    """
     cameras = single_cameras(scene.cameras.select(scene.test_names))
     for probe, raw in features.items():
         probed, run = Gaussians(gaussians.parameters | {FEATURES: raw}), run_name(name, probe)

@@ -1,5 +1,4 @@
-"""What the public learns of a container's scores: what any holder of the container can render, and of the photos no
-more than the workflow lets it see."""
+"""The public part of a container's scores: what anyone can render from it, and only what is allowed of the photos."""
 
 from __future__ import annotations
 
@@ -11,10 +10,11 @@ from stages.imaging.metric_table import MetricRow, mean_value
 
 
 def rows_for_the_public(rows: Iterable[MetricRow], private_cover: bool) -> list[MetricRow]:
-    """Figures of the cover: of training views means alone, since the view that hides an image may stand out by its own.
+    """The cover's figures: one per test view, but only means over training views.
 
-    Where the cover is private, so are its photos' names: means alone of test views, too. The size in all would tell
-    that there is a secret, and how large it is; rows of a message, that there is one.
+    A training view that hides an image could stand out by its own figure. If the cover is private, so are its photos'
+    names, and test views are averaged too. `total_bytes` and rows of messages are left out: they would reveal that
+    there is a secret, and its size.
     """
     public = [row for row in rows if row.message is None and row.quantity != "total_bytes"]
     kept, means = [], dict[MetricRow, list[MetricRow]]()
@@ -29,9 +29,9 @@ def rows_for_the_public(rows: Iterable[MetricRow], private_cover: bool) -> list[
 def comparisons_for_the_public(
     pictures: Iterable[Comparison], views: Collection[str], private_cover: bool
 ) -> list[Comparison]:
-    """The cover of `views`; where it is private, without its photos and under numbers.
+    """The cover's pictures in `views`; if the cover is private, numbered and without its photos.
 
-    Not the feature map: of a sealed container it was rendered after the secret had opened it.
+    The feature map is left out: a sealed container's is rendered after the secret has opened it.
     """
     public = [picture.of_views(views) for picture in pictures if picture.role == "cover"]
     shown = [picture for picture in public if picture.names]

@@ -1,4 +1,4 @@
-"""Renders of a container as anyone can make them: pictures from new cameras, and some of their feature maps."""
+"""Renders that anyone can make of a container: pictures from new cameras, and some of their feature maps."""
 
 from __future__ import annotations
 
@@ -17,15 +17,14 @@ from stages.scene.attributes import string, strings
 
 KIND = "renders"
 COLORS = 3
-"""What was blended in so few channels is the picture itself, and no feature map."""
+"""With at most this many blended channels, the feature map is the picture itself and is not stored."""
 
 
 @dataclass(frozen=True)
 class Renders:
-    """V pictures of one container along a path, in bytes, and F_coup of F of its cameras, evenly spread, in float16.
+    """V uint8 pictures of one container along a camera path, and F_coup in float16 for F evenly spread ones of them.
 
-    `feature_maps` have the container's M channels; F is 0, as M may be, where the method has no features. `method` is
-    the container's.
+    `feature_maps` are [F, H, W, M]; F is 0, and M may be, if the method has no features. `method` is the container's.
     """
 
     method: str
@@ -38,7 +37,7 @@ class Renders:
 def collect_renders(
     method: str, view_names: Sequence[str], renderings: Iterable[Rendering], feature_maps: int
 ) -> Renders:
-    """Renderings of one container, one a view, in order; no more than `feature_maps` of their maps are kept."""
+    """Collect renderings of one container, one per view in order, with at most `feature_maps` of their feature maps."""
     kept = sample(len(view_names), feature_maps).tolist()
     pictures, maps = np.zeros((0, 0, 0, COLORS), np.uint8), np.zeros((0, 0, 0, 0), np.float16)
     for number, rendering in enumerate(renderings):
@@ -52,7 +51,7 @@ def collect_renders(
 
 
 def _room(first: Rendering, views: int, feature_maps: int) -> tuple[UInt8[np.ndarray, "V H W 3"], np.ndarray]:
-    """Where pictures and feature maps of the first one's size go: gigabytes, which stacking would hold twice."""
+    """Uninitialised arrays for all pictures and feature maps. They take gigabytes, which stacking would double."""
     height, width, channels = first.feature_map.shape
     is_more = channels > COLORS
     maps = np.empty((feature_maps, height, width, channels) if is_more else (0, height, width, 0), np.float16)
@@ -72,7 +71,7 @@ def write_renders(writer: ArtifactWriter, renders: Renders) -> None:
 
 
 def read_renders(artifact: Artifact) -> Renders:
-    """Read a `renders` artifact, of which the views stay on the disk until they are asked for."""
+    """Read a `renders` artifact; its views stay on disk until they are accessed."""
     pictures = StoredViews(artifact, "pictures")
     names = strings(artifact, "feature_map_names")
     none = np.zeros((0, *pictures.shape[1:3], 0), np.float16)

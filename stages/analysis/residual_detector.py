@@ -1,9 +1,9 @@
-"""A small learned detector: fixed high-pass filters, and a convolutional network on what they leave of a picture.
+"""A small learned detector: a convolutional network on the residuals of fixed high-pass filters.
 
-As in steganalysis of photos (SRM's residuals, YeNet's and SRNet's networks) it sees noise and not content: residuals
-are truncated, and their statistics pooled over the whole picture. Every channel goes through the same network, and what
-it finds is pooled over the channels, so that their order does not matter: channels of different containers do not
-correspond. The same network thus serves pictures and feature maps.
+As in image steganalysis (SRM's residuals, the networks YeNet and SRNet), it sees noise rather than content: residuals
+are truncated, and their statistics are pooled over the whole picture. Every channel passes through the same network,
+whose outputs are pooled over channels, so that channel order does not matter: channels of different containers do not
+correspond. The same architecture thus serves pictures and feature maps.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from stages.analysis import stored_views
 from stages.training.adam import Adam
 
 TRUNCATION = 3.0
-"""In grey levels: what is larger is an edge, of which nothing is to be learnt but that it is one."""
+"""In grey levels: a larger residual is an edge, whose height is irrelevant."""
 
 CONTRAST = 64.0
-"""Of a feature map's channels, the standard deviation that all are brought to: like a picture's in grey levels."""
+"""The standard deviation to which each channel of a feature map is scaled, similar to a picture's in grey levels."""
 
 FILTERS = torch.tensor(
     [
@@ -34,11 +34,11 @@ FILTERS = torch.tensor(
         [[-0.25, 0.5, -0.25], [0.5, -1, 0.5], [-0.25, 0.5, -0.25]],
     ]
 )
-"""Differences of the first and second order, both ways, and of the second order both ways at once."""
+"""First- and second-order differences, each horizontal and vertical, and a second-order difference along both axes."""
 
 
 class ResidualDetector(torch.nn.Module):
-    """From `[B, C, H, W]`, values in grey levels and any number of channels, to a logit each: larger where it hides."""
+    """Maps `[B, C, H, W]` in grey levels, with any number of channels, to B logits: the larger, the likelier hidden."""
 
     def __init__(self, width: int = 16):
         super().__init__()
@@ -57,7 +57,7 @@ class ResidualDetector(torch.nn.Module):
         self.verdict = torch.nn.Linear(4 * width, 1)
 
     def forward(self, values: Float[Tensor, "B C H W"]) -> Float[Tensor, " B"]:
-        """Mean and maximum over the channels of what the network finds in each."""
+        """The logits, from the mean and the maximum over channels of the network's outputs."""
         batch, channels = values.shape[:2]
         filters = FILTERS.to(values.device).unsqueeze(1)
         residuals = torch.nn.functional.conv2d(values.flatten(0, 1).unsqueeze(1), filters)
@@ -68,22 +68,22 @@ class ResidualDetector(torch.nn.Module):
 
 @dataclass(frozen=True)
 class Views:
-    """V pictures or feature maps of one container, and by how much each channel of each is multiplied."""
+    """V pictures or feature maps of one container, and the factor for each channel of each of them."""
 
     values: stored_views.Views  # [V, H, W, C], bytes or float16
     gains: Float32[np.ndarray, "V C"]
 
     def tensor(self, view: int, top: int = 0, left: int = 0, size: int | None = None) -> Float[Tensor, "C H W"]:
-        """A view, or a square part of it."""
+        """A scaled view, or a `size` x `size` crop, cut at the borders."""
         rows, columns = (slice(start, None if size is None else start + size) for start in (top, left))
         values = self.values[view][rows, columns].astype(np.float32) * self.gains[view]
         return torch.from_numpy(np.ascontiguousarray(values.transpose(2, 0, 1)))
 
 
 def views_of(values: stored_views.Views) -> Views:
-    """Pictures as they are, in grey levels; the channels of feature maps brought to one contrast.
+    """Pictures (uint8) unscaled, in grey levels; feature maps with each channel scaled to the deviation `CONTRAST`.
 
-    Views on the disk are read one at a time, here and whenever they are looked at.
+    Views on disk are read one at a time, here and at every later access.
     """
     if values.dtype == np.uint8:
         return Views(values, np.ones((len(values), values.shape[-1]), np.float32))
@@ -100,11 +100,11 @@ def train_detector(
     after_each: Callable[[int], None] = lambda iteration: None,
     device: torch.device | str = "cpu",
 ) -> ResidualDetector:
-    """A detector trained on hidden and clean views of scenes, each pair from the same cameras.
+    """Train a detector on pairs of hidden and clean views of scenes, both from the same cameras.
 
-    Every step sees `batch` places of random views, of the hidden and of the clean one each, so that content is no hint.
-    Weights and places come from the seed. It learns, and stays, on `device`; views are on the CPU. Raises `ValueError`
-    without scenes.
+    Every step sees `batch` random crops of `size` pixels a side, each from the hidden and the clean view alike, so
+    that content gives no hint. `seed` determines the weights and the crops. The detector is trained, and stays, on
+    `device`; views are on the CPU. Raises `ValueError` if there are no scenes.
     """
     if not scenes:
         raise ValueError("a detector needs scenes to learn from")
@@ -126,13 +126,13 @@ def train_detector(
 
 @torch.no_grad()
 def detector_scores(detector: ResidualDetector, views: Views) -> list[float]:
-    """The logit of every view as a whole."""
+    """The logit of every uncropped view."""
     device = detector.verdict.weight.device
     return [float(detector(views.tensor(view).to(device).unsqueeze(0))) for view in range(len(views.values))]
 
 
 def _places(scene: tuple[Views, Views], size: int, generator: np.random.Generator) -> tuple[Tensor, Tensor]:
-    """The same place of the same view in both, turned over at random; the whole view where it is smaller."""
+    """The same crop of the same view from both classes, randomly flipped; a side shorter than `size` is kept whole."""
     count, height, width, _ = scene[0].values.shape
     view = int(generator.integers(count))
     top, left = (int(generator.integers(max(1, side - size + 1))) for side in (height, width))
@@ -142,7 +142,7 @@ def _places(scene: tuple[Views, Views], size: int, generator: np.random.Generato
 
 
 def _logits(detector: ResidualDetector, places: Sequence[Tensor]) -> Tensor:
-    """Scenes may differ in size and channels: those of one shape go together."""
+    """The logits of all crops, batched by shape, since scenes may differ in size and channels; order is not kept."""
     by_shape: dict[torch.Size, list[Tensor]] = {}
     for place in places:
         by_shape.setdefault(place.shape, []).append(place)

@@ -1,8 +1,9 @@
-"""Receiver operating characteristics of detectors: curves, areas under them, and how sure an area is.
+"""Receiver operating characteristics of detectors: curves, areas under them, and confidence intervals of the areas.
 
-Every scene counts alike, and in each both classes do, whatever their numbers of views: as the GS-Hider paper mixes
-renders and photos in equal proportions. A curve pools scenes, as in the paper's figure. An area does not: within a
-scene views differ in the class alone, while what sets scenes apart, such as their lighting, would drown that in a pool.
+Every scene has the same weight, and so do both classes within it, whatever their numbers of views, as the GS-Hider
+paper mixes renders and photos in equal proportions. A curve pools scenes, as in the paper's figure. An area does not:
+within a scene, views differ only in their class, and in a pool the differences between scenes, such as their lighting,
+would drown that.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 RUNS = 6
-"""Runs of consecutive views that a resampled scene is put together from.
+"""The number of runs of consecutive views that make up a resampled scene (a block bootstrap).
 
-Neighbouring views get similar scores (StegExpose's, of 250 renders along a rig: a correlation of 0.8 to 0.9 from one to
-the next, 0.5 to 0.6 over ten), so views drawn one by one, or in short runs, would count as more observations than they
-are. With simulated scores of such correlation (0.9, 150 experiments) an interval that should cover 95 % covered 71 to
-72 % with 25 runs, and 93 % with six that are widened (`_widening`); with independent scores 96 to 97 %. At a
-correlation of 0.95 from one view to the next it covers 83 to 89 %.
+Neighbouring views get similar scores: StegExpose's, for 250 renders along a rig, have a correlation of 0.8 to 0.9
+between neighbours, and of 0.5 to 0.6 over ten views. Views drawn one by one, or in short runs, would count as more
+observations than they are. With simulated scores of correlation 0.9 (150 experiments), a nominal 95 % interval covered
+71 to 72 % with 25 runs, and 93 % with six runs and widening (`_widening`); with independent scores 96 to 97 %. At a
+correlation of 0.95 between neighbours it covers 83 to 89 %.
 """
 
 CONFIDENCE = 0.95
@@ -33,11 +34,11 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class DetectorScores:
-    """What a detector says of one scene's views, in their order along the rig; NaN where it says nothing.
+    """A detector's scores of one scene's views, in their order along the rig; NaN where it gives none.
 
-    `positives` are those that it should find. `paired`: both classes are seen from the same cameras, in the same order,
-    so that a resampled scene takes the same cameras of both. `scene` is the same for scores of several detectors, such
-    as of several seeds, of one scene; without a name they are of a scene of their own.
+    `positives` are the views it should detect. If `paired`, both classes come from the same cameras in the same order,
+    and resampling draws the same cameras of both. Scores of several detectors on one scene, such as of several seeds,
+    share the name `scene`; scores without a name belong to a scene of their own.
     """
 
     positives: Float64[np.ndarray, " P"]
@@ -47,21 +48,20 @@ class DetectorScores:
 
     @property
     def usable(self) -> bool:
-        """Whether anything of both classes was scored."""
+        """Whether each class has at least one score."""
         return not (np.isnan(self.positives).all() or np.isnan(self.negatives).all())
 
     @property
     def opposite(self) -> DetectorScores:
-        """Of the detector that says the opposite: its area is what is left of 1."""
+        """The scores of the inverted detector, whose area is 1 minus this one's."""
         return replace(self, positives=-self.positives, negatives=-self.negatives)
 
 
 @dataclass(frozen=True)
 class Area:
-    """The area under a curve, or a difference of two, and the interval in which it lies by resampling scenes and their
-    views.
+    """The area under a curve, or a difference of two areas, with its bootstrap interval over scenes and their views.
 
-    NaN where nothing was scored.
+    All are NaN if nothing was scored.
     """
 
     value: float
@@ -73,9 +73,9 @@ UNKNOWN = Area(math.nan, math.nan, math.nan)
 
 
 def roc_curve(scenes: Sequence[DetectorScores]) -> tuple[tuple[float, float], ...]:
-    """(false positive rate, true positive rate) for every threshold, descending: from (0, 0) to (1, 1).
+    """(False positive rate, true positive rate) for every threshold in descending order, from (0, 0) to (1, 1).
 
-    Scenes without usable scores are left out; without any the curve is empty.
+    Scenes without usable scores are left out; if none is left, the curve is empty.
     """
     usable = [scene for scene in scenes if scene.usable]
     if not usable:
@@ -84,17 +84,17 @@ def roc_curve(scenes: Sequence[DetectorScores]) -> tuple[tuple[float, float], ..
     rises = np.concatenate([_steps(scene) for scene in usable]) / len(usable)
     order = np.argsort(-values, kind="stable")
     values, rises = values[order], rises[order]
-    ends = np.append(values[1:] != values[:-1], True)  # equal values pass the threshold together
+    ends = np.append(values[1:] != values[:-1], True)  # equal values cross the threshold together
     points = np.cumsum(rises, axis=0)[ends]
     return ((0.0, 0.0), *((float(false), float(true)) for false, true in points))
 
 
 def bootstrap_area(scores: Sequence[DetectorScores], seed: int, repeats: int = 1000) -> Area:
-    """The mean of the scenes' areas, of a scene with several detectors their mean, with its 95 % interval.
+    """The mean area over scenes, each the mean over its detectors, with its 95 % interval.
 
-    Scenes are drawn anew with replacement, of each one of its detectors, and then runs of views. With one scene the
-    interval is about its views and detectors alone; with two or three it cannot say much about others. The same seed
-    gives the same interval.
+    Each repeat draws scenes with replacement, one detector for each, and then runs of its views. With a single scene,
+    the interval covers only the choice of views and detectors; with two or three, it says little about other scenes.
+    The same seed gives the same interval.
     """
     scenes = _by_scene([each for each in scores if each.usable])
     if not scenes:
@@ -106,11 +106,11 @@ def bootstrap_area(scores: Sequence[DetectorScores], seed: int, repeats: int = 1
 def bootstrap_excess(
     scores: Sequence[DetectorScores], controls: Sequence[DetectorScores], seed: int, repeats: int = 1000
 ) -> Area:
-    """By how much the mean area of scores is above that of controls, with its 95 % interval.
+    """The excess of the mean area of `scores` over that of `controls`, with its 95 % interval.
 
-    Controls are of the same scenes, detectors and cameras, one for one and all usable: what is drawn of the one is
-    drawn of the other, so that what both share, such as the negatives, does not count twice. Raises `ValueError` for
-    controls of other scenes, or of more or fewer views.
+    Scores and controls correspond one to one in scene, detector and cameras, and all are usable. Each repeat draws the
+    same of both, so that what they share, such as the negatives, does not count twice. Raises `ValueError` if their
+    scenes or numbers of views differ.
     """
     pairs = list(zip(scores, controls, strict=True))
     if any(_views(own) != _views(control) for own, control in pairs):
@@ -139,10 +139,10 @@ def _mean_of_scenes(scenes: Sequence[Sequence[DetectorScores]]) -> float:
 
 
 def two_sided(scores: Iterable[DetectorScores]) -> list[DetectorScores]:
-    """Scene by scene the scores or their opposite, whichever is the better on the scene as it is: max(a, 1 - a).
+    """For each scene, the scores or their opposites, whichever have the larger area on it: max(a, 1 - a).
 
-    Resampled they keep that direction: an interval may go on below 0.5, which means that chance is not ruled out.
-    Scenes without usable scores are left out.
+    Resampling keeps the direction, so an interval may extend below 0.5, which means that chance is not ruled out.
+    Scores that are not usable are left out.
     """
     found: list[DetectorScores] = []
     for scene in _by_scene([each for each in scores if each.usable]):
@@ -151,7 +151,7 @@ def two_sided(scores: Iterable[DetectorScores]) -> list[DetectorScores]:
 
 
 def is_upside_down(scene: Sequence[DetectorScores]) -> bool:
-    """Whether detectors of one scene give its positives less than its negatives, on average; False without scores."""
+    """Whether the mean area of one scene's detectors is below 0.5; False without usable scores."""
     return _mean_area([each for each in scene if each.usable]) < 0.5
 
 
@@ -163,7 +163,7 @@ def _by_scene(scores: Sequence[DetectorScores]) -> list[list[DetectorScores]]:
 
 
 class Counts(NamedTuple):
-    """How often each view of a scene was drawn, in each of R repeats."""
+    """How often each view of a scene was drawn in each of R repeats."""
 
     positives: Int[np.ndarray, "R P"]
     negatives: Int[np.ndarray, "R Q"]
@@ -179,34 +179,34 @@ def _both(scene: DetectorScores) -> Float64[np.ndarray, " K"]:
 
 
 def _steps(scene: DetectorScores) -> Float64[np.ndarray, "K 2"]:
-    """How much each view adds to both rates, in the order of `_both`."""
+    """What each view adds to the (false positive, true positive) rates, in the order of `_both`."""
     positives, negatives = (int((~np.isnan(values)).sum()) for values in _classes(scene))
     return np.array([(0, 1 / positives)] * positives + [(1 / negatives, 0)] * negatives)
 
 
 def _mean_area(scene: Sequence[DetectorScores]) -> float:
-    """Of the detectors of one scene; NaN without any."""
+    """The mean area of the detectors of one scene; NaN if there are none."""
     return float(np.mean([_area(each) for each in scene])) if scene else math.nan
 
 
 def _area(scores: DetectorScores) -> float:
-    """Of one scene as it is."""
+    """The area of one detector on one scene, without resampling."""
     [value] = _areas(scores, Counts(*(np.ones((1, len(values)), int) for values in _classes(scores))))
     return float(value)
 
 
 def _areas(scores: DetectorScores, drawn: Counts) -> Float64[np.ndarray, " R"]:
-    """For each repeat: how often a positive is above a negative, ties counting half (Mann and Whitney)."""
+    """The Mann-Whitney area for each repeat: how often a positive exceeds a negative, with ties counting half."""
     of_positives = drawn.positives * ~np.isnan(scores.positives)
     of_negatives = drawn.negatives * ~np.isnan(scores.negatives)
     above = (scores.positives[:, None] > scores.negatives) + 0.5 * (scores.positives[:, None] == scores.negatives)
     pairs = of_positives.sum(axis=1) * of_negatives.sum(axis=1)
-    with np.errstate(invalid="ignore"):  # a draw of views without a single score has no area
+    with np.errstate(invalid="ignore"):  # 0 / 0 if none of the drawn views of a class was scored
         return np.asarray(((of_positives @ above) * of_negatives).sum(axis=1) / pairs)
 
 
 def _mean_areas(scores: Sequence[DetectorScores], counts: Sequence[Counts]) -> Float64[np.ndarray, " R"]:
-    """For each repeat: the mean of the areas of what was drawn, of what was drawn twice twice."""
+    """The mean area for each repeat, each detector weighted by how often it was drawn."""
     areas = np.stack([_widened(_areas(each, drawn), each) for each, drawn in zip(scores, counts, strict=True)])
     times = np.stack(
         [drawn.positives.sum(axis=1) / len(each.positives) for each, drawn in zip(scores, counts, strict=True)]
@@ -217,15 +217,15 @@ def _mean_areas(scores: Sequence[DetectorScores], counts: Sequence[Counts]) -> F
 
 
 def _widened(areas: Float64[np.ndarray, " R"], scores: DetectorScores) -> Float64[np.ndarray, " R"]:
-    """Resampled areas of one scene, farther from its area by what the bootstrap of so few runs falls short of."""
+    """The resampled areas of one scene, spread out about its area to correct for the small number of runs."""
     value = _area(scores)
     runs = min(_runs(len(values)) for values in _classes(scores))
     return np.clip(value + _widening(runs) * (areas - value), 0, 1)
 
 
 def _widening(runs: int) -> float:
-    """A bootstrap takes n runs for all there are, which shrinks its deviation by √((n - 1) / n), and has the quantiles
-    of a normal distribution where Student's are right. A single run shows no deviation that could be widened.
+    """A bootstrap treats n runs as the population, which shrinks its standard deviation by √((n - 1) / n), and has
+    normal quantiles in place of Student's; this factor corrects both. A single run has no deviation to widen: 1.
     """
     if runs < 2:
         return 1.0
@@ -234,7 +234,8 @@ def _widening(runs: int) -> float:
 
 
 def _drawn(scenes: Sequence[Sequence[DetectorScores]], generator: np.random.Generator, repeats: int) -> list[Counts]:
-    """As many scenes as there are, with replacement, of each one detector, and the views anew: in the scenes' order."""
+    """Counts for all detectors, in order. Each repeat draws as many scenes as there are, with replacement, and for each
+    of them one detector and runs of its views."""
     counts = [
         [Counts(*(np.zeros((repeats, len(each)), int) for each in _classes(one))) for one in own] for own in scenes
     ]
@@ -252,7 +253,7 @@ def _drawn(scenes: Sequence[Sequence[DetectorScores]], generator: np.random.Gene
 
 
 def _drawn_counts(views: int, repeats: int, generator: np.random.Generator) -> Int[np.ndarray, "R V"]:
-    """How often each of `views` is drawn in each repeat: runs of neighbours, the last view's being the first."""
+    """How often each of `views` views is drawn in each repeat: in circular runs, where the first follows the last."""
     runs, length = _runs(views), _run_length(views)
     begins = generator.integers(views, size=(repeats, runs, 1))
     chosen = ((begins + np.arange(length)) % views).reshape(repeats, runs * length)[:, :views]

@@ -1,4 +1,4 @@
-"""Render every view of a trained scene, measure it, and keep some pictures for people to look at."""
+"""Scoring: every view of a trained scene is rendered and measured, and some pictures are kept for display."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from stages.scene.scene import Scene
 
 @dataclass(frozen=True)
 class HiddenImage:
-    """An image that the view of this name hides, as large as the view."""
+    """An image hidden in the view named `view`, of the same size as the view."""
 
     name: str
     view: str
@@ -39,7 +39,7 @@ Pictures = dict[str, list[UInt8[np.ndarray, "H W 3"]]]
 
 @dataclass
 class Scores:
-    """Rows for the tables, and pictures by name for the views in `shown`."""
+    """Metric rows, pictures by title for the views in `shown`, and the cover's residuals by test view."""
 
     method: str
     rows: list[MetricRow] = field(default_factory=list)
@@ -50,19 +50,19 @@ class Scores:
     hidden: tuple[HiddenImage, UInt8[np.ndarray, "H W 3"]] | None = None
 
     def add(self, view: str, split: str, figures: Mapping[str, float], message: str | None = None) -> None:
-        """Rows of one picture."""
+        """Add the rows of one picture."""
         self.rows += [
             MetricRow(name, value, QUANTITIES[name].unit, view, split, message, method=self.method)
             for name, value in figures.items()
         ]
 
     def show(self, picture: str, truth: UInt8[np.ndarray, "H W 3"], rendered: Float[Tensor, "H W 3"]) -> None:
-        """Keep one picture beside its truth."""
+        """Keep one rendered picture with its truth, under the title `picture`."""
         self.truths.setdefault(picture, []).append(truth)
         self.rendered.setdefault(picture, []).append(tensor_to_picture(rendered))
 
     def comparisons(self, scene: Scene) -> list[Comparison]:
-        """The kept pictures: the cover first, then the messages, the feature map, and the hidden image."""
+        """The kept pictures: the cover, the messages, the feature map, and the hidden image, in this order."""
         return [*self._views(scene), *self._hidden()]
 
     def _hidden(self) -> list[Comparison]:
@@ -102,11 +102,11 @@ def score(
     image: HiddenImage | None = None,
     public: Gaussians | None = None,
 ) -> Scores:
-    """Measure every view; pictures are kept of all test views and of the first few training views.
+    """Measure every view, and keep pictures of all test views and of the first `shown_train_views` training views.
 
-    The cover is that of `public`, where a secret opened `gaussians` (`public_gaussians`).
-
-    LPIPS is measured on test views, since it costs more than the rest together, and of an image where it is hidden.
+    The cover is rendered from `public` if a secret opened `gaussians` (`public_gaussians`). LPIPS costs more than all
+    other metrics together, so it is measured only on test views and, for a hidden image, on the view that hides it,
+    whose pictures are kept as well.
     """
     scores = Scores(name)
     tests = set(scene.test_names)
@@ -129,7 +129,7 @@ def score(
 
 
 def views_for_the_public(scene: Scene, shown_train_views: int) -> set[str]:
-    """Of which views the public sees pictures: not of the one that hides an image, which would tell it."""
+    """The views of which the public sees pictures; adding the one that hides an image would reveal it."""
     return set(scene.test_names) | set(scene.train_names[:shown_train_views])
 
 
@@ -155,7 +155,7 @@ def _score_message(
 
 
 def _score_image(scores: Scores, rendering: Rendering, image: HiddenImage, perceptual: Perceptual) -> None:
-    """The hidden image, where alone it is defined: what the decoder shows at other views is left to itself."""
+    """Score the hidden image in its own view; what the decoder shows in other views is undefined."""
     picture = rendering.pictures[image.name]
     figures = picture_figures(picture, picture_to_tensor(image.picture, picture.device), perceptual)
     scores.add(image.view, "train", figures | {"hides_image": 1.0}, image.name)
@@ -179,7 +179,7 @@ def _show(
 
 
 def leakage_rows(scores: Scores, messages: Mapping[str, MessageViews]) -> list[MetricRow]:
-    """How much the cover's residuals on test views correlate with each message, beside the matched control."""
+    """|Correlation| of the cover's residuals on test views with each message, and the matched control."""
     rows = []
     for message in messages.values():
         index = {view: row for row, view in enumerate(message.view_names)}

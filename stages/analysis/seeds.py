@@ -1,4 +1,4 @@
-"""Seeds of what is measured again and again: each once."""
+"""Parameter type for the seeds of repeated measurements, without duplicates."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pydantic import AfterValidator, Field
 
 
 def _once(seeds: tuple[int, ...]) -> tuple[int, ...]:
-    """Measured twice with one seed, figures would be taken for two that agree."""
+    """The seeds. Raises `ValueError` for a duplicate, whose repeated figures would pass for independent agreement."""
     if len(set(seeds)) < len(seeds):
         raise ValueError("a seed is listed twice")
     return seeds
 
 
 DistinctSeeds = Annotated[tuple[Annotated[int, Field(ge=0)], ...], AfterValidator(_once)]
-"""Seeds of which none is negative, and none is there twice."""
+"""Distinct, non-negative seeds."""

@@ -1,4 +1,4 @@
-"""Views that stay on the disk: of large containers not all pictures and feature maps fit into memory at once."""
+"""Views that stay on disk, as not all pictures and feature maps of a large container fit into memory at once."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pipeline.artifact import Artifact
 
 
 class StoredViews:
-    """V pictures or feature maps, one array of an artifact, each read when it is asked for.
+    """V pictures or feature maps of one array of an artifact, each read from disk on access.
 
-    Raises what `Artifact.read` does.
+    Raises the errors of `Artifact.read`.
     """
 
     def __init__(self, artifact: Artifact, name: str):
@@ -32,4 +32,4 @@ class StoredViews:
 
 
 Views = Shaped[np.ndarray, "V H W C"] | StoredViews
-"""In memory or on the disk."""
+"""Views in memory or on disk."""

@@ -1,4 +1,4 @@
-"""What `recover` concludes of a container that was found: the row of its figures that says so is called by this."""
+"""The verdicts of `recover` on a container that was found: names of the rows of its figures that state them."""
 
 from __future__ import annotations
 

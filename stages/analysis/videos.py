@@ -1,4 +1,4 @@
-"""Videos of a moving camera: what `render_path` and `view_container` make and the report plays."""
+"""Videos of a moving camera, as `render_path` and `view_container` make them and the report plays them."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ VideoRole = Role | Literal["side_by_side"]
 
 @dataclass(frozen=True)
 class Video:
-    """One video, as a WebM file of `width` x `height` pixels.
+    """One WebM video of `width` x `height` pixels.
 
-    `panels` are the titles of what is seen in it, in reading order, `columns` of them in a row: one, or for
-    `side_by_side` those of all the videos that are in it.
+    `panels` are the titles of its panels in reading order, `columns` of them in a row: a single one, or for the role
+    `side_by_side` those of all the videos it combines.
     """
 
     title: str
@@ -32,7 +32,7 @@ class Video:
 
 
 def write_videos(writer: ArtifactWriter, videos: Iterable[Video]) -> None:
-    """Write a `videos` artifact, in which each is a file under its number; none at all is allowed."""
+    """Write a `videos` artifact, in which each video is a file named by its position; it may be empty."""
     described: list[Any] = []
     for position, video in enumerate(videos):
         writer.write_file(_file_name(position), video.webm)

@@ -1,4 +1,4 @@
-"""Who reads a watermark off a picture: the paper's decoder, or the owner of a container with grain."""
+"""Readers of watermarks in pictures: the paper's decoder, and the owner of a container with grain."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stages.training.decoder_tuning import decoded
 
 
 def shown_by_decoder(codec: WatermarkCodec) -> Shows:
-    """The paper's reader: D_w, on the codec's device; what it shows is on the CPU."""
+    """The paper's reader, D_w. It runs on the codec's device; its output is on the CPU."""
 
     @torch.no_grad()
     def shows(picture: Picture) -> Float[Tensor, "H W 3"]:
@@ -24,5 +24,5 @@ def shown_by_decoder(codec: WatermarkCodec) -> Shows:
 
 
 def shown_by_grain(reader: GrainReader, watermark: Picture) -> Shows:
-    """Ours: the watermark, as far as the owner is certain that the picture has the grain."""
+    """Our reader: it shows the watermark multiplied by the owner's certainty that the picture has the grain."""
     return lambda picture: reader.certainty(picture) * stretched(watermark, picture)

@@ -1,4 +1,4 @@
-"""What readers of a watermark are tried on: pictures with the watermark, and pictures of many kinds without."""
+"""Trials of a watermark's reader on pictures with the watermark, and on many kinds of pictures without it."""
 
 from __future__ import annotations
 
@@ -23,14 +23,17 @@ from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture
 from stages.imaging.psnr import psnr
 
 Shows = Callable[[Picture], Float[Tensor, "H W 3"]]
-"""What a reader of the watermark makes of an 8-bit picture with even sides, of its size, in [0, 1]."""
+"""A reader of the watermark: maps an 8-bit picture with even sides to a watermark of the same size, in [0, 1]."""
 
 PSNR_WATERMARK, PSNR_BLACK, BRIGHTNESS = "psnr_watermark", "psnr_black", "brightness"
-"""Of what is shown: beside W_cop, beside black, and its mean value."""
+"""Quantities of a reader's output: its PSNR to W_cop, its PSNR to black, and its mean value."""
 
 HIGHEST_THRESHOLD = 0.9
-"""A decoder that is sure of every render would set a threshold that no other picture reaches, be it a cropped render,
-whose watermark is a little blurred; what explains nine tenths of the watermark counts as one, whatever renders show."""
+"""Upper limit of a decoder's threshold: what explains nine tenths of the watermark always counts as one.
+
+A decoder that is certain of every render would otherwise set a threshold that no other picture reaches, not even a
+cropped render, whose watermark is slightly blurred.
+"""
 
 THRESHOLD, DETECTED, TRIALS = "threshold", "detected", "trials"
 FALSE_POSITIVES, BOUND, BOUND_BY_SCENE, SCENES = "false_positives", "upper_bound", "upper_bound_by_scene", "scenes"
@@ -38,12 +41,14 @@ FALSE_POSITIVES, BOUND, BOUND_BY_SCENE, SCENES = "false_positives", "upper_bound
 THRESHOLD_AT_99, DETECTED_AT_99 = "threshold_at_99", "detected_at_99"
 FALSE_POSITIVES_AT_99, BOUND_AT_99 = "false_positives_at_99", "upper_bound_at_99"
 BOUND_BY_SCENE_AT_99 = "upper_bound_by_scene_at_99"
-"""The usual point of a ROC curve: by the threshold that 99 % of the renders reach that set it, however high it is; how
-many of the other clean renders reach it is measured. Whoever is asked about pictures as they were rendered may have
-that one; no distorted render reaches it."""
+"""The usual operating point of a ROC curve: the threshold that 99 % of the calibration renders reach, however high.
+
+The share of the other clean renders that reach it is measured. It suits questions about pictures exactly as they were
+rendered; no distorted render reaches it.
+"""
 
 NEGATIVES_DISTORTED, FALSE_POSITIVES_DISTORTED = "negatives_distorted", "false_positives_distorted"
-"""Of each distortion: how many pictures of other scenes were tried after it, and how many of them are wrong."""
+"""For each distortion: the number of distorted pictures of other scenes, and the false positives among them."""
 
 COVER_BEFORE, COVER_AFTER = "cover, before", "cover, after"
 COVER_CONTROL = "cover, trained as long without the watermark"
@@ -61,13 +66,13 @@ CONTAINER_WORDING = {
 RENDERS, CLEAN_CHANNEL = "renders", "clean channel"
 
 OTHER_SCENES, OWN_SCENE = "all of other scenes", "all of the cover without the watermark"
-"""Conditions of the sums. The rate of false positives is that of other scenes: of the cover itself, a decoder has seen
-photos and clean renders, and learnt to show nothing for them."""
+"""Conditions of the totals. The false positive rate is that on other scenes: the decoder was trained on photos and
+clean renders of the cover itself, to show nothing for them."""
 
 
 @dataclass(frozen=True)
 class Shown:
-    """What the decoder shows of one picture: the share of W_cop that it explains, and figures of it."""
+    """Figures of a reader's output for one picture; `share` is the share of W_cop that it explains."""
 
     share: float
     psnr_watermark: float
@@ -77,10 +82,10 @@ class Shown:
 
 @dataclass(frozen=True)
 class Negative:
-    """What a picture without the watermark is: `kind` is what sort of picture, `scene` what it shows.
+    """A picture without the watermark: its `kind`, and the `scene` it shows.
 
-    `total` is the sum that it is counted in, `OTHER_SCENES` or `OWN_SCENE`; None for what is no picture as it came: a
-    rate of such would be one of whatever was done to them. `distortion`: after which one of `DISTORTIONS` it is tried.
+    `total` is the total in which it counts, `OTHER_SCENES` or `OWN_SCENE`. It is None for modified pictures, whose rate
+    would depend on the modification. `distortion` is the one of `DISTORTIONS` that was applied to the picture, if any.
     """
 
     kind: str
@@ -90,13 +95,13 @@ class Negative:
 
 
 class Detector:
-    """A reader, and the watermark it looks for, at the size of the container's pictures; other sizes stretch it.
+    """A reader `shows`, and the watermark it looks for, which is stretched to the size of each picture.
 
-    A reader that knows what chance explains has a threshold of its own, `own_share` of the watermark, and finds what
-    its owner would; the paper's decoder knows nothing of that, and renders set its threshold.
+    A reader that knows how much chance explains has a threshold of its own, `own_share` of the watermark, as its owner
+    uses it. The paper's decoder has none, so calibration renders set its threshold.
 
-    `seen` is all that was seen so far, in the order of the looks. Where some of it is given, the first looks are those
-    from before, and their pictures are not looked at again.
+    `seen` collects the results in the order of the calls to `look`. Results given at the start, from an interrupted
+    run, answer the first calls without another look at their pictures.
     """
 
     def __init__(self, shows: Shows, watermark: Picture, own_share: float | None = None, seen: Sequence[Shown] = ()):
@@ -104,7 +109,7 @@ class Detector:
         self.seen, self._looks = [*seen], 0
 
     def look(self, picture: Picture) -> Shown:
-        """Of an 8-bit picture with even sides."""
+        """What the reader shows for an 8-bit picture with even sides."""
         if self._looks == len(self.seen):
             self.seen.append(self._look(picture))
         self._looks += 1
@@ -122,15 +127,18 @@ class Detector:
 
 
 def stretched(watermark: Picture, picture: Picture) -> Float[Tensor, "H W 3"]:
-    """The watermark at the size of a picture, in [0, 1]."""
+    """The watermark, resized to a picture's size, in [0, 1]."""
     return picture_to_tensor(resize_picture(watermark, picture.shape[1], picture.shape[0]))
 
 
 @dataclass(frozen=True)
 class Positives:
-    """Renders with the watermark: `tests` of the scene's test views by their names, `calibration` and `others` of new
-    cameras. A threshold is set on `calibration`, and all else measured on the rest. `attacked`: renders of the same
-    container after an attack on it, whose name and severity stand before them."""
+    """Renders with the watermark.
+
+    `tests` are the scene's test views by name; `calibration` and `others` are from new cameras. The threshold is set on
+    `calibration`, and everything else is measured on the rest. `attacked` are renders of the same container after an
+    attack: its name, its severity, and the renders.
+    """
 
     tests: Sequence[tuple[str, Picture]]
     calibration: Sequence[Picture]
@@ -139,7 +147,7 @@ class Positives:
 
     @property
     def looked_at(self) -> int:
-        """How often `trial_rows` looks at any of them."""
+        """The number of looks that `trial_rows` takes at these pictures."""
         held_out = len(self.tests) + len(self.others)
         attacked = sum(len(pictures) for _, _, pictures in self.attacked)
         return len(self.tests) + len(self.calibration) + (1 + len(DISTORTIONS)) * held_out + attacked
@@ -152,12 +160,12 @@ def trial_rows(
     seed: int,
     after_each: Callable[[], None],
 ) -> Iterator[Measurement]:
-    """PSNR_W on test views, the threshold, survival of distortions, and what is shown of every kind of negative.
+    """All figures of a trial: PSNR_W on test views, the threshold, detection rates, and false positives.
 
-    Of negatives after a distortion only how many are taken for the watermark. And, of a reader that has no threshold of
-    its own, how many other clean renders it finds, and how many negatives it takes for the watermark, by the one that
-    99 % of the calibration's renders reach, however high that is. Of `negatives` only one picture is held at a time.
-    Raises `ValueError` without renders.
+    Detection is measured on clean, distorted and attacked renders. Negatives yield false positives with upper bounds
+    for each kind and total, and the reader's mean figures for each kind; distorted ones yield only false positives. For
+    a reader without a threshold of its own, `THRESHOLD_AT_99` and its rates follow. Only one picture of `negatives` is
+    held at a time. Raises `ValueError` if such a reader has no calibration renders.
     """
 
     def look(picture: Picture) -> Shown:
@@ -189,7 +197,7 @@ def trial_rows(
 
 
 def figures(shown: Shown) -> dict[str, float]:
-    """By quantity."""
+    """The figures by quantity, without the share."""
     return {
         PSNR_WATERMARK: shown.psnr_watermark,
         PSNR_BLACK: shown.psnr_black,
@@ -242,7 +250,7 @@ def _rows_at_99(
 
 
 def _wrong(trials: Sequence[tuple[Negative, Shown]], threshold: float) -> list[int]:
-    """Positions of those that are taken for the watermark."""
+    """Positions of the false positives."""
     return [position for position, (_, shown) in enumerate(trials) if shown.share >= threshold]
 
 

@@ -1,4 +1,4 @@
-"""What thieves do to a watermarked container before they show renders of it."""
+"""Attacks by thieves on a watermarked container before they show renders of it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stages.analysis.watermark_trials import NOISE, PRUNING, QUANTISATION
 
 
 def attacked_containers(target: Target, seed: int) -> Iterator[tuple[str, float, Target]]:
-    """Each with the attack's name and severity; how much of the cover that leaves, `attack` measures."""
+    """Attacked containers, each with its attack's name and severity. The stage `attack` measures the cover's loss."""
 
     def generator() -> torch.Generator:
         return torch.Generator().manual_seed(seed)

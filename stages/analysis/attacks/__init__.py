@@ -1,1 +1,1 @@
-"""Attacks on containers: what a thief may do to what an owner has published, one file a family."""
+"""Attacks on published containers, one module for each family of attacks."""

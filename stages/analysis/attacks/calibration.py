@@ -1,4 +1,4 @@
-"""Severities at which an attack does a given damage: by bisection."""
+"""Bisection for the severities at which an attack does a given damage."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ import math
 from collections.abc import Callable, Sequence
 
 SMALLEST_SHARE = 1e-4
-"""Of the strongest severity: weaker ones are not looked for."""
+"""The weakest severity that is tried, as a share of the strongest."""
 
 STEPS = 8
 TOLERANCE = 0.08
-"""A severity will do whose damage is this close, relative to what is aimed at."""
+"""Bisection stops at a severity whose damage is within this share of the aim."""
 
 
 def calibrated(damage: Callable[[float], float], aims: Sequence[float], strongest: float) -> tuple[float, ...]:
-    """The severities at which the damage comes closest to each of `aims`, ascending and positive; what `strongest`
-    does not reach has it for the last, and further aims none.
+    """The severities at which the damage comes closest to each of `aims`, ascending and positive.
 
-    Damage is taken to grow with severity, more or less. It is bisected on a logarithmic scale: what one attack does at
-    a millionth of its strongest severity, another does at half. What was looked at for one aim narrows the next. Damage
-    of NaN, where no picture could be rendered any more, is larger than every aim.
+    The first aim that `strongest` does not exceed gets `strongest`; larger aims get no severity.
+
+    Damage is assumed to grow with severity, more or less. The bisection runs on a logarithmic scale, since what one
+    attack does at a millionth of its strongest severity, another does at half. Measurements for one aim narrow the
+    search for the next. Damage of NaN, where pictures can no longer be rendered, counts as larger than every aim.
     """
     looked_at: dict[float, float] = {}
 

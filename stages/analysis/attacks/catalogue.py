@@ -1,4 +1,4 @@
-"""What the attacks are called, and what their severities mean: words alone, for pages and parameters."""
+"""Names of the attacks and the meaning of their severities: text only, for pages and parameters."""
 
 from __future__ import annotations
 
@@ -33,21 +33,19 @@ AttackName = Literal[
 ]
 
 UNATTACKED = "none"
-"""The condition of figures before any attack."""
+"""The condition under which figures of the unattacked container are recorded."""
 
 ONE_COLOUR = "psnr_one_colour"
-"""The quantity beside the messages' `psnr`, of whole pictures too: that of the best picture of one colour."""
+"""Reference for the messages' `psnr`, over whole pictures as well: the PSNR of the best single-colour picture."""
 
 PRUNED_SHARES = (0.05, 0.10, 0.15, 0.25)
-"""Of the Gaussians, in the paper's table "Robustness analysis under different pruning methods"."""
+"""Shares of the Gaussians in the paper's table "Robustness analysis under different pruning methods"."""
 
 
 @dataclass(frozen=True)
 class Description:
-    """`severity` is what it measures, with its unit; `needs` what a container must have to be attacked so.
-
-    `hurts` says by what it hurts a message most, where it does.
-    """
+    """What the `severity` measures, with its unit; what `hurts` a message most, if anything does; and why some
+    containers cannot be attacked in this way (`needs`), empty if all can."""
 
     title: str
     severity: str
@@ -154,7 +152,7 @@ ATTACKS: Mapping[AttackName, Description] = {
 
 
 def restored(condition: str) -> str:
-    """The condition of what the owner makes of an attacked container, who has kept what he published.
+    """The condition of an attacked container after its owner has restored it with the help of the published one.
 
     >>> restored("rigid_motion")
     'rigid_motion restored'

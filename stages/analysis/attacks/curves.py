@@ -1,4 +1,4 @@
-"""An attack as a curve: what is left of cover and messages at each of its severities, for every seed."""
+"""Attacks as curves: the quality of cover and messages at each severity, for every seed."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from stages.analysis.measurements import Measurement
 
 @dataclass(frozen=True)
 class Assay:
-    """How attacks are measured: on what, by whom, and what the attacker knows.
+    """A setup for measuring attacks: the target, the scorer, and what the attacker knows.
 
-    `cover_losses` in dB set the severities of attacks that have no natural ones, with the first of the seeds.
-    `perceptual` is measured at an attack's fixed severities, with the first seed, and without attack.
+    Attacks without natural severities are measured where the cover loses `cover_losses`, in dB, with the first seed.
+    The `perceptual` metrics are measured only without attack, and at fixed severities with the first seed.
     """
 
     target: Target
@@ -32,14 +32,14 @@ class Assay:
     after_each: Callable[[], None]
 
     def unattacked(self) -> Iterator[Measurement]:
-        """What the container shows as it is, and what a picture of one colour would show of the messages."""
+        """Rows of the unattacked container, and of the best single-colour picture of each message."""
         figures = {**self.scorer.figures(self.target, self.perceptual), **self.scorer.one_colour()}
         return self._rows(figures, UNATTACKED, None, None)
 
     def curve(self, name: str, attack: Attack) -> Iterator[Measurement]:
-        """The rows of an attack, and of what the owner makes of it, but of renders, where there is nothing to restore.
+        """Rows of the attacked container and, except for attacks on renders, of what its owner restores from it.
 
-        None where the target has nothing that the attack touches.
+        There are none if the attack does not apply to the target.
         """
         if not attack.applies(self.target):
             return
@@ -57,7 +57,7 @@ class Assay:
                 self.after_each()
 
     def _restored(self, attacked: Target, found: Figures) -> Figures:
-        """The figures of what the owner makes of it; those that were found where he changes nothing."""
+        """The figures after the owner's restoration, without perceptual ones; those `found` if it changes nothing."""
         target = restored_target(attacked, self.target, self.seeds[0])
         if target is not attacked:
             return self.scorer.figures(target)

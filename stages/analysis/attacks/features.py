@@ -1,4 +1,4 @@
-"""Attacks on coupled features that the scene decoder can be made to forgive."""
+"""Attacks on coupled features, some of which adapt the scene decoder to the change."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ PERMUTED_SHARES = (1 / 8, 1 / 4, 1 / 2, 3 / 4, 1)
 
 
 def channel_counts(target: Target) -> Sequence[float]:
-    """Of 16 channels 1, 2, 4, 8 and 12; the same shares of others."""
+    """How many channels to drop: 1, 2, 4, 8 and 12 of 16, and the same shares of other numbers of channels."""
     return _counts(target, DROPPED_SHARES, least=1)
 
 
 def permuted_counts(target: Target) -> Sequence[float]:
-    """Of 16 channels 2, 4, 8, 12 and 16; the same shares of others. One alone cannot change places."""
+    """How many channels to permute: 2, 4, 8, 12 and 16 of 16, and the same shares of other numbers; at least two."""
     return _counts(target, PERMUTED_SHARES, least=2)
 
 
@@ -37,9 +37,9 @@ def _counts(target: Target, shares: Sequence[float], least: int) -> Sequence[flo
 
 
 def channel_dropping(target: Target, channels: float, generator: torch.Generator) -> Target:
-    """Set so many channels, drawn at random, to their mean over all Gaussians.
+    """Set this many random channels of the activated features to their mean over all Gaussians.
 
-    The attacker knows the container alone. Not for containers without features.
+    The attacker knows only the container. The container must have features.
     """
     raw = target.gaussians[FEATURES].clone()
     dropped = torch.randperm(raw.shape[1], generator=generator)[: int(channels)]
@@ -48,10 +48,10 @@ def channel_dropping(target: Target, channels: float, generator: torch.Generator
 
 
 def channel_permutation(target: Target, channels: float, generator: torch.Generator) -> Target:
-    """Let so many channels, drawn at random, change places in a ring, and the scene decoder read them where they are.
+    """Permute this many random channels cyclically, and the scene decoder's inputs with them.
 
-    The attacker knows the container, its scene decoder included. A turn of features that every scene decoder forgives
-    to the last bit but those of rounding, whatever the opacity of a pixel. Only for decoders that follow features.
+    The attacker knows the container, including its scene decoder. The permutation leaves the cover unchanged up to
+    rounding, with every scene decoder and whatever a pixel's opacity. The decoder must be a `FollowsFeatures`.
     """
     raw = target.gaussians[FEATURES]
     chosen = torch.randperm(raw.shape[1], generator=generator)[: int(channels)]
@@ -62,23 +62,23 @@ def channel_permutation(target: Target, channels: float, generator: torch.Genera
 
 
 def feature_rotation(target: Target, degrees: float, generator: torch.Generator) -> Target:
-    """Turn all activated features about 0.5 by so many degrees, in M/2 planes of a random basis.
+    """Rotate all activated features about 0.5 by this many degrees, in M/2 planes of a random basis.
 
-    The attacker knows the container alone and leaves the scene decoder as it is: the cover is lost as well. Values
-    that would leave (0, 1) stop short of it. Not for containers without features.
+    The attacker knows only the container and leaves the scene decoder as it is, so the cover is lost as well. Values
+    that would leave (0, 1) are clamped just inside it. The container must have features.
     """
     centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
     return target.with_parameters({FEATURES: stored(0.5 + centred @ _turn(centred.shape[1], degrees, generator).T)})
 
 
 def compensated_rotation(target: Target, degrees: float, generator: torch.Generator) -> Target:
-    """The same, and the scene decoder turned with it: its first layer reads the turned features as it read the old.
+    """Rotate the features as `feature_rotation` does, and the scene decoder's first layer with them.
 
-    The attacker knows the container, its scene decoder included. Features are drawn towards 0.5 where they would leave
-    (0, 1), and the decoder reads them by as much longer rows. For `homogeneous` nothing of the cover changes, which is
-    read from features less half the blended opacity. GS-Hider's decoder reads the blended features themselves: what is
-    exact where the opacity is 1 is not where it is less, nor beside the picture's border, with zeros beyond it. Only
-    for decoders that follow features.
+    The attacker knows the container, including its scene decoder. If some features would leave (0, 1), all are shrunk
+    towards 0.5, and the decoder's rows grow by the same factor. With `homogeneous`, whose decoder reads features minus
+    half the blended opacity, the cover does not change. GS-Hider's decoder reads the blended features themselves: the
+    compensation is exact only where the opacity is 1, and not near the picture's border, where the convolutions pad
+    with zeros. The decoder must be a `FollowsFeatures`.
     """
     centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
     turn = _turn(centred.shape[1], degrees, generator)
@@ -86,14 +86,14 @@ def compensated_rotation(target: Target, degrees: float, generator: torch.Genera
 
 
 def reads_centred(method: Method) -> bool:
-    """Whether the scene decoder reads features less half the opacity, so that a common factor can be made good."""
+    """Whether the scene decoder reads features minus half the opacity, so that it can undo a common factor."""
     return cast(FollowsFeatures, method.networks["scene_decoder"]).reads_centred
 
 
 def shrunk(target: Target, centred: Float64[Tensor, "N M"], back: Float64[Tensor, "M M"]) -> Target:
-    """Features 0.5 + s c, and a scene decoder with rows r B / s, where it had r; B is `back`.
+    """A target with features 0.5 + s c, and with rows r B / s in the scene decoder in place of r.
 
-    s is the largest factor up to 1 that leaves all features storable.
+    c is `centred`, B is `back`, and s is the largest factor up to 1 with which all features can be stored.
     """
     farthest = float(centred.abs().max()) if len(centred) else 0.0
     shrink = min(1.0, FARTHEST / max(farthest, FARTHEST))
@@ -102,14 +102,14 @@ def shrunk(target: Target, centred: Float64[Tensor, "N M"], back: Float64[Tensor
 
 
 def _reading(method: Method, back: Float64[Tensor, "M M"]) -> Method:
-    """The method with a scene decoder that reads features, centred at 0.5, along r B where it read them along r."""
+    """A copy of the method whose scene decoder applies rows r B to features, centred at 0.5, in place of rows r."""
     changed = copy.deepcopy(method)
     cast(FollowsFeatures, changed.networks["scene_decoder"]).read_along(back)
     return changed
 
 
 def _turn(channels: int, degrees: float, generator: torch.Generator) -> Float64[Tensor, "M M"]:
-    """A rotation by the angle in each of M/2 planes at right angles; an odd last direction stays."""
+    """A rotation by this angle in each of ⌊M/2⌋ random, mutually orthogonal planes."""
     basis = torch.linalg.qr(torch.randn(channels, channels, generator=generator, dtype=torch.float64)).Q
     angle = torch.deg2rad(torch.tensor(degrees, dtype=torch.float64))
     turned = torch.eye(channels, dtype=torch.float64)

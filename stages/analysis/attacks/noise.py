@@ -1,4 +1,4 @@
-"""Gaussian noise on one kind of parameter."""
+"""Gaussian noise on one kind of stored parameter."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from stages.analysis.attacks.target import Target
 
 
 def noise(names: Sequence[str]) -> Callable[[Target, float, torch.Generator], Target]:
-    """Noise on these stored parameters; on all attributes of the method, features or harmonics, for no names.
+    """An attack that adds noise to the named parameters; without names, to all attributes (features or harmonics).
 
-    The attack adds sigma · randn to stored, unactivated values, where sigma is the severity times the standard
-    deviation of a column over all Gaussians: "noise of 0.1" is then a tenth of what values differ by, whatever their
-    unit is. (Code of others that adds sigma² · randn calls the same number far less noise.) The attacker knows the
-    container alone. Quaternions are normalised first.
+    It adds sigma · randn to the stored, unactivated values, where sigma is the severity times the standard deviation
+    of a column over all Gaussians: noise of severity 0.1 is a tenth of the values' spread, whatever their unit. (Other
+    published code adds sigma² · randn, which is far less noise for the same number.) Quaternions are normalised first.
+    The attacker knows only the container.
     """
 
     def attack(target: Target, severity: float, generator: torch.Generator) -> Target:
@@ -29,7 +29,7 @@ def noise(names: Sequence[str]) -> Callable[[Target, float, torch.Generator], Ta
 
 
 def _noisy(values: Tensor, severity: float, generator: torch.Generator) -> Tensor:
-    if not values.numel():  # harmonics of degree 0 have none beside the constant; torch warns of their spread
+    if not values.numel():  # `sh_rest` is empty for harmonics of degree 0; torch would warn about its deviation
         return values
     spread = values.std(dim=0, correction=0, keepdim=True)
     return values + severity * spread * torch.randn(values.shape, generator=generator)

@@ -1,4 +1,4 @@
-"""Pruning as in the paper's table of robustness, and cropping and cloning, which take and give whole Gaussians too."""
+"""Pruning as in the paper's robustness table, and cropping and cloning, which also remove or add whole Gaussians."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from stages.analysis.attacks.target import Target
 def sequential_pruning(target: Target, share: float) -> Target:
     """Prune this share of the Gaussians "in ascending order of Gaussian's opacity" (Property Study #3 of the paper).
 
-    The attacker knows the container alone. Equal opacities go in the order of their rows.
+    Gaussians of equal opacity are pruned in row order. The attacker knows only the container.
     """
     order = target.gaussians["logit_opacities"].argsort(stable=True)
     return target.keeping(order[_count(target, share) :].sort().values)
 
 
 def random_pruning(target: Target, share: float, generator: torch.Generator) -> Target:
-    """Prune this share of the Gaussians at random, as in the paper. The attacker knows the container alone."""
+    """Prune this share of the Gaussians at random, as in the paper. The attacker knows only the container."""
     order = torch.randperm(len(target.gaussians), generator=generator)
     return target.keeping(order[_count(target, share) :].sort().values)
 
 
 def cropping(target: Target, share: float, generator: torch.Generator) -> Target:
-    """Crop out this share of the Gaussians: the nearest to one of them, drawn at random, by their means.
+    """Crop out this share of the Gaussians: those whose means are nearest to that of a randomly drawn Gaussian.
 
-    The attacker knows the container alone. Watermarks of 3DGS are tested with a part of the scene cropped out
-    (GuardSplat, 3D-GSW); here the part is a ball.
+    The attacker knows only the container. GuardSplat and 3D-GSW test watermarks of 3DGS with part of the scene cropped
+    out; here that part is a ball.
     """
     count = len(target.gaussians)
     centre = target.gaussians.means[torch.randint(count, (1,), generator=generator)] if count else torch.zeros(1, 3)
@@ -35,9 +35,9 @@ def cropping(target: Target, share: float, generator: torch.Generator) -> Target
 
 
 def cloning(target: Target, share: float, generator: torch.Generator) -> Target:
-    """Double this share of the Gaussians, at random, where they are: what they blend becomes more opaque.
+    """Duplicate this share of the Gaussians, drawn at random, in place, which makes the scene more opaque there.
 
-    The attacker knows the container alone. A distortion of 3D-GSW and GuardSplat.
+    The attacker knows only the container. 3D-GSW and GuardSplat use this distortion.
     """
     chosen = torch.randperm(len(target.gaussians), generator=generator)[: _count(target, share)]
     return target.keeping(torch.cat([torch.arange(len(target.gaussians)), chosen]))

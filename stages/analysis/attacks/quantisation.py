@@ -1,4 +1,4 @@
-"""Fewer bits a value."""
+"""Quantisation: fewer bits for each stored value."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from torch import Tensor
 from stages.analysis.attacks.target import Target
 
 HALF = 16
-"""Bits from which on values are floats of half precision; below, steps of equal size."""
+"""With this many bits or more, values become half-precision floats; with fewer, multiples of a constant step."""
 
 SEVERITIES = (16.0, 8.0, 6.0, 5.0, 4.0)
 
 
 def quantisation(target: Target, bits: float) -> Target:
-    """Store every value with so many bits: 16 are half-precision floats, fewer are equal steps from the least to the
-    greatest value of each column, such as a channel of the features.
+    """Round every stored value to this many bits.
 
-    The attacker, or whoever compresses files, knows the container alone. Positions keep 16 bits a coordinate, as equal
-    steps, since with 8 there is no scene left. No Gaussians stay none.
+    With 16 bits, values are half-precision floats. With fewer, they take equal steps from the least to the greatest
+    value of each column, such as a feature channel. Positions always have 16 bits per coordinate, in equal steps: 8
+    would leave nothing of the scene. The attacker, or anyone who compresses files, knows only the container, which may
+    have no Gaussians.
     """
     return target.with_parameters(
         {name: _quantised(values, bits, name == "means") for name, values in target.gaussians.parameters.items()}

@@ -1,4 +1,4 @@
-"""All attacks by their names."""
+"""All attacks by name."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from stages.analysis.attacks.view_weights import view_weight_clustering, view_we
 
 MOST_PRUNED = 0.95
 MOST_NOISE = 1.0
-"""In spreads of what it is added to."""
+"""The strongest noise, in standard deviations of the values it is added to."""
 
 STRIPPED_SHARES = (0.2, 0.4, 0.6, 0.8, 1.0)
 
 
 def attacks(reoptimised: Sequence[int]) -> Mapping[AttackName, Attack]:
-    """Every attack; `reoptimised` are the iterations after which a re-optimised container is looked at."""
+    """Every attack by name; re-optimised containers are measured after each number of iterations in `reoptimised`."""
     steps = tuple(float(count) for count in sorted(reoptimised))
     longest = max(reoptimised)
     return {

@@ -1,4 +1,4 @@
-"""What befalls the cover's pictures after they were rendered."""
+"""Distortions of the cover's pictures after rendering."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ FACTORS = (1.25, 1.5, 2.0, 3.0, 4.0)
 
 
 def jpeg(target: Target, quality: float) -> Target:
-    """Pictures of the cover as JPEG files of this quality: what touches only messages that are read off them."""
+    """Compress the cover's pictures as JPEG of this quality; this affects only messages that are read from them."""
     return replace(
         target, on_pictures=lambda picture: _to_tensor(through_jpeg(tensor_to_picture(picture), int(quality)))
     )
 
 
 def resizing(target: Target, factor: float) -> Target:
-    """Pictures of the cover made smaller by this factor, and as large as before again."""
+    """Shrink the cover's pictures by this factor and enlarge them to their original size again."""
     return replace(target, on_pictures=lambda picture: _through_smaller(picture, factor))
 
 

@@ -1,4 +1,4 @@
-"""The container trained on, on the cover's views alone."""
+"""Re-optimisation: the attacker continues the container's training on the cover's views alone."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ SSIM_WEIGHT = 0.2
 """γ of Eq. 6."""
 
 NETWORK_RATE = 1e-4
-"""With which a hiding's decoders end: at the rate with which they begin, the first steps cost the cover over a dB."""
+"""The decoders' final learning rate in `hide`; at their initial rate, the first steps cost the cover over 1 dB."""
 
 
 def reoptimisation(iterations: int, frozen: bool) -> Callable[[Target, int, Knowledge], Attacker]:
-    """Train the container for up to so many iterations by Eq. 6 alone: the cover's loss on its training photos.
+    """An attack that trains the container for up to `iterations` on Eq. 6 alone, the cover's loss on its photos.
 
-    The attacker knows the photos, and builds the method from the container without the secret. Rates are those at the
-    end of a training, half of that for features (the released code's 2.5e-3), and 3DGS's at all times for scales,
-    rotations and opacities; no Gaussian is added or removed.
-    `frozen`: whether the scene decoder stays as it is. The severity is the number of iterations: snapshots of one run.
-    Attributes that the cover does not show, such as a message's harmonics, get no gradient and stay.
+    The attacker knows the training photos, and builds the method from the container without the secret. The severity is
+    the number of iterations: snapshots of one run. If `frozen`, the scene decoder does not change.
+
+    Learning rates are those at the end of a training, but half of that for features (2.5e-3, as in the released code)
+    and 3DGS's constant ones for scales, rotations and opacities. No Gaussian is added or removed. Attributes that the
+    cover does not show, such as a message's harmonics, get no gradient and stay.
     """
 
     def prepare(target: Target, seed: int, knowledge: Knowledge) -> Attacker:
@@ -35,7 +36,7 @@ def reoptimisation(iterations: int, frozen: bool) -> Callable[[Target, int, Know
 
 
 class _Run:
-    """A training under way, which can be looked at after ever more iterations."""
+    """A training in progress, from which snapshots are taken after increasing numbers of iterations."""
 
     def __init__(self, target: Target, seed: int, knowledge: Knowledge, iterations: int, frozen: bool):
         gaussians = _copied(target.gaussians).to(knowledge.device)
@@ -57,7 +58,7 @@ class _Run:
         self.training = Training(gaussians, method, knowledge.views, [cover_term(SSIM_WEIGHT)], settings)
 
     def __call__(self, iterations: float) -> Target:
-        """A copy of what the training has made after so many iterations. Raises `ValueError` for fewer than before."""
+        """A copy of the container after this many iterations. Raises `ValueError` if the training is past them."""
         training = self.training
         if iterations < training.iteration:
             raise ValueError(f"after {training.iteration} iterations there is no way back to {iterations:g}")

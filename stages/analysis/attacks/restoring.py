@@ -1,4 +1,4 @@
-"""What the owner, who has kept what he published, makes of an attacked container, whatever the attack was."""
+"""Restoration of an attacked container by its owner, who has kept the published one, whatever the attack was."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from stages.hiding.recovery import recovered
 
 
 def restored_target(attacked: Target, published: Target, seed: int) -> Target:
-    """The attacked container with what was done to all of it alike undone, in the published world.
+    """The attacked container with every change undone that affects all Gaussians alike, in the published world.
 
-    The owner is not told the attack, nor how far it moved the world. The scene decoder is the published one. The
-    attacked target itself where there is nothing to undo, or where nothing of what was published is recognised.
+    The owner does not know the attack, nor how it moved the world. The method, scene decoder included, is the published
+    one. Returns `attacked` itself if there is nothing to undo, or if nothing of the published container is recognised.
     """
     recovery = recovered(attacked.gaussians, published.gaussians, seed)
     if recovery is None or not recovery.changed:

@@ -1,4 +1,4 @@
-"""The container's world, turned as a whole; its cameras follow."""
+"""Rigid motion: the container's world is rotated as a whole, and its cameras with it."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ SEVERITIES = (5.0, 15.0, 45.0, 90.0, 180.0)
 
 
 def rigid_motion(target: Target, degrees: float, generator: torch.Generator) -> Target:
-    """Turn the world about an axis drawn at random, through the median of the means, by so many degrees.
+    """Rotate the world about a random axis through the median of the means by this many degrees.
 
-    All that is public turns with it, so that the cover looks from the turned cameras as it did: means, quaternions,
-    harmonics, and what a scene decoder that is told directions of view reads of these. The attacker knows the
-    container. A message decoder that is told directions is still told those of the world.
+    Everything public rotates with it: means, quaternions, harmonics, and the scene decoder's reading of viewing
+    directions, if it has one. From the rotated cameras the cover therefore looks as before. A message decoder that
+    reads viewing directions still gets them in world coordinates. The attacker knows only the container.
     """
     axis = torch.randn(3, generator=generator, dtype=torch.float64)
     turn = torch.nn.functional.normalize(axis, dim=0).numpy() * np.deg2rad(degrees)
@@ -43,7 +43,7 @@ def _moved(target: Target, motion: Similarity) -> Target:
 
 
 def _turned_method(method: Method, motion: Similarity) -> Method:
-    """The method with a scene decoder that is told of turned directions what it was told of the old ones."""
+    """The method; if its scene decoder reads viewing directions, a copy that reads rotated ones as the old ones."""
     if not isinstance(method.networks.get("scene_decoder"), ToldDirections):
         return method
     turned = copy.deepcopy(method)

@@ -1,4 +1,4 @@
-"""What an attacked container still shows: of the cover to everybody, of the messages to the owner."""
+"""Quality of an attacked container: of the cover, as anyone renders it, and of the messages, as the owner does."""
 
 from __future__ import annotations
 
@@ -26,14 +26,15 @@ from stages.scene.message_views import MessageViews
 from stages.scene.scene import Scene
 
 Figures = Mapping[tuple[str | None, str], float]
-"""Means over views by message, None for the cover, and quantity."""
+"""Means over views by (message, quantity); the message is None for the cover."""
 
 
 class Scorer:
-    """Measures on some views of the scene; `owner` is the method with the secret, which no attacker has.
+    """Measures attacked containers on the named `views` of the scene.
 
-    `opened`: what the owner makes of the Gaussians of a sealed container before messages are read; the cover is
-    rendered of what was found. It renders on `device`; targets, and all pictures, are on the CPU.
+    `owner` is the method with the secret, which no attacker has. `opened` unseals the Gaussians of a sealed container
+    before the owner reads the messages; the cover is rendered without it. Rendering runs on `device`; targets and all
+    pictures are on the CPU.
     """
 
     def __init__(
@@ -51,15 +52,15 @@ class Scorer:
         self.views, self.rows = tuple(views), scene.rows(views)
 
     def cover_psnr(self, attacked: Target) -> float:
-        """PSNR of the cover: all that an attack's severity is set by. NaN where a view of it cannot be rendered."""
+        """Mean PSNR of the cover, by which severities are calibrated. NaN if a view cannot be rendered."""
         pictures = self._pictures(attacked, (COVER,))
         return fmean([psnr(shown[COVER], self._truth(row)) for row, shown in zip(self.rows, pictures, strict=True)])
 
     def figures(self, attacked: Target, perceptual: Perceptual | None = None) -> Figures:
-        """PSNR and SSIM of cover and messages, PSNR over the messages' covered pixels, LPIPS of the cover if asked.
+        """PSNR and SSIM of cover and messages, PSNR over the messages' covered pixels, and the cover's LPIPS if asked.
 
-        Views in which nothing of a message is seen do not count for it, as for `one_colour`. A view of the cover that
-        cannot be rendered makes its figures NaN, or an attack that destroys some views would seem to spare the cover.
+        Views that show nothing of a message do not count for it, as in `one_colour`. If a view of the cover cannot be
+        rendered, the cover's figures are NaN: otherwise an attack that destroys some views would seem to spare it.
         """
         found: dict[tuple[str | None, str], list[float]] = {}
         for row, shown in zip(self.rows, self._pictures(attacked, (COVER, *self.messages)), strict=True):
@@ -74,7 +75,7 @@ class Scorer:
         return {key: (fmean if key[0] is None else mean_of_known)(values) for key, values in found.items()}
 
     def one_colour(self) -> Figures:
-        """PSNR of the best picture of one colour for each view of each message: what reads worse shows none of it."""
+        """For each message, the mean PSNR of the best single-colour pictures: a floor for readings of the message."""
         found: dict[tuple[str | None, str], float] = {}
         for name, message in self.messages.items():
             truths = [picture_to_tensor(message.pictures[row]) for row in self.rows]
@@ -86,7 +87,7 @@ class Scorer:
 
     @torch.no_grad()
     def _pictures(self, attacked: Target, wanted: Collection[str]) -> Iterator[dict[str, Float[Tensor, "H W 3"]]]:
-        """Of each view. The cover by the attacker's networks, the messages by the owner's secret ones."""
+        """The wanted pictures of each view: the cover by the attacker's networks, the messages by the secret ones."""
         for name in PUBLIC_NETWORKS:
             if name in self.owner.networks:
                 self.owner.networks[name].load_state_dict(attacked.method.networks[name].state_dict())

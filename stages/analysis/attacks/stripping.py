@@ -1,4 +1,4 @@
-"""Attributes that 3DGS does not have, taken away."""
+"""Stripping: attributes that 3DGS does not have are zeroed."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from stages.analysis.attacks.target import Target
 
 
 def stripping(target: Target, share: float, generator: torch.Generator) -> Target:
-    """Set every attribute that a viewer of 3DGS would not know to zero, for this share of the Gaussians at random.
+    """Zero all attributes that 3DGS does not have, for this share of the Gaussians, drawn at random.
 
-    The attacker knows the container alone; with a share of 1 the file holds what 3DGS's does. Of 3DGS+SH that takes the
-    message and leaves the cover; features carry both. (The attributes are zero instead of gone, so that the owner's
-    decoder still runs: it shows the grey that zeros mean.) Not for containers without such attributes.
+    With a share of 1, nothing is left but what a 3DGS file holds. This removes the message of 3DGS+SH and leaves its
+    cover, while features carry both. (The attributes are zeroed, not deleted, so that the owner's decoder still runs:
+    it shows the grey that zeros stand for.) The attacker knows only the container. The container must have such
+    attributes.
     """
     chosen = torch.randperm(len(target.gaussians), generator=generator)[: round(share * len(target.gaussians))]
 

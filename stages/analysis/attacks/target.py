@@ -1,4 +1,4 @@
-"""What is attacked, what its attacker knows, and what an attack is."""
+"""Targets of attacks, the attacker's knowledge, and attacks themselves."""
 
 from __future__ import annotations
 
@@ -19,42 +19,42 @@ from stages.scene.similarity import Similarity
 from stages.training.loop import TrainingViews
 
 STANDARD_COLOURS = ("sh_base", "sh_rest")
-"""What 3DGS has beside geometry; the attributes of every other method are its own."""
+"""The attributes of 3DGS besides geometry; all others belong to a method of their own."""
 
 
 @runtime_checkable
 class FollowsFeatures(Protocol):
-    """A scene decoder that can be made to forgive a linear change of the features, which are all that its first layer
-    sees; see `hiding.decoders.Decoder`."""
+    """A scene decoder that can compensate for a linear change of the features, its first layer's only input; see
+    `hiding.decoders.Decoder`. `reads_centred`: whether it reads features minus half the blended opacity."""
 
     reads_centred: bool
 
     def read_along(self, back: Float64[Tensor, "M M"]) -> None:
-        """Read centred features along r B where it read them along r."""
+        """Apply rows r B to centred features in place of rows r; B is `back`."""
 
 
 @runtime_checkable
 class ToldDirections(Protocol):
-    """A scene decoder that is told from where a pixel is looked at; see `hiding.methods.homogeneous`."""
+    """A scene decoder that reads viewing directions; see `hiding.methods.homogeneous`."""
 
     def turn_view(self, rotation: Float64[np.ndarray, "3 3"]) -> None:
-        """Read of directions in a world that turned what it read of the old ones."""
+        """Read a direction rotated by `rotation` as it read the original direction."""
 
 
 @runtime_checkable
 class ReadsRenders(Protocol):
-    """A method whose message decoder looks at the cover's picture itself; see `hiding.methods.decoder`."""
+    """A method whose message decoder reads the cover's rendered picture; see `hiding.methods.decoder`."""
 
     def read_off(self, picture: Float[Tensor, "H W 3"]) -> Mapping[str, Float[Tensor, "H W 3"]]:
-        """The messages in a picture of the cover."""
+        """The messages by name, decoded from a picture of the cover."""
 
 
 @dataclass(frozen=True)
 class Target:
     """A container as its attacker holds it: Gaussians, and the method with its public networks, without the secret.
 
-    `motion` is how far its world was moved from where it was published: cameras follow. `on_pictures` is what befalls
-    the cover's pictures after they are rendered; None: nothing.
+    `motion` maps the published world to the present one; cameras follow it. `on_pictures` distorts the cover's pictures
+    after rendering; None leaves them as they are.
     """
 
     gaussians: Gaussians
@@ -64,40 +64,40 @@ class Target:
 
     @property
     def has_features(self) -> bool:
-        """Whether the method is one with coupled features."""
+        """Whether the Gaussians have coupled features."""
         return FEATURES in self.gaussians.parameters
 
     @property
     def decoder_follows_features(self) -> bool:
-        """Whether the scene decoder can be made to forgive what is done to the features."""
+        """Whether the scene decoder can compensate for a linear change of the features."""
         return self.has_features and isinstance(self.method.networks.get("scene_decoder"), FollowsFeatures)
 
     @property
     def shows_message_in_renders(self) -> bool:
-        """Whether the message is read off the cover's picture."""
+        """Whether the message is read from the cover's picture."""
         return isinstance(self.method, ReadsRenders)
 
     @property
     def own_attributes(self) -> dict[str, Tensor]:
-        """What a viewer of 3DGS would not know: attributes beside geometry and the cover's harmonics."""
+        """The attributes that 3DGS does not have: all but geometry and the cover's harmonics."""
         return {name: values for name, values in self.gaussians.attributes.items() if name not in STANDARD_COLOURS}
 
     def keeping(self, rows: Int[Tensor, " K"]) -> Target:
-        """The same with these Gaussians alone."""
+        """A copy with only the Gaussians in these rows."""
         return replace(self, gaussians=chosen(self.gaussians, rows))
 
     def with_parameters(self, changed: Mapping[str, Tensor]) -> Target:
-        """The same with other values of some parameters; the Gaussians of this one stay as they are."""
+        """A copy with some parameters replaced; this target's own Gaussians stay as they are."""
         return replace(self, gaussians=Gaussians(self.gaussians.parameters | dict(changed)))
 
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What an attacker knows beside the container: the cover's training photos, with their cameras.
+    """What an attacker knows besides the container: the cover's training photos, with their cameras.
 
-    That is more than a thief need have; with renders of the container in their place attacks are weaker. `extent` is
-    that of the rig. Attacks that take long call `after_each` now and then: it raises where the work is to stop. Those
-    that train do so on `device`; targets are on the CPU.
+    A real thief may know less; attacks that use renders of the container in place of the photos are weaker. `extent` is
+    the extent of the camera rig. Long attacks call `after_each` from time to time; it raises if the work is to stop.
+    Training runs on `device`; targets are on the CPU.
     """
 
     views: TrainingViews
@@ -107,16 +107,16 @@ class Knowledge:
 
 
 Attacker = Callable[[float], Target]
-"""From a severity to the attacked target. Severities are asked for in ascending order of the attack's progress."""
+"""Maps a severity to the attacked target. For an attack that is a training, severities must not descend."""
 
 
 @dataclass(frozen=True)
 class Attack:
-    """`prepare` gives, for a target, a seed and what is known, the target at any severity.
+    """One attack, and the severities at which it is measured.
 
-    `severities` are the natural ones of a target, such as bits; None where the damage to the cover sets them, up to
-    `strongest`. `fixed` ones are measured besides. `applies`: whether a target has what is attacked. `random`: whether
-    the seed changes anything.
+    `severities` gives a target's natural severities, such as bits; if None, they are calibrated by the damage to the
+    cover, up to `strongest`, and the `fixed` ones are measured as well. `applies` says whether a target has what is
+    attacked, `random` whether the attack depends on the seed.
     """
 
     prepare: Callable[[Target, int, Knowledge], Attacker]
@@ -128,11 +128,13 @@ class Attack:
 
 
 def seeded(attack: Callable[[Target, float, torch.Generator], Target]) -> Callable[[Target, int, Knowledge], Attacker]:
-    """An attack that knows nothing but the container. Every severity begins with the same random numbers: what a
-    stronger one does, it does where the weaker one did."""
+    """Prepare a random attack that needs only the container.
+
+    Every severity starts from the same random state, so that a stronger attack extends a weaker one.
+    """
     return lambda target, seed, _: lambda severity: attack(target, severity, torch.Generator().manual_seed(seed))
 
 
 def unseeded(attack: Callable[[Target, float], Target]) -> Callable[[Target, int, Knowledge], Attacker]:
-    """The same of an attack without chance."""
+    """Prepare a deterministic attack that needs only the container."""
     return lambda target, _, __: lambda severity: attack(target, severity)

@@ -1,4 +1,4 @@
-"""What features hold along directions that the scene decoder does not heed can go: the cover does not need it."""
+"""Removal of what features hold along directions that the scene decoder ignores, which the cover does not need."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from stages.scene.even_spread import evenly_spread
 from stages.scene.gaussians import Gaussians
 
 MOST_VIEWS = 16
-"""Of the training views, evenly spread, on which the scene decoder is tried."""
+"""At most this many training views, evenly spread, probe the scene decoder."""
 
 SMALLEST_VARIANCE = 1e-8
-"""Of features along a direction; along one with less they are all alike."""
+"""Floor of the features' variance along a direction; with less, all features count as equal there."""
 
 
 def unread_directions(target: Target, seed: int, knowledge: Knowledge) -> Attacker:
-    """Remove what features hold along so many directions: those along which the decoded cover changes least.
+    """Set features to their mean along as many directions as the severity says, those that affect the cover least.
 
-    The attacker knows the container, its scene decoder included, and where the training cameras stood. Among features
-    that are scaled to be as various along all directions (whitened), these are the eigenvectors of the scene decoder's
-    JᵀJ, in ascending order: leaving them at their mean changes the cover least, to first order and in the squares'
-    mean. (By the decoder's first layer alone, to bring GS-Hider's message to 17.5 dB costs its cover 3.1 dB instead of
-    1.3: fox.) The scene decoder of `homogeneous` reads 8 of its 16 directions, so that the other 8 go without a
-    trace. Only for decoders that follow features.
+    The attacker knows the container, including its scene decoder, and the training cameras. The directions are
+    eigenvectors of the scene decoder's JᵀJ over whitened features, in ascending order of their eigenvalues: to first
+    order, this changes the cover least in the mean square. (With directions from the decoder's first layer alone,
+    bringing GS-Hider's message to 17.5 dB costs its cover 3.1 dB instead of 1.3, on the fox.) The scene decoder of
+    `homogeneous` reads 8 of its 16 directions, so the other 8 can be removed without a trace. The decoder must be a
+    `FollowsFeatures`.
     """
     centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
     mean = centred.mean(dim=0)
@@ -49,9 +49,9 @@ def unread_directions(target: Target, seed: int, knowledge: Knowledge) -> Attack
 
 
 def heeded(target: Target, seed: int, knowledge: Knowledge) -> Float64[Tensor, "M M"]:
-    """JᵀJ of the scene decoder, summed over pixels and views: how much the cover changes along directions of features.
+    """JᵀJ of the scene decoder, summed over pixels and views: how much the cover changes along feature directions.
 
-    Estimated as by Hutchinson, by gradients of the cover's sum with a random sign for each colour of each pixel.
+    A Hutchinson estimate: from gradients of the cover's sum with a random sign for each colour of each pixel.
     """
     generator = torch.Generator().manual_seed(seed)
     cameras = knowledge.views.cameras
@@ -65,7 +65,7 @@ def heeded(target: Target, seed: int, knowledge: Knowledge) -> Float64[Tensor, "
 
 
 def _gradient(target: Target, camera: Camera, generator: torch.Generator) -> Float64[Tensor, "P M"]:
-    """Of the signed sum, by the feature map, at each pixel."""
+    """The gradient of the cover's randomly signed sum with respect to the feature map."""
     raw = target.gaussians[FEATURES].detach().requires_grad_()
     rendering = target.method.render(Gaussians(target.gaussians.parameters | {FEATURES: raw}), camera, wanted=(COVER,))
     picture = rendering.pictures[COVER]

@@ -1,7 +1,7 @@
-"""Pruning of Gaussians that weigh much in what is blended and little in what the cover shows.
+"""Pruning of Gaussians with large blending weights but little influence on the decoded cover.
 
-GSPure (AAAI 2026) clusters Gaussians by their weights in views and prunes what serves the message. Only that idea is
-known here, not its code: weights, influences, clusters and their order are as written below.
+GSPure (AAAI 2026) clusters Gaussians by their weights in views and prunes those that serve the message. We know only
+this idea, not its code: weights, influences, clusters and the pruning order are defined below.
 """
 
 from __future__ import annotations
@@ -22,16 +22,18 @@ from stages.scene.gaussians import Gaussians
 
 CLUSTERS = 128
 MOST_VIEWS = 64
-"""Of the training views, evenly spread, that weights and influences are summed over."""
+"""Weights and influences are summed over at most this many training views, evenly spread."""
 
 SMALLEST = 1e-6
-"""Of a pixel: weights and influences under it are all alike."""
+"""Floor of weights and influences, in pixels; smaller ones count as equal."""
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Of each Gaussian, over views: `weight` is what it has in the blended pictures, Σ T α over all pixels; `influence`
-    how much the decoded cover would change without it, to first order: the root of the sum of squares over all pixels.
+    """Two values of each Gaussian, over the pixels of all views.
+
+    `weight` is its blending weight, Σ T α. `influence` is how much the decoded cover would change without it: to first
+    order, the root of the sum of squared changes.
     """
 
     weight: Float[Tensor, " N"]
@@ -39,33 +41,34 @@ class Weights:
 
 
 def view_weight_pruning(target: Target, seed: int, knowledge: Knowledge) -> Attacker:
-    """Prune the share of the Gaussians whose going costs the cover least for the weight that goes with them.
+    """Prune this share of the Gaussians, those that cost the cover least for the blending weight they remove.
 
-    The attacker knows the container, its scene decoder included, and where the training cameras stood. Squared errors
-    of what is pruned add up, roughly, and so do weights: with influence² / weight ascending, each step takes most of
-    what is blended for the cover's next bit of error. Gaussians that no view shows go first: neither picture needs
-    them.
+    The attacker knows the container, including its scene decoder, and the training cameras. Squared errors of pruned
+    Gaussians roughly add up, and so do weights: in ascending order of influence² / weight, each step removes the most
+    blending weight for the next bit of error in the cover. Gaussians that no view shows go first, since neither
+    picture needs them.
     """
     weights = view_weights(target, seed, knowledge)
     return _pruned(target, pruning_order(weights, torch.arange(len(target.gaussians))))
 
 
 def view_weight_clustering(target: Target, seed: int, knowledge: Knowledge) -> Attacker:
-    """The same cluster by cluster, as GSPure prunes: k-means on the logarithms of weight and influence.
+    """Prune like `view_weight_pruning`, but cluster by cluster, as GSPure does.
 
-    What a cluster costs is the sum over its Gaussians. One by one is the stronger attack, by 0.3 dB on the fox; what
-    clusters are for, to even out estimates, is not needed here.
+    The clusters come from k-means on the logarithms of weight and influence; a cluster costs the sum over its
+    Gaussians. Pruning one by one is the stronger attack, by 0.3 dB on the fox: the estimates do not need the averaging
+    that clusters provide.
     """
     weights = view_weights(target, seed, knowledge)
     return _pruned(target, pruning_order(weights, clusters(weights, seed)))
 
 
 def view_weights(target: Target, seed: int, knowledge: Knowledge) -> Weights:
-    """By two backward passes a view.
+    """The weights and influences of all Gaussians, from two backward passes for each view.
 
-    The weights are the gradient of the sum of a blended constant. The influence of opacity α_i is estimated as by
-    Hutchinson: with a random sign z for each colour of each pixel, the square of α_i ∂(z · cover)/∂α_i is on average
-    the sum of squares over pixels.
+    The weights are the gradient of the sum of a blended constant. The influence of opacity α_i is a Hutchinson
+    estimate: with a random sign z for each colour of each pixel, the expected square of α_i ∂(z · cover)/∂α_i is the
+    sum of squares over pixels.
     """
     generator = torch.Generator().manual_seed(seed)
     cameras = knowledge.views.cameras
@@ -78,8 +81,8 @@ def view_weights(target: Target, seed: int, knowledge: Knowledge) -> Weights:
 
 
 def pruning_order(weights: Weights, labels: Int[Tensor, " N"]) -> Int[Tensor, " N"]:
-    """The rows of all Gaussians in the order in which they are pruned: clusters by what they cost, the Gaussians of
-    each by what they do."""
+    """The rows of all Gaussians in pruning order: first unseen ones, then clusters (`labels`), and the Gaussians within
+    each cluster, by ascending influence² / weight."""
     count = int(labels.max()) + 1 if len(labels) else 0
     costs = torch.stack([weights.influence.square(), weights.weight]).double()
     totals = torch.zeros(2, count, dtype=costs.dtype).index_add(1, labels, costs)
@@ -90,7 +93,7 @@ def pruning_order(weights: Weights, labels: Int[Tensor, " N"]) -> Int[Tensor, " 
 
 
 def clusters(weights: Weights, seed: int) -> Int[Tensor, " N"]:
-    """A label for each Gaussian, at most `CLUSTERS` of them; empty clusters are no harm, nor are fewer than two."""
+    """A cluster label from 0 to `CLUSTERS` - 1 for each Gaussian; clusters may be empty, and N may be 0 or 1."""
     values = torch.stack([weights.weight, weights.influence], dim=1).clamp_min(SMALLEST).log().double()
     if len(values) < 2:
         return torch.zeros(len(values), dtype=torch.long)
@@ -116,5 +119,5 @@ def _squared_influence(target: Target, camera: Camera, generator: torch.Generato
     picture = target.method.render(gaussians, camera, wanted=(COVER,)).pictures[COVER]
     signs = torch.randint(0, 2, picture.shape, generator=generator) * 2.0 - 1
     (gradient,) = torch.autograd.grad((signs * picture).sum(), logits)
-    # By the logit x the derivative is α (1 - α) times that by α.
+    # With respect to the logit, the derivative is α (1 - α) times the one with respect to α.
     return (gradient / (1 - logits.detach().sigmoid()).clamp_min(SMALLEST)).square()

@@ -1,4 +1,4 @@
-"""The batch's page as the template takes it, the page as HTML, and the same figures as CSV."""
+"""The batch's page as data for the template and as HTML, and the same figures as CSV."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ PUBLIC_SUBJECTS = {COVER: "Test views", REFERENCE: "3DGS alone", SCENE: "Scene"}
 
 @dataclass(frozen=True)
 class Line:
-    """A row of the table: what it is called, its figures as written, and where it failed why."""
+    """A row of the table: its names, its formatted figures, and the cause if it failed."""
 
     names: tuple[str, ...]
     cells: tuple[str, ...]
@@ -49,7 +49,7 @@ class Line:
 
 @dataclass(frozen=True)
 class BatchPage:
-    """`groups` are the headings above the columns, each with how many it spans; `means` is None for a single line."""
+    """The page's data. `groups` are headings, each with the number of columns it spans; `means` may be None."""
 
     title: str
     summary: str
@@ -64,13 +64,13 @@ class BatchPage:
 
     @property
     def starts(self) -> tuple[int, ...]:
-        """The columns with which a group begins."""
+        """The first column of each group."""
         spans = [span for _, span in self.groups]
         return tuple(sum(spans[:index]) for index in range(len(spans)))
 
 
 def owner_page(results: Sequence[Result], workflow: str) -> BatchPage:
-    """Everything, in the order of the batch."""
+    """The page with all results, failed ones included, in the order of the batch."""
     made = [result for result in results if result.made]
     failed = len(results) - len(made)
     told = f"{len(made)} of {len(results)} made" + (f", {failed} failed" if failed else "")
@@ -86,7 +86,7 @@ def owner_page(results: Sequence[Result], workflow: str) -> BatchPage:
 
 
 def public_page(results: Sequence[Result], columns: Sequence[str]) -> BatchPage:
-    """The scenes that were made, in words that fit any splatted scenes; `columns` hold their names."""
+    """The successful scenes, in words that fit any splatted scenes; their names come from the public `columns`."""
     made = [
         Result({"Scene": _scene_name(result, columns, number)}, result.figures, math.nan)
         for number, result in enumerate((result for result in results if result.made), start=1)
@@ -101,12 +101,12 @@ def public_page(results: Sequence[Result], columns: Sequence[str]) -> BatchPage:
 
 
 def write_page(page: BatchPage) -> str:
-    """The page as HTML, complete in itself: no script, and nothing that is fetched from anywhere."""
+    """The page as self-contained HTML: it has no script and fetches nothing."""
     return fill("batch.html", page, TEMPLATES)
 
 
 def write_table(results: Sequence[Result], wanted: Sequence[Figure], names: Sequence[str]) -> str:
-    """The figures for other programs: a header, and a line for each result with all its digits."""
+    """The figures as CSV: a header, and a line for each result, with six significant digits; empty if not measured."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*names, *(f"{figure.subject}_{figure.column.quantity}" for figure in wanted), "seconds", "failed"])
@@ -166,7 +166,7 @@ def _line(
 
 
 def _placed(scenes: Sequence[Placed]) -> str:
-    """How many photos of each scene, by the name of its stage in the workflow."""
+    """The number of placed photos of each scene, by the name of its stage in the workflow."""
     counts = {scene.stage.partition("[")[0]: f"{scene.registered} of {scene.total}" for scene in scenes}
     return ", ".join(f"{stage} {count}" for stage, count in counts.items()) or MISSING
 
@@ -176,7 +176,7 @@ def _time(seconds: float) -> str:
 
 
 def _tile(name: str, made: Sequence[Result], wanted: Sequence[Figure], figure: Figure) -> list[Tile]:
-    """The mean of a figure with its range; nothing where it was not measured."""
+    """A tile with the mean of a figure and its range; none if it was not measured."""
     index = list(wanted).index(figure)
     values = [result.figures[index] for result in made if not math.isnan(result.figures[index])]
     if not values:
@@ -187,6 +187,6 @@ def _tile(name: str, made: Sequence[Result], wanted: Sequence[Figure], figure: F
 
 
 def _scene_name(result: Result, columns: Sequence[str], number: int) -> str:
-    """The last parts of the paths in the public columns; a number where there are none."""
+    """The last components of the paths in the public columns, or `number` if there are none."""
     parts = [Path(result.values[column]).name for column in columns if result.values.get(column)]
     return " · ".join(part for part in parts if part) or str(number)

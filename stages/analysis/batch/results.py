@@ -18,7 +18,7 @@ PICTURE_COLUMNS = tuple(Column(quantity, "test") for quantity in PICTURE_QUANTIT
 
 @dataclass(frozen=True)
 class Figure:
-    """A column of the table: whose figures these are, and which."""
+    """A column of the batch's table: the subject of its figures, and the quantity with its split."""
 
     subject: str
     column: Column
@@ -37,10 +37,10 @@ PUBLIC_FIGURES = tuple(figure for figure in OWNER_FIGURES if figure.subject != M
 
 @dataclass(frozen=True)
 class Result:
-    """One item: what it is called by column, and its figures, NaN where not measured; or why it failed.
+    """The result of one item: its `values` by column, and its figures, NaN if not measured; or the cause of failure.
 
-    `seconds` is how long all stages behind it worked, what it shares with others included; `placed` of which scenes
-    among these it is known how many photos are in them.
+    `seconds` is the total time of all stages behind it, including those shared with other items. `placed` are the
+    scenes behind it whose numbers of placed photos are known.
     """
 
     values: Mapping[str, str]
@@ -51,13 +51,14 @@ class Result:
 
     @property
     def made(self) -> bool:
+        """Whether the item succeeded."""
         return self.cause is None
 
 
 def read_result(
     item: Item, wanted: Sequence[Figure], lineage: Mapping[str, LineageRecord], placed: Sequence[Placed] = ()
 ) -> Result:
-    """The result of an item, its figures in the order of `wanted`, and those of the scenes that it comes from."""
+    """The result of an item, with figures in the order of `wanted`, and those of the `placed` scenes behind it."""
     values = {name: "" if value is None else str(value) for name, value in item.values.items()}
     if item.artifact is None:
         return Result(values, (math.nan,) * len(wanted), math.nan, item.cause or "not made")
@@ -72,17 +73,17 @@ def read_result(
 
 
 def measured(results: Sequence[Result], wanted: Sequence[Figure]) -> list[int]:
-    """Positions of the figures that some result has."""
+    """Positions of the figures that at least one result has."""
     return [index for index in range(len(wanted)) if any(not math.isnan(result.figures[index]) for result in results)]
 
 
 def mean_figure(results: Sequence[Result], index: int) -> float:
-    """The mean of one figure over the results that have it; NaN where none has."""
+    """The mean of one figure over the results that have it; NaN if none has."""
     return mean_value([MetricRow("", result.figures[index]) for result in results if result.made])
 
 
 def _by_subject(rows: Sequence[MetricRow]) -> dict[str, list[MetricRow]]:
-    """Rows about the first method that was scored, and about plain 3DGS where that is another."""
+    """Rows of the first scored method by subject, and as REFERENCE those of plain 3DGS if it is another method."""
     first = next((row.method for row in rows), None)
     own = [row for row in rows if row.method == first]
     cover = [row for row in own if row.message is None]
@@ -95,7 +96,7 @@ def _by_subject(rows: Sequence[MetricRow]) -> dict[str, list[MetricRow]]:
 
 
 def _behind(stage: str, lineage: Mapping[str, LineageRecord]) -> list[LineageRecord]:
-    """The record of a stage and of all that it comes from, each once."""
+    """The records of a stage and of all stages behind it, each once."""
     found: dict[str, LineageRecord] = {}
     waiting = [stage]
     while waiting:

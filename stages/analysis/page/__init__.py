@@ -1,1 +1,1 @@
-"""The report's page: what is shown to whom, tables, charts, the graph of stages, pictures."""
+"""The report's page: what the owner and the public see, tables, charts, the graph of stages, pictures."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 WIDTH, HEIGHT = 420, 260
 LEFT, RIGHT, TOP, BOTTOM = 56, 24, 12, 34
 SHORTEST = 8.0
-"""Of a line: one of a single point, or of points that lie on each other, is drawn so long, or nobody would see it."""
+"""A line whose points nearly coincide is drawn this long, to be visible."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Tick:
-    """A mark on an axis: where, in the chart's units, and what is written there."""
+    """A mark on an axis: its position in the chart's units, and its label."""
 
     position: float
     text: str
@@ -30,9 +30,9 @@ class Tick:
 
 @dataclass(frozen=True)
 class Chart:
-    """``lines`` are names with the points of a polyline, as SVG writes them; ``axes`` what is across and upward.
+    """A chart's geometry. ``lines`` are names with the points of an SVG polyline; ``looks`` are their colour numbers.
 
-    ``looks`` are the numbers of the lines' colours.
+    ``axes`` are the labels of the horizontal and the vertical axis.
     """
 
     title: str
@@ -56,11 +56,11 @@ def line_chart(
     from_zero: bool = True,
     axes: tuple[str, str] = ("", ""),
 ) -> Chart | None:
-    """The chart of all series over common axes; ``logarithmic`` upwards, for positive values only. None if empty.
+    """The chart of all series over common axes, or None if no series has a drawable point.
 
-    A series without points has no line, but its colour, so that the others look as in charts in which it has one.
-    ``from_zero``: the axis across begins there, as iterations do; otherwise at the smallest value. ``axes`` say what is
-    across and upward.
+    If ``logarithmic``, the vertical axis is, and only positive values are drawn. ``from_zero`` starts the horizontal
+    axis at 0, as for iterations, otherwise just below the smallest value. A series without points keeps its colour
+    number, so that colours agree between charts.
     """
     usable = [
         Series(each.name, tuple(point for point in each.points if _drawable(point, logarithmic))) for each in series
@@ -96,14 +96,14 @@ def _drawable(point: tuple[float, float], logarithmic: bool) -> bool:
 
 
 def _padded(low: float, high: float) -> tuple[float, float]:
-    """A little to either side; of numbers that what is written at an axis could not tell apart, a half."""
+    """The range with a margin of 5 % at either end, or of 0.5 if tick labels could not distinguish its ends."""
     told_apart = high - low > 1e-4 * max(abs(low), abs(high))
     margin = 0.05 * (high - low) if told_apart else 0.5
     return low - margin, high + margin
 
 
 def _round_ticks(low: float, high: float) -> list[float]:
-    """Multiples of 1, 2 or 5 times a power of ten: four to nine of them."""
+    """Multiples of a step that is 1, 2 or 5 times a power of ten: two to seven of them."""
     rough = (high - low) / 5 or 1
     power = 10.0 ** math.floor(math.log10(rough))
     step = next(step for step in (power, 2 * power, 5 * power, 10 * power) if step >= 0.8 * rough)
@@ -112,7 +112,7 @@ def _round_ticks(low: float, high: float) -> list[float]:
 
 
 def _decade_ticks(low: float, high: float) -> list[float]:
-    """Powers of ten between the two exponents, with 2 and 5 times them where there is room; else round numbers."""
+    """Powers of ten between two exponents, with their multiples by 2 and 5 in a short range; else round numbers."""
     steps = (1, 2, 5) if high - low < 2 else (1,)
     decades = range(math.floor(low), math.ceil(high) + 1)
     marks = [step * 10.0**decade for decade in decades for step in steps]

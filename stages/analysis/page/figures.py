@@ -1,4 +1,4 @@
-"""What the figures are called, what they mean, and how they are written for people."""
+"""Names, definitions and formatting of the figures on a page."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def label(quantity: str) -> str:
 
 
 def write_figure(quantity: str, value: float) -> str:
-    """A value with the digits that mean something: decibels to 0.01, shares to 0.001, sizes in MB, times in ms.
+    """A value with its meaningful digits: decibels to 0.01, sizes in MB, times in ms, other figures to 0.001.
 
     >>> write_figure("psnr", 27.1249), write_figure("container_bytes", 2_345_678), write_figure("ssim", math.nan)
     ('27.12', '2.35', '–')
@@ -80,11 +80,11 @@ def write_figure(quantity: str, value: float) -> str:
         return f"{value * 1e3:.1f}"
     if quantity == "gaussians":
         return f"{round(value):,}"
-    return f"{value:z.2f}" if unit == "dB" else f"{value:z.3f}"  # z: what is rounded to nothing has no sign
+    return f"{value:z.2f}" if unit == "dB" else f"{value:z.3f}"  # z: no minus sign on a rounded zero
 
 
 def write_seconds(seconds: float) -> str:
-    """A duration as people say it.
+    """A duration in seconds, minutes and seconds, or hours and minutes.
 
     >>> write_seconds(0.031), write_seconds(12.34), write_seconds(3725)
     ('0.03 s', '12.3 s', '1 h 2 min')

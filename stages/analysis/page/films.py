@@ -1,4 +1,4 @@
-"""Videos as the page plays them: inside the page, and in step without a script, since they are one video."""
+"""Videos embedded in the page; several panels play in step without a script, since they are one video."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ class Film:
 
     @property
     def columns(self) -> int:
+        """How many panels stand in a row."""
         return self.video.columns
 
     @property
     def data_uri(self) -> str:
-        """The video inside a URI."""
+        """The video as a data URI."""
         return f"data:video/webm;base64,{base64.b64encode(self.video.webm).decode()}"
 
 
 def owner_films(videos: Sequence[Video]) -> tuple[Film, ...]:
-    """What each method shows side by side, or by itself where that is all; with the method's name where several are."""
+    """Each method's side-by-side video, or its single videos if it has none; captions name methods if several do."""
     together = {video.method for video in videos if video.role == "side_by_side"}
     chosen = [video for video in videos if video.role == "side_by_side" or video.method not in together]
     several = len({video.method for video in chosen}) > 1
@@ -38,5 +39,5 @@ def owner_films(videos: Sequence[Video]) -> tuple[Film, ...]:
 
 
 def public_films(videos: Sequence[Video]) -> tuple[Film, ...]:
-    """Each scene under its method's name, since what a video's panels are called says that there are others."""
+    """Each scene, captioned with its method's name, since the panels' titles would reveal that there are others."""
     return tuple(Film(video, (video.method,)) for video in videos)

@@ -1,4 +1,4 @@
-"""Whose the container is that was found, and what was done to it."""
+"""Figures of a found container: whose it is, and what was done to it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stages.analysis.verdicts import IS_YOURS, MAY_BE_YOURS
 
 @dataclass(frozen=True)
 class Found:
-    """What the stage `recover` measured of a container; it may be the owner's where it is not surely his."""
+    """What the stage `recover` measured of a found container; without `is_yours` it may still be the owner's."""
 
     is_yours: bool
     mirrored: float
@@ -31,7 +31,7 @@ MEASURED = tuple(Found.__dataclass_fields__)[1:]
 
 
 def read_found(figures: Iterable[Artifact]) -> tuple[Found, ...]:
-    """Of each artifact of figures; raises `UserError` for those of another stage."""
+    """One `Found` for each artifact of figures. Raises `UserError` for figures of another stage than `recover`."""
     return tuple(map(_read, figures))
 
 

@@ -1,4 +1,4 @@
-"""Pictures side by side with the truth, small enough to live inside the page."""
+"""Pictures side by side with the truth, small enough to be embedded in the page."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class Shown:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the picture as the page has it, at most `LONGEST_SIDE` long."""
+        """Width and height of the picture on the page, where its long side is at most `LONGEST_SIDE`."""
         height, width = self.picture.shape[:2]
         factor = min(1.0, LONGEST_SIDE / max(height, width))
         return max(1, round(width * factor)), max(1, round(height * factor))
 
     def data_uri(self, lossless: bool) -> str:
-        """The picture as a PNG or a JPEG inside a URI."""
+        """The picture as a data URI, a PNG if `lossless` and otherwise a JPEG."""
         shrunk = resize_picture(self.picture, *self.size)
         kind, data = ("png", encode_png(shrunk)) if lossless else ("jpeg", encode_jpeg(shrunk, JPEG_QUALITY))
         return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
@@ -55,7 +55,7 @@ class View:
 
     @property
     def columns(self) -> int:
-        """How many pictures stand side by side where there is room."""
+        """How many pictures stand side by side if there is room."""
         return len(self.pictures) if len(self.pictures) <= WIDEST_COMPARISON else THUMBNAILS
 
 
@@ -68,7 +68,7 @@ class Gallery:
 
     @property
     def without_names(self) -> Gallery:
-        """The views by numbers: a photo's name may be of a person or a place, and is nobody's business."""
+        """The gallery with numbers in place of the photos' names, which may name a person or a place."""
         numbered = (replace(view, name=view.name and f"View {n}") for n, view in enumerate(self.views, start=1))
         return replace(self, views=tuple(numbered))
 
@@ -79,7 +79,7 @@ class Gallery:
 
     @property
     def tall(self) -> bool:
-        """Whether pictures are higher than wide, so that they must not fill the page's width."""
+        """Whether a picture is taller than wide, so that pictures must not fill the page's width."""
         return any(shown.picture.shape[0] > shown.picture.shape[1] for view in self.views for shown in view.pictures)
 
 
@@ -89,7 +89,7 @@ def is_lossless(galleries: Sequence[Gallery]) -> bool:
 
 
 def are_shrunk(galleries: Sequence[Gallery]) -> bool:
-    """Whether some picture is larger than the page has it."""
+    """Whether some picture is larger than it is shown on the page."""
     return any(max(shown.picture.shape) > LONGEST_SIDE for shown in all_shown(galleries))
 
 
@@ -99,9 +99,9 @@ def all_shown(galleries: Sequence[Gallery]) -> list[Shown]:
 
 
 def cover_gallery(covers: Sequence[Comparison], count: int, title: str, residual: bool) -> Gallery | None:
-    """Truth, then what each method rendered, then on request the first one's residual; None without any.
+    """For each view the truth, each method's render and, if `residual`, the first method's residual.
 
-    Where there is no truth for any, what the first rendered.
+    None without covers. If none of them has a truth, the gallery shows only the first method's renders.
     """
     if not covers:
         return None
@@ -120,7 +120,7 @@ def cover_gallery(covers: Sequence[Comparison], count: int, title: str, residual
 
 
 def message_gallery(message: Comparison, count: int, title: str) -> Gallery:
-    """Truth and what was recovered; that alone where there is no truth."""
+    """For each view the truth and the recovered message; only the latter if there is no truth."""
     if not message.has_truth:
         return picture_gallery(message, count, title)
     return Gallery(
@@ -137,13 +137,13 @@ def message_gallery(message: Comparison, count: int, title: str) -> Gallery:
 
 
 def picture_gallery(pictures: Comparison, count: int, title: str) -> Gallery:
-    """Pictures that have no truth, such as feature maps and what a stranger's container shows."""
+    """Pictures without a truth, such as feature maps and what a stranger's container shows."""
     shown = (Shown(name, _picture(pictures.rendered, pictures, name)) for name, _ in chosen_views(pictures, count))
     return Gallery(title, (View("", "", tuple(shown)),))
 
 
 def chosen_views(comparison: Comparison, count: int) -> list[tuple[str, str]]:
-    """At most ``count`` views with their splits, spread evenly: test views, and training views for what is left."""
+    """At most ``count`` evenly spread views with their splits: test views first, then training views for the rest."""
     pairs = list(zip(comparison.names, comparison.splits, strict=True))
     test = [pair for pair in pairs if pair[1] == "test"]
     others = [pair for pair in pairs if pair[1] != "test"]

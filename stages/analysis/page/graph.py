@@ -1,7 +1,7 @@
-"""The graph of stages as geometry: columns from left to right; the template draws boxes and curves.
+"""The graph of stages as geometry, in columns from left to right; the template draws its boxes and curves.
 
-What a stage makes may be taken many columns further right. It travels there in a lane: a slot of its own in every
-column between, shared by all who take it, so that no curve runs behind a box.
+A stage's output may be used many columns further right. It is carried there in a lane, a slot of its own in every
+column between, which all users share, so that no curve runs behind a box.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ BOX_HEIGHT, LANE_HEIGHT, GAP_ACROSS, GAP_DOWN, MARGIN = 44, 4, 44, 14, 4
 CHARACTER, LONGEST_NAME = 7.4, 26
 
 Slot = tuple[str, int]
-"""A stage's name and a column: its box where the column is its own, its lane in the columns after."""
+"""A stage's name and a column: the stage's box in its own column, its lane in later ones."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """One stage: the corner nearest the origin, its name as it fits and in full, and what it is and took."""
+    """One stage: its box's top left corner, its name (shortened, and in full), and its kind with the time it took."""
 
     x: float
     y: float
@@ -33,7 +33,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Graph:
-    """``curves`` are SVG paths."""
+    """The drawing; ``curves`` are SVG paths."""
 
     width: float
     height: float
@@ -44,7 +44,7 @@ class Graph:
 
 
 def draw_graph(lineage: Sequence[LineageRecord]) -> Graph | None:
-    """Every stage one column right of the last stage that it takes from; None for an empty lineage."""
+    """The drawing of a lineage, with every stage one column right of its rightmost input; None if it is empty."""
     if not lineage:
         return None
     depth = _depths(lineage)
@@ -87,7 +87,7 @@ def _depths(lineage: Sequence[LineageRecord]) -> dict[str, int]:
 
 
 def _links(lineage: Sequence[LineageRecord], depth: Mapping[str, int]) -> Iterator[tuple[Slot, Slot]]:
-    """From slot to slot of the next column, along each lane and off it; some come more than once."""
+    """Links from a slot to one in the next column, along each lane and to its users; some occur more than once."""
     for record in lineage:
         for name in record.inputs:
             if name in depth:
@@ -96,7 +96,7 @@ def _links(lineage: Sequence[LineageRecord], depth: Mapping[str, int]) -> Iterat
 
 
 def _columns(lineage: Sequence[LineageRecord], depth: Mapping[str, int]) -> list[list[Slot]]:
-    """Boxes and lanes by column, each near to what it continues, so that few curves cross."""
+    """Boxes and lanes by column, each placed near its predecessors, so that few curves cross."""
     before: dict[Slot, list[Slot]] = {(record.name, depth[record.name]): [] for record in lineage}
     for start, end in _links(lineage, depth):
         before.setdefault(end, []).append(start)
@@ -131,7 +131,7 @@ def _middles(column: Sequence[Slot], depth: Mapping[str, int]) -> Iterator[tuple
 
 
 def _curve(x0: float, y0: float, x1: float, y1: float, onward: float) -> str:
-    """From the right of one column to the left of the next, and across it by ``onward`` where a lane goes on."""
+    """An SVG path from the right side of one column to the left of the next, continued by ``onward`` along a lane."""
     middle = (x0 + x1) / 2
     path = f"M{x0:.1f},{y0:.1f} C{middle:.1f},{y0:.1f} {middle:.1f},{y1:.1f} {x1:.1f},{y1:.1f}"
     return f"{path} h{onward:.1f}" if onward else path

@@ -1,4 +1,4 @@
-"""Pages as HTML: a template of its own for each kind of page, in the frame that all have in common."""
+"""Pages as HTML: each kind of page has its own template, within a common frame."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from jinja2 import DictLoader, Environment, StrictUndefined
 
 
 def templates_beside(module: str) -> Mapping[str, str]:
-    """The templates of the module at this path, by file name.
+    """The templates in the folder `templates` beside the module at this path, by file name.
 
-    To be read when the module is loaded: a page that is written hours later is by the same templates, whatever was
-    edited since.
+    Modules call this when loaded, so that a page written hours later uses the same templates, even if edited since.
     """
     folder = Path(module).parent / "templates"
     return {file.name: file.read_text(encoding="utf-8") for file in sorted(folder.iterdir()) if file.is_file()}
@@ -24,9 +23,9 @@ TEMPLATES = templates_beside(__file__)
 
 
 def fill(template: str, page: object, own: Mapping[str, str] = MappingProxyType({})) -> str:
-    """The page as HTML, complete in itself: no script, and nothing that is fetched from anywhere.
+    """The page as self-contained HTML, which has no script and fetches nothing.
 
-    The template is looked for in `own`, then among those that all pages share. Texts of `page` never become markup.
+    The template is looked up in `own`, then among the shared ones. All texts of `page` are escaped.
     """
     environment = Environment(
         loader=DictLoader({**TEMPLATES, **own}),

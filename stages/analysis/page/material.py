@@ -1,8 +1,8 @@
-"""What a page may be made of: everything for the owner, public parts alone for everybody else.
+"""Material of a page: everything for the owner, only public parts for everybody else.
 
 The public page is made from public material only, so that no later step has to remember what to leave out. Three
-sieves stand in a row: whole artifacts by their privacy, rows and pictures by what they are about, and stages by what
-they lead to. Even a method's name is replaced, since some methods say what they are for.
+filters apply in turn: to whole artifacts by their privacy, to rows and pictures by their subject, and to stages by what
+they lead to. Even the methods' names are replaced, since some of them reveal their purpose.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ METHOD_TITLES = {  # the paper's, in its order, and ours
 }
 
 Inputs = Mapping[str, Sequence[Artifact]]
-"""Artifacts by the names `scores`, `curves`, `timings`, `pictures`, `videos`, `public_` before some of them, and
-`figures` of `recover`."""
+"""Artifacts by input name: `scores`, `curves`, `timings`, `pictures`, `videos`, `public_scores`, `public_pictures`,
+`public_videos`, and `figures` of `recover`."""
 
 
 @dataclass(frozen=True)
 class Material:
-    """Input of a page. Methods are named as they are shown; the first that occurs is the one the page is about."""
+    """Input of a page. Methods have the names they are shown by; the first one scored is the page's subject."""
 
     scores: tuple[MetricRow, ...]
     curves: tuple[MetricRow, ...]
@@ -66,7 +66,7 @@ class Material:
 
 
 def owner_material(inputs: Inputs, lineage: Sequence[LineageRecord], scenes: Sequence[Item] = ()) -> Material:
-    """All that the stage was given, once; `scenes` are those of which it is told how many photos were placed."""
+    """All inputs of the stage, without duplicates; `scenes` are those whose numbers of placed photos are shown."""
     material = replace(_gathered(inputs, lineage), placed=read_placed(scenes), found=read_found(inputs["figures"]))
     return _named(material, lambda methods: {name: METHOD_TITLES.get(name, name) for name in methods})
 
@@ -89,13 +89,13 @@ def public_material(inputs: Inputs, lineage: Sequence[LineageRecord], scenes: Se
 
 
 def public_lineage(lineage: Sequence[LineageRecord]) -> tuple[LineageRecord, ...]:
-    """The stages that lead to something public through public stages alone, with public facts.
+    """The stages that lead to something public through public stages alone, with public facts only.
 
-    A stage that makes anything private is left out, and so is a public one that served such stages only: the photos
-    of what was made private later are as telling as the stage that did it. What a stage was told about something that
-    it took from one left out, its parameters, is left out as well. So are names, which may tell what they serve
-    ("cover"), with the columns of rows, and the modules that had changed where a result was accepted: any may tell of a
-    message.
+    A stage with any private output is left out, and so is a public one that only such stages use: the photos of
+    something that later becomes private reveal as much as the stage that makes it so. Also left out, as any of it may
+    reveal a message: the parameters of a stage that takes input from an omitted one; the stages' own names, which may
+    say what they serve ("cover"), with the columns of rows; and the modules that had changed when a result was
+    accepted.
     """
     kept = public_stages(lineage)
     names = _names_to_the_public([record for record in lineage if record.name in kept])
@@ -122,7 +122,7 @@ def public_stages(lineage: Sequence[LineageRecord]) -> frozenset[str]:
 
 
 def _names_to_the_public(records: Sequence[LineageRecord]) -> dict[str, str]:
-    """What stages are called to the public, by their names: as their kind, with a number from the second on."""
+    """Public names of stages by their own names: their kind, with a number from the second of a kind on."""
     count = Counter[str]()
     found = {}
     for record in records:
@@ -179,7 +179,7 @@ def _named(material: Material, titles_of: Callable[[Iterable[str]], Mapping[str,
 
 
 def neutral_titles(methods: Iterable[str]) -> dict[str, str]:
-    """For each method a title that does not say what it is for."""
+    """A title for each method that does not reveal the method's purpose."""
     titles = {PLAIN: METHOD_TITLES[PLAIN]}
     for name in methods:
         if name not in titles:
@@ -188,5 +188,5 @@ def neutral_titles(methods: Iterable[str]) -> dict[str, str]:
 
 
 def is_public(row: MetricRow) -> bool:
-    """Whether anyone can measure this who has the published splats and the photos."""
+    """Whether anyone with the published splats and the photos can measure this."""
     return row.message is None and row.quantity in PUBLIC_QUANTITIES

@@ -1,4 +1,4 @@
-"""The page as the template takes it, and the page as HTML."""
+"""The report's page as data for the template, and as HTML."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from stages.imaging.metric_table import MetricRow
 
 @dataclass(frozen=True)
 class StageFacts:
-    """What is said about a stage under the graph; texts are ready to show."""
+    """The details of a stage under the graph, as texts ready to show."""
 
     name: str
     uses: str
@@ -51,7 +51,7 @@ class StageFacts:
 
 @dataclass(frozen=True)
 class Page:
-    """Everything on the page; what is empty or None is left out."""
+    """Everything on the page; the template omits what is empty or None."""
 
     title: str
     summary: str
@@ -70,7 +70,7 @@ class Page:
 
     @property
     def definitions(self) -> tuple[tuple[str, str], ...]:
-        """What each quantity in the tables means."""
+        """The name and definition of each quantity in the tables."""
         return tuple(dict.fromkeys(each for table in self.tables for each in table.definitions))
 
     @property
@@ -85,7 +85,7 @@ class Page:
 
     @property
     def about_pictures(self) -> str:
-        """What is to be said of them: nothing, unless they are not shown whole."""
+        """A note on the pictures if some are shown at a reduced size; otherwise empty."""
         shrunk = (
             f"Shown at most {LONGEST_SIDE} pixels long. Figures are of whole pictures, which `show --pictures` writes."
         )
@@ -93,7 +93,7 @@ class Page:
 
 
 def owner_page(material: Material, workflow: str, command: str, views: int) -> Page:
-    """All there is, and the ``command`` that made it; ``views`` of each set are shown."""
+    """The page with all material, and the ``command`` that made it; it shows at most ``views`` views of each set."""
 
     def playing(role: Role) -> list[Comparison]:
         return [each for each in material.pictures if each.role == role]
@@ -119,14 +119,16 @@ def owner_page(material: Material, workflow: str, command: str, views: int) -> P
 
 
 def _title(material: Material, title: str, comparison: Comparison) -> str:
-    """The title, with the method where several made such pictures."""
+    """The title, with the method if several methods have pictures of this role."""
     sharing = {each.method for each in material.pictures if each.role == comparison.role}
     return title if len(sharing) == 1 else f"{title} · {comparison.method}"
 
 
 def public_page(material: Material, views: int) -> Page:
-    """The scene alone, in words that fit any splatted scene, without names of photos; where nothing of it was given,
-    that."""
+    """The page about the scene alone, in words that fit any splatted scene, and without names of photos.
+
+    If there is no public material, the summary says so.
+    """
     pictures, films = cover_gallery(material.pictures, views, "Pictures", residual=False), public_films(material.videos)
     gallery = None if pictures is None else pictures.without_names
     tiles = (*scene_tiles(material, "Scene"), *public_placed_tiles(material))
@@ -145,7 +147,7 @@ def public_page(material: Material, views: int) -> Page:
 
 
 def write_page(page: Page) -> str:
-    """The page as HTML, complete in itself: no script, and nothing that is fetched from anywhere."""
+    """The page as self-contained HTML: it has no script and fetches nothing."""
     return fill("report.html", page)
 
 

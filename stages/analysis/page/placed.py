@@ -1,4 +1,4 @@
-"""How many photos of each scene structure from motion placed."""
+"""The number of photos of each scene that structure from motion placed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pipeline.stage import Item
 
 @dataclass(frozen=True)
 class Placed:
-    """`registered` of `total` photos are in the scene that the stage `stage` made."""
+    """The scene made by the stage `stage` contains `registered` of `total` photos."""
 
     stage: str
     registered: int
@@ -18,11 +18,12 @@ class Placed:
 
     @property
     def left_out(self) -> int:
+        """The number of photos that are not in the scene."""
         return self.total - self.registered
 
 
 def read_placed(scenes: Sequence[Item]) -> tuple[Placed, ...]:
-    """The scenes that were made of photos, each once; others do not say how many there were."""
+    """The scenes made from photos, each once; other scenes do not record the numbers and are left out."""
     found = {}
     for item in scenes:
         attributes = item.artifact.attributes if item.artifact else {}
@@ -33,5 +34,5 @@ def read_placed(scenes: Sequence[Item]) -> tuple[Placed, ...]:
 
 
 def public_scenes(scenes: Sequence[Item], stages: Collection[str]) -> list[Item]:
-    """The public ones among scenes that the public `stages` made."""
+    """The public scenes that are made by one of the public `stages`."""
     return [item for item in scenes if item.artifact and not item.artifact.private and item.stage in stages]

@@ -1,4 +1,4 @@
-"""The main figures at the top of the page, and the sentence above them."""
+"""The main figures at the top of the page, with the summary above them and the notices."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ OTHERS_OF_YOURS = (
     "So are those of another container that you made of the same splats, such as one with a grain: if you published "
     "several, look at it beside the files of each."
 )
-"""Beside the wrong one of several the message seems to be destroyed."""
+"""A hint for owners: compared with the wrong one of several containers, the message seems to be destroyed."""
 
 
 @dataclass(frozen=True)
 class Tile:
-    """A main figure: what it is, its value with its unit, and what to hold it against."""
+    """A main figure: its label, its value with the unit, and a note, such as a figure to compare it with."""
 
     label: str
     value: str
@@ -29,7 +29,7 @@ class Tile:
 
 
 def owner_summary(material: Material) -> str:
-    """One sentence with the means over the test views; where nothing was measured, about what is shown."""
+    """A summary with the means over the test views; if nothing was measured, of what is shown."""
     if not material.methods:
         return _shown_summary(material)
     messages = material.messages
@@ -42,7 +42,7 @@ def owner_summary(material: Material) -> str:
 
 
 def _message_psnr(material: Material, message: str) -> str:
-    """On test views; of an image, which one view hides, there."""
+    """The message's mean PSNR on test views; for a hidden image, its PSNR in the view that hides it."""
     there = _image_psnr(material, message)
     if math.isnan(there):
         return _test_psnr(material, message)
@@ -50,14 +50,14 @@ def _message_psnr(material: Material, message: str) -> str:
 
 
 def _image_psnr(material: Material, message: str) -> float:
-    """Of a hidden image at its view; NaN for a scene."""
+    """The PSNR of a hidden image in the view that hides it; NaN for a hidden scene."""
     rows = rows_about(material.scores, material.methods[0], message)
     views = {row.view for row in rows if row.quantity == "hides_image" and row.value > 0}
     return mean_of([row for row in rows if row.view in views], Column("psnr", "train"))
 
 
 def _shown_summary(material: Material) -> str:
-    """Of a container that came without photos to hold it against."""
+    """The summary of a container without photos to compare it with."""
     if not any(each.role == "cover" and not each.has_truth for each in material.pictures):
         return "Nothing was measured."
     messages = [each.title for each in material.pictures if each.role == "message"]
@@ -67,7 +67,7 @@ def _shown_summary(material: Material) -> str:
 
 
 def owner_verdict(found: Found) -> str:
-    """Whose a container is that was found, and what was done to it, in plain words."""
+    """Whose container was found, and what was done to it, in plain words."""
     again, own = f"{100 * found.found_again:.1f} %", f"{100 * found.matched:.1f} %"
     whose = f"This is your container: it has {again} of the Gaussians that you published, which are {own} of its own."
     if not found.is_yours:
@@ -88,7 +88,7 @@ def owner_verdict(found: Found) -> str:
 
 
 def scene_tiles(material: Material, name: str) -> tuple[Tile, ...]:
-    """Fidelity beside the other methods, size and speed of the first method, as far as they were measured."""
+    """The first method's fidelity beside that of the others, its size and its speed, as far as they were measured."""
     if not material.methods:
         return ()
     rows = rows_about(material.scores, material.methods[0])
@@ -104,13 +104,13 @@ def scene_tiles(material: Material, name: str) -> tuple[Tile, ...]:
 
 
 def _size(material: Material) -> str:
-    """Of the cover's pictures; nothing without any."""
+    """The size of the cover's pictures in words; empty if there are none."""
     covers = [each.rendered.shape for each in material.pictures if each.role == "cover"]
     return f"pictures of {covers[0][2]} x {covers[0][1]} pixels" if covers else ""
 
 
 def message_tiles(material: Material) -> tuple[Tile, ...]:
-    """Each message over the pixels that it covers, beside the best constant picture; an image at its view."""
+    """Each message's PSNR over its covered pixels, beside the best single colour; an image's in the view hiding it."""
     tiles: list[Tile] = []
     for message in material.messages:
         tiles += _tile(f"{message}, at its view", "psnr", _image_psnr(material, message), " dB")
@@ -122,12 +122,12 @@ def message_tiles(material: Material) -> tuple[Tile, ...]:
 
 
 def owner_placed_tiles(material: Material) -> tuple[Tile, ...]:
-    """How many photos of each scene were placed, by the name of the stage that made it."""
+    """The number of placed photos of each scene, with the name of the stage that made it."""
     return tuple(_placed_tile(f"{placed.stage}, photos placed", placed) for placed in material.placed)
 
 
 def public_placed_tiles(material: Material) -> tuple[Tile, ...]:
-    """The same without names."""
+    """The number of placed photos of each scene, without names."""
     return tuple(_placed_tile("Photos placed", placed) for placed in material.placed)
 
 
@@ -138,8 +138,10 @@ def _placed_tile(label: str, placed: Placed) -> Tile:
 
 
 def owner_notices(material: Material) -> tuple[str, ...]:
-    """What is amiss and what to do about it: photos that were not read, were left out or crop all others, messages of
-    which no test view is legal.
+    """What is wrong and what to do about it.
+
+    Notices concern photos that could not be placed or read, or that force all others to be cropped, and messages
+    without a legal test view.
     """
     facts = {record.name: record.facts for record in material.lineage}
     return (
@@ -164,7 +166,7 @@ def owner_notices(material: Material) -> tuple[str, ...]:
 
 
 def _hardly_seen(material: Material, message: str) -> bool:
-    """Whether the message was looked for on test views, and none of them is legal."""
+    """Whether the message was scored on test views, none of which is legal."""
     flags = [
         row.value
         for row in rows_about(material.scores, material.methods[0], message)

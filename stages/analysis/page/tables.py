@@ -20,7 +20,7 @@ LEAKAGE_QUANTITIES = {"residual_correlation": "Its own view", "residual_correlat
 
 @dataclass(frozen=True)
 class Column:
-    """The mean of a quantity over the views of a split, or over the legal ones among them."""
+    """The mean of a quantity over a split's views, or its legal ones; `heading` defaults to the quantity's label."""
 
     quantity: str
     split: str | None = None
@@ -56,7 +56,7 @@ FOUND_WORDING = (
 
 
 def message_columns(split: str, views: str) -> tuple[Column, ...]:
-    """Columns about messages on the views of one split, which are called ``views``."""
+    """Columns for messages on the views of one split; ``views`` is the heading above those of whole pictures."""
     return (
         *(Column(quantity, split, views) for quantity in PICTURE_QUANTITIES),
         *(Column(quantity, split, "Covered pixels", heading) for quantity, heading in COVERED_QUANTITIES.items()),
@@ -65,7 +65,7 @@ def message_columns(split: str, views: str) -> tuple[Column, ...]:
 
 @dataclass(frozen=True)
 class Cell:
-    """A figure as written, and whether it is the best of its column."""
+    """A formatted figure, and whether it is marked as the best for its message."""
 
     text: str
     best: bool
@@ -73,7 +73,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """``groups`` are the headings above the columns, each with how many it spans; a line is its name and its cells."""
+    """A table. ``groups`` are headings, each with the number of columns it spans; a line is its name and its cells."""
 
     caption: str
     groups: tuple[tuple[str, int], ...]
@@ -83,7 +83,7 @@ class Table:
 
     @property
     def starts(self) -> tuple[int, ...]:
-        """The columns with which a group begins."""
+        """The first column of each group."""
         spans = [span for _, span in self.groups]
         return tuple(sum(spans[:index]) for index in range(len(spans)))
 
@@ -96,7 +96,7 @@ class _Line:
 
 
 def tables_of(material: Material) -> tuple[Table, ...]:
-    """Every table that has a figure: a line for each method, and for each message and method."""
+    """All tables with at least one figure; they have a line for each method, or for each message and method."""
     methods, messages = material.methods, material.messages
     cover = [_Line(method, None, rows_about(material.scores, method)) for method in methods]
     hidden = [
@@ -114,7 +114,7 @@ def tables_of(material: Material) -> tuple[Table, ...]:
 
 
 def _found_tables(found: Sequence[Found]) -> tuple[Table, ...]:
-    """A line for each container that was found; none where there is none."""
+    """A table with a line for each found container; no table if there is none."""
     lines = tuple(
         ("Yours" if each.is_yours else "Perhaps yours", tuple(Cell(text, False) for text in _written(each)))
         for each in found
@@ -132,12 +132,12 @@ def _written(found: Found) -> tuple[str, ...]:
 
 
 def rows_about(rows: Sequence[MetricRow], method: str, message: str | None = None) -> tuple[MetricRow, ...]:
-    """The rows of one method about one message, or about the cover."""
+    """The rows of one method about one message, or about the cover if the message is None."""
     return tuple(row for row in rows if row.method == method and row.message == message)
 
 
 def mean_of(rows: Sequence[MetricRow], column: Column) -> float:
-    """The column's figure for rows of one line; NaN where nothing was measured."""
+    """The column's figure for the rows of one line; NaN if nothing was measured."""
     legal = {row.view for row in rows if row.quantity == "legal" and row.value > 0}
     return mean_value([row for row in _in_column(rows, column) if not column.only_legal or row.view in legal])
 
@@ -147,7 +147,7 @@ def _in_column(rows: Sequence[MetricRow], column: Column) -> list[MetricRow]:
 
 
 def _table(caption: str, lines: Sequence[_Line], columns: Sequence[Column]) -> Table | None:
-    """The lines and columns that have a figure."""
+    """The table of the lines and columns that have a figure; None if there are none."""
     lines = [line for line in lines if any(_measured(line, column) for column in columns)]
     columns = [column for column in columns if any(_measured(line, column) for line in lines)]
     if not columns:
@@ -178,7 +178,7 @@ def _cells(column: Column, lines: Sequence[_Line]) -> list[Cell]:
 
 
 def _is_best(column: Column, line: _Line, lines: Sequence[_Line]) -> bool:
-    """Whether no other method's figure for the same message is better, and one is worse, as far as they are written."""
+    """Whether, among the formatted figures for the same message, none is better than this line's and some are worse."""
     better = QUANTITIES[column.quantity].better
     own = mean_of(line.rows, column)
     rivals = [mean_of(each.rows, column) for each in lines if each.message == line.message and _measured(each, column)]

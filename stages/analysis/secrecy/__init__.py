@@ -1,1 +1,1 @@
-"""Who can read the message without the secret: wrong decoders, trained ones, and what lies open in the features."""
+"""Readings of the message without the secret: wrong decoders, surrogates, and what the features reveal openly."""

@@ -1,7 +1,7 @@
-"""Reading without a single picture of the message: Gaussians that the cover hardly shows are rendered by themselves.
+"""Blind reading, without any picture of the message: rendering only Gaussians that hardly belong to the cover.
 
-Where a method says of every Gaussian how much of it is the cover's, whoever knows the method need not look through the
-cover: what stands in front of the messages is left out. Without a seal the messages lie open then, in false colours.
+If a method reveals how much of every Gaussian is the cover's, anyone who knows the method can leave out the cover,
+which would hide the messages behind it. Without a seal, the messages then become visible, in false colours.
 """
 
 from __future__ import annotations
@@ -20,31 +20,32 @@ from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import chosen
 
 HARDLY = 0.1
-"""Of the cover. With 0.25 and 0.5 the fox's message showed less: r = 0.82 and 0.70 instead of 0.84."""
+"""The cover's share below which a Gaussian is kept. 0.25 and 0.5 show less of the fox's message: r = 0.82 and 0.70,
+instead of 0.84."""
 
 THIN = 0.05
-"""Added to how much of a pixel the few Gaussians fill before what is blended of them is divided by it."""
+"""Added to the accumulated opacity of the few Gaussians in a pixel before blended values are divided by it."""
 
 Maps = list[Float[Tensor, "H W C"]]
 
 
 @runtime_checkable
 class TellsShares(Protocol):
-    """A method whose public part says how much of a Gaussian is the cover's."""
+    """A method whose public part reveals how much of a Gaussian is the cover's."""
 
     def cover_shares(self, gaussians: Gaussians) -> Float[Tensor, " N"]:
-        """About 0 to 1 each."""
+        """The cover's share of each Gaussian, about 0 to 1."""
         ...
 
 
 def hardly_shown(gaussians: Gaussians, public: TellsShares) -> Gaussians:
-    """Those of which less than `HARDLY` is the cover's."""
+    """The Gaussians of which the cover's share is less than `HARDLY`."""
     return chosen(gaussians, public.cover_shares(gaussians) < HARDLY)
 
 
 @torch.no_grad()
 def feature_maps_of(gaussians: Gaussians, public: Method, views: Sequence[Observed]) -> Maps:
-    """The feature map of each view, centred and divided by how much of each pixel is filled; 0 where nothing is."""
+    """The feature map of each view, minus half the opacity, divided by the opacity plus `THIN`; 0 in empty pixels."""
     maps = []
     for seen in views:
         rendering = public.render(gaussians, seen.camera, wanted=(COVER,))
@@ -55,7 +56,7 @@ def feature_maps_of(gaussians: Gaussians, public: Method, views: Sequence[Observ
 
 @torch.no_grad()
 def surfaces_of(gaussians: Gaussians, views: Sequence[Observed]) -> Maps:
-    """Of each pixel the blended depth, in world units, its reciprocal, and how much of it is filled: no features."""
+    """Three channels without features for each view: mean depth in world units, mean inverse depth, and opacity."""
     maps = []
     for seen in views:
         towards = seen.camera.world_to_camera[2]

@@ -1,7 +1,7 @@
-"""Reading without a single picture of the message: channels of the feature map that show something else than the cover.
+"""Blind reading, without any picture of the message: what the feature map shows besides the cover.
 
-An attacker who has the container alone knows its scene decoder, and so what of the features is the cover's. What is
-left is looked at as it is, three channels at a time, in false colours. Nothing here has seen a message.
+An attacker with only the container knows its scene decoder, and therefore which part of the features is the cover's.
+The rest is viewed directly, three channels at a time, in false colours. Nothing here has access to a message.
 """
 
 from __future__ import annotations
@@ -31,23 +31,30 @@ from stages.hiding.method import Method
 from stages.scene.gaussians import Gaussians
 
 PROBES = 4
-"""Random directions of the scene decoder's output for each view, to find what it is sensitive to."""
+"""How many random directions of the scene decoder's output estimate its sensitivity in each view."""
 
 SMALLEST_SENSITIVITY = 1e-3
-"""Of the mean over all directions; a direction less sensitive than that is as good as ignored."""
+"""Regularises the sensitivity, as a share of its mean over all directions: less is as good as none."""
 
 Maps = list[Float[Tensor, "H W C"]]
 
 
 def blind_readings(gaussians: Gaussians, public: Method, views: Sequence[Observed], seed: int) -> dict[str, Maps]:
-    """Three channels of every view, by how they were found; `seed` is that of the scene decoder's probes.
+    """Readings of three channels for every view, by method of reading; missing channels are zero.
 
-    CHANNELS: the first three of the feature map; the paper shows three at random. COMPONENTS: its principal components.
-    UNEXPLAINED: those of what is left when the cover's picture, with neighbours, is regressed out. IGNORED, of methods
-    with a scene decoder: directions along which features vary most for how little the scene decoder heeds them. APART,
-    of methods that say how much of a Gaussian is the cover's: the same of those alone that are hardly the cover's;
-    HEEDED: their components by what the scene decoder heeds, which no seal enciphers; SURFACES: how far away these are,
-    and how much of a pixel they fill. Of fewer than three channels the rest are zero.
+    - CHANNELS: the first three of the feature map; the paper shows three at random.
+    - COMPONENTS: its first principal components.
+    - UNEXPLAINED: those of its residual after regression on the cover's picture with 3 x 3 neighbours.
+
+    With a scene decoder, whose random probes `seed` determines:
+
+    - IGNORED: directions with the largest variance of features relative to the scene decoder's sensitivity.
+
+    If the method also reveals how much of a Gaussian is the cover's, from `hardly_shown` Gaussians alone:
+
+    - APART: the same as IGNORED.
+    - HEEDED: principal components weighted by the scene decoder's sensitivity, which no seal encrypts.
+    - SURFACES: their depths and opacity (`surfaces_of`).
     """
     maps = [seen.rendering.feature_map for seen in views]
     readings = {
@@ -68,15 +75,15 @@ def blind_readings(gaussians: Gaussians, public: Method, views: Sequence[Observe
 
 
 def principal_directions(maps: Sequence[Float[Tensor, "H W M"]]) -> Float[Tensor, "M C"]:
-    """Of the most variance first; three, or as many as there are channels."""
+    """The first three principal directions by descending variance, or as many as there are channels."""
     _, directions = torch.linalg.eigh(covariance(maps))
     return directions.flip(1)[:, :SHOWN].float()
 
 
 def sensitivity(public: CoupledFeatures, views: Sequence[Observed], seed: int) -> Float[Tensor, "M M"]:
-    """JᵀJ of the scene decoder, averaged over pixels: how much its picture changes along each direction of features.
+    """JᵀJ of the scene decoder, averaged over pixels: how much its picture changes along each feature direction.
 
-    Estimated by gradients of sums of its output with random signs, of which products between pixels cancel.
+    Estimated from gradients of randomly signed sums of its output; products between pixels cancel on average.
     """
     generator = torch.Generator().manual_seed(seed)
     size = views[0].rendering.feature_map.shape[-1]
@@ -90,7 +97,7 @@ def sensitivity(public: CoupledFeatures, views: Sequence[Observed], seed: int) -
 
 
 def ignored_directions(maps: Sequence[Float[Tensor, "H W M"]], heeded: Float[Tensor, "M M"]) -> Float[Tensor, "M C"]:
-    """Directions of the largest variance over sensitivity first: generalized eigenvectors of the two."""
+    """Up to three directions by descending ratio of variance to sensitivity: generalised eigenvectors of the two."""
     size = len(heeded)
     floor = SMALLEST_SENSITIVITY * heeded.diagonal().mean() * torch.eye(size, dtype=torch.float64)
     values, vectors = torch.linalg.eigh(heeded + floor)
@@ -100,14 +107,14 @@ def ignored_directions(maps: Sequence[Float[Tensor, "H W M"]], heeded: Float[Ten
 
 
 def heeded_directions(maps: Sequence[Float[Tensor, "H W M"]], heeded: Float[Tensor, "M M"]) -> Float[Tensor, "M C"]:
-    """Along which they differ most to the scene decoder, where it is as sensitive everywhere as on average."""
+    """Up to three directions along which features differ most, weighted by the scene decoder's mean sensitivity."""
     values, vectors = torch.linalg.eigh(heeded)
     weighing = (vectors * values.clamp_min(0).sqrt()).float()
     return weighing @ principal_directions([each @ weighing for each in maps])
 
 
 def stretched(maps: Maps) -> Maps:
-    """The middle 98 % of each channel's values over all maps, from 0 to 1; a constant channel is grey."""
+    """Each channel stretched, over all maps together, so that its middle 98 % fill [0, 1]; a constant one is grey."""
     pixels = torch.cat([each.reshape(-1, each.shape[-1]) for each in maps])
     ordered = pixels.sort(dim=0).values
     low, high = ordered[len(ordered) // 100], ordered[-1 - len(ordered) // 100]

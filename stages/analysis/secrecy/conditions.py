@@ -1,4 +1,4 @@
-"""What the measurements of secrecy are told apart by: who reads, and with what."""
+"""Names of the conditions of secrecy measurements: who reads the message, and by what means."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ OWN_START = "the method's start, the right seed"
 COVER_ITSELF = "the cover itself"
 OPEN = "no secret at all: public attributes"
 WRONG = (RANDOM, OTHER_START, OWN_START, COVER_ITSELF)
-"""Readers that know nothing of the message; OWN_START knows what the training drew from, where that was no key."""
+"""Readers that know nothing of the message; OWN_START knows the training's seed, if the training had no key."""
 
 SURROGATE = "surrogate: a decoder trained on views that leaked"
 LINEAR = "surrogate: least squares on views that leaked"
 PAINTED = "surrogate: views that leaked, painted onto Gaussians that the cover hardly shows"
 SURROGATES = (SURROGATE, LINEAR, PAINTED)
 BLIND = "blind: {}"
-"""Severity: the share of the training views that leaked, from 0 to 1. A blind reading has seen none."""
+"""The severity of surrogates is the share of the training views that leaked, from 0 to 1; of blind readings it is 0."""
 
 VIEWS_SEEN, LOSS = "views_seen", "loss"
-"""Quantities: how many views a share comes to, and a surrogate's mean squared error there, over its last steps."""
+"""Quantities: the number of leaked views, and a surrogate's mean squared error on them over its last steps."""
 
 NOTHING_HIDDEN = "{}, nothing hidden"
-"""A blind reading of a container without a message, compared with the message all the same: what chance comes to."""
+"""A blind reading of a container without a message, compared with the message nonetheless: the control for chance."""
 
 SHOWN = 3
-"""Channels that a person can look at at once."""
+"""The number of channels that a person can view at once, as red, green and blue."""
 
 CHANNELS = "first channels"
 COMPONENTS = "principal components"
@@ -35,8 +35,8 @@ APART = "Gaussians that the cover hardly shows, by themselves"
 HEEDED = "those, by what the scene decoder heeds"
 SURFACES = "where those stand"
 ALL = "all channels together"
-"""Of the feature map: three channels, as the paper shows it, and as a blind reader finds more in it than the cover; and
-of what is rendered of some Gaussians alone."""
+"""Readings of the feature map: three channels as in the paper, those by which a blind reader finds more than the cover,
+and those from renders of some Gaussians alone."""
 
 CHANNEL, COMPONENT = "channel {}", "principal component {}"
 LINES = (
@@ -46,4 +46,4 @@ LINES = (
     COMPONENTS,
     ALL,
 )
-"""What is correlated with cover and message, in the order of the table; the last three by multiple correlation."""
+"""Readings correlated with cover and message, in the table's order; the last three by multiple correlation."""

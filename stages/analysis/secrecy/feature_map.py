@@ -1,8 +1,8 @@
-"""What the feature map shows as it is: its channels and principal components beside the cover and the message.
+"""Correlations of the feature map's channels and principal components with the cover and the message.
 
-The paper shows three channels, and finds that they look like the cover and show "no traces" of the message. Eyes are a
-poor judge of that: here every channel has a correlation with both, beside two controls: the message of other views,
-and the channels of a container that hides nothing.
+The paper shows three channels, and finds that they look like the cover and show "no traces" of the message. The eye is
+a poor judge of that, so correlations with both are measured, beside two controls: the message of other views, and the
+channels of a container that hides nothing.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ from stages.imaging.metric_table import mean_of_known
 
 @dataclass(frozen=True)
 class Correlated:
-    """Figures of one view: with the cover, with the message, and with the message of other views; without sign.
+    """Absolute correlations in one view: with the cover, with the message (`own`), and with that of other views.
 
-    `edges_…` are the same of the lengths of gradients; NaN for several channels together. `message` is a number.
+    `edges_…` are those of gradient lengths; NaN for several channels together. `message` is the message's position,
+    `line` one of `LINES`.
     """
 
     line: str
@@ -44,7 +45,7 @@ class Correlated:
 
 
 def feature_map_correlations(views: Sequence[Observed]) -> list[Correlated]:
-    """Every line for every view and message, of luminances. Empty without views."""
+    """Correlations of luminances for every view, message and line that the feature map has; empty without views."""
     maps = [seen.rendering.feature_map for seen in views]
     if not maps:
         return []
@@ -70,7 +71,7 @@ def _shown(feature_map: Float[Tensor, "H W M"]) -> range:
 
 
 def _with_covers(channels: Sequence[Float[Tensor, "H W"]], views: Sequence[Observed]) -> list[tuple[float, float]]:
-    """For each view |correlation| of a channel with the cover, and of its edges with the cover's."""
+    """For each view, |correlation| of a channel with the cover, and of its edges with the cover's edges."""
     found = []
     for channel, seen in zip(channels, views, strict=True):
         pair = channel, luma(seen.cover)

@@ -1,6 +1,6 @@
-"""Least squares between pictures: how much of one a linear map of another explains.
+"""Least squares between pictures: how much of one picture a linear map of another explains.
 
-What is summed over views is summed one view after the other: with neighbours, one of the paper's size takes a gigabyte.
+Sums over views take one view at a time: with its neighbourhoods, a view of the paper's size takes a gigabyte.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 RIDGE = 1e-6
-"""Of the mean square of the regressors: enough for channels that say the same."""
+"""Ridge regularisation, as a share of the regressors' mean square; enough for linearly dependent channels."""
 
 
 def neighbourhoods(channels: Float[Tensor, "H W C"], size: int = 3) -> Float[Tensor, "H W D"]:
-    """Each pixel's `size` x `size` neighbours in all channels, zeros outside, and a constant one: D = C size² + 1."""
+    """Each pixel's `size` x `size` neighbours in all channels, zero-padded, and a constant 1: D = C size² + 1."""
     height, width, count = channels.shape
     patches = torch.nn.functional.unfold(channels.permute(2, 0, 1)[None], size, padding=size // 2)
     gathered = patches[0].T.reshape(height, width, count * size**2)
@@ -28,9 +28,9 @@ def neighbourhoods(channels: Float[Tensor, "H W C"], size: int = 3) -> Float[Ten
 def least_squares(
     regressors: Iterable[Float[Tensor, "*P D"]], targets: Iterable[Float[Tensor, "*P C"]]
 ) -> Float[Tensor, "D C"]:
-    """The linear map from regressors to targets with the least squared error over all of them; sums run in float64.
+    """The linear map from regressors to targets with the least squared error over all pairs; sums are in float64.
 
-    Each is looked at once, in order, so that they can be made as they are asked for. Raises `ValueError` without any.
+    Each iterable is consumed once, in order, so that generators can be passed. Raises `ValueError` if they are empty.
     """
     of_views = [_normal_equations(given, wanted) for given, wanted in zip(regressors, targets, strict=True)]
     if not of_views:
@@ -43,13 +43,13 @@ def least_squares(
 def _normal_equations(
     regressors: Float[Tensor, "*P D"], targets: Float[Tensor, "*P C"]
 ) -> tuple[Float[Tensor, "D D"], Float[Tensor, "D C"]]:
-    """The sums over one view, in float64."""
+    """XᵀX and Xᵀy over one view, in float64."""
     rows = regressors.reshape(-1, regressors.shape[-1]).double()
     return rows.T @ rows, rows.T @ targets.reshape(-1, targets.shape[-1]).double()
 
 
 def covariance(maps: Sequence[Float[Tensor, "*P M"]]) -> Float[Tensor, "M M"]:
-    """Over the pixels of all maps, in float64."""
+    """The covariance matrix of the channels over the pixels of all maps, in float64."""
     size = maps[0].shape[-1]
     pixels = max(sum(each.numel() // size for each in maps), 1)
     mean = torch.stack([each.reshape(-1, size).sum(dim=0, dtype=torch.float64) for each in maps]).sum(dim=0) / pixels
@@ -61,9 +61,9 @@ def covariance(maps: Sequence[Float[Tensor, "*P M"]]) -> Float[Tensor, "M M"]:
 
 
 def multiple_correlations(regressors: Float[Tensor, "*P D"], targets: Float[Tensor, "*P T"]) -> list[float]:
-    """Of each target with its best linear prediction, from 0 to 1; the regressors hold a constant one.
+    """The correlation of each target with its best linear prediction, from 0 to 1.
 
-    NaN for a target that is constant, as where a view shows nothing of a message: there is nothing to predict.
+    The regressors must include a constant 1. NaN for a constant target, as in a view that shows nothing of a message.
     """
     wanted = targets.reshape(-1, targets.shape[-1])
     rest = wanted - regressors.reshape(len(wanted), -1) @ least_squares([regressors], [targets])

@@ -1,4 +1,4 @@
-"""The cheapest surrogate: least squares from what is rendered to the pictures that leaked, solved at once."""
+"""The cheapest surrogate: least squares from feature maps to the pictures that leaked, in closed form."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from stages.analysis.secrecy.observing import Observed
 
 
 def linear_surrogate(seen: Sequence[Observed], views: Sequence[Observed]) -> list[Float[Tensor, "L H W 3"]]:
-    """What the linear map that fits the `seen` views best shows of `views`: from each pixel's 3 x 3 neighbours in all
-    channels of the feature map. How nearly the message lies there in plain sight; nothing of it is random.
+    """The messages in `views`, by the linear map that fits the `seen` views best, without any randomness.
 
-    Raises `ValueError` without any seen view.
+    It maps each pixel's 3 x 3 neighbours in all channels of the feature map, and so shows how openly the features hold
+    the message. Raises `ValueError` if no view was seen.
     """
     targets = (_channels(each.truths) for each in seen)
     weights = least_squares((neighbourhoods(each.rendering.feature_map) for each in seen), targets)

@@ -1,8 +1,8 @@
-"""How much of a message a reading shows: in decibels as it is, and as far as it can be recognised.
+"""How much of a message a reading shows: its PSNR, and measures of how recognisable it is.
 
-A reading in negative, or in false colours, has a PSNR below that of one colour, and anyone can recognise it all the
-same. So beside the decibels stand those with the true colours, and a correlation: of a view's reading with that view's
-message, and, as the control, with the message of the other views.
+A reading in negative or in false colours has a PSNR below that of a single colour, and yet anyone can recognise it. So
+the PSNR is complemented by that after a fit to the true colours, and by the correlation of a view's reading with that
+view's message and, as a control, with the message of the other views.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from stages.imaging.metric_table import mean_of_known
 from stages.imaging.psnr import psnr
 
 LUMA = (0.299, 0.587, 0.114)
-"""Of sRGB values, as in JPEG."""
+"""Weights of sRGB values, as in JPEG."""
 
 Figures = dict[str, float]
 
@@ -31,7 +31,7 @@ def luma(picture: Float[Tensor, "H W 3"]) -> Float[Tensor, "H W"]:
 
 
 def edges(grey: Float[Tensor, "H W"]) -> Float[Tensor, "H W"]:
-    """The length of the gradient, by central differences within."""
+    """The gradient's length at each pixel, from central differences, one-sided at the borders."""
     down, across = torch.gradient(grey)
     return (down.square() + across.square()).sqrt()
 
@@ -39,16 +39,16 @@ def edges(grey: Float[Tensor, "H W"]) -> Float[Tensor, "H W"]:
 def picture_readings(
     readings: Sequence[Float[Tensor, "L H W C"]], views: Sequence[Observed]
 ) -> Iterator[tuple[int, int, Figures]]:
-    """View, message and figures of readings in three channels, in [0, 1] or beyond.
+    """The position of the view, that of the message, and the figures of each reading, in three channels.
 
-    Only the decibels of the reading as it is take it as a screen would, clamped. An attacker who stretches it to be
-    recognised loses nothing that lies outside [0, 1], as half of what random decoders put out does.
+    Readings may exceed [0, 1], as half of a random decoder's output does. They are clamped, as by a screen, only for
+    `psnr` and `psnr_covered`: an attacker who stretches a reading to recognise it loses nothing outside that range.
 
-    - `psnr`, NaN where the view shows nothing of the message, and, as in `covered_psnrs`, `psnr_covered` and, of the
-      best picture of one colour, `psnr_constant`;
-    - `psnr_coloured`, over covered pixels, of the reading `with_true_colours`;
+    - `psnr`: over the whole picture; NaN if the view shows nothing of the message;
+    - `psnr_covered`, `psnr_constant`: of the reading and of the best single colour, as in `covered_psnrs`;
+    - `psnr_coloured`: of the reading `with_true_colours`, over covered pixels;
     - `correlation`: the multiple correlation of the message's luminance with the channels, whatever their colours;
-    - `correlation_others`: the mean of the same with the message of the other views, NaN where there is none.
+    - `correlation_others`: the mean of the same with the message of the other views; NaN if there are none.
     """
     for message in range(len(readings[0]) if readings else 0):
         greys = torch.stack([luma(seen.truths[message]) for seen in views], dim=-1)
@@ -73,10 +73,10 @@ def picture_readings(
 def with_true_colours(
     reading: Float[Tensor, "H W C"], truth: Float[Tensor, "H W 3"], coverage: Float[Tensor, "H W"]
 ) -> Float[Tensor, "H W 3"]:
-    """A reading of one view with the colours of the truth: the affine map of its channels that fits the covered pixels.
+    """A reading of one view in the truth's colours, by the affine map of its channels that best fits covered pixels.
 
-    What a reading is at its best, if somebody told the attacker what is which colour: of three channels twelve numbers.
-    As it is where the message covers nothing.
+    This is the best an attacker could get if told the colours: for three channels, the map has twelve coefficients.
+    If the message covers nothing, the reading is returned unchanged.
     """
     mask = coverage >= COVERED
     if not mask.any():

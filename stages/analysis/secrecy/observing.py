@@ -1,4 +1,4 @@
-"""What whoever has the container renders of a view, and the messages' pictures by which readings are judged."""
+"""Views as any holder of the container renders them, with the messages' pictures by which readings are judged."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from stages.scene.scene import Scene
 
 @dataclass(frozen=True)
 class Observed:
-    """One view: `rendering` holds F_coup and the cover's picture, all from what is public.
+    """One view: `rendering` holds F_coup and the cover's picture, both from public parts only.
 
-    `truths` are the pictures of the L messages, `coverage` how much of each pixel they fill: the owner's. An attacker
-    has those of the views that leaked, and of no others.
+    `truths` are the pictures of the L messages, `coverage` the share of each pixel that they fill. Both are the
+    owner's; an attacker has them only for the views that leaked.
     """
 
     view: str
@@ -34,15 +34,15 @@ class Observed:
 
     @property
     def cover(self) -> Float[Tensor, "H W 3"]:
-        """The cover as the container shows it, clamped."""
+        """The cover as rendered from the container, clamped to [0, 1]."""
         return self.rendering.pictures[COVER].clamp(0, 1)
 
     def with_feature_map(self, feature_map: Float[Tensor, "H W M"]) -> Observed:
-        """The same view with another feature map."""
+        """A copy with another feature map."""
         return replace(self, rendering=replace(self.rendering, feature_map=feature_map))
 
     def to(self, device: torch.device) -> Observed:
-        """The same view there; its camera may stay where it is."""
+        """A copy with its tensors on a device, except for the camera's."""
         rendering = replace(
             self.rendering,
             pictures={name: picture.to(device) for name, picture in self.rendering.pictures.items()},
@@ -52,7 +52,7 @@ class Observed:
         return replace(self, rendering=rendering, truths=self.truths.to(device), coverage=self.coverage.to(device))
 
     def crop(self, row: int, column: int, height: int, width: int) -> Observed:
-        """A part of at most so many pixels: its camera looks through the same pixels."""
+        """The part of at most `height` x `width` pixels at (`row`, `column`), with the principal point shifted."""
         rows, columns = slice(row, row + height), slice(column, column + width)
         feature_map = self.rendering.feature_map[rows, columns]
         intrinsics = self.camera.intrinsics.clone()
@@ -77,7 +77,7 @@ def observe(
     messages: Mapping[str, MessageViews],
     views: Sequence[str],
 ) -> list[Observed]:
-    """The views of these names, in this order; `messages` in the order of the message decoder's channels."""
+    """The named views, in this order; `messages` must be in the order of the message decoder's channels."""
     cameras = single_cameras(scene.cameras.select(views))
     observed = []
     for view, row, camera in zip(views, scene.rows(views), cameras, strict=True):

@@ -1,4 +1,4 @@
-"""A message that lies open in the container: with 3DGS+SH, whoever has the file renders it."""
+"""A message that the container holds openly: with 3DGS+SH, anyone who has the file can render it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from stages.hiding.method import Method, build_method
 from stages.scene.gaussians import Gaussians
 
 MESSAGE_HARMONICS = "message_sh_base"
-"""[N, L, 3]: one set of colours for each message, in the published file."""
+"""The published parameter with the messages' colours, [N, L, 3]: one colour for each message."""
 
 
 def open_reader(public: Method, gaussians: Gaussians) -> Method | None:
-    """The method that shows the messages from public attributes alone; None where there are none such.
+    """A method that renders the messages from public attributes alone; None if there are no such attributes.
 
-    Its messages are numbered: their names, alone, are the owner's.
+    Its messages are numbered, since only their names are secret.
     """
     if MESSAGE_HARMONICS not in gaussians.parameters:
         return None

@@ -1,8 +1,8 @@
-"""Another surrogate: who has views of the message paints them onto the Gaussians that the cover hardly shows.
+"""A surrogate that paints leaked views of the message onto the Gaussians that hardly belong to the cover.
 
-Where these stand, how large and how opaque they are is published, under a seal as well. Nothing that is stored in their
-features is read here: only colours are sought with which they show the views that leaked, and how much of each Gaussian
-is the message's, by which what is blended is divided, as the owner's decoder does.
+Their positions, sizes and opacities are published even under a seal. The surrogate ignores their features. It only fits
+a colour for each Gaussian, so that they show the views that leaked, and a share that is the message's. Blended colours
+are divided by the blended share, as in the owner's decoder.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from stages.scene.gaussians import Gaussians
 from stages.training.adam import Adam
 
 STEPS = 400
-"""Of Adam, each of which sees one whole view."""
+"""Adam's steps, each on one whole view."""
 
 LEAST_SHARE = 0.03
-"""Added to what is divided by: where next to nothing of the message is blended it stays black."""
+"""ε, added to the divisor, so that pixels with next to nothing of the message stay black."""
 
 RATE = 0.05
 
@@ -37,10 +37,10 @@ def painted_surrogate(
     seed: int,
     after_each: Callable[[], None],
 ) -> list[Float[Tensor, "L H W 3"]]:
-    """What those Gaussians show of `views`, painted by the `seen` ones; `seed` decides the order of these.
+    """The messages in `views`, from Gaussians painted by the `seen` views; `seed` decides which view each step sees.
 
-    Σ w s c / (Σ w s + ε) of colours c and shares s, both sought, with the weights w of blending. What no seen view
-    shows stays grey. Raises `ValueError` without any seen view.
+    Pictures are Σ w s c / (Σ w s + ε) with blending weights w and fitted colours c and shares s. What no seen view
+    shows stays grey. Raises `ValueError` if no view was seen.
     """
     if not seen:
         raise ValueError("without a view there is nothing to paint")
@@ -61,7 +61,7 @@ def painted_surrogate(
 
 
 def _shown(gaussians: Gaussians, paint: Float[Tensor, "N C"], view: Observed) -> Float[Tensor, "L H W 3"]:
-    """`paint` are the colours of all messages and, last, the share; unactivated."""
+    """The messages in one view; `paint` holds the colours for all messages and, last, the share, all as logits."""
     colors, share = paint[:, :-1].sigmoid(), paint[:, -1:].sigmoid()
     blended = splat(gaussians, torch.cat([share * colors, share], dim=1), view.camera).feature_map
     divided = blended[..., :-1] / (blended[..., -1:] + LEAST_SHARE)

@@ -1,4 +1,4 @@
-"""All readings of one container without its secret: their measurements, and pictures of the test views."""
+"""All readings of one container without its secret, with their measurements and pictures of the test views."""
 
 from __future__ import annotations
 
@@ -45,18 +45,21 @@ from stages.scene.scene import Scene
 Readings = Sequence[Float[Tensor, "L H W 3"]]
 
 PROBES_SEED = 0
-"""Of the scene decoder's random probes: any will do."""
+"""Seed of the random probes of the scene decoder; its choice does not matter."""
 
 CPU = torch.device("cpu")
 
 LAST_STEPS = 100
-"""Over which a surrogate's loss is averaged."""
+"""The number of last steps over which a surrogate's loss is averaged."""
 
 
 @dataclass(frozen=True)
 class Trained:
-    """What surrogates show of the test views: a network, least squares, and, of a method that says which Gaussians are
-    hardly the cover's, these, painted; `loss` is the network's at its end."""
+    """The readings of the test views by the surrogates of one seed and share.
+
+    `painted` is None for a method that does not reveal the cover's share of a Gaussian. `loss` is the network's mean
+    loss over its last steps.
+    """
 
     network: Readings
     linear: Readings
@@ -66,7 +69,7 @@ class Trained:
 
 @dataclass(frozen=True)
 class SecrecySettings:
-    """As the parameters of `probe_secrecy`."""
+    """Settings of the readings; see the parameters of the stage `probe_secrecy`."""
 
     wrong_decoders: int
     start_seed: int | None
@@ -77,11 +80,11 @@ class SecrecySettings:
 
 @dataclass
 class Probe:
-    """Everything that is known of one container. `public` is its method without the secret, `owner` with it.
+    """A container to read without its secret, and the rows and pictures found so far.
 
-    `gaussians` are published; `unsealed` are those that the owner renders, the same where there is no seal.
-    `clean` is the control, a container that hides nothing: its Gaussians and its method, where there is one. All of
-    these are on the CPU; surrogates learn on `device`.
+    `public` is the container's method without the secret, `owner` with it. `gaussians` are the published ones,
+    `unsealed` those that the owner renders, the same if there is no seal. `clean` are the Gaussians and the method of
+    the control, a container that hides nothing, if there is one. All are on the CPU; surrogates train on `device`.
     """
 
     gaussians: Gaussians
@@ -97,7 +100,7 @@ class Probe:
     pictures: list[Comparison] = field(default_factory=list)
 
     def run(self, progress: Callable[[int, int], None]) -> tuple[list[Measurement], list[Comparison]]:
-        """All readings; `progress` is told how much is done, of how much."""
+        """Measurements and pictures of all readings. `progress` receives the amounts of work done and in total."""
         opened = open_reader(self.public, self.gaussians)
         decoded = MESSAGE_DECODER in self.owner.networks
         tick = _Counter(progress, self._amount(decoded)).tick
@@ -105,7 +108,7 @@ class Probe:
         self._add_pictures(OWNER, self._rendered(self.unsealed, self.owner, tuple(self.messages)), views)
         if opened is not None:
             self._add_pictures(OPEN, self._rendered(self.gaussians, opened, opened.messages), views)
-        # What the scene decoder shows, too, where it is taken for the message decoder.
+        # This is also what the scene decoder shows if used as the message decoder.
         self._add_pictures(COVER_ITSELF, self._of_each_message([seen.cover for seen in views]), views)
         self._feature_maps(views)
         self._blind(opened or self.public, views)
@@ -161,7 +164,7 @@ class Probe:
             self._add_readings(condition, self._of_each_message(stretched(maps)), views, 0.0)
 
     def _of_each_message(self, maps: Sequence[Float[Tensor, "H W C"]]) -> Readings:
-        """One and the same reading, taken for each of the messages."""
+        """The same reading, repeated for each message."""
         return [each.expand(len(self.messages), *each.shape) for each in maps]
 
     def _wrong(self, views: Sequence[Observed], tick: Callable[[], None]) -> None:
@@ -177,7 +180,7 @@ class Probe:
             done: dict[int, Trained] = {}
             for share in (each for each in self.settings.shares if each > 0):
                 names = seen_views(self.scene.train_names, share, seed)
-                if len(names) not in done:  # of few views, several shares are one and the same number
+                if len(names) not in done:  # with few views, several shares come to the same number
                     done[len(names)] = self._trained(names, views, seed, tick)
                 trained = done[len(names)]
                 add(SURROGATE, trained.network, views, share, seed)
@@ -251,7 +254,7 @@ class Probe:
 
 
 class _Counter:
-    """Tells after each of `total` steps how many are done."""
+    """Reports the number of steps done after each of `total` steps."""
 
     def __init__(self, progress: Callable[[int, int], None], total: int):
         self.progress, self.total, self.done = progress, total, 0

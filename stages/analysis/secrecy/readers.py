@@ -1,7 +1,7 @@
-"""Message decoders that are not the owner's, and what a message decoder reads in a rendered view.
+"""Message decoders that are not the owner's, and the readings of a message decoder.
 
-Everything here is built from what the container publishes: its method, its settings, and how many messages to expect.
-Kerckhoffs's principle: an attacker knows the method, and lacks the key and the trained weights alone.
+Everything here is built from what the container publishes, its method and settings, and from the number of messages.
+By Kerckhoffs's principle, an attacker knows the method, and lacks only the key and the trained weights.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from stages.hiding.rendering import COVER
 MESSAGE_DECODER = "message_decoder"
 
 WRONG_SEEDS = 1_000_000
-"""Seeds of wrong decoders begin here: trainings have small ones, and a start from the same would be no wrong one."""
+"""The first seed of wrong decoders. Trainings have small seeds, and a decoder started from one would not be wrong."""
 
 
 def seeded_reader(public: Method, messages: int, seed: int) -> Method:
-    """The container's method with a message decoder of random weights, drawn from `seed`: the paper's test.
+    """The container's method with a randomly initialised message decoder, drawn from `seed`: the paper's test.
 
-    Weights that the method leaves at zero until its start are drawn, too, since a decoder without them reads nothing.
-    torch's global generator is left as it was.
+    Parameters that the method initialises with zeros are drawn as well, since a decoder without them reads nothing. The
+    state of torch's global generator is preserved.
     """
     names = [f"message {number}" for number in range(messages)]
     with torch.random.fork_rng(devices=[]), torch.no_grad():
@@ -43,10 +43,10 @@ def seeded_reader(public: Method, messages: int, seed: int) -> Method:
 
 
 def started_reader(public: Method, messages: int, seed: int) -> Method:
-    """A message decoder as the method itself starts one, untrained, with directions that follow from `seed` and no key.
+    """The container's method with an untrained message decoder in the method's own start, drawn from `seed` alone.
 
-    A harder test than random weights: from the right seed it is what the owner's training began with.
-    Raises `ValueError` where the method has no such start.
+    This is a harder test than random weights: with the right seed, and if the owner used no key, it is where the
+    owner's training began. Raises `ValueError` if the method has no such start.
     """
     if not has_start(public):
         raise ValueError(f"{public.name} starts its message decoder from random weights")
@@ -56,17 +56,17 @@ def started_reader(public: Method, messages: int, seed: int) -> Method:
 
 
 def attackers_reader(public: Method, messages: int, seed: int) -> Method:
-    """What an attacker begins to train: the method's own start with a key of theirs, or else random weights.
+    """The message decoder from which an attacker trains: the method's own start if it has one, or else random weights.
 
-    From random weights five layers learn little in a thousand steps, or die: on GS-Hider that made a surrogate worse
-    than least squares. `seed` is counted from `WRONG_SEEDS` on.
+    From random weights, five layers learn little in a thousand steps, or die: on GS-Hider, this made a surrogate worse
+    than least squares. `seed` counts from `WRONG_SEEDS`.
     """
     make = started_reader if has_start(public) else seeded_reader
     return make(public, messages, WRONG_SEEDS + seed)
 
 
 def has_start(public: Method) -> bool:
-    """Whether the method, when it starts features, sets weights of its message decoder to what the features need."""
+    """Whether the method initialises its message decoder together with the features, to decode them from the start."""
     if FEATURES not in public.learning_rates:
         return False
     reader = seeded_reader(public, 1, WRONG_SEEDS)
@@ -82,13 +82,13 @@ def _start(reader: Method, seed: int) -> None:
 
 
 def pixels_beyond(reader: Method) -> int:
-    """How far beyond a pixel its message decoder sees: 5 of five 3 x 3 convolutions, 0 of 1 x 1."""
+    """The radius of the message decoder's receptive field: 5 pixels for five 3 x 3 convolutions, 0 for 1 x 1."""
     layers = reader.networks[MESSAGE_DECODER].modules()
     return sum(layer.kernel_size[0] // 2 for layer in layers if isinstance(layer, torch.nn.Conv2d))
 
 
 def read(reader: Method, seen: Observed) -> Float[Tensor, "L H W 3"]:
-    """What the reader's message decoder shows of a view, unclamped, with gradients to its weights."""
+    """The messages that the reader's message decoder shows in a view, unclamped, with gradients to its weights."""
     decoder = reader.networks[MESSAGE_DECODER]
     if isinstance(reader, CoupledFeatures):
         [channels] = reader.decoded([decoder], seen.rendering, seen.camera)

@@ -1,8 +1,8 @@
-"""A surrogate: an attacker has some of the message's views, and trains a message decoder of their own on them.
+"""A surrogate: a message decoder that an attacker trains on some leaked views of the message.
 
-They have the container, and render its feature map of any view. With a view's picture of the message they have a pair
-to learn from; what they want are all the other views. The owner's decoder learnt from the same pairs, but together
-with the Gaussians.
+The attacker has the container and can render its feature map from any camera. Each leaked picture of the message makes
+a training pair; the aim is to see the message in all other views. The owner's decoder was trained on the same kind of
+pairs, but together with the Gaussians.
 """
 
 from __future__ import annotations
@@ -25,8 +25,10 @@ from stages.training.adam import Adam
 
 @dataclass(frozen=True)
 class SurrogateSettings:
-    """`rate` is Adam's, and falls to nothing over all `steps`; each step learns from one square of `crop` pixels a
-    side."""
+    """Settings of a surrogate's training.
+
+    Each of `steps` steps sees one square of `crop` pixels a side. Adam's `rate` falls to 0 in a half cosine.
+    """
 
     steps: int
     crop: int
@@ -34,9 +36,9 @@ class SurrogateSettings:
 
 
 def seen_views(views: Sequence[str], share: float, seed: int) -> tuple[str, ...]:
-    """The views that leaked: this share of them, drawn at random; at least one, unless the share is zero.
+    """The views that leaked: a random `share` of `views`, at least one unless the share is 0 or there are no views.
 
-    With one seed, those of a smaller share are among those of a larger one.
+    With the same seed, a larger share includes the views of a smaller one.
     """
     count = min(len(views), max(1, round(share * len(views)))) if share > 0 else 0
     order = np.random.default_rng(seed).permutation(len(views))
@@ -50,11 +52,11 @@ def train_surrogate(
     seed: int,
     after_each: Callable[[], None],
 ) -> list[float]:
-    """Train the reader's message decoder on the `seen` views, to the least squared error; the loss of every step.
+    """Train the reader's message decoder on the `seen` views for least squared error; returns every step's loss.
 
-    `seed` decides the squares. A decoder is given as many pixels around a square as it sees beyond one: where it would
-    find zeros in their place, as at no such place of a whole picture, it would learn what is of no use. The views may
-    be on the CPU, whatever device the reader's networks are on. Raises `ValueError` without any view.
+    `seed` determines the squares. The decoder also sees the pixels around a square, as far as its receptive field
+    reaches. Otherwise it would learn from zero padding where whole pictures have none. The views may be on the CPU
+    whatever the device of the reader's networks. Raises `ValueError` if no view was seen.
     """
     if not seen:
         raise ValueError("without a view there is nothing to train on")
@@ -78,24 +80,24 @@ def train_surrogate(
 
 @dataclass(frozen=True)
 class _Square:
-    """What a step learns from: `observed` with pixels around it, and which of its `rows` and `columns` are judged."""
+    """What a step sees: `observed` includes the margin; only `rows` and `columns`, inside it, count in the loss."""
 
     observed: Observed
     rows: slice
     columns: slice
 
     def to(self, device: torch.device) -> _Square:
-        """The same there."""
+        """A copy on a device."""
         return replace(self, observed=self.observed.to(device))
 
     def error(self, reader: Method) -> Float[Tensor, ""]:
-        """The mean squared error inside."""
+        """The mean squared error inside the margin."""
         difference = read(reader, self.observed) - self.observed.truths
         return difference[:, self.rows, self.columns].square().mean()
 
 
 def _random_square(seen: Observed, side: int, margin: int, generator: Generator) -> _Square:
-    """A square anywhere in the picture, with a margin as far as the picture reaches."""
+    """A random square of the picture with a margin around it, both cut at the picture's borders."""
     inside, around = [], []
     for length in seen.coverage.shape[1:]:
         first = int(generator.integers(max(length - side, 0) + 1))

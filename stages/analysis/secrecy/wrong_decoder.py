@@ -1,4 +1,4 @@
-"""Decoders that are not the owner's: the paper's figure of a randomly initialised one, and harder near-misses."""
+"""Wrong message decoders: randomly initialised ones, as in the paper's figure, and harder near-misses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stages.hiding.method import Method
 
 @dataclass(frozen=True)
 class WrongReading:
-    """What a reader of this condition and seed shows of every view."""
+    """The messages that a wrong decoder of this condition and seed shows in every view."""
 
     condition: str
     seed: int
@@ -28,8 +28,8 @@ class WrongReading:
 def wrong_readings(
     public: Method, views: Sequence[Observed], count: int, start_seed: int | None, after_each: Callable[[], None]
 ) -> Iterator[WrongReading]:
-    """`count` random decoders; as many as the method starts them with another key; and its start from `start_seed`, the
-    training's own, where that is given.
+    """Readings by `count` randomly initialised decoders and, if the method has a start of its own, by as many started
+    with another key, and by one started from the training's own `start_seed`, if given. At least one view is needed.
     """
     messages = len(views[0].truths)
     started = has_start(public)

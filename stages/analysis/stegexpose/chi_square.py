@@ -9,14 +9,14 @@ from jaxtyping import UInt8
 from scipy.special import chdtrc
 
 BLOCK = 1024
-"""So many bytes are added to the histogram between two tests."""
+"""The number of bytes added to the histogram between two tests."""
 
 
 def chi_square(picture: UInt8[np.ndarray, "H W 3"]) -> float:
-    """The mean p-value of tests that the values 2k and 2k + 1 are equally frequent, over a histogram that grows.
+    """The mean p-value of tests that the values 2k and 2k + 1 are equally frequent, over a growing histogram.
 
-    Bytes come as R, G, B of each pixel, row by row; the last whole block is left out, as is what follows it. NaN for
-    pictures of fewer than two blocks.
+    Bytes are taken in the order R, G, B of each pixel, row by row. The last whole block, and any bytes after it, are
+    left out. NaN for pictures of fewer than two blocks.
     """
     values = picture.reshape(-1)
     blocks = values.size // BLOCK - 1

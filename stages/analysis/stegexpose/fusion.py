@@ -1,4 +1,4 @@
-"""What StegExpose prints for a picture: every detector's value, made positive and at most 1, and their mean."""
+"""StegExpose's output for a picture: the absolute value of every detector, capped at 1, and their mean."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ FUSION = "fusion"
 
 
 def stegexpose(picture: UInt8[np.ndarray, "H W 3"]) -> dict[str, float]:
-    """Every detector's value in [0, 1], NaN where it gives none, and `FUSION`: the mean of those that give one."""
+    """Every detector's value in [0, 1], NaN if undefined, and as `FUSION` the mean of those that are defined."""
     values = {name: at_most_one(abs(detector(picture))) for name, detector in DETECTORS.items()}
     return {**values, FUSION: fused(values)}
 
 
 def at_most_one(value: float) -> float:
-    """The value, or 1 where it is larger; NaN stays.
+    """The value, or 1 if it is larger; NaN stays NaN.
 
     >>> at_most_one(1.5), at_most_one(0.5), at_most_one(math.nan)
     (1.0, 0.5, nan)
@@ -38,7 +38,7 @@ def at_most_one(value: float) -> float:
 
 
 def fused(values: Mapping[str, float]) -> float:
-    """The mean of the values that are there; NaN where none is.
+    """The mean of the values that are not NaN; NaN if there are none.
 
     >>> fused({"a": 0.25, "b": math.nan, "c": 0.75})
     0.5

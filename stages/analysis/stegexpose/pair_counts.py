@@ -1,4 +1,4 @@
-"""Pairs of neighbouring values, sorted as Dumitrescu's two detectors need them."""
+"""Counts of pairs of neighbouring values, in the classes of Dumitrescu's two detectors."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from jaxtyping import UInt8
 
 
 class PairCounts(NamedTuple):
-    """Of `pairs` (u, v), P: `rising` (X) have v even and u < v, or v odd and u > v; `falling` (Y) have v even, u > v,
-    or v odd, u < v; `equal` (Z) have u = v; `within` (W) are those of Y that a detector counts so.
+    """Counts of pairs (u, v), with the papers' names: all `pairs` (P); `rising` (X), with v even and u < v, or v odd
+    and u > v; `falling` (Y), with v even and u > v, or v odd and u < v; `equal` (Z), with u = v; and `within` (W), a
+    subset of Y (see `count_pairs`).
     """
 
     pairs: int
@@ -24,15 +25,15 @@ class PairCounts(NamedTuple):
 
     @property
     def quadratic(self) -> tuple[float, float, float]:
-        """a = (W + Z) / 2, b = 2 X − P and c = Y − X: the share of changed bits is a root of a x² + b x + c."""
+        """(a, b, c) = ((W + Z) / 2, 2 X − P, Y − X): the share of changed bits is a root of a x² + b x + c."""
         return 0.5 * (self.within + self.equal), 2.0 * self.rising - self.pairs, float(self.falling - self.rising)
 
 
 def count_pairs(u: UInt8[np.ndarray, "A B"], v: UInt8[np.ndarray, "A B"], slip: bool = False) -> PairCounts:
-    """The counts of the pairs (u, v) at the same places; any number of pairs, none as well.
+    """The counts of the pairs (u, v) at equal positions, of which there may be none.
 
-    W: pairs that differ in their lowest bit alone. With the `slip` of StegExpose's primary sets, instead, of Y those
-    with u even and v odd, or u odd, whatever v: its figures carry that.
+    W counts pairs that differ only in their lowest bit. With `slip`, it reproduces a slip in StegExpose's primary sets,
+    on which its published figures depend: W then counts those pairs of Y in which u or v is odd.
     """
     odd = (v & 1).astype(bool)
     less, equal = u < v, u == v

@@ -12,9 +12,9 @@ from stages.analysis.stegexpose.quadratics import real_roots
 
 
 def primary_sets(picture: UInt8[np.ndarray, "H W 3"]) -> float:
-    """The share of changed lowest bits in the red channel, from its horizontal pairs at x = 0, 2, 4 …; any sign.
+    """The share of changed lowest bits in the red channel, from horizontal pairs at x = 0, 2, 4 …; it may be negative.
 
-    The algebraically smaller root; NaN where the roots are complex, or there is no pair.
+    This is the algebraically smaller root; NaN if the roots are complex, or if there are no pairs.
     """
     red = np.ascontiguousarray(picture[..., 0])
     whole = red.shape[1] // 2 * 2

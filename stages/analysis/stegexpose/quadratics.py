@@ -1,4 +1,4 @@
-"""Roots of a x² + b x + c as StegExpose takes them: in floating point, NaN where there is none."""
+"""Roots of a x² + b x + c as StegExpose computes them, in floating point."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import math
 
 
 def real_roots(a: float, b: float, c: float) -> tuple[float, float] | None:
-    """Both real roots, the one with the positive square root first; None where they are complex.
+    """Both real roots, first the one with +√; None if they are complex.
 
-    Both are NaN where a is 0: the detectors' equations have lost their meaning there.
+    Both are NaN if a is 0, since the detectors' equations are meaningless then.
     """
     discriminant = b * b - 4 * a * c
     if discriminant < 0:
@@ -20,7 +20,7 @@ def real_roots(a: float, b: float, c: float) -> tuple[float, float] | None:
 
 
 def ratio(above: float, below: float) -> float:
-    """A quotient; NaN where it has no value.
+    """The quotient `above` / `below`; NaN if `below` is 0.
 
     >>> ratio(1, 2), ratio(1, 0)
     (0.5, nan)

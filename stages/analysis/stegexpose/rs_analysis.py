@@ -1,8 +1,8 @@
 """RS analysis (Fridrich, Goljan and Du 2001) as StegExpose 0.1 computes it, all groups at once.
 
 A group is 2x2 pixels p0 p1 / p2 p3; its variation is the sum of the four absolute differences between neighbours. One
-mask flips p0 and p3, the other p1 and p2; both are counted into the same totals. Overlapping groups begin at every
-pixel, separate ones at every other pixel of every other row: they are among the overlapping ones.
+mask flips p0 and p3, the other p1 and p2; the counts of both are added. Overlapping groups begin at every pixel,
+separate ones, a subset of these, at every other pixel of every other row.
 """
 
 from __future__ import annotations
@@ -19,10 +19,9 @@ Values = Int16[np.ndarray, "C H W"]
 
 
 def rs_analysis(picture: UInt8[np.ndarray, "H W 3"]) -> float:
-    """The message's length as a share of the picture's bits: the mean over the channels, and over overlapping and
-    separate groups.
+    """The message's length as a share of the lowest bits, averaged over channels and over both kinds of groups.
 
-    NaN where its equation has no solution, and for a picture without groups.
+    NaN if an equation has no solution, and for a picture without groups.
     """
     if min(picture.shape[:2]) < 2:
         return math.nan
@@ -46,8 +45,9 @@ def flip_shifted(values: Values) -> Values:
 
 
 def count_changes(values: Values, flipped_by: Callable[[Values], Values]) -> Int[np.ndarray, "2 C 2"]:
-    """How many groups vary more once flipped (regular), and how many less (singular): of the overlapping groups, then
-    of the separate ones, by channel.
+    """The numbers of groups whose variation a flip increases (regular) and decreases (singular), on the last axis.
+
+    The first axis is overlapping and separate groups, the second the channels.
     """
     flipped = flipped_by(values)
     plain = _variation(values, values)
@@ -61,7 +61,7 @@ def count_changes(values: Values, flipped_by: Callable[[Values], Values]) -> Int
 
 
 def _variation(corners: Values, others: Values) -> Int16[np.ndarray, "C G F"]:
-    """Of every overlapping group, p0 and p3 taken from `corners`, p1 and p2 from `others`."""
+    """The variation of every overlapping group, with p0 and p3 from `corners`, and p1 and p2 from `others`."""
     p0, p1 = corners[:, :-1, :-1], others[:, :-1, 1:]
     p2, p3 = others[:, 1:, :-1], corners[:, 1:, 1:]
     variation = np.abs(p0 - p1)
@@ -71,10 +71,11 @@ def _variation(corners: Values, others: Values) -> Int16[np.ndarray, "C G F"]:
 
 
 def message_length(counts: Sequence[Sequence[int]]) -> float:
-    """From regular and singular groups by F1 and F−1, and by both once all values are flipped by F1.
+    """The message's length as a share of the lowest bits, from four (regular, singular) counts.
 
-    |x / (x − 1/2)| for the root x with the smaller absolute value of
-    2 (d1 + d0) x² + (d−0 − d−1 − d1 − 3 d0) x + (d0 − d−0), or what stands in for it where the roots are complex.
+    They are by F1 and F−1, then by both once F1 has flipped all values; regular − singular is d0, d−0, d1 and d−1.
+    The length is |x / (x − 1/2)| for the root x of smaller absolute value of
+    2 (d1 + d0) x² + (d−0 − d−1 − d1 − 3 d0) x + (d0 − d−0), or for `_crossing` if the roots are complex.
     """
     d0, minus_d0, d1, minus_d1 = (regular - singular for regular, singular in counts)
     roots = real_roots(2 * (d1 + d0), minus_d0 - minus_d1 - d1 - 3 * d0, d0 - minus_d0)
@@ -83,7 +84,7 @@ def message_length(counts: Sequence[Sequence[int]]) -> float:
 
 
 def _crossing(counts: Sequence[Sequence[int]]) -> float:
-    """Where straight lines through the counts cross: the mean of regular and singular groups."""
+    """The place where straight lines through the counts cross, averaged over regular and singular groups."""
     plus, minus, plus_inverted, minus_inverted = counts
     crossings = [
         ratio(minus[kind] - plus[kind], plus_inverted[kind] - plus[kind] + minus[kind] - minus_inverted[kind])

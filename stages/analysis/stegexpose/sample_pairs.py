@@ -12,9 +12,9 @@ from stages.analysis.stegexpose.quadratics import ratio, real_roots
 
 
 def sample_pairs(picture: UInt8[np.ndarray, "H W 3"]) -> float:
-    """The share of changed lowest bits, from pairs across and pairs down; the mean over the channels; any sign.
+    """The share of changed lowest bits, from horizontal and vertical pairs, averaged over channels; may be negative.
 
-    NaN where a side is odd: the original reads past the edge there, and gives nothing.
+    NaN if a side is odd: StegExpose reads past the edge of such pictures, and gives no value.
     """
     if picture.shape[0] % 2 or picture.shape[1] % 2:
         return math.nan
@@ -22,7 +22,7 @@ def sample_pairs(picture: UInt8[np.ndarray, "H W 3"]) -> float:
 
 
 def _of_channel(values: UInt8[np.ndarray, "H W"]) -> float:
-    """The root with the smaller absolute value; c / b where the roots are complex, or it is exactly 0."""
+    """The root of smaller absolute value; c / b if the roots are complex or that root is exactly 0."""
     counts = count_pairs(values[:, 0::2], values[:, 1::2]) + count_pairs(values[0::2], values[1::2])
     a, b, c = counts.quadratic
     roots = real_roots(a, b, c)
