@@ -82,7 +82,7 @@ def as_written(quantity: str, spread: Spread) -> Spread:
     """A figure in the unit in which it is written.
 
     >>> as_written("seconds_per_frame", Spread(0.25, 0.125, 3))
-    Spread(mean=250.0, deviation=125.0, count=3)
+    Spread(mean=250.0, deviation=125.0, count=3, worth=1.0)
     """
     scale = SCALES.get(QUANTITIES[quantity].unit, 1)
     return replace(spread, mean=spread.mean * scale, deviation=spread.deviation * scale)
