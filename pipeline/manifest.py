@@ -1,8 +1,8 @@
-"""The manifest of an artifact: what it holds (identity) and every file that makes it up (integrity).
+"""The manifest of an artifact: its logical content (identity) and every file that it consists of (integrity).
 
-Identity, the digest, is of the logical content: kind, privacy, attributes, and each array's name, type, shape and
-little-endian bytes, and each plain file's name and bytes. How zarr cuts and compresses arrays does not enter it.
-Integrity is of the bytes on the disk: size and SHA-256 of every file.
+Identity is the digest of the logical content: kind, privacy, attributes, the name, type, shape and little-endian bytes
+of each array, and the name and bytes of each plain file. How zarr chunks and compresses arrays does not enter it.
+Integrity covers the bytes on disk: size and SHA-256 of every file.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ FORMAT = 1
 
 @dataclass(frozen=True)
 class ArrayRecord:
-    """One array: NumPy's type code, shape, the shape of a chunk, and SHA-256 of its little-endian bytes in C order."""
+    """One array: NumPy's type code, shape, shape of a chunk, and SHA-256 of its little-endian bytes in C order."""
 
     dtype: str
     shape: tuple[int, ...]
@@ -38,7 +38,7 @@ class ArrayRecord:
 
 @dataclass(frozen=True)
 class FileRecord:
-    """One file on the disk, chunks of arrays included."""
+    """One file on disk; a chunk of an array is one, too. `size` is in bytes."""
 
     size: int
     sha256: str
@@ -46,6 +46,8 @@ class FileRecord:
 
 @dataclass(frozen=True)
 class Manifest:
+    """What `manifest.json` says about an artifact."""
+
     kind: str
     private: bool
     attributes: Mapping[str, Json]
@@ -73,12 +75,13 @@ class Manifest:
         )
 
     def write(self, directory: Path) -> None:
+        """Writes `manifest.json` into `directory`, without flushing it to disk."""
         content = {"format": FORMAT, "digest": self.digest, **asdict(self)}
         (directory / MANIFEST).write_text(json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n")
 
 
 def read_manifest(directory: Path) -> Manifest:
-    """The manifest in `directory`; raises CorruptArtifact where it is missing, malformed or not what was written."""
+    """The manifest in `directory`. Raises CorruptArtifact if it is missing, malformed, altered or of another format."""
     path = directory / MANIFEST
     try:
         content = parse_json(read_plain_file(path))
@@ -105,7 +108,10 @@ def read_manifest(directory: Path) -> Manifest:
 
 
 def survey(directory: Path) -> dict[str, FileRecord]:
-    """Size and SHA-256 of every file under `directory` but the manifest, sorted by name."""
+    """Size and SHA-256 of every file under `directory` except the manifest, sorted by name.
+
+    Raises ArtifactError for anything but plain files and folders.
+    """
     records = {}
     for path in sorted(directory.rglob("*")):
         name = path.relative_to(directory).as_posix()
@@ -127,7 +133,7 @@ def check_name(name: str) -> None:
 
 
 def check_attributes(attributes: Mapping[str, Json]) -> dict[str, Json]:
-    """A plain copy of `attributes`; raises ArtifactError for what JSON cannot say."""
+    """A copy of `attributes` as plain JSON data. Raises ArtifactError for values that JSON cannot represent."""
     try:
         return {name: plain(value, f"attribute {name!r}") for name, value in attributes.items()}
     except (TypeError, ValueError) as error:
@@ -135,6 +141,7 @@ def check_attributes(attributes: Mapping[str, Json]) -> dict[str, Json]:
 
 
 def sha256(data: bytes | memoryview) -> str:
+    """SHA-256 in hexadecimal."""
     return hashlib.sha256(data).hexdigest()
 
 

@@ -1,6 +1,6 @@
-"""`foreach` and `matrix`: the rows of values for which a stage of the file is done, and what each row is called.
+"""`foreach` and `matrix`: the rows of values that a stage of the file runs for, and the name of each row.
 
-foreach: {scene: [reef, library], seed: [1, 2]}                 columns that are walked together: two rows
+foreach: {scene: [reef, library], seed: [1, 2]}                 columns, paired item by item: two rows
 foreach: [{scene: reef, seed: 1}, {scene: library, seed: 2}]    the same, row by row
 foreach: pairs.csv                                              the same, from a file: see `table`
 matrix:  {rate: [0.1, 0.2], size: [8, 16, 32]}                  every combination: six rows
@@ -24,15 +24,15 @@ from pipeline.table import COLUMN, COLUMN_WORDS, read_table
 
 EXAMPLE = "{cover: [a, b], message: [c, d]}, a list of rows [{cover: a, message: c}], or a CSV file"
 MOST_ROWS = 100_000
-LISTED = 4  # rows that are there twice, of which each is told
-LONGEST_LABEL = 40  # bytes of the label of one value; names of stages are names of files
-LONGEST_NAME = 120  # bytes of the label of a row
+LISTED = 4  # duplicate rows that are reported one by one
+LONGEST_LABEL = 40  # bytes in the label of one value: stage names become file names
+LONGEST_NAME = 120  # bytes in the label of a row
 PLAIN_LABEL = re.compile(r"[\w.+/-]+")
 
 
 @dataclass(frozen=True)
 class Rows:
-    """At least one row, each with a value for every column; no two are equal."""
+    """One or more rows, no two of them equal, each with a value for every column."""
 
     columns: tuple[str, ...]
     values: tuple[Mapping[str, Located], ...]
@@ -40,22 +40,22 @@ class Rows:
 
     @cached_property
     def plain(self) -> tuple[Mapping[str, Json], ...]:
-        """The values alone."""
+        """The values as plain JSON data, without places."""
         return tuple({column: row[column].plain for column in self.columns} for row in self.values)
 
     @cached_property
     def identity(self) -> str:
-        """Equal for the same rows in the same order, wherever they stand: such stages go row by row together."""
+        """A digest, equal for the same rows in the same order: stages with equal digests are paired row by row."""
         return digest_of(self.plain, "the rows")
 
     def scope(self, index: int) -> dict[str, Located]:
-        """What `${item.…}` stands for in a row."""
+        """The values that `${item.…}` stands for in a row, by name."""
         return {f"item.{column}": value for column, value in self.values[index].items()}
 
     def identities(self, columns: Sequence[str]) -> list[bytes]:
-        """For each row a spelling of its values in `columns`, equal only for equal values.
+        """For each row, a spelling of its values in `columns`, equal only for equal values.
 
-        Texts of different bases are different where they are the same: as paths they lead elsewhere.
+        Equal texts with different bases count as different: as paths, they lead to different files.
         """
         spelt = [canonical_json([row[column] for column in columns]) for row in self.plain]
         bases = [[str(text.base) for column in columns for text in row[column].texts()] for row in self.values]
@@ -67,16 +67,17 @@ class Rows:
         ]
 
     def labels(self, columns: Sequence[str]) -> list[str]:
-        """For each row its name, computed once for the same columns: see `_named`."""
+        """The name of each row, computed once per choice of columns: see `_named`."""
         if tuple(columns) not in self._labels:
             self._labels[tuple(columns)] = self._named(columns)
         return self._labels[tuple(columns)]
 
     def _named(self, columns: Sequence[str]) -> list[str]:
-        """For each row a short name from its values in `columns`: rows of equal values have one, others another.
+        """For each row, a short name made from its values in `columns`; rows with equal values share one.
 
-        It depends on nothing else, so a row keeps it when others come or go. Only where values are lists, mappings or
-        empty, or by chance look like others, it has the number of the row. Empty for no columns.
+        It depends on nothing else, so a row keeps its name when others are added or removed. Only if a value is a list,
+        a mapping or empty, or if other values have the same label, does the name contain a row number. It is empty if
+        there are no columns.
         """
         identities = self.identities(columns)
         first = {identity: index for index, identity in reversed(list(enumerate(identities)))}
@@ -90,9 +91,9 @@ class Rows:
 
 
 def expand(key: str, located: Located, problems: Problems, wanted: Sequence[str] = ()) -> Rows | None:
-    """The rows of a `foreach` or a `matrix`; None, with every reason among `problems`, where it has none.
+    """The rows of a `foreach` or a `matrix`; None, with every reason added to `problems`, if anything is wrong.
 
-    `wanted` are the columns that a table, or rows given one by one, are to have.
+    `wanted` are the columns that a table, or rows given one by one, must have.
     """
     before = len(problems)
     values = _combinations(located, problems) if key == "matrix" else _foreach(located, problems, wanted)
@@ -130,7 +131,7 @@ def _walked_together(located: Located, problems: Problems) -> list[dict[str, Loc
 
 
 def _combinations(located: Located, problems: Problems) -> list[Mapping[str, Located]] | None:
-    """Every combination, the first list changing slowest, without the excluded and with the included rows."""
+    """Every combination, the first list varying slowest, without the excluded rows and with the included ones."""
     columns = _columns("matrix", located, problems, besides=("exclude", "include"))
     if columns is None or not isinstance(located.value, Mapping):
         return None
@@ -160,7 +161,7 @@ def _combinations(located: Located, problems: Problems) -> list[Mapping[str, Loc
 def _columns(
     key: str, located: Located, problems: Problems, besides: Sequence[str] = ()
 ) -> dict[str, tuple[Located, ...]] | None:
-    """The lists of a mapping by name, without the entries `besides`."""
+    """The lists of a mapping by name, except the entries `besides`."""
     if not isinstance(located.value, Mapping) or not located.value.keys() - set(besides):
         example = "{rate: [0.1, 0.2], size: [8, 16]}"
         problems.add(located.place, f"{key} is {located.found}; expected names with a list each: {example}")
@@ -181,7 +182,7 @@ def _columns(
 def _listed(
     key: str, rows: Sequence[Located], problems: Problems, wanted: Sequence[str] = ()
 ) -> list[Mapping[str, Located]]:
-    """Rows given one by one, all with the names of the first, and with those that are `wanted`."""
+    """Rows given one by one; all must have the columns of the first row, and the `wanted` ones."""
     listed: list[Mapping[str, Located]] = []
     for row in rows:
         if not isinstance(row.value, Mapping) or not row.value:
@@ -208,7 +209,7 @@ def _listed(
 def _extra_rows(
     key: str, matrix: Located, columns: Iterable[str], problems: Problems
 ) -> Iterable[tuple[Place, Mapping[str, Located]]]:
-    """The rows of `exclude` or `include`, with known names only."""
+    """The rows of `exclude` or `include`; those with unknown columns are reported and skipped."""
     if not isinstance(matrix.value, Mapping) or key not in matrix.value:
         return
     rows, names = matrix.value[key], list(columns)
@@ -252,7 +253,7 @@ def _report_equal_rows(rows: Rows, problems: Problems) -> None:
 
 
 def _label(values: Sequence[Json]) -> str | None:
-    """The label of a row from its own values; None where they cannot name it."""
+    """The label of a row, made from its own values; None if they cannot name it."""
     parts = [_value_label(value) for value in values]
     if None in parts:
         return None
@@ -261,7 +262,9 @@ def _label(values: Sequence[Json]) -> str | None:
 
 
 def _value_label(value: Json) -> str | None:
-    """A value as part of the name of a file; what had to be left out of it is told by a few digits of its hash.
+    """The label of a value, as part of a file name; None for a list, a mapping or an empty text.
+
+    If characters had to be dropped, a few digits of the value's hash are appended.
 
     >>> _value_label(0.25), _value_label("photos/fox"), _value_label("my photos/living room"), _value_label([1])
     ('0.25', 'photos:fox', 'living-room-08323b1d', None)

@@ -1,4 +1,4 @@
-"""A text among a stage's parameters that names a module, which the stage then loads: a file more is a choice more."""
+"""Parameters that name a module for the stage to load: each file in the package is one more choice."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from pipeline.package_modules import modules_in
 
 @dataclass(frozen=True)
 class ModuleIn:
-    """Marks a text as the name of a module directly in a package: `Annotated[str, ModuleIn("stages.methods")]`.
+    """Restricts a text to names of modules directly in a package: `Annotated[str, ModuleIn("stages.methods")]`.
 
-    Any other is refused as one that is none of the values of a `Literal` is. A stage that loads the module declares it
-    besides, by `@stage(modules=…)`.
+    Any other text is refused, with the same error as if these names were the values of a `Literal`. A stage that loads
+    the module must also declare it, with `@stage(modules=…)`.
     """
 
     package: str
 
     def names(self) -> list[str]:
-        """All such names, sorted. Raises ModuleNotFoundError where there is nothing that the package could lie in."""
+        """All these names, sorted. Raises ModuleNotFoundError if the package's parent does not exist."""
         found = importlib.util.find_spec(self.package)
         folders = (found.submodule_search_locations if found else None) or []
         return sorted({name for folder in folders for name in modules_in(Path(folder))})

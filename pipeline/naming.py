@@ -1,4 +1,4 @@
-"""Finding the artifact that a person means: by its path, its digest, or the name that it has in `latest`."""
+"""Finding the artifact that a person means: by its path, its digest, or its name in `latest`."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from pipeline.plain_text import listed
 from pipeline.store import Store
 
 PREFIX = re.compile(r"[0-9a-f]{6,64}")
-SHOWN = 12  # names in an error
+SHOWN = 12  # names listed in an error
 
 
 def find_artifact(text: str, address: str | Path) -> tuple[Artifact, Store | None]:
-    """The artifact that `text` names, and the store that it is in, if any; `address` is where the store should be.
+    """The artifact that `text` names, and the store that it is in, if any.
 
-    `text` is the path of an artifact; at least six characters of a digest; or `WORKFLOW/STAGE.OUTPUT`, of which the
-    workflow and the output may be left out where that leaves no choice. Raises CommandError where nothing or more than
-    one thing has that name, CorruptArtifact where what has it is damaged.
+    `text` is the path of an artifact, or the first six or more characters of a digest, or `WORKFLOW/STAGE.OUTPUT`; the
+    workflow, the output and the row of a `foreach` may be left out if that is unambiguous. Digests and names are looked
+    up in the store at `address`. Raises CommandError if there is no such store, or if `text` matches no artifact or
+    several, CorruptArtifact if the artifact is damaged.
     """
     path = Path(text)
     if (path / MANIFEST).is_file():
@@ -51,9 +52,10 @@ def find_artifact(text: str, address: str | Path) -> tuple[Artifact, Store | Non
 
 @contextmanager
 def finding(text: str, address: str | Path) -> Iterator[tuple[Artifact, Store | None]]:
-    """`find_artifact`, and the store stays in use: nothing is deleted from it meanwhile.
+    """Like `find_artifact`, but the store stays in use within the block, so that nothing is deleted from it.
 
-    Another user's store, which cannot be written, is looked at without.
+    A store that cannot be written, such as another user's, is read without this protection. Also raises CommandError if
+    results are being deleted.
     """
     artifact, store = find_artifact(text, address)
     with store.in_use() if store and os.access(store.root, os.W_OK) else nullcontext():
@@ -61,7 +63,7 @@ def finding(text: str, address: str | Path) -> Iterator[tuple[Artifact, Store | 
 
 
 def check_workflows(store: Store, names: Iterable[str]) -> None:
-    """Raises CommandError for a name that is none of a workflow that ran."""
+    """Raises CommandError if one of `names` is not a workflow that has run in this store."""
     known = store.history.workflows()
     for name in names:
         if name not in known:
@@ -70,7 +72,7 @@ def check_workflows(store: Store, names: Iterable[str]) -> None:
 
 
 def open_existing(address: str | Path) -> Store:
-    """The store at an address. Raises CommandError where there is none: looking must not make one."""
+    """The store at an address. Raises CommandError for a folder that is not one: reading must not create a store."""
     if "://" not in str(address) and not (str(address) and is_store(from_home(address))):
         raise CommandError(
             "no store there", where=address, remedy="Say with --store, or in $GS_HIDER_STORE, where results are kept."
@@ -79,7 +81,7 @@ def open_existing(address: str | Path) -> Store:
 
 
 def names_of(digest: str, store: Store) -> list[str]:
-    """The names that an artifact has in `latest`."""
+    """The names that an artifact has in `latest`; empty if it has none."""
     return _names_of(digest, store.latest_digests())
 
 
@@ -88,13 +90,13 @@ def _names_of(digest: str, names: dict[str, str]) -> list[str]:
 
 
 def _store_around(path: Path) -> Store | None:
-    """The store whose object `path` is."""
+    """The store that holds the artifact at `path`; None if it is not in a store."""
     root = path.parent.parent
     return Store(root) if path.parent.name == "objects" and (root / "actions").is_dir() else None
 
 
 def forms_of(name: str) -> list[str]:
-    """What a person may type for a name in `latest`, the name itself first.
+    """What a person may type for a name in `latest`; the name itself comes first.
 
     >>> forms_of("hide/views[reef].views")  # doctest: +NORMALIZE_WHITESPACE
     ['hide/views[reef].views', 'hide/views[reef]', 'hide/views', 'hide/views.views',
@@ -108,7 +110,7 @@ def forms_of(name: str) -> list[str]:
 
 
 def _only(text: str, found: dict[str, list[str]]) -> str:
-    """The one key of `found`, whose values are the names to tell them by."""
+    """The only key of `found`. Raises CommandError if there are several, with the names (the values) of each."""
     if len(found) > 1:
         candidates = [
             " = ".join(dict.fromkeys([name[:12] if PREFIX.fullmatch(name) else name, *names]))
@@ -125,7 +127,7 @@ def _expected(text: str, names: dict[str, str]) -> str:
 
 
 def _what_failed(workflow: str, store: Store) -> str | None:
-    """Why what an earlier run of a workflow made is nowhere in `latest`, and what gives it back."""
+    """Why `latest` lacks what a workflow made earlier, and how to restore it; None if its last run did not fail."""
     for journal in store.history.journals(workflow)[:1]:
         failed = [name for name, result in store.history.results(journal).items() if result.state == "failed"]
         if failed:

@@ -1,4 +1,4 @@
-"""Opening the store at an address: a folder, which has to be a store or empty, or a bucket."""
+"""Opening the store at an address: a bucket, or a folder that is a store or empty."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from pipeline.store import IN_USE, LOCKS, Store
 
 
 def open_store(address: str | Path, make: bool = True) -> Store:
-    """The store at an address: a folder, or `s3://BUCKET/PREFIX`. Raises CommandError for what is no address.
+    """The store at an address: a folder, or `s3://BUCKET/PREFIX`.
 
-    A folder that is missing or empty becomes a store; unless `make`, it is left so and an empty store stands for it.
-    Raises CommandError for a folder that holds something else.
+    A folder that is missing or empty becomes a store; unless `make`, it is left as it is, and an empty store stands in
+    for it. Raises CommandError for an invalid address or a folder that holds something else, OSError if the folder
+    cannot be read or created.
     """
     if "://" in str(address):
         return RemoteStore(Bucket(str(address)))
@@ -31,7 +32,7 @@ def open_store(address: str | Path, make: bool = True) -> Store:
     if is_store(root):
         return Store(root)
     found = sorted(entry.name for entry in root.iterdir()) if root.is_dir() else []
-    if set(found) - {LOCKS, IGNORED}:  # these alone: another run is just making it, or it was emptied
+    if set(found) - {LOCKS, IGNORED}:  # with these alone, another run is just creating it, or it was emptied
         raise CommandError(
             "a folder of something else",
             where=root,
@@ -49,6 +50,7 @@ def open_store(address: str | Path, make: bool = True) -> Store:
 def is_store(root: Path) -> bool:
     """Whether a folder is a store, of this or an earlier version, or a copy of one without its locks.
 
-    `gc` deletes what nobody needs, `verify` sets aside what is damaged: in another folder that would be all there is.
+    Commands check this first: in any other folder, `gc`, which deletes what nobody needs, and `verify`, which sets
+    aside what is damaged, would take everything.
     """
     return (root / LOCKS / IN_USE).is_file() or any((root / "actions").glob(f"*/{RECORD}"))

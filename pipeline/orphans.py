@@ -1,7 +1,7 @@
-"""Processes that end when the process does that started them, even if it was killed and they are deep in a library.
+"""Processes that end with their parent, even if it was killed and they are deep in a library.
 
-dask's workers and our companions watch a pipe that closes with their parent. But what watches is Python, which waits
-while a library computes for minutes: the kernel does not wait.
+dask's workers and our companions watch a pipe that closes when their parent ends. But they watch it in Python, which
+does not run while a library computes for minutes. The kernel does not have to wait for that.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ SET_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of linux/prctl.h
 
 
 def end_with_parent(parent: int) -> None:
-    """Has the kernel end this process as soon as process `parent` ends; without effect on other systems than Linux."""
+    """Makes the kernel kill this process as soon as process `parent`, its parent, ends; does nothing but on Linux."""
     if sys.platform != "linux":
         return
     ctypes.CDLL(None).prctl(SET_PARENT_DEATH_SIGNAL, int(signal.SIGKILL), 0, 0, 0)

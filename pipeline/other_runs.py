@@ -1,4 +1,4 @@
-"""Whether another run of the same workflow is going on: both write its logs, and its links in `latest`."""
+"""Detects another run of the same workflow: both write its logs, and its links in `latest`."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ MIXED = "logs and `latest` will be of both; the same command, when both have end
 
 @contextmanager
 def beside_others(store: Store, workflow: str) -> Iterator[bool]:
-    """Takes part in the runs of a workflow on this machine, and yields whether there are others.
+    """Registers a run of a workflow on this machine, and yields whether there are others.
 
-    False where that cannot be seen, as on a full disk or one without locks: no run fails for it.
+    Yields False if that cannot be determined, for example on a full disk or one without locks: no run fails for it.
     """
     with ExitStack() as taken:
         others = False
-        elsewhere = leads_elsewhere(store.root, LOCKS, RUNS)  # over a link, where no file is to be made
+        elsewhere = leads_elsewhere(store.root, LOCKS, RUNS)  # over a link: no file may be created there
         with suppress(OSError):
             if not elsewhere:
                 path = store.folder(LOCKS, RUNS) / workflow
                 descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
                 file = taken.enter_context(os.fdopen(descriptor, "ab"))
                 others = not _is_alone(file)
-                fcntl.flock(file, fcntl.LOCK_SH)  # as those that come later do, so that each is seen until it ends
+                fcntl.flock(file, fcntl.LOCK_SH)  # shared with later runs, so that each is seen until it ends
         yield others
 
 

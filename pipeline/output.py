@@ -1,8 +1,8 @@
-"""What a run prints where it can no longer be printed: it is lost, and the run goes on.
+"""Output that can no longer be printed is dropped, and the run goes on.
 
-A terminal is closed below a run in the background, Ctrl-C ends the `tee` that reads a run before the run has saved its
-checkpoints, the disk of a log is full: none of this is a reason to give up the work of hours, or to end with another
-exit status than that of the work.
+The terminal of a background run is closed, Ctrl-C ends the `tee` that reads a run's output before the run has saved its
+checkpoints, the disk of a log is full: none of this is a reason to give up hours of work, or to end with an exit status
+other than that of the work.
 """
 
 from __future__ import annotations
@@ -17,17 +17,19 @@ from typing import Any, TextIO, cast
 
 
 class LossyStream:
-    """A stream of text; what cannot be written to it is lost without an error."""
+    """A text stream that drops what cannot be written, without an error."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 
     def write(self, text: str) -> int:
+        """Writes `text` if possible, and returns its length in any case."""
         with suppress(OSError):
             self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
+        """Flushes the stream if possible."""
         with suppress(OSError):
             self._stream.flush()
 
@@ -36,22 +38,24 @@ class LossyStream:
 
 
 def open_closed_streams() -> None:
-    """Has a stream that was closed before Python began (`2>&-`) lead nowhere: else the next file that is opened would
-    be what is printed to, and every attempt to print fail.
+    """Points standard streams that were closed before Python started (`2>&-`) to `/dev/null`.
+
+    Otherwise the next file to be opened would receive what is printed, and every attempt to print would fail.
     """
     for descriptor, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
         if getattr(sys, name) is None:
             nowhere = os.open(os.devnull, os.O_RDWR)
             if nowhere == descriptor:
                 os.set_inheritable(nowhere, True)  # workers print, too
-            else:  # the lowest that is free is another: this one was taken meanwhile
+            else:  # another was the lowest free one: this one was taken meanwhile
                 os.close(nowhere)
-            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115  # for as long as the process
+            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115  # open until the process ends
 
 
 def spell_what_cannot_be_printed() -> None:
-    """Has standard output spell what its encoding lacks, as standard error does: an arrow in Latin-1, or the name of a
-    folder that is no UTF-8, is no reason to fail when all is done.
+    """Makes standard output escape what its encoding lacks, as standard error does.
+
+    An arrow in Latin-1, or the name of a folder that is not UTF-8, is no reason to fail when all the work is done.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
@@ -59,7 +63,7 @@ def spell_what_cannot_be_printed() -> None:
 
 @contextmanager
 def lossy_output() -> Iterator[None]:
-    """Has this process lose what it cannot print meanwhile, and what is then left of it when it exits."""
+    """Within the block, drops what this process cannot print; at its end, drops what cannot be flushed either."""
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (cast(TextIO, LossyStream(stream)) if stream else stream for stream in before)
     try:
@@ -72,7 +76,7 @@ def lossy_output() -> Iterator[None]:
 
 
 def _flush_or_drop(stream: TextIO) -> None:
-    """Prints what is left; where nobody takes it, nowhere: Python's own attempt at exit would change the status."""
+    """Flushes a stream, or drops what is left: Python's own attempt to flush it at exit would change the status."""
     try:
         stream.flush()
     except OSError:

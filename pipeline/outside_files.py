@@ -1,4 +1,4 @@
-"""The digests of what the parameters of a workflow lead to outside the store, each file or folder read once."""
+"""The digests of the files and folders outside the store that a workflow's parameters lead to, each read once."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from pipeline.external_cache import ExternalCache
 from pipeline.located import Problems
 
 MakesCache = Callable[[], ExternalCache]
-"""Called when all else is right: only then is anything read, or a place made to remember it in."""
+"""Called once all else is right: until then, nothing is read, and no place is created to remember it in."""
 
 
 @dataclass(frozen=True)
 class Outside:
-    """The paths that a parameter leads to, and where the workflow says so."""
+    """The paths that a parameter leads to, and the place in the workflow that says so."""
 
     paths: tuple[str, ...]
     place: Place
 
 
 class OutsideFiles:
-    """Reads with `external`; what cannot be read joins `problems`."""
+    """Digests files with `external`; what cannot be read is added to `problems`."""
 
     def __init__(self, external: ExternalCache, problems: Problems) -> None:
         self._external = external
@@ -32,7 +32,7 @@ class OutsideFiles:
         self._digests: dict[str, str] = {}
 
     def digests(self, parameters: Mapping[str, Outside]) -> dict[str, tuple[str, ...]]:
-        """Of each parameter the digests of what it leads to; an empty one for a default that leads nowhere."""
+        """The digests of what each parameter leads to; "" for a default that leads nowhere, and after a problem."""
         return {
             name: tuple(self._digest(path, name, outside.place) for path in outside.paths)
             for name, outside in parameters.items()

@@ -1,4 +1,4 @@
-"""Paths in a workflow that lead outside the store, made absolute, and those that lead nowhere."""
+"""Paths in a workflow that lead outside the store: made absolute, and reported if they lead nowhere."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from pipeline.external import from_home, is_there, resolved
 from pipeline.located import Located, Problems
 
 MOST = 1000
-"""Names of a folder among which one is sought that is like a missing one."""
+"""How many names in a folder are searched for one that resembles a missing one."""
 
 
 def as_typed(value: Located) -> Located:
     """The value of an external path as it was typed: `2024`, `1e5` and `Holiday: Rome` are names.
 
-    Null stays what it is. A list stays one, of such paths, unless what was typed is there, such as the folder `[fox]`.
+    Null stays null. A list stays a list, of paths as they were typed, unless its own text is a path that exists, for
+    example the folder `[fox]`.
     """
     literal = value if value.typed is None else replace(value, value=value.typed, typed=None)
     if isinstance(value.value, tuple) and (literal is value or not is_there(str(absolute(literal)))):
@@ -27,9 +28,9 @@ def as_typed(value: Located) -> Located:
 
 
 def absolute(value: Located) -> Json:
-    """The value of an external path, or a list of them, made absolute; anything else as it is, for others to refuse.
+    """An external path, or a list of them, made absolute; anything else unchanged, for others to refuse.
 
-    A shell leaves the ~ in `--set cover=~/photos` as it stands, and so does whoever writes a workflow.
+    A leading ~ is expanded: not every shell does that in `--set cover=~/photos`, and none does it in a workflow file.
     """
     if isinstance(value.value, tuple):
         return [absolute(item) for item in value.value]
@@ -41,7 +42,7 @@ def absolute(value: Located) -> Json:
 def check_there(name: str, value: Located, problems: Problems) -> None:
     """Reports each path in the parameter `name` that is empty or leads nowhere.
 
-    An empty path would be the folder of the workflow itself, which nobody means who leaves one out.
+    An empty path would mean the folder of the workflow itself, which is never intended.
     """
     for path in value.items if isinstance(value.value, tuple) else (value,):
         if path.value == "":
@@ -53,7 +54,7 @@ def check_there(name: str, value: Located, problems: Problems) -> None:
 
 
 def _nearest_path(missing: Path) -> str:
-    """`; did you mean …?` with a path that is there and differs in one name; nothing where there is none."""
+    """`; did you mean …?` with an existing path that differs in one name; empty if there is none."""
     wrong = next((path for path in reversed([missing, *missing.parents]) if not is_there(path)), missing)
     try:
         names = [path.name for path in islice(wrong.parent.iterdir(), MOST)]

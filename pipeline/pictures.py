@@ -1,8 +1,8 @@
-"""The pictures in an artifact, as files: what an array's shape says is a picture, and plain files that are one.
+"""The pictures in an artifact, as files: parts of arrays that have the shape of a picture, and plain picture files.
 
-A picture is what ends in [height, width] or [height, width, 3 or 4] with sides of at least `SMALLEST` pixels, neither
-`LONGEST` times the other: so tables and weights are none. Values are uint8, bool, or floating point in [0, 1]; colours
-beyond that are cut off, grey values scaled.
+The shape of an array of pictures ends in [height, width] or [height, width, 3 or 4], with sides of at least `SMALLEST`
+pixels, neither more than `LONGEST` times the other, which rules out tables and weights. Values are uint8, bool, or
+floating point in [0, 1]; beyond that, colours are clipped, and grey values scaled.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture: a plain file, or what is in an array at `index` along its first axes."""
+    """One picture: a plain file if `index` is None, otherwise the part of an array at `index` along its first axes."""
 
     source: str
     index: tuple[int, ...] | None
 
     def file_name(self, digits: int) -> str:
-        """`1/truth` at 7 becomes `1-truth-0007.png`; files keep their names."""
+        """The name to write it to: `1/truth` at 7 becomes `1-truth-0007.png`; files keep theirs, with `-` for `/`."""
         if self.index is None:
             return self.source.replace("/", "-")
         name = re.sub(r"[^A-Za-z0-9_.-]+", "-", self.source)
@@ -49,7 +49,7 @@ class Picture:
 
 
 def pictures_of(artifact: Artifact) -> list[Picture]:
-    """All pictures in an artifact, in order."""
+    """All pictures in an artifact: those in arrays, then files, each in order."""
     found = []
     for name in artifact.names:
         axes = leading_axes(artifact.manifest.arrays[name])
@@ -60,7 +60,7 @@ def pictures_of(artifact: Artifact) -> list[Picture]:
 
 
 def leading_axes(array: ArrayRecord) -> tuple[int, ...] | None:
-    """The shape of the axes before those of a picture; None where an array holds no pictures.
+    """The shape of the axes before those of a picture; None if the array holds no pictures.
 
     >>> [leading_axes(ArrayRecord("|u1", shape, shape, "")) for shape in ((48, 72, 96, 3), (72, 96), (9000, 16, 3))]
     [(48,), (), None]
@@ -76,10 +76,10 @@ def leading_axes(array: ArrayRecord) -> tuple[int, ...] | None:
 
 
 def write_pictures(artifact: Artifact, folder: Path, most: int | None) -> tuple[list[Path], int]:
-    """Writes at most `most` pictures, as `drawn` draws them, into `folder`; None for `most` writes all.
+    """Writes at most `most` pictures, selected by `drawn`, into `folder`; if `most` is None, all of them.
 
-    Returns their paths, and how many there are in the artifact. Files of a private artifact are closed to others, and
-    so is the folder where it is made here. Raises CommandError, and writes nothing, where one of the files exists.
+    Returns their paths, and the number of pictures in the artifact. Files of a private artifact are closed to others,
+    and so is the folder if it is created here. Raises CommandError, and writes nothing, if one of the files exists.
     """
     found = pictures_of(artifact)
     chosen = found if most is None else drawn(found, most)
@@ -104,7 +104,7 @@ def write_pictures(artifact: Artifact, folder: Path, most: int | None) -> tuple[
 
 
 def _check_free(paths: Sequence[Path]) -> None:
-    """Raises CommandError where a file exists: pictures of another artifact may have the same names."""
+    """Raises CommandError if one of the files exists: pictures of another artifact may have the same names."""
     taken = next(filter(os.path.lexists, paths), None)
     if taken:
         raise CommandError(
@@ -116,8 +116,9 @@ def _check_free(paths: Sequence[Path]) -> None:
 
 
 def drawn(pictures: Sequence[Picture], most: int) -> list[Picture]:
-    """At most `most` of the pictures, evenly from all; of several arrays the same places, so that what was rendered
-    lies beside its truth, as far as `most` allows.
+    """At most `most` of the pictures, spread evenly over all.
+
+    As far as `most` allows, the same indices are taken from each array, so that every rendering comes with its truth.
     """
     places: dict[object, list[Picture]] = {}
     for picture in pictures:
@@ -133,7 +134,7 @@ def _evenly(items: Sequence[Item], number: int) -> list[Item]:
 
 
 def _scale(artifact: Artifact, name: str) -> tuple[float, float]:
-    """What becomes black and what white."""
+    """The values that become black and white."""
     record = artifact.manifest.arrays[name]
     grey = len(record.shape) - len(leading_axes(record) or ()) == 2
     values = range_of(artifact, name) if grey and record.dtype[1] == "f" else None

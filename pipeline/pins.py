@@ -1,8 +1,8 @@
-"""Pins: results that `gc` keeps whatever runs come after, under a name of the user's.
+"""Pins: results that `gc` keeps whatever runs follow, under a name that the user chose.
 
     pins/<name>.json     the keys of all actions behind the pinned results, by stage
 
-Names of stages may tell of a message, so nobody else can read these files.
+Names of stages may reveal a message, so nobody else can read these files.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,\[\]-]{0,199}")
 
 @dataclass(frozen=True)
 class Pin:
-    """The pinned results of a workflow: the key of the action of each stage; `made` is when it was pinned."""
+    """The pinned results of a workflow: the key of each stage's action; `made` is when they were pinned."""
 
     workflow: str
     made: str
@@ -30,7 +30,7 @@ class Pin:
 
 
 class Pins:
-    """The pins of one store, in a folder that is made with the first."""
+    """The pins of one store, in a folder that is created with the first pin."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -41,7 +41,7 @@ class Pins:
         return sorted(path.stem for path in self._folder.glob("*.json"))
 
     def read(self, name: str) -> Pin:
-        """Raises UserError for a pin that cannot be read: nobody knows then what it was to keep."""
+        """The pin of that name. Raises UserError if it cannot be read: then nobody knows what it was meant to keep."""
         try:
             content = json.loads(self._data(name))
             return Pin(
@@ -58,7 +58,7 @@ class Pins:
             ) from error
 
     def add(self, name: str, pin: Pin) -> None:
-        """Raises CommandError for a name that is taken or cannot be one."""
+        """Adds a pin, atomically and durably. Raises CommandError if the name is taken or not allowed."""
         if not NAME.fullmatch(name):
             raise CommandError(f"{name!r} cannot name a pin", expected="letters, digits and '_' '-' '.' ',' '[' ']'")
         if not self._create(name, json.dumps(asdict(pin), indent=1, sort_keys=True).encode()):
@@ -66,7 +66,7 @@ class Pins:
             raise CommandError(f"there is a pin {name!r} already", remedy=remedy)
 
     def remove(self, name: str) -> None:
-        """Raises CommandError where there is no pin of that name."""
+        """Removes a pin. Raises CommandError if there is none of that name."""
         if name not in self.names:
             raise CommandError(
                 f"no pin {name!r}; there are {', '.join(self.names) or 'none'}{nearest(name, self.names)}"
@@ -80,7 +80,7 @@ class Pins:
         return self._path(name).read_bytes()
 
     def _create(self, name: str, data: bytes) -> bool:
-        """Writes a pin where none has that name; False where one has."""
+        """Writes a pin unless the name is taken, and returns whether it did."""
         if not self._folder.is_dir():
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             flush(self._folder.parent)

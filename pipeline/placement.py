@@ -1,4 +1,4 @@
-"""Which worker may take which stage: what fits together, and what no worker can ever take."""
+"""Which worker may run which stage: what there is room for now, and what no worker can ever run."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from pipeline.resources import Resources, resources_words
 class Worker:
     """A process that does one piece of work at a time.
 
-    A worker of a cluster has the `resources` that it was started with, and no others. The workers that a run starts
-    itself share those of this machine (`shared`); where a run was not told of a resource, such stages may run there,
-    but one at a time: who has one GPU, or none where a stage can do without, need not say so. `counted` are the names
-    that dask counts, too, so that two runs on one cluster respect each other.
+    A worker of a cluster has exactly the `resources` that it was started with. The workers that a run starts itself
+    share those of this machine (`shared`). If the run was not told about a resource, stages that need it still run
+    there, but one at a time: a user with one GPU, or with none where a stage can do without, need not say so. `counted`
+    names the resources that dask counts, too, so that two runs on one cluster respect each other.
     """
 
     address: str
@@ -24,7 +24,7 @@ class Worker:
     counted: frozenset[str] = frozenset()
 
     def has_room(self, needs: Resources, beside: Sequence[Resources] = ()) -> bool:
-        """Whether it can take a piece while others run `beside`: on this worker and those that share with it."""
+        """Whether it can take a piece of work while others, which need `beside`, run on workers that share with it."""
         for name, wanted in needs.items():
             used = sum(other.get(name, 0.0) for other in beside)
             if used + wanted > self._amount(name, wanted):
@@ -36,7 +36,10 @@ class Worker:
 
 
 def place(needs: Resources, workers: Iterable[Worker], taken: Mapping[str, Resources]) -> Worker | None:
-    """The worker that takes a piece now; `taken` says what each worker does, by address. None where it has to wait."""
+    """The worker that takes a piece of work now; None if the piece has to wait.
+
+    `taken` holds what the work of each busy worker needs, by address.
+    """
     beside = list(taken.values())
     for worker in workers:
         if worker.address not in taken and worker.has_room(needs, beside if worker.shared else ()):
@@ -45,7 +48,7 @@ def place(needs: Resources, workers: Iterable[Worker], taken: Mapping[str, Resou
 
 
 def lacking(needs: Resources, workers: Sequence[Worker]) -> str | None:
-    """Why no worker could ever take a piece, and what each has; None where one could, once it is free."""
+    """Why no worker could ever take a piece of work, and what each has; None if one could, once it is free."""
     if any(worker.has_room(needs) for worker in workers):
         return None
     wanted = resources_words(needs) or "a worker"

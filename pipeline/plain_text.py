@@ -1,4 +1,4 @@
-"""Text of strangers, such as a name in a file, made fit for a terminal, a log or a message."""
+"""Text from strangers, such as a name in a file, made safe for a terminal, a log or a message."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ LONGEST_LINE = 120  # characters
 
 
 def without_controls(text: str, allowed: str = "") -> str:
-    """The text with `?` for each character that a terminal would obey, but for those `allowed`.
+    """The text with `?` for each unprintable character, which a terminal might obey, except those `allowed`.
 
     >>> without_controls("red " + chr(27) + "[31m")
     'red ?[31m'
@@ -17,7 +17,7 @@ def without_controls(text: str, allowed: str = "") -> str:
 
 
 def listed(names: Sequence[str], most: int = 8) -> str:
-    """The names with commas between them, or the first of many and how many more there are.
+    """The names separated by commas; of more than `most`, the first ones and how many more there are.
 
     >>> listed(["a", "b"]), listed(["a", "b", "c", "d"], 2), listed([])
     ('a, b', 'a, b and 2 more', '')

@@ -1,8 +1,9 @@
-"""What a run would do, and why, as far as it can be known before anything runs.
+"""What a run would do, and why, as far as that can be known before anything runs.
 
-A plan takes one look at the folders of the store and at what the last runs told, and opens a record only where these do
-not know a stage: thousands of finished stages are planned in a second. Whether an artifact is whole is not asked here;
-a run asks, and makes again what is not. Only of what no run can make again it is asked here, too.
+A plan lists the folders of the store once, reads the journals of the last runs, and opens a record only for a stage
+that these do not cover, so that thousands of finished stages are planned in a second. It does not check whether
+artifacts are whole: a run does, and makes again those that are not. Only results that no run can make again are checked
+here, too.
 """
 
 from __future__ import annotations
@@ -31,13 +32,14 @@ PlanState = Literal["cached", "running", "run", "depends", "shared", "lost", "re
 class Step:
     """A node in the plan.
 
-    `cached`: done already, as `result` tells. `running`: a run is doing it; the first of `reasons` says where to read
-    more. `run`: to be done, for `reasons`. `depends`: to be done if what is made before it comes out differently.
-    `shared`: to be done by a stage before it that does the same. `lost`: damaged or gone, and a run refuses to put
-    another in its place. `refused`: a run would not make another for other code alone. `key` is None as long as an
-    input is not made. `changes` are what differs from the last result, and but where it is refused part of the reasons.
-    `failed` is the cause of a failure since the last result. `before` is the key of the result that it is compared
-    with (`Kindred`).
+    `cached`: already done, with this `result`. `running`: a run is doing it; the first of `reasons` says where to read
+    more. `run`: to be done, for `reasons`. `depends`: to be done if inputs that are not made yet come out differently.
+    `shared`: does the same as an earlier stage, which does it for both. `lost`: damaged or gone, and a run refuses to
+    replace it. `refused`: only its code changed, and a run refuses to replace a result that it cannot make again.
+
+    `key` is None until all inputs are made. `before` is the key of the earlier result that it is compared with (see
+    `Kindred`), `changes` are the differences, and part of the reasons unless it is refused. `failed` is the cause of a
+    failure since the last result.
     """
 
     name: str
@@ -51,14 +53,14 @@ class Step:
 
     @property
     def failed_before(self) -> str | None:
-        """That it failed last time, and why: while an input is missing nobody knows whether with the same ones."""
+        """That it failed last time, and why; None if it did not. Without a `key`, the inputs may have been others."""
         if self.failed is None:
             return None
         return f"failed last time{'' if self.key else ', with these inputs or others'}: {self.failed}"
 
 
 class Known:
-    """What the store knows of digests of code and of external files, each looked up once."""
+    """What the store knows about digests of code and of external files, each looked up once."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -67,18 +69,20 @@ class Known:
         self._files: dict[str, Contents | None] = {}
 
     def code(self, digest: str) -> Mapping[str, Any] | None:
+        """The modules that a digest of code stands for: see `Store.code`. None if unknown."""
         if digest not in self._codes:
             self._codes[digest] = self._store.code(digest)
         return self._codes[digest]
 
     def files(self, digest: str) -> Contents | None:
+        """The external files that a digest stands for; None if unknown."""
         if digest not in self._files:
             self._files[digest] = self._external.contents(digest)
         return self._files[digest]
 
 
 def make_plan(graph: Graph, store: Store) -> dict[str, Step]:
-    """The steps of a run, in order."""
+    """The steps of a run by node, in the order of the graph."""
     with without_collection():
         return _Planner(graph, store).plan()
 
@@ -112,7 +116,10 @@ class _Planner:
         return steps
 
     def work(self, node: Node, digests: Mapping[Source, str | None], works: Mapping[Source, str]) -> str:
-        """What is to be done, equal for nodes that will have the same key: for what is not made, how it will be."""
+        """A hash of the work to be done, equal for nodes that will have the same key.
+
+        An input that is not made yet counts by the work that will make it.
+        """
         given = {source: digests[source] or works[source] for sources in node.sources.values() for source in sources}
         return key_of(key_parts(node, given))
 
@@ -136,7 +143,7 @@ class _Planner:
     def missing(
         self, node: Node, key: str | None, parts: Mapping[str, Any], last: LastResult, before: Record | None
     ) -> Step:
-        """The step of a node that is not in the store, compared with what was `before`."""
+        """The step of a node whose result is not in the store, compared with the result `before`."""
         if before is None:
             reason = "its last result is no longer in the store" if last.made else "it has never run"
             return Step(node.name, "run", key, (reason,), failed=last.cause(key))
@@ -149,21 +156,21 @@ class _Planner:
         return Step(node.name, state, key, tuple(change.text for change in changed), changed, failed=last.cause(key))
 
     def running(self, step: Step, key: str) -> Step:
-        """The same step while a run is doing it: of this workflow, or of another that has the same to do."""
+        """The same step while a run is doing it: a run of this workflow, or of another that has to do the same."""
         logs = [self.store.log(self.graph.workflow, step.name, private) for private in (False, True)]
         log = next((f"log: {log}" for log in logs if is_log_of(key, log)), "as another stage, or in another workflow")
         return replace(step, state="running", reasons=(log, *(change.text for change in step.changes)))
 
     def loss(self, node: Node, key: str) -> str | None:
-        """Why a run would fail that cannot make again what is gone; None where nothing is."""
+        """Why a run would fail because an irreplaceable result is damaged or gone; None if it is not."""
         remains = self.store.remains(key) if node.unrepeatable and self.store.find(key) is None else ()
         return words_of_loss(node.name, remains, self.graph, self.store) if remains else None
 
     def result(self, name: str, key: str, made: StageResult | None) -> StageResult | None:
-        """What the action `key` made, if all of it is in the store."""
+        """What the action `key` made; None unless all of it is in the store."""
         if key not in self.actions:
             return None
-        # What a later run found there took it no time: how long it was made stands in the record.
+        # A later run that found the result cached took no time: how long it took to make is in the record.
         made_then = made is not None and made.state != "cached" and made.key == key
         if made is not None and made_then and self.objects.issuperset(made.outputs.values()):
             return made
@@ -174,5 +181,5 @@ class _Planner:
 
 
 def _waits(change: Change) -> bool:
-    """Whether an input is only not made yet."""
+    """Whether a change is merely an input that is not made yet."""
     return change.after is None and "source" in change.details

@@ -1,4 +1,4 @@
-"""Plans and graphs as the command line tells them: in lines for people, and in JSON for programs."""
+"""Plans and graphs as the command line prints them: lines for people, JSON for programs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pipeline.plan import Step
 from pipeline.wording import duration
 
 MOST_OF_A_CAUSE = 160
-"""Characters of why something failed; `explain` has all of it."""
+"""Characters shown of the cause of a failure; `explain` shows all of it."""
 
 STATES = {
     "cached": "cached",
@@ -27,6 +27,7 @@ STATES = {
 
 
 def print_plan(steps: Mapping[str, Step], as_json: bool) -> None:
+    """Prints a line for each step, and unless `as_json` a summary."""
     width = max((len(name) for name in steps), default=0)
     for name, step in steps.items():
         if as_json:
@@ -38,7 +39,7 @@ def print_plan(steps: Mapping[str, Step], as_json: bool) -> None:
 
 
 def _summary(steps: Mapping[str, Step]) -> str:
-    """How many are in which state, and how long it took to make what is there: each result once, whoever shares it."""
+    """How many steps are in each state, and how long the cached results took to make; a shared one counts once."""
     counts = Counter(step.state for step in steps.values())
     words = ", ".join(f"{number} {STATES[state]}" for state, number in sorted(counts.items()))
     seconds = {step.key: step.result.seconds for step in steps.values() if step.result}
@@ -66,6 +67,7 @@ def _step_as_json(step: Step) -> dict[str, object]:
 
 
 def node_as_json(node: Node) -> dict[str, object]:
+    """A node as `graph --json` prints it."""
     return {
         "event": "node",
         "name": node.name,
@@ -77,6 +79,7 @@ def node_as_json(node: Node) -> dict[str, object]:
 
 
 def box(node: Node, step: Step) -> Box:
+    """A node in a drawing of the graph."""
     lines = (node.uses, duration(step.result.seconds)) if step.result else (node.uses,)
     private = node.private or (step.result is not None and step.result.private)
     refused = step.state in ("lost", "refused")

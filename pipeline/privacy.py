@@ -1,7 +1,7 @@
-"""Where private artifacts may be written: only where nobody else would come by them.
+"""Where private artifacts may be written: only where nobody else can get at them.
 
-A private place is one that others cannot enter, since the folder itself or one above it belongs to the user and is
-closed to all others (mode 0700), and that is not published by accident, since it is in no git work tree.
+In a private place, others cannot enter, because the folder or one above it belongs to the user and is closed to all
+others (mode 0700), and nothing is published by accident, because no folder above is a git work tree.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from pipeline.external import resolved
 
 
 def why_public(path: Path) -> str | None:
-    """Why what is written to `path` would be in a public place, in words; None for a private place.
+    """Why a file at `path` would be in a public place, in words; None for a private place.
 
-    Looks at the folders above `path`, and at `path` itself, as far as they exist.
+    Looks at `path` and the folders above it, as far as they exist.
     """
-    path = resolved(path)  # of new/../x too, where new is not there yet and x elsewhere than it seems
+    path = resolved(path)  # also new/../x, where new does not exist yet and x is not where it seems to be
     existing = next(folder for folder in (path, *path.parents) if folder.is_dir())
     folders = [existing, *existing.parents]
     for folder in folders:
@@ -32,7 +32,7 @@ def why_public(path: Path) -> str | None:
 
 
 def check_place(artifact: Artifact, path: Path, reveal: bool) -> None:
-    """Raises CommandError for a private artifact that would go to a public place, unless told to `reveal` it."""
+    """Raises CommandError if a private artifact would go to a public place, unless it may be revealed (`reveal`)."""
     if not artifact.private or reveal:
         return
     reason = why_public(path)
@@ -46,7 +46,7 @@ def check_place(artifact: Artifact, path: Path, reveal: bool) -> None:
 
 
 def make_folder(path: Path, private: bool) -> None:
-    """Makes a folder with its parents where it is missing; those of private artifacts are closed to others."""
+    """Creates a folder and its parents if they are missing; for private artifacts, they are closed to others."""
     for folder in reversed([path, *path.parents]):
         if not folder.is_dir():
             folder.mkdir(mode=0o700 if private else 0o777, exist_ok=True)
@@ -54,7 +54,7 @@ def make_folder(path: Path, private: bool) -> None:
 
 @contextmanager
 def new_file(path: Path, private: bool) -> Iterator[IO[bytes]]:
-    """A file in place of any that is there; nobody else can read a private one, at no time."""
+    """Opens a new file, replacing any other; at no time can anyone else read a private one."""
     path.unlink(missing_ok=True)
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if private else 0o666)
     with os.fdopen(descriptor, "wb") as file:
@@ -62,6 +62,6 @@ def new_file(path: Path, private: bool) -> Iterator[IO[bytes]]:
 
 
 def _closed(folder: Path) -> bool:
-    """Whether a folder belongs to the user and to nobody else."""
+    """Whether a folder belongs to the user and is closed to all others."""
     state = folder.stat()
     return state.st_uid == os.geteuid() and not state.st_mode & 0o077

@@ -1,17 +1,17 @@
-"""What a process that runs stages needs before the first numeric library is loaded.
+"""What a process that runs stages needs before it loads the first numerical library.
 
-How many threads each library has, and who says so:
+How many threads each library uses, and what determines the number:
 
-- torch: the parameter `threads` of a stage, since sums and so the bits depend on it;
-- PoCL: all cores in every process, since no bit depends on it; `POCL_MAX_PTHREAD_COUNT` makes it fewer;
-- pycolmap: features on all cores, matching and mapping on one, since more do not place the same photos twice;
-- companions of a stage: a parameter of the stage; OpenCV and NumPy: as they were built.
+- torch: the stage's parameter `threads`, since sums, and so the bits of results, depend on it;
+- PoCL: all cores in every process, since no bit depends on it; `POCL_MAX_PTHREAD_COUNT` limits it;
+- pycolmap: all cores for features, one for matching and mapping, since more do not place the same photos every time;
+- companions of a stage: a parameter of the stage; OpenCV and NumPy: their built-in defaults.
 
-So stages that run beside each other have more threads than there are cores, and that is well: measured on two cores
-(`tests/benchmarks/two_trainings.py`), two trainings take 0.6 of the time together that they take one after the other,
-because each leaves cores idle between its kernels. Two things keep it so: idle threads sleep, and no stage is held up
-because another "uses all cores". A PoCL thread each, instead of two, made the two together 0 to 10 % faster, and would
-leave half of the machine idle under one large training alone.
+So stages that run side by side have more threads than there are cores. This is intended: measured on two cores
+(`tests/benchmarks/two_trainings.py`), two trainings at once take 0.6 of the time that they take one after the other,
+because each leaves cores idle between its kernels. Two things make this work: idle threads sleep, and no stage waits
+because another "uses all cores". One PoCL thread each, instead of two, made the pair 0 to 10 % faster, but would leave
+half of the machine idle during one large training alone.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 THREADS: Mapping[str, str] = {"OMP_WAIT_POLICY": "PASSIVE", "GOMP_SPINCOUNT": "0"}
-"""Idle threads sleep, so that processes which may each use every core share the machine without a fight."""
+"""Idle threads sleep, so that processes that may each use every core share the machine without contention."""
 
 
 def set_thread_policy() -> None:
-    """Sets `THREADS` for this process and its children, except what the user has set."""
+    """Sets `THREADS` for this process and its children, except variables that the user has set."""
     for name, value in THREADS.items():
         os.environ.setdefault(name, value)
 
 
 @contextmanager
 def nobody_else_reads() -> Iterator[None]:
-    """Files that this process and its children make meanwhile are for this user only, whatever makes them."""
+    """Within the block, files created by this process and its children are for this user only."""
     before = os.umask(0o077)
     try:
         yield
@@ -49,8 +49,8 @@ def nobody_else_reads() -> Iterator[None]:
 class KernelCache:
     """A folder of compiled OpenCL kernels that no other live process uses, kept from run to run.
 
-    PoCL compiles for seconds at its first use, and two processes that write one cache can spoil it for each other: so
-    each process takes the first folder that is free, and the kernel frees it when the process ends.
+    PoCL compiles for seconds on first use, and two processes that write to one cache can corrupt it for each other. So
+    each process takes the first free folder, which the operating system frees when the process ends.
     """
 
     def __init__(self) -> None:
@@ -74,12 +74,13 @@ class KernelCache:
                 break
 
     def release(self) -> None:
+        """Frees the folder, and points `POCL_CACHE_DIR` to the one above it."""
         self._lock.release()
         os.environ["POCL_CACHE_DIR"] = str(self.folder.parent)
 
 
 def _kernel_cache_parent() -> Path:
-    """Where PoCL was told to keep kernels, or the user's cache, or where that cannot be written a temporary folder."""
+    """`POCL_CACHE_DIR`, or else a folder in the user's cache; a temporary one if that cannot be written."""
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     wished = Path(os.environ.get("POCL_CACHE_DIR") or home / "gs-hider" / "pocl")
     try:
@@ -90,7 +91,7 @@ def _kernel_cache_parent() -> Path:
 
 
 def _passing_folder() -> Path:
-    """A new folder that goes when this process ends."""
+    """A new folder that is deleted when this process ends."""
     folder = Path(tempfile.mkdtemp(prefix="gs-hider-pocl-"))
     atexit.register(_remove_own, folder, os.getpid())
     return folder

@@ -1,4 +1,4 @@
-"""Showing a run: a live table on a terminal, plain lines elsewhere, or one JSON object a line for programs."""
+"""Showing a run: a live table on a terminal, plain lines elsewhere, or one JSON object per line for programs."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from pipeline.events import Event, Noted, Remarked, StageEnded, StageProgressed,
 from pipeline.livetable import LiveTable
 from pipeline.wording import Pace, ending, progress_words, remark_words
 
-NEAR = 5  # lines from the end, where a failure is in sight
+NEAR = 5  # lines from the end, within which a failure is still in sight
 SAY_EVERY = 10.0  # seconds between two plain lines about one stage
 
 
 class Display(Protocol):
-    """Shows the events of a run while it is entered."""
+    """A context manager that is called with the events of a run, and shows them."""
 
     def __enter__(self) -> Self: ...
 
@@ -31,7 +31,7 @@ class Display(Protocol):
 
 
 def make_display(workflow: str, stages: int, *, json: bool) -> Display:
-    """The display that suits where the output goes."""
+    """JSON lines on stdout, or else a live table or lines on stderr; `stages` is the number of stages."""
     if json:
         return JsonLines(sys.stdout)
     console = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -39,7 +39,7 @@ def make_display(workflow: str, stages: int, *, json: bool) -> Display:
 
 
 class JsonLines:
-    """One JSON object a line; why a stage failed, remarks and notes go to stderr, for whoever reads along."""
+    """One JSON object per line; causes of failures, remarks and notes go to stderr, for a person who reads along."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -62,7 +62,7 @@ class JsonLines:
 
 
 def _aside(event: Event) -> str | None:
-    """What a person has to know of an event that no line for programs tells; None where there is no such thing."""
+    """What a person has to know about an event that its JSON line does not say; None if there is nothing."""
     if isinstance(event, StageEnded) and event.state == "failed":
         return ending(event)
     if isinstance(event, Remarked):
@@ -71,10 +71,10 @@ def _aside(event: Event) -> str | None:
 
 
 class PlainLines:
-    """A line when a stage starts and ends, and at most one each ten seconds in between.
+    """A line when a stage starts and when it ends, and at most one every ten seconds in between; none if it is cached.
 
-    Remarks and failures are said once more at last: of many stages the last lines are what people read. A failure that
-    is the only one, and stands near the end, is in sight already.
+    Remarks that are not `as_wished`, and failures, are repeated at the end: after many stages, people read only the
+    last lines. A single failure near the end is not repeated, since it is still in sight.
     """
 
     def __init__(self, stream: TextIO) -> None:

@@ -1,4 +1,4 @@
-"""A workflow together with its store and the stages that it can use: what every command starts from."""
+"""A workflow together with its store and the stages that it can use: where every command starts."""
 
 from __future__ import annotations
 
@@ -22,14 +22,16 @@ from pipeline.store import Store
 from pipeline.workflow import read_workflow
 
 LIBRARIES = ("opencl",)
-"""First-party packages, besides those of stages, whose code a result depends on."""
+"""First-party packages, besides those of stages, whose code results depend on."""
 
 OURS = "stages"
-"""The package of the project's own stages, which those of another package may use."""
+"""The package of the project's own stages, which stages of another package may use."""
 
 
 @dataclass(frozen=True)
 class Project:
+    """The graph of a workflow, its store, and the package of its stages."""
+
     graph: Graph
     store: Store
     package: str
@@ -45,11 +47,11 @@ def open_project(
     make: bool = True,
     stages: Sequence[str] = (),
 ) -> Project:
-    """Reads and checks a workflow. Unless `make`, a store that is missing is not made, and an empty one stands for it.
+    """Reads and checks a workflow, and opens its store.
 
-    Nor is one made where anything is wrong: in a wrong folder it would be all that is left of a mistake. Raises
-    WorkflowError with all that is wrong, CommandError for a bad store, or where one of `stages` is none of the
-    workflow's.
+    A missing store is created only if `make` and if nothing is wrong: in a wrong folder, it would be all that is left
+    of a mistake. Otherwise an empty store stands in for it. Raises WorkflowError with everything that is wrong,
+    CommandError for a bad store, or if one of `stages` is not in the workflow.
     """
     problems = Problems()
     with without_collection():
@@ -89,6 +91,6 @@ def _opened(address: str | Path, make: bool) -> Store:
 
 
 def _remind(problems: Problems, file: Path, given: Sequence[str]) -> None:
-    """What was given the last time is most often what is missing now."""
+    """Adds the options of the last run to `problems`: most often, they are what is missing now."""
     if given:
         problems.add(Place(str(file)), f"its last run in this store was given {shlex.join(given)}")

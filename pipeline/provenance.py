@@ -1,4 +1,4 @@
-"""Facts kept beside a result and never in its key: what it was made with, where and from which commit."""
+"""Facts recorded with a result, but never in its key: what it was made with, where and from which commit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 
 
 def now() -> str:
-    """The time, in UTC, to the millisecond: what was made in one second has an order, too."""
+    """The time in UTC, in ISO format, to the millisecond, so that results made within one second have an order."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
@@ -33,7 +33,7 @@ def versions_of(libraries: Iterable[str]) -> dict[str, str]:
 
 @functools.cache
 def _providers() -> Mapping[str, list[str]]:
-    """The distributions that provide each top-level module; slow, and the same as long as a process lives."""
+    """The distributions that provide each top-level module. Slow, so computed once per process."""
     return importlib.metadata.packages_distributions()
 
 
@@ -57,7 +57,7 @@ def _processor() -> str:
 
 
 def git_commit(folder: Path) -> str | None:
-    """The commit of the work tree that holds `folder`, with `+` where something is not committed; None without git."""
+    """The commit of the work tree that holds `folder`, with `+` if tracked files are modified; None without git."""
     try:
         answers = [
             subprocess.run(

@@ -1,4 +1,4 @@
-"""Whether this machine can do what is left of a run: hours later is too late to hear of a mistyped setting."""
+"""Whether this machine can do what is left of a run: hours later is too late to learn of a mistyped setting."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from pipeline.errors import UserError
 from pipeline.graph import Node
 
 CHECK = "check"
-"""The module of a library that says with exit status 2 and a message that stages which use it would not work."""
+"""The module of a library that exits with status 2 and a message if stages that use the library would not work."""
 
 REFUSED = 2
 
 
 def check_readiness(to_do: Iterable[Node], libraries: Iterable[str]) -> None:
-    """Raises UserError where the environment is set so that a stage to be done cannot work in this process's workers.
+    """Raises UserError if the environment would keep a stage in `to_do` from working in this process's workers.
 
-    Each library is asked in a process of its own, and only where the code of such a stage uses it: to load it takes a
-    while, and what it reserves while it is loaded is the workers'.
+    Each library is asked in a process of its own, and only if the code of such a stage uses it: loading it takes a
+    while, and what it reserves when loaded is meant for the workers.
     """
     wished_seconds()
     used = {module.partition(".")[0] for node in to_do for module in node.code.modules}
@@ -32,7 +32,7 @@ def check_readiness(to_do: Iterable[Node], libraries: Iterable[str]) -> None:
 
 
 def _ask(library: str) -> None:
-    """Raises UserError with what a library refuses; what else keeps it from answering the stages will tell."""
+    """Raises UserError with a library's message if it refuses. Any other failure is left for the stages to report."""
     done = subprocess.run(
         [sys.executable, "-P", "-m", f"{library}.{CHECK}"],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(str(Path(path).absolute()) for path in sys.path)},

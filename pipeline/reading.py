@@ -1,4 +1,4 @@
-"""How far the reading of files outside is, told to who waits for it: many gigabytes take minutes."""
+"""The progress of reading external files, for a person who waits: many gigabytes take minutes."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from pipeline.plain_text import in_a_line
 
 PATIENCE = 2.0  # seconds of silence at the beginning
 SAY_EVERY = 10.0  # seconds between two lines
-SHOW_EVERY = 0.5  # seconds between two looks on a terminal, where each takes the place of the one before
-CLEAR = "\r\x1b[K"  # what has a terminal forget the line
+SHOW_EVERY = 0.5  # seconds between two updates on a terminal, where each replaces the one before
+CLEAR = "\r\x1b[K"  # erases the line on a terminal
 
 
 class Reading:
-    """Counts the files of `path` that were read, and says so on `stream`, if there is one, after two seconds.
+    """Counts the files of `path` as they are read, and after two seconds reports on `stream`, if there is one.
 
-    A stream that is gone is no reason to stop reading.
+    Errors of the stream are ignored: they are no reason to stop reading.
     """
 
     def __init__(self, path: Path, stream: TextIO | None) -> None:
@@ -35,18 +35,18 @@ class Reading:
         self._told = False
 
     def listed(self, files: Sequence[Path]) -> None:
-        """These are to be read."""
+        """Says which files are going to be read, in order."""
         self._files = files
 
     def one_done(self) -> None:
-        """The next of them was read, or known."""
+        """Counts the next file, which was read or already known."""
         self._done += 1
         if self._stream is not None and time.monotonic() >= self._next:
             self._next = time.monotonic() + (SHOW_EVERY if self._live else SAY_EVERY)
             self._say()
 
     def close(self) -> None:
-        """Leaves a terminal as it was."""
+        """Erases the last report on a terminal."""
         if self._told and self._live:
             self._write(CLEAR)
 

@@ -1,4 +1,4 @@
-"""Records: what an action was made of, what came out, and how it went."""
+"""Records of actions: what went in, what came out, and how it went."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from pipeline.canonical import Json
 from pipeline.sealed import read_sealed
 
 RECORD = "record.json"
-KEY = re.compile(r"[0-9a-f]{64}")  # of actions, and digests of artifacts
+KEY = re.compile(r"[0-9a-f]{64}")  # keys of actions, and digests of artifacts
 TOLD = {"seconds": int | float, "started": str, "versions": dict, "machine": dict, "facts": dict, "private": bool}
-"""What the provenance of every version tells, and of which type it is."""
+"""What the provenance contains in every version, with its types."""
 
 
 @dataclass(frozen=True)
 class Record:
     """An action that was done.
 
-    `parts` is what its key is the hash of; `outputs` the digests of what came out; `provenance` all else worth
+    The key is the hash of `parts`. `outputs` holds the digests of what came out, `provenance` everything else worth
     knowing: when, how long, with which versions, where, from which commit.
     """
 
@@ -33,22 +33,24 @@ class Record:
 
     @property
     def seconds(self) -> float:
+        """How long the action took, in seconds."""
         return float(self.provenance["seconds"])
 
     @property
     def accepted(self) -> tuple[Mapping[str, Any], ...]:
-        """How often a person said that a change did not matter: `from` which key, `when`, at which `commit`, and
-        the `changes` in words; empty for a result that the action itself made."""
+        """Each time that a person said a change did not matter: `from` which key, `when`, at which `commit`, and the
+        `changes` in words. Empty for a result that the action itself made.
+        """
         return tuple(self.provenance.get("accepted", ()))
 
     @property
     def name(self) -> str:
-        """The stage's name in the workflow that had it done."""
+        """The stage's name in the workflow whose run did it; empty if unknown."""
         return str(self.provenance.get("name", ""))
 
     @property
     def workflow(self) -> str:
-        """The workflow that had it done; others may use the result."""
+        """The workflow whose run did it; others may use the result. Empty if unknown."""
         return str(self.provenance.get("workflow", ""))
 
     @property
@@ -73,14 +75,14 @@ class Record:
 
     @property
     def unrepeatable(self) -> bool:
-        """Whether no run can make its outputs again; records of earlier versions do not tell."""
+        """Whether no run can make its outputs again; False in records of earlier versions, which do not say."""
         return self.provenance.get("unrepeatable") is True
 
 
 def read_record(path: Path, key: str) -> Record | None:
-    """The record of the action `key` in a file; None where it is missing or not what was written.
+    """The record of the action `key` in a file; None if it is missing, malformed or altered.
 
-    Whoever can write to a bucket can seal a record, too, and the digests in it become paths.
+    The seal alone is not trusted: anyone who can write to a bucket can seal a record, and its digests become paths.
     """
     content = read_sealed(path) or {}
     parts, outputs, provenance = (content.get(name) for name in ("parts", "outputs", "provenance"))
@@ -92,7 +94,7 @@ def read_record(path: Path, key: str) -> Record | None:
 
 
 def _groups(given: Json) -> dict[str, list[str]]:
-    """Digests by the name that they were given under; what is none is left out."""
+    """Lists of digests, by the name that they were given under; anything else is left out."""
     groups = given.items() if isinstance(given, dict) else ()
     return {name: [str(digest) for digest in group] for name, group in groups if isinstance(group, list)}
 
@@ -102,10 +104,10 @@ def _is_digest(value: object) -> bool:
 
 
 def _is_told(provenance: Mapping[str, Any]) -> bool:
-    """Whether it says what others read in it, and as we do."""
+    """Whether a provenance has everything that is read from it, in the right types."""
     return (
         all(isinstance(provenance.get(name), kind) for name, kind in TOLD.items())
-        and abs(provenance["seconds"]) <= sys.float_info.max  # an integer may be larger than any number
+        and abs(provenance["seconds"]) <= sys.float_info.max  # a JSON integer may exceed every float
         and isinstance(provenance.get("commit"), str | None)
         and _are_texts(provenance.get("from_accepted", []))
         and isinstance(accepted := provenance.get("accepted", []), list)
@@ -122,18 +124,18 @@ def _are_texts(values: object) -> bool:
 
 
 def first_makers(records: Iterable[Record]) -> dict[str, Record]:
-    """For each artifact the first of `records` that made it, by digest: later ones made the same again, or imported it.
+    """The first of `records` that made each artifact, by digest; later ones made the same again, or imported it.
 
-    So what an action took was made before it, and what is followed from it to what it took comes to an end.
+    So the inputs of an action were made before it, and following them back always comes to an end.
     """
     return {digest: record for record in reversed(_by_start(records)) for digest in record.outputs.values()}
 
 
 def newest_makers(records: Iterable[Record]) -> dict[str, Record]:
-    """For each artifact the last of `records` that made it, by digest."""
+    """The last of `records` that made each artifact, by digest."""
     return {digest: record for record in _by_start(records) for digest in record.outputs.values()}
 
 
 def _by_start(records: Iterable[Record]) -> list[Record]:
-    """What was accepted began when that did which it was made from, and comes after it."""
+    """Records by start time. An accepted result has the start time of the one it was made from, and comes after it."""
     return sorted(records, key=lambda record: (str(record.provenance.get("started", "")), len(record.accepted)))

@@ -1,7 +1,7 @@
-"""What a stage's author has to say of results that are made, though nothing failed: photos that were left out, say.
+"""What a stage has to say about a result although nothing failed, for example that photos were left out.
 
-The function that says it is named by a text, and imported only when there is a result: so it is no part of the stage's
-code, and better words make nobody's results run again.
+The function that says it is declared by its name, and imported only when there is a result. So it is not part of the
+stage's code, and better wording makes no result outdated.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pipeline.stage import Finished, Remark, Stage
 
 
 def remarks_on(declared: Stage, finished: Finished) -> tuple[Remark, ...]:
-    """The remarks of a stage that declares some on what it has just made. Raises whatever their function raises."""
+    """The remarks of a stage on what it has just made; empty if it declares none. Raises what their function raises."""
     if declared.remarks is None:
         return ()
     module, _, function = declared.remarks.partition(":")

@@ -1,18 +1,18 @@
-"""A store in a bucket: every result of it that is used here has a copy in a local store, the mirror.
+"""A store in a bucket: every result of it that is used on this machine is copied to a local store, the mirror.
 
     actions/<key>.json               the record of an action
     manifests/ files/                artifacts: see `remote_artifacts`
     code/ runs/ logs/ pins/          as in a local store
-    damaged/                         records and manifests of what is damaged; its files stay where they are
+    damaged/                         damaged records, and manifests of damaged artifacts, whose files stay in place
 
-A bucket knows neither renaming nor locks. So an action is done when its record is there, which is put after its
-artifacts and only where there is none yet: whoever comes second takes the record of the first.
+A bucket has neither renaming nor locks. So an action is done as soon as its record is there. The record is put after
+the artifacts, and only if there is none yet: the second of two writers takes the record of the first.
 
-Stages work on the mirror. What is done there and could not be put into the bucket is put there when it is asked for
-next. An artifact is fetched whole when it is first needed, and is moved into the mirror when every byte of it has been
-checked. Locks, checkpoints, declarations, the files behind a digest and the links in `latest` are the mirror's alone:
-on one machine each action is done once; two machines at the same time may both do one, of which one result counts; and
-what was interrupted on one machine begins anew on another.
+Stages work on the mirror. A result that could not be put into the bucket is put there when it is next asked for. An
+artifact is fetched whole when it is first needed, and moved into the mirror once every byte of it has been checked.
+Locks, checkpoints, declarations, the files behind a digest and the links in `latest` exist only in the mirror. So on
+one machine, each action is done once; two machines may both do an action at the same time, and one result counts; and
+an action that was interrupted on one machine starts over on another.
 """
 
 from __future__ import annotations
@@ -45,13 +45,16 @@ from pipeline.store import Store, Young
 
 CACHE = "GS_HIDER_CACHE"
 UNSENT = "unsent"
-"""The mirror's folder with an empty file for each action whose result is not in the bucket yet, by its key."""
-SPARED = 86400.0  # seconds for which `gc` spares what was put: no lock tells of runs on other machines
+"""The mirror's folder with an empty file, named after the key, for each action whose result has yet to be put."""
+SPARED = 86400.0  # seconds for which `gc` spares what was put: no lock reveals runs on other machines
 ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 
 
 def mirror_folder(address: str) -> Path:
-    """Where copies of a bucket's results lie on this machine: under $GS_HIDER_CACHE, or the user's own cache folder."""
+    """The folder for copies of a bucket's results on this machine, in $GS_HIDER_CACHE or the user's cache folder.
+
+    Each pair of server and address has its own.
+    """
     cache = Path(os.environ[CACHE]) if os.environ.get(CACHE) else user_cache_path("gs-hider")
     server = next((os.environ[name] for name in ENDPOINTS if os.environ.get(name)), "")
     return cache / "stores" / hashlib.sha256(f"{server} {address}".encode()).hexdigest()[:32]
@@ -59,14 +62,14 @@ def mirror_folder(address: str) -> Path:
 
 @dataclass(frozen=True)
 class _Listing:
-    """What was in a bucket at one moment."""
+    """What a bucket held at one moment."""
 
     actions: frozenset[str]
     objects: set[str]
 
 
 class RemoteStore(Store):
-    """A store in a bucket. Methods raise RemoteError, or Unreachable, where the bucket cannot be used."""
+    """A store in a bucket. Methods raise RemoteError, or its subclass Unreachable, if the bucket cannot be used."""
 
     def __init__(self, bucket: Bucket) -> None:
         folder = mirror_folder(bucket.address)
@@ -106,7 +109,7 @@ class RemoteStore(Store):
 
     @property
     def young(self) -> Young:
-        """What was put within a day: a run on another machine may have put it, or have just found it there."""
+        """What was put within the last day: a run on another machine may have put it, or have just found it there."""
         actions = self._bucket.listing("actions").items()
         keys = frozenset(filter(None, (_key_in(name) for name, entry in actions if entry.age < SPARED)))
         return Young(keys, self._artifacts.younger_than(SPARED))
@@ -146,7 +149,7 @@ class RemoteStore(Store):
         return self._mirror.record(key) or self._fetch_record(key)
 
     def records(self) -> Iterator[Record]:
-        """All records that can be read, by key; those that are not here yet are fetched together."""
+        """All readable records, in the order of their keys; those that the mirror lacks are fetched together."""
         keys = self.actions
         self._fetch_records(keys)
         for key in sorted(keys):
@@ -165,7 +168,7 @@ class RemoteStore(Store):
         return record
 
     def _record_in_bucket(self, key: str, aside: Path) -> Record | None:
-        """The record of an action as it is in the bucket, whatever a copy says; its file is written to `aside`."""
+        """The record of an action as it is in the bucket, whatever the mirror has; its file is written to `aside`."""
         data = self._bucket.get(_record_name(key))
         if data is None:
             return None
@@ -173,9 +176,9 @@ class RemoteStore(Store):
         return read_record(aside, key)
 
     def _fetch_records(self, keys: Collection[str]) -> None:
-        """Fetches those records that are not here, several at a time."""
+        """Fetches those records that the mirror lacks, several at a time."""
         asides = {key: self.temporary() for key in keys if self._mirror.record(key) is None}
-        with suppress(FileNotFoundError):  # deleted meanwhile; the others are asked for one by one
+        with suppress(FileNotFoundError):  # one was deleted meanwhile; the rest are fetched when asked for
             self._bucket.download({_record_name(key): aside for key, aside in asides.items()})
         for key, aside in asides.items():
             if read_record(aside, key):
@@ -185,11 +188,14 @@ class RemoteStore(Store):
         return self.folder("actions", key) / RECORD
 
     def artifact(self, digest: str) -> Artifact:
-        """Raises CorruptArtifact where it is missing or damaged in the bucket; fetches it where it is not here yet."""
+        """The local copy of an artifact, which is fetched if there is none.
+
+        Raises CorruptArtifact if the artifact is missing or damaged in the bucket.
+        """
         return self._whole_copy(digest) or self._fetch(digest)
 
     def check_object(self, digest: str) -> int:
-        """Reads every byte of an artifact in the bucket; a damaged copy here is dropped and counts for nothing."""
+        """Reads every byte of an artifact in the bucket; sets a damaged copy here aside without reporting it."""
         self._mirror.set_aside(digest)
         aside = self.temporary()
         try:
@@ -199,11 +205,11 @@ class RemoteStore(Store):
         return sum(file.size for file in artifact.manifest.files.values())
 
     def foreign(self, digest: str) -> tuple[str, ...]:
-        """Nothing: whoever fetches an artifact from a bucket fetches what its manifest names."""
+        """Always empty: of an artifact in a bucket, only what its manifest names is fetched."""
         return ()
 
     def is_sound(self, digest: str) -> bool:
-        """Of the copy here, every byte of it; a damaged one is dropped, so that it is fetched when next asked for."""
+        """Whether the copy here, fetched if missing, is sound; sets a damaged one aside, to be fetched anew later."""
         if super().is_sound(digest):
             return True
         self._mirror.set_aside(digest)
@@ -229,9 +235,9 @@ class RemoteStore(Store):
             return publish(artifact, self.object(digest))
 
     def set_aside(self, digest: str) -> None:
-        """Takes an artifact out of the bucket that is damaged there; a sound copy takes its place, if one is here.
+        """Withdraws an artifact that is damaged in the bucket; a sound copy here takes its place, if there is one.
 
-        Where only the copy here is damaged, it is renewed.
+        If only the copy here is damaged, it is fetched again.
         """
         self._mirror.set_aside(digest)
         copy = self._whole_copy(digest)
@@ -252,7 +258,7 @@ class RemoteStore(Store):
         return tuple(f"{self.address}/{name}" for name in names if self._bucket.get(name) is not None)
 
     def set_record_aside(self, key: str) -> None:
-        """Moves a damaged record to `damaged`; a sound copy takes its place, if one is here with its artifacts."""
+        """Moves a damaged record to `damaged`; a sound copy here takes its place if the bucket has its artifacts."""
         altered = self.kept_record(key) is None
         self.damaged.take_record(key, _record_name(key))
         copy = self._mirror.record(key)
@@ -265,13 +271,16 @@ class RemoteStore(Store):
     def commit(
         self, key: str, parts: Mapping[str, Json], writers: Mapping[str, ArtifactWriter], provenance: Mapping[str, Any]
     ) -> Record:
-        """As in a local store. If it breaks off, nothing of the action can be seen, and `send_late` goes on with it."""
+        """As in a local store. If it breaks off, nothing of the action is visible, and `send_late` resumes it."""
         mark = self.folder(UNSENT) / key
         mark.touch(mode=0o600)
         return self._send(self._mirror.commit(key, parts, writers, provenance), mark)
 
     def send_late(self, key: str) -> Record | None:
-        """Without a mark a result that is here alone was deleted from the bucket, and counts no more."""
+        """Resumes an interrupted `commit`, and returns the record; None if there was none.
+
+        A result that is only here, but was not left by a `commit`, was deleted from the bucket and no longer counts.
+        """
         mark = self.root / UNSENT / key
         made = self._mirror.find(key) if mark.is_file() else None
         return self._send(made, mark) if made else None
@@ -290,17 +299,17 @@ class RemoteStore(Store):
         self._put_record(record)
 
     def _put_record(self, made: Record) -> Record:
-        """Puts a record of the mirror into the bucket; returns the one of another machine that was first, if any."""
+        """Puts a record of the mirror into the bucket; if another machine was first, returns its record instead."""
         data = self._record_file(made.key).read_bytes()
         while not self._bucket.create(_record_name(made.key), data):
             first = self._find_in_bucket(made.key)
             if first:
                 return first
-            self._bucket.delete([_record_name(made.key)])  # one whose artifacts are damaged or gone
+            self._bucket.delete([_record_name(made.key)])  # its artifacts are damaged or gone
         return made
 
     def _put_code(self, digest: str) -> None:
-        """Puts a list of code where others find it, who may have to explain a result; planning alone puts nothing."""
+        """Puts a list of code where other machines can use it to explain a result. Planning alone puts nothing."""
         with suppress(RemoteError, FileNotFoundError):  # it only costs an explanation
             self._bucket.create(_code_name(digest), self._code(digest).read_bytes())
 
@@ -316,25 +325,25 @@ class RemoteStore(Store):
         return self._mirror.code(digest)
 
     def latest_digests(self) -> dict[str, str]:
-        """The digests that the last run of each stage gave its outputs, on whatever machine, as far as they are kept.
+        """The digests of what each stage last made, on any machine, as far as they are still in the bucket.
 
-        Links here tell what no journal does.
+        Journals come first; the links here add what no journal says.
         """
         names = self._mirror.latest_digests() | self.history.latest_digests()
         objects = self.objects
         return {name: digest for name, digest in sorted(names.items()) if digest in objects}
 
     def keep_log(self, path: Path) -> None:
-        with suppress(RemoteError, FileNotFoundError):  # the log is here; what matters more says what went wrong
+        with suppress(RemoteError, FileNotFoundError):  # the log is still here; other calls report the error
             self._bucket.put(path.relative_to(self.root).as_posix(), path.read_bytes())
 
     def delete_record(self, key: str) -> None:
-        """Deletes the record of an action, here and in the bucket."""
+        """Deletes the record of an action, in the bucket and here."""
         self._bucket.delete([_record_name(key)])
         self._mirror.delete_record(key)
 
     def delete_object(self, digest: str) -> None:
-        """Deletes an artifact, here and in the bucket."""
+        """Deletes an artifact, in the bucket and here."""
         if self._listing:
             self._listing.objects.discard(digest)
         self._artifacts.delete(digest)
@@ -348,19 +357,19 @@ class RemoteStore(Store):
         return self._artifacts.sizes(digests) if digests else {}
 
     def entries(self, folder: str) -> dict[str, int]:
-        """What is in a folder of the bucket, or in the mirror's alone."""
+        """The entries of a folder, in the bucket and in the mirror together."""
         sizes: Counter[str] = Counter()
         for name, size in self._bucket.names(folder).items():
             sizes[f"{folder}/{name.removeprefix(f'{folder}/').split('/')[0]}"] += size
         return self._mirror.entries(folder) | dict(sorted(sizes.items()))
 
     def delete_entry(self, name: str) -> None:
-        """Deletes what has a name of `entries`, here and in the bucket."""
+        """Deletes an entry by its name in `entries`, in the bucket and here. Raises as in a local store."""
         self._bucket.delete([name, *self._bucket.names(name)])
         self._mirror.delete_entry(name)
 
     def abandoned(self) -> dict[str, int]:
-        """Files of uploads that broke off, a day ago or longer, and copies here of what is no longer in the bucket."""
+        """Files of uploads that broke off at least a day ago, and copies here of what is no longer in the bucket."""
         actions, objects = self.actions, self.objects
         copies = self._mirror.entries("actions") | self._mirror.entries("objects")
         unsent = {name.rpartition("/")[2] for name in self._mirror.entries(UNSENT)}
@@ -379,6 +388,6 @@ def _code_name(digest: str) -> str:
 
 
 def _key_in(name: str) -> str | None:
-    """The key of the action whose record an object is; None for an object of something else."""
+    """The key of the action whose record has this name in the bucket; None for any other name."""
     path = PurePosixPath(name)
     return path.stem if path.parent.name == "actions" and path.suffix == ".json" and KEY.fullmatch(path.stem) else None

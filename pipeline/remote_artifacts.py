@@ -1,11 +1,11 @@
-"""Artifacts in a bucket: fetched and put whole, every byte checked.
+"""Artifacts in a bucket: put whole, and fetched whole with every byte checked.
 
     manifests/<digest>.json          the manifest of an artifact
     files/<digest>/<sha256>          its files, each under the hash of its bytes
 
-A bucket knows no renaming. So an artifact is there when its manifest is, which is put after all its files; and files
-are named after their bytes, so that two who write one artifact write the same. An upload that breaks off leaves nothing
-but files without a manifest.
+A bucket has no renaming. So an artifact exists as soon as its manifest does, which is put after all its files. Files
+are named after their bytes, so that two writers of one artifact write the same. An upload that breaks off leaves
+nothing but files without a manifest.
 """
 
 from __future__ import annotations
@@ -24,23 +24,26 @@ DAMAGED = "damaged/objects"
 
 
 class RemoteArtifacts:
-    """The artifacts of the store in a bucket. Methods raise RemoteError where the bucket cannot be used."""
+    """The artifacts of the store in a bucket. Methods raise RemoteError if the bucket cannot be used."""
 
     def __init__(self, bucket: Bucket) -> None:
         self._bucket = bucket
 
     @property
     def digests(self) -> frozenset[str]:
+        """Digests of all artifacts, whole or not."""
         return frozenset(filter(None, map(_digest_of, self._bucket.names("manifests"))))
 
     def place(self, digest: str) -> str:
+        """Where the files of an artifact are, or would be, in words."""
         return f"{self._bucket.address}/files/{digest}"
 
     def holds(self, digest: str) -> bool:
+        """Whether there is an artifact of that digest, whole or not."""
         return self._bucket.get(_manifest_name(digest)) is not None
 
     def fetch(self, digest: str, aside: Path) -> Artifact:
-        """Writes an artifact to the folder `aside`, which is made. Raises CorruptArtifact where it is not all there."""
+        """Writes an artifact to the new folder `aside`. Raises CorruptArtifact if it is incomplete or altered."""
         where = f"{self._bucket.address}/{_manifest_name(digest)}"
         data = self._bucket.get(_manifest_name(digest))
         if data is None:
@@ -74,7 +77,7 @@ class RemoteArtifacts:
                 (artifact.path / other).write_bytes((artifact.path / first).read_bytes())
 
     def put(self, artifact: Artifact) -> None:
-        """Puts an artifact into the bucket, unless it is there, whole as far as sizes tell."""
+        """Puts an artifact into the bucket, unless it is there with the same manifest and all its files' sizes."""
         digest = artifact.digest
         data = (artifact.path / MANIFEST).read_bytes()
         files = {
@@ -88,38 +91,38 @@ class RemoteArtifacts:
         self._bucket.put(_manifest_name(digest), data)
 
     def withdraw(self, digest: str) -> None:
-        """Takes a damaged artifact out of the store; its files stay while its manifest is in `damaged`."""
+        """Withdraws a damaged artifact by moving its manifest to `damaged`; its files stay as long as that is there."""
         data = self._bucket.get(_manifest_name(digest))
         if data is not None:
             self._bucket.put(f"{DAMAGED}/{digest}.json", data)
         self._bucket.delete([_manifest_name(digest)])
 
     def delete(self, digest: str) -> None:
-        """Deletes an artifact: its manifest first, so that nobody sees a part of it."""
+        """Deletes an artifact, the manifest first, so that nobody sees a part of it."""
         self._bucket.delete([_manifest_name(digest)])
         self._bucket.delete(self._bucket.names(f"files/{digest}"))
 
     def sizes(self, digests: Collection[str]) -> dict[str, int]:
-        """Bytes of all files of artifacts, damaged or not."""
+        """Bytes of all files of each artifact, damaged or not, by digest; 0 if there are none."""
         sizes = Counter(dict.fromkeys(digests, 0))
         for name, size in {**self._bucket.names("manifests"), **self._bucket.names("files")}.items():
             sizes[_digest_in(name) or ""] += size
         return {digest: sizes[digest] for digest in digests}
 
     def younger_than(self, seconds: float) -> frozenset[str]:
-        """Digests of the artifacts that were put within so many seconds."""
+        """Digests of the artifacts that were put within the last so many seconds."""
         listing = self._bucket.listing("manifests")
         young = (_digest_of(name) for name, entry in listing.items() if entry.age < seconds)
         return frozenset(filter(None, young))
 
     def unfinished(self, seconds: float) -> dict[str, int]:
-        """Folders of files without a manifest, the last of which was put before so many seconds; and their bytes.
+        """Folders of files without a manifest, with their bytes, if nothing was put there for so many seconds.
 
-        A damaged manifest is one.
+        A manifest in `damaged` counts as one.
         """
         files = self._bucket.listing("files")
         damaged = frozenset(map(_digest_of, self._bucket.names(DAMAGED)))
-        whole = damaged | self.digests  # asked for last: else one that is finished meanwhile would count as unfinished
+        whole = damaged | self.digests  # listed last: otherwise an upload that ends meanwhile would count as unfinished
         busy = {_digest_in(name) for name, entry in files.items() if entry.age < seconds}
         sizes: Counter[str] = Counter()
         for name, entry in files.items():
@@ -138,12 +141,12 @@ def _file_name(digest: str, sha256: str) -> str:
 
 
 def _digest_in(name: str) -> str | None:
-    """The digest of the artifact that an object is a part of; None for an object of something else."""
+    """The digest of the artifact that an object is part of; None for any other object."""
     digest = name.split("/")[1].removesuffix(".json")
     return digest if KEY.fullmatch(digest) else None
 
 
 def _digest_of(name: str) -> str | None:
-    """The digest of the artifact whose manifest an object is; None for an object of something else."""
+    """The digest of the artifact whose manifest has this name; None for any other name."""
     path = PurePosixPath(name)
     return path.stem if path.suffix == ".json" and KEY.fullmatch(path.stem) else None

@@ -1,4 +1,4 @@
-"""What is damaged in a bucket: its records, beside those of the mirror."""
+"""The damaged records of a store in a bucket, besides the damaged data of its mirror."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pipeline.bucket import Bucket
 from pipeline.damaged import Damaged, name_in_damaged
 from pipeline.record import Record, read_record
 
-SUFFIX = ".json"  # of names in the bucket; those in the mirror have none
+SUFFIX = ".json"  # of names in the bucket; names in the mirror have none
 
 
 class RemoteDamaged(Damaged):
-    """The damaged things of the store in a bucket, whose mirror has its own in `folder`.
+    """The damaged data of the store in a bucket; that of its mirror is in `folder`.
 
-    `temporary` gives paths to write to. Methods raise RemoteError where the bucket cannot be used.
+    `temporary` returns new paths to write to. Methods raise RemoteError if the bucket cannot be used.
     """
 
     def __init__(self, folder: Path, bucket: Bucket, temporary: Callable[[], Path]) -> None:
@@ -24,7 +24,7 @@ class RemoteDamaged(Damaged):
         self._temporary = temporary
 
     def take_record(self, key: str, name: str) -> None:
-        """Copies the record of an action that has a name in the bucket, if it is there."""
+        """Copies the record of an action, `name` in the bucket, to `damaged`, if it exists."""
         data = self._bucket.get(name)
         if data is not None:
             self._bucket.put(damaged_record_name(key), data)

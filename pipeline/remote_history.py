@@ -1,7 +1,7 @@
-"""What the runs did whose results are in a bucket: journals written here are put there, and those of others fetched.
+"""The history of a store in a bucket: journals written here are put there, and those of other machines fetched.
 
-A bucket knows no appending, so the journal of a run is put again and again, at most every few seconds. What a killed
-run told in its last seconds is lost to other machines; the records of its actions are not.
+A bucket has no appending, so the journal of a run is put again and again, at most every few seconds. Other machines do
+not see the last seconds of a killed run; the records of its actions they do see.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ PUT_EVERY = 5.0  # seconds
 
 
 class RemoteHistory(History):
-    """The runs of the workflows of a store in a bucket; `runs` is the folder for copies."""
+    """The runs of the workflows of a store in a bucket; `runs` is the local folder for copies."""
 
     def __init__(self, runs: Path, bucket: Bucket) -> None:
         super().__init__(runs)
@@ -30,7 +30,7 @@ class RemoteHistory(History):
         return sorted({name.split("/")[1] for name in self._bucket.names("runs") if _is_journal(name)})
 
     def journals(self, workflow: str) -> list[Path]:
-        """The files of a workflow's runs, the newest first; those that are not here, or not whole, are fetched."""
+        """The files of a workflow's runs, newest first; those that are missing or incomplete here are fetched."""
         names = self._bucket.names(f"runs/{workflow}")
         sizes = {name: size for name, size in names.items() if _is_journal(name)}
         paths = {name: self._runs / workflow / name.rpartition("/")[2] for name in sizes}
@@ -54,9 +54,10 @@ class RemoteHistory(History):
 
 
 class RemoteJournal(Journal):
-    """The file of a run under way, put into the bucket when it begins, while it grows, and when it ends.
+    """The journal of a run in progress, put into the bucket when it begins, as it grows, and when it ends.
 
-    A bucket that cannot be used is told when it begins; later that ends no run, and the next time all is put.
+    Opening it raises RemoteError if the bucket cannot be used. Later failures are ignored: the next put includes
+    everything.
     """
 
     def __init__(self, folder: Path, put: Callable[[Path], None], **facts: object) -> None:

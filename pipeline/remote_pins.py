@@ -1,4 +1,4 @@
-"""Pins of a store in a bucket: they are there alone, so that `gc` on any machine keeps what was pinned on any other."""
+"""Pins of a store in a bucket, kept only there, so that `gc` on one machine keeps what was pinned on another."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pipeline.pins import NAME, Pins
 
 
 class RemotePins(Pins):
-    """The pins of the store in a bucket. Methods raise RemoteError where the bucket cannot be used."""
+    """The pins of the store in a bucket. Methods also raise RemoteError if the bucket cannot be used."""
 
     def __init__(self, bucket: Bucket) -> None:
         self._bucket = bucket

@@ -1,8 +1,8 @@
-"""The command that has a workflow run as it is being run, for pages that say how they were made.
+"""The command that runs a workflow as it is being run, for pages that say how they were made.
 
-It is to hold on other machines, and pages are shown around: paths of this one are left out, and so are values of
-settings of which only private stages hear, or none. What changes no result (`--store`, `--workers`, which stages) is
-not in it.
+It should hold on other machines, and pages are shown around. So it leaves out this machine's paths, and the values of
+settings that reach only private stages, or none. Options that change no result (`--store`, `--workers`, which stages)
+are not in it.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from pipeline.located import Located, Problems, read_yaml
 from pipeline.workflow import Workflow
 
 FOLDER, FILE, PRIVATE = "FOLDER", "FILE", "PRIVATE"
-"""What stands for a folder or file of this machine, and for a value that is nobody else's affair."""
+"""What stands for a folder or file of this machine, and for a private value."""
 
 
 def command_of(
     file: Path, settings: Sequence[str], vars_files: Sequence[Path], workflow: Workflow, graph: Graph
 ) -> str:
-    """The command for the workflow in `file`, of which `graph` was built with these settings and files of vars."""
+    """The command that runs the workflow in `file` with these settings and files of vars, which gave `graph`."""
     words = ["python", "-m", "pipeline", "run", _near(file)]
     for vars_file in vars_files:
         words += ["--vars", _near(vars_file)]
@@ -39,7 +39,7 @@ def command_of(
 
 
 def _near(path: Path) -> str:
-    """As one would type it in the current folder; of what lies elsewhere the name alone."""
+    """A path as one would type it in the current folder; only the name if it is not below that."""
     there = path.resolve()
     return there.relative_to(Path.cwd()).as_posix() if there.is_relative_to(Path.cwd()) else path.name
 
@@ -49,14 +49,14 @@ def _makes_private_things(node: Node) -> bool:
 
 
 def _outside(graph: Graph) -> list[Path]:
-    """The files and folders that stages read."""
+    """The files and folders outside the store that stages read."""
     given = [node.arguments.get(name) for node in graph.nodes.values() for name in node.declaration.external]
     paths = [path for value in given for path in (value if isinstance(value, list) else [value])]
     return [Path(path).resolve() for path in paths if isinstance(path, str)]
 
 
 class _Telling:
-    """What is told of the values of settings, each by itself: a row may name a cover and a message."""
+    """What may be shown of the values of settings. Each value is judged alone: a row may name a cover and a message."""
 
     def __init__(self, workflow: Workflow, graph: Graph) -> None:
         self._outside = _outside(graph)
@@ -70,7 +70,7 @@ class _Telling:
                         self._private[place] = self._private.get(place, True) and is_private
 
     def text(self, name: str, text: str) -> str:
-        """The value of a setting, as it was typed where all of it is told."""
+        """The value of a setting: as it was typed if all of it may be shown, otherwise with placeholders."""
         place = Place(f"--set {name}")
         value = read_yaml(text, place.file, Path.cwd(), Problems(), fixed=place)
         if value is None:
@@ -92,7 +92,7 @@ class _Telling:
         return PRIVATE if self._is_private(value) else value.plain
 
     def _is_private(self, value: Located) -> bool:
-        """Whether only private stages hear of a value, or none does, which may name what they hide."""
+        """Whether a value reaches only private stages, or none although there are some: it may name what they hide."""
         return value.value is not None and self._private.get(value.place, self._is_any_private)
 
 
@@ -105,7 +105,7 @@ def _leaves(told: Json) -> Iterator[Json]:
 
 
 def _is_path(value: Located, outside: Sequence[Path]) -> bool:
-    """Whether a value looks like the path of something here, or leads to what stages read."""
+    """Whether a value looks like a path, or leads to something that stages read."""
     text = value.value
     if not isinstance(text, str) or not text or text.startswith("${"):
         return False

@@ -1,10 +1,10 @@
-"""What a stage needs while it runs, and what a machine has: memory, and whatever else people count.
+"""What a stage needs while it runs, and what a machine has: memory, and anything else that people count.
 
     resources={"gpu": 1, "memory": "8 GiB"}      in @stage(...)
     resources: {memory: 16 GiB}                  of a stage in a workflow file
     --resources "gpu=1 memory=64GiB"             what this machine has
 
-Amounts are numbers; those of memory are bytes, and may be written with a unit. They are not in the key of an action.
+Amounts are numbers. Memory is in bytes, and may be written with a unit. Amounts are not part of an action's key.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ CONTROL_GROUPS = Path("/sys/fs/cgroup")
 
 
 def amount(name: str, value: object) -> float:
-    """The amount of a resource, given as a number or a text. Raises UserError for anything else or what is negative.
+    """The amount of a resource, given as a number or a text; bytes for memory.
+
+    Raises UserError for a negative amount, anything else, or an invalid name.
 
     >>> amount("memory", "8 GiB"), amount("memory", "1.5e9"), amount("gpu", 1)
     (8589934592.0, 1500000000.0, 1.0)
@@ -44,12 +46,12 @@ def amount(name: str, value: object) -> float:
 
 
 def amounts(given: Mapping[str, object]) -> dict[str, float]:
-    """The amounts of several resources. Raises UserError where one is wrong."""
+    """The amounts of several resources. Raises UserError if one is wrong."""
     return {name: amount(name, value) for name, value in given.items()}
 
 
 def read_resources(text: str) -> dict[str, float]:
-    """The resources in a text. Raises UserError where it is not `NAME=AMOUNT`, with blanks or commas between.
+    """The resources in a text: `NAME=AMOUNT`, separated by blanks or commas. Raises UserError for any other text.
 
     >>> read_resources("gpu=1 memory=2GiB")
     {'gpu': 1.0, 'memory': 2147483648.0}
@@ -76,7 +78,7 @@ def spelled(name: str, value: float) -> str:
 
 
 def resources_words(resources: Resources) -> str:
-    """
+    """Resources as a person reads them; empty if there are none.
     >>> resources_words({"gpu": 1.0, "memory": 2.0**34})
     'gpu 1 and memory 16 GiB'
     """
@@ -84,7 +86,7 @@ def resources_words(resources: Resources) -> str:
 
 
 def memory_of_machine() -> float | None:
-    """Bytes of memory that this process may use at most: the machine's, or less in a container; None if unknown."""
+    """The most memory that this process may use, in bytes: the machine's, or less in a container; None if unknown."""
     try:
         found = [float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))]
     except (ValueError, OSError):
@@ -98,6 +100,6 @@ def memory_of_machine() -> float | None:
 
 
 def of_this_machine(stated: Resources) -> dict[str, float]:
-    """What this machine has: its memory, unless `stated` says otherwise, and all else that is stated."""
+    """What this machine has: its memory, unless `stated` says otherwise, and everything else in `stated`."""
     memory = memory_of_machine()
     return {**({MEMORY: memory} if memory else {}), **stated}

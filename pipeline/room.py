@@ -1,4 +1,4 @@
-"""Whether the store's disk has room for a run: what fills it hours later had better be known before."""
+"""Whether the store's disk has room for a run: better to know before than when it is full hours later."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from pipeline.graph import Node
 from pipeline.store import Store
 
 RESULTS = 10**9
-"""Bytes for what is made of photos, in small."""
+"""Bytes allowed for what stages make from their photos, at a small size."""
 
 
 def lacking_room(nodes: Iterable[Node], store: Store) -> str | None:
-    """What a person should know where these stages may not find room in the store; None where there is enough.
+    """A warning if these stages may not find room in the store; None if they will, or if the free space is unknown.
 
-    They copy what they take from outside, all or much of it; what else they make nobody knows before.
+    They copy all or much of the external files that they take; how much else they make cannot be known in advance.
     """
     free = free_bytes(store.root)
     copied = sum(map(_bytes_at, {path for node in nodes for path in node.outside_paths}))
@@ -29,7 +29,7 @@ def lacking_room(nodes: Iterable[Node], store: Store) -> str | None:
 
 
 def _bytes_at(path: str) -> int:
-    """Bytes of a file, or of all under a folder; links are followed, as by who copies."""
+    """Bytes of a file, or of all files under a folder; links are followed, as they are in copying."""
     files = [Path(folder, name) for folder, _, names in os.walk(path, followlinks=True) for name in names]
     return sum(map(_size, files or [Path(path)]))
 

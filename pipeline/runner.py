@@ -1,7 +1,7 @@
-"""A run: what is in the store is taken from there, the rest is done as soon as what it takes is made.
+"""A run: takes from the store what is there, and starts every other stage as soon as its inputs are made.
 
-The engine decides what may start, and the executor where: so a failed stage holds up nothing but what depends on it,
-results that a dead worker held need not be made again, and a fully cached run starts no worker at all.
+The engine decides what may start, and the executor where. So a failed stage holds up only what depends on it, a worker
+that dies takes no finished results with it, and a fully cached run starts no worker at all.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from pipeline.record import Record
 from pipeline.store import Store
 from pipeline.urgency import urgencies
 
-GRACE = 180.0  # seconds that a running stage has to save its checkpoint and stop: gigabytes take a minute or two
-MOMENT = 0.2  # seconds between two looks at the stop flag
-REPAIRS = 1  # times that one artifact is made again in one run
-COMPLAINTS = 3  # times that one stage finds its inputs damaged in one run
-RETRIES = 3  # times that a stage is tried again whose error may pass
-FIRST_WAIT = 2.0  # seconds before it is tried again; each time four times as long
+GRACE = 180.0  # seconds for running stages to save their checkpoints and stop: gigabytes take a minute or two
+MOMENT = 0.2  # seconds to wait for work to end before looking again at whether to stop, or to try something again
+REPAIRS = 1  # times that one artifact may be made again in one run
+COMPLAINTS = 3  # times that one stage may find its inputs damaged in one run
+RETRIES = 3  # times that a stage is retried after a transient error
+FIRST_WAIT = 2.0  # seconds before the first retry; each further wait is four times as long
 
 
 @dataclass(frozen=True)
 class Done:
-    """A node whose outputs are in the store; `lineage` holds all actions behind it and its own."""
+    """A node whose outputs are in the store; `lineage` holds all actions upstream, and last its own."""
 
     key: str
     outputs: Mapping[str, str]
@@ -51,7 +51,7 @@ class Done:
 
 @dataclass
 class Run:
-    """One run of a graph. `make_executor` is called when there is something to do; `captures` is for its workers."""
+    """One run of a graph. `make_executor` is called once there is something to do. For `captures`, see `Job`."""
 
     graph: Graph
     store: Store
@@ -85,14 +85,18 @@ class Run:
         self._kindred = Kindred(self.graph.workflow, self.store)
 
     def run(self) -> Summary:
-        """Runs everything; returns when nothing is left that can be done. Raises CommandError during a `gc`."""
+        """Runs everything; returns when nothing is left that can be done.
+
+        Raises CommandError during a `gc`, RemoteError if a bucket cannot be used, and KeyboardInterrupt when asked to
+        stop a second time.
+        """
         started, interrupted = time.monotonic(), False
         with interruptible(self._ask_to_stop):
             try:
                 with self.store.in_use(), self._history():
                     self.store.sweep()
                     self._loop()
-                    interrupted = self._stopped_at is not None  # later there is nothing left to interrupt
+                    interrupted = self._stopped_at is not None  # afterwards there is nothing left to interrupt
             finally:
                 if self._executor:
                     self._executor.close()
@@ -103,7 +107,7 @@ class Run:
         return summary
 
     def reports(self) -> list[Path]:
-        """The pages to open after a run: files of the `report` outputs of final stages, where `latest` shows them."""
+        """The pages to open after a run: files in the `report` outputs of final stages, by their paths in `latest`."""
         pages = []
         for name in self.graph.final:
             for output, port in self.graph.nodes[name].declaration.outputs.items():
@@ -114,7 +118,7 @@ class Run:
 
     @contextmanager
     def _history(self) -> Iterator[None]:
-        """Keeps a journal where one can be kept."""
+        """Keeps a journal of the run if possible; a note says if it is not."""
         try:
             facts = {"whole": self.graph.whole, "stages": len(self.graph.nodes), "given": self.graph.given}
             self._journal = self.store.history.begin(self.graph.workflow, **facts)
@@ -150,7 +154,7 @@ class Run:
         return sorted(set(names) & self._waiting.keys(), key=self._order.__getitem__)
 
     def _advance(self, candidates: list[str]) -> list[str]:
-        """Takes from the store or starts what can be; returns what is ready but has to wait for others to end."""
+        """Takes from the store, or starts, what it can; returns what is ready but has to wait for others to end."""
         held: list[str] = []
         queue = deque(candidates)
         queued = set(candidates)
@@ -168,7 +172,7 @@ class Run:
         return [*held, *queue]
 
     def _advance_one(self, name: str) -> bool:
-        """Does what can be done about a node; False where it is ready and held up by what runs."""
+        """Does what can be done about a node; False if it is ready but has to wait."""
         node = self.graph.nodes[name]
         if any(upstream not in self._ended for upstream in node.upstream):
             return True  # it is looked at again when they end
@@ -194,7 +198,7 @@ class Run:
             self._finish(StageResult(name, "cached", key, record.outputs, 0.0, record.private))
             return True
         if key in self._running.values() or (self._running and (node.declaration.alone or self._someone_is_alone())):
-            self._held.add(name)  # another stage is just doing the same, or one of them has to be alone
+            self._held.add(name)  # another stage is doing the same, or one of them must run alone
             return False
         cause = refusal(node, key, parts, before, self.graph, self.store)
         if cause:
@@ -205,7 +209,11 @@ class Run:
         return True
 
     def _found(self, name: str, key: str) -> Record | None:
-        """The record of an action that is done. What the last stages made is at hand then, to be opened by people."""
+        """The record of an action that is done, else None.
+
+        Artifacts of final stages, which people open, are also checked (and fetched, from a bucket); damaged ones are
+        set aside.
+        """
         record = self.store.find(key)
         if record is None or name not in self._final:
             return record
@@ -215,9 +223,9 @@ class Run:
         return None if damaged else record
 
     def _ask_again(self, name: str, error: Unreachable) -> None:
-        """Whether a stage is done is asked again after a while: however often, as long as others work meanwhile.
+        """Has the store asked again after a while whether a stage is done: any number of times while others run.
 
-        Raises the error where none does, and it was asked as often as a stage is tried.
+        Raises the error if none runs, and the store was asked as often as a stage is retried.
         """
         if not self._running and self._failures[name] >= self.retries:
             raise error
@@ -227,7 +235,7 @@ class Run:
         return any(self.graph.nodes[name].declaration.alone for name in self._running)
 
     def _digest(self, source: Source) -> str | None:
-        """The artifact of a stage that ended; None where it failed."""
+        """The digest of an output of a stage that has ended; None if it failed."""
         return self._done[source.node].outputs[source.output] if source.node in self._done else None
 
     def _job(self, node: Node, key: str, parts: Mapping[str, Json]) -> Job:
@@ -264,7 +272,7 @@ class Run:
         )
 
     def _lineage(self, node: Node) -> dict[str, Ancestor]:
-        """The actions behind a node by stage, in the order of the graph."""
+        """The actions upstream of a node, by stage, each after those that it took from."""
         behind: dict[str, Ancestor] = {}
         for upstream in node.upstream:
             behind |= self._done[upstream].lineage if upstream in self._done else {}
@@ -286,7 +294,7 @@ class Run:
         self._executor.start(node.name, perform, job, self._urgencies[node.name], node.resources)
 
     def _take(self, name: str, outcome: Outcome | Lost) -> Iterable[str]:
-        """Ends what an executor is done with; returns the nodes that this may concern."""
+        """Deals with what the executor returned for a node; returns the nodes that may be affected."""
         key = self._running.pop(name)
         self._held.clear()
         begun = self._begun_flag(key)
@@ -312,7 +320,7 @@ class Run:
         return self._dependents[name]
 
     def _lost(self, name: str, key: str, lost: Lost, begun: bool) -> Outcome:
-        """What came of an action whose worker is gone: perhaps it was done; else, if it began, it is not repeated."""
+        """The outcome of an action whose worker is gone: it may be done; if not, it is retried unless it had begun."""
         record = self.store.find(key)
         if record:
             return Outcome("ran", record.seconds, record.outputs, private=record.private)
@@ -320,7 +328,7 @@ class Run:
         return Outcome("failed", cause=lost.reason, log=log, transient=lost.transient and not begun)
 
     def _try_again(self, name: str, cause: str | None) -> Iterable[str]:
-        """Puts a stage back whose failure may pass, to be done after a while."""
+        """Puts a stage back after a transient failure, to be tried again after a while."""
         times = min(self._failures[name] + 1, self.retries)
         wait = FIRST_WAIT * 4 ** (times - 1)
         self._failures[name] = times
@@ -330,14 +338,15 @@ class Run:
         return [name]
 
     def _begun_flag(self, key: str) -> Path:
-        """What a worker makes when it begins an action of this run."""
+        """The file that a worker creates when it begins an action of this run."""
         return self._stop_flag.with_name(f"{self._stop_flag.name}-{key}")
 
     def _make_again(self, name: str, key: str, outcome: Outcome) -> Iterable[str]:
-        """Puts damaged inputs of a stage aside, and has what made them, and then the stage, done again.
+        """Sets a stage's damaged inputs aside, and has the stages that made them, and then the stage itself, run again.
 
-        Of several stages that take the same one, or several runs, the first that notices has it made again; others may
-        have begun before that and complain later, when it is whole again or just being made.
+        If several stages or runs take the same artifact, the first that notices has it made again. Others may have
+        begun before that, and complain later, when it is whole again or just being made. After `REPAIRS` or
+        `COMPLAINTS` in one run, the stage fails.
         """
         damaged = {digest for digest in outcome.damaged if not self.store.is_sound(digest)}
         makers = [other for other, done in self._done.items() if not damaged.isdisjoint(done.outputs.values())]
@@ -359,12 +368,12 @@ class Run:
         return again
 
     def _log_of(self, name: str) -> Path | None:
-        """The log that a worker left which died."""
+        """The log that a dead worker left; None if there is none."""
         paths = [self.store.log(self.graph.workflow, name, private) for private in (False, True)]
         return next((path for path in paths if path.is_file()), None)
 
     def _finish(self, result: StageResult, log: Path | None = None) -> None:
-        """Ends a node whose outputs are in the store."""
+        """Ends a node whose outputs are in the store, and links them in `latest`."""
         node = self.graph.nodes[result.name]
         own = Ancestor(str(result.key), tuple(upstream for upstream in node.upstream if upstream in self._done))
         self._done[node.name] = Done(own.key, result.outputs, {**self._lineage(node), node.name: own})
@@ -385,17 +394,17 @@ class Run:
         self.tell(StageEnded(result.name, result.state, result.key, result.seconds, paths, result.cause, log))
 
     def _forget_latest(self, name: str) -> None:
-        """What a stage made in a run before, of other inputs, is not taken for the result of this one."""
+        """Removes a stage's links: what an earlier run made of other inputs must not pass for this run's result."""
         for output in self.graph.nodes[name].declaration.outputs:
             with suppress(OSError):
                 self.store.unlink_latest(f"{self.graph.workflow}/{name}.{output}")
 
     def _ask_to_stop(self) -> None:
-        """At first, running stages are asked to stop; asked a second time, it stops at once by KeyboardInterrupt."""
+        """Asks running stages to stop; raises KeyboardInterrupt the second time, which stops the run at once."""
         if self._stopped_at is not None:
             raise KeyboardInterrupt
         self._stopped_at = time.monotonic()
-        with suppress(OSError):  # a full disk: there is no checkpoint to be saved either
+        with suppress(OSError):  # a full disk, on which no checkpoint could be saved either
             self._stop_flag.touch()
-        with suppress(RuntimeError, OSError):  # printing was interrupted to come here, or the terminal is gone
+        with suppress(RuntimeError, OSError):  # the signal interrupted printing, or the terminal is gone
             self.tell(Noted("stopping: running stages save what they have (Ctrl-C again stops at once)"))

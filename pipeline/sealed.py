@@ -1,4 +1,4 @@
-"""Small files of the store: written whole, and with a checksum in them, so that what was altered is known as such."""
+"""Small files of the store: written whole, with a checksum inside that reveals any alteration."""
 
 from __future__ import annotations
 
@@ -14,19 +14,22 @@ SEAL = "sha256"
 
 
 def write_text_whole(path: Path, text: str, aside: Path, mode: int = 0o666) -> None:
-    """Writes a file so that readers see the old or the new one, never a part."""
+    """Writes a file atomically: readers see the old one or the new one, never a part. Does not flush it to disk.
+
+    `aside` is where it is written first, on the same file system.
+    """
     aside.touch(mode)
     aside.write_text(text)
     aside.replace(path)
 
 
 def sealed(content: Mapping[str, Any]) -> str:
-    """JSON with a checksum in it, by which `read_sealed` knows that it is whole."""
+    """`content` as JSON, with a checksum by which `read_sealed` knows that it is whole."""
     return json.dumps({**content, SEAL: digest_of(dict(content))}, indent=1, sort_keys=True, allow_nan=False) + "\n"
 
 
 def read_sealed(path: Path) -> dict[str, Any] | None:
-    """What `sealed` made of something; None where that is missing or not what was written."""
+    """The content of a file that `sealed` made, without the checksum; None if it is missing or altered."""
     content = read_json_object(path)
     try:
         return content if content and content.pop(SEAL, None) == digest_of(content) else None

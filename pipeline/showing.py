@@ -13,12 +13,12 @@ from pipeline.plain_text import in_a_line, without_controls
 from pipeline.tables import in_short, number_words, rows_table, table
 from pipeline.wording import duration
 
-ROWS = 40  # of a table or a text; more are told in short
-FILES = 12  # plain files that are listed one by one
+ROWS = 40  # of a table or lines of a text; more are shortened
+FILES = 12  # plain files that are listed one by one; more are grouped by folder
 
 
 def lines_of(description: Description, everything: bool) -> Iterator[str]:
-    """What is known of an artifact, line by line; `everything` leaves out no row and no file."""
+    """What is known about an artifact, line by line; with `everything`, no row and no file is left out."""
     yield from _head(description)
     if description.attributes:
         yield from ("", "attributes", *_pairs(description.attributes, everything))
@@ -67,7 +67,7 @@ def _arrays(description: Description) -> list[str]:
 
 
 def type_words(dtype: str) -> str:
-    """NumPy's code of a type in words.
+    """NumPy's type code in words.
 
     >>> [type_words(code) for code in ("<f4", "|u1", "|b1", "<i8", "<c8")]
     ['float32', 'uint8', 'bool', 'int64', 'complex64']
@@ -82,7 +82,7 @@ def _shape(shape: Iterable[int]) -> str:
 
 
 def _files(files: tuple[FileDescription, ...], everything: bool) -> list[str]:
-    """Each file, or of each folder with many of them how many there are."""
+    """A line for each file or, if there are many, for each folder with the number of its files."""
     if everything or len(files) <= FILES:
         return table([[in_a_line(file.name), size_words(file.size)] for file in files], right=(1,))
     rows = []
@@ -94,7 +94,7 @@ def _files(files: tuple[FileDescription, ...], everything: bool) -> list[str]:
 
 
 def _content(file: FileDescription, everything: bool) -> Iterator[str]:
-    """A table or a text."""
+    """What a file contains, if that is a table or a text."""
     if file.rows is not None:
         rows, how = (list(file.rows), None) if everything else in_short(file.rows, ROWS)
         yield from ("", f"{in_a_line(file.name)}{f' ({how}; --all shows them)' if how else ''}")
@@ -145,7 +145,7 @@ def _pairs(values: Mapping[str, Json], everything: bool) -> list[str]:
 
 
 def _value(value: Json, everything: bool) -> str:
-    """A value in one line; a long list by its length and its first items."""
+    """A value on one line; a long list as its length and its first items."""
     if isinstance(value, float):
         return number_words(value)
     text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

@@ -1,11 +1,12 @@
-"""What the source files of the stages hold, remembered so that no plan parses a hundred of them again.
+"""What the source files of stages contain, cached so that no plan has to parse a hundred of them again.
 
-    cache/sources/<name>.json   for the modules of a package, and for one version of Python and of `fingerprint`
+    cache/sources/<name>.json   the modules of one package, for one version of Python and of our code that reads them
 
-A module is remembered with the looks of all files that were read for it, its own and its resources; see `look` for
-when a look is trusted. It is read again when one of them looks different, or when its patterns match other files.
+A module is cached with the looks of all files that were read for it: its own and its resources. For when a look is
+trusted, see `look`. The module is read again if one of them looks different, or if its patterns match other files.
 
-A process replaces a whole file at a time; of two at once the last one's memory stays, and is as true as the other's.
+A process replaces the whole file at once. Of two at the same time, the last one's cache stays, which is as good as the
+other's.
 """
 
 from __future__ import annotations
@@ -30,14 +31,14 @@ from pipeline.store import Store
 
 @dataclass(frozen=True)
 class Entry:
-    """A module with the looks of its files, by path."""
+    """A module, and the looks of its files by path."""
 
     module: Module
     looks: Mapping[str, Look]
 
     @property
     def is_current(self) -> bool:
-        """Whether all that was read for the module looks as it did."""
+        """Whether every file that was read for the module still looks the same."""
         try:
             files = [self.module.path, *resource_files(self.module.resources, self.module.path)]
             return self.looks == {str(file): look_of(file.stat()) for file in files}
@@ -46,7 +47,7 @@ class Entry:
 
 
 class SourceCache:
-    """The modules of `package`, and those of others that its stages import."""
+    """The modules of `package`, and those of other packages that its stages import."""
 
     def __init__(self, store: Store, package: str) -> None:
         self.store = store
@@ -55,7 +56,7 @@ class SourceCache:
         self._new = False
 
     def module(self, name: str, path: Path) -> Module:
-        """The module `name` in the file at `path`, as `read_module` has it. Raises what that raises."""
+        """The module `name` in the file at `path`, as `read_module` returns it. Raises what that raises."""
         entries = self._known()
         found = entries.get(name)
         if found and found.module.path == path and found.is_current:
@@ -68,11 +69,11 @@ class SourceCache:
         return module
 
     def remember(self) -> None:
-        """Writes what was learnt into the store's cache, for the next time."""
+        """Writes what was read anew into the store's cache, if the store can be written."""
         if not self._new:
             return
         content = {name: _as_json(entry) for name, entry in self._known().items() if entry.module.path.is_file()}
-        with suppress(OSError):  # a store that nobody can write to can be read
+        with suppress(OSError):  # a store that cannot be written can still be read
             self.store.folder("cache", "sources")
             write_text_whole(self._file(), sealed(content), self.store.temporary(), mode=0o600)
         self._new = False
@@ -88,7 +89,7 @@ class SourceCache:
 
 
 class _Reader:
-    """Reads files and keeps how they looked; `is_settled` as long as every one of those looks can be trusted."""
+    """Reads files and records how they looked; `is_settled` is true as long as all these looks can be trusted."""
 
     def __init__(self) -> None:
         self.looks: dict[str, Look] = {}
@@ -119,7 +120,7 @@ def _as_json(entry: Entry) -> dict[str, Any]:
 
 
 def _entries(content: Mapping[str, Any]) -> dict[str, Entry]:
-    """What was remembered; nothing where that is not as we write it."""
+    """What was cached; empty if it is not in our format."""
     try:
         return {name: Entry(_module(entry), _looks(entry["looks"])) for name, entry in content.items()}
     except (TypeError, ValueError, KeyError, AttributeError):

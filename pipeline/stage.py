@@ -1,4 +1,4 @@
-"""What a stage is: a function with declared inputs, outputs and parameters, and the context that it works in.
+"""What a stage is: a function with declared inputs, outputs and parameters, and the context that it runs in.
 
     class BlurParameters(Parameters):
         radius: float = Field(2.0, gt=0, description="Radius of the blur, in pixels.")
@@ -8,7 +8,7 @@
         picture = context.input("picture").read("pixels")
         context.output("blurred").write("pixels", gaussian(picture, parameters.radius))
 
-A file `stages/blur.py` that defines this is what `uses: blur` means in a workflow.
+If `stages/blur.py` defines this, a workflow can use it with `uses: blur`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ InputValue = Artifact | tuple[Artifact, ...] | None
 
 
 class Parameters(BaseModel):
-    """Base of a stage's parameters: frozen, no unknown names, no silent conversion but int to float, finite numbers."""
+    """Base of a stage's parameters: frozen, no unknown names, no conversions but int to float, only finite numbers."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True, protected_namespaces=()
@@ -44,15 +44,16 @@ class ExternalMarker:
 
 
 ExternalPath = Annotated[Path, ExternalMarker()]
-"""A file or folder outside the store. Its names and bytes are in the key of the action, its path is not."""
+"""A file or folder outside the store. Its names and bytes are part of the action's key, its path is not."""
 
 
 @dataclass(frozen=True)
 class Input:
-    """An artifact that a stage takes; `many` takes any number of them, in order, as a tuple.
+    """An artifact that a stage takes, or with `many`, a tuple of any number of them, in order.
 
-    `kind` names one kind or several: "container or splats". A `labelled` one, which is `many`, tells what each artifact
-    is about, and what is lacking because it failed: see `Context.items`. Both are then part of the action's key.
+    `kind` names one kind or several: "container or splats". An input that is `labelled`, which requires `many`, also
+    says what each artifact is about, and which are missing because they failed: see `Context.items`. Both are then part
+    of the action's key.
     """
 
     kind: str
@@ -61,7 +62,7 @@ class Input:
     labelled: bool = False
 
     def takes(self, kind: str) -> bool:
-        """Whether an artifact of this kind may come in."""
+        """Whether the input accepts artifacts of this kind."""
         return kind in self.kind.split(" or ")
 
 
@@ -69,8 +70,8 @@ class Input:
 class Output:
     """An artifact that a stage makes.
 
-    `inherit`: private where an input is. `public`: declared safe to publish by the stage's author, whatever the inputs
-    were. Where the workflow says `private: true` of the stage, all are private.
+    Its privacy is `private`; `inherit`: private if an input is; or `public`: declared safe to publish by the stage's
+    author, whatever the inputs are. If the workflow says `private: true` for the stage, all its outputs are private.
     """
 
     kind: str
@@ -79,11 +80,11 @@ class Output:
 
 @dataclass(frozen=True)
 class Item:
-    """One thing of which a labelled input takes the artifact: a row of a `foreach`, or a stage without one.
+    """What one artifact of a labelled input is about: a row of a `foreach`, or a stage without one.
 
-    `label` is the row's short name, `values` the row, empty without a `foreach`; `stage` the stage's name in the
-    workflow, under which `Context.lineage` has it. `artifact` is None where it failed, and `cause` says why in one
-    line, the same every time for the same failure.
+    `label` is the row's short name, `values` the row itself, empty without a `foreach`. `stage` is the stage's name in
+    the workflow, as in `Context.lineage`. If the stage failed, `artifact` is None and `cause` says why, on one line and
+    in the same words every time for the same failure.
     """
 
     label: str
@@ -95,11 +96,12 @@ class Item:
 
 @dataclass(frozen=True)
 class LineageRecord:
-    """One action that something was made from: what a report says about it.
+    """One action that something was made from, as a report shows it.
 
-    `name` is the stage's name in the workflow, `uses` the kind of stage, `inputs` the names of the stages that it
-    took artifacts from, `seconds` how long it worked, `facts` what the stage recorded (its device, for one),
-    `versions` those of the libraries, `parameters` all but external paths, `private` whether any output is private.
+    `name` is the stage's name in the workflow, `uses` the kind of stage, `inputs` the names of the stages that it took
+    artifacts from, `seconds` how long it ran. `facts` describe the machine, and whatever the stage recorded, such as
+    its device; `versions` are those of Python and the libraries, `parameters` all except external paths. `private` says
+    whether any output is private.
     """
 
     name: str
@@ -114,23 +116,23 @@ class LineageRecord:
 
 @dataclass(frozen=True)
 class Finished:
-    """A stage that has just been done: what it took, what it made, and the facts that it recorded."""
+    """A stage that has just ended: what it took, what it made, and the facts that it recorded."""
 
     inputs: Mapping[str, InputValue]
     outputs: Mapping[str, Artifact]
     facts: Mapping[str, Json]
 
     def input(self, name: str) -> Artifact:
-        """The artifact of an input that takes one. Raises TypeError where it was given none, or takes many."""
+        """The artifact of an input that takes one. Raises TypeError if it was given none, or takes many."""
         return _one(name, self.inputs[name])
 
 
 @dataclass(frozen=True)
 class Remark:
-    """What a person should know of a result although nothing failed: on the screen, and once more when the run ends.
+    """What a person should know about a result although nothing failed: shown at once, and again when the run ends.
 
-    `details` go to the stage's log alone: they may be long, or nobody else's affair. What is `as_wished` is said once:
-    at the end of many stages it would bury the others.
+    `details` go only to the stage's log: they may be long, or private. A remark that is `as_wished` is not repeated: at
+    the end of many stages, it would bury the others.
     """
 
     text: str
@@ -140,7 +142,7 @@ class Remark:
 
 @dataclass(frozen=True)
 class Services:
-    """What the engine does for a running stage; the defaults do nothing. `saved`, `command`: see `Context`."""
+    """What the engine does for a running stage, as described in `Context`; the defaults do nothing."""
 
     progress: Callable[[float, float, Mapping[str, float]], None] = lambda done, total, figures: None
     log: Callable[[str], None] = lambda text: None
@@ -151,7 +153,7 @@ class Services:
 
 
 class Context:
-    """What a stage is given besides its parameters."""
+    """What a stage is given besides its parameters. `scratch` is a private folder that outlives an interruption."""
 
     def __init__(
         self,
@@ -172,78 +174,89 @@ class Context:
         self._services = services
 
     def input(self, name: str) -> Artifact:
-        """The one artifact of an input that is neither `many` nor `optional`, or of an optional one that is given."""
+        """The artifact of an input that takes one. Raises TypeError if it was given none, or takes many."""
         return _one(name, self.inputs[name])
 
     def input_many(self, name: str) -> tuple[Artifact, ...]:
-        """The artifacts of a `many` input, in order; empty where it is optional and not given."""
+        """The artifacts of a `many` input, in order; empty if it is optional and not given.
+
+        Raises TypeError for an input without `many`.
+        """
         value = self.inputs[name]
         if not isinstance(value, tuple):
             raise TypeError(f"input {name!r} is not declared with many=True")
         return value
 
     def items(self, name: str) -> tuple[Item, ...]:
-        """What the artifacts of a labelled input are about, in order, failed ones included; empty where not given."""
+        """What the artifacts of a labelled input are about, in order, including failed ones; empty if not given.
+
+        Raises TypeError for an input that is not labelled.
+        """
         if name not in self._items:
             raise TypeError(f"input {name!r} is not declared with labelled=True")
         return self._items[name]
 
     def input_optional(self, name: str) -> Artifact | None:
-        """The artifact of an optional input, or None where the workflow gives none."""
+        """The artifact of an optional input; None if the workflow gives none. Raises TypeError for a `many` input."""
         value = self.inputs[name]
         if isinstance(value, tuple):
             raise TypeError(f"input {name!r} is declared with many=True; use input_many")
         return value
 
     def output(self, name: str) -> ArtifactWriter:
-        """The writer of a declared output."""
+        """The writer of an output. Raises KeyError if no output of that name is declared."""
         if name not in self._outputs:
             raise KeyError(f"no output {name!r} is declared; declared are {', '.join(self._outputs)}")
         return self._outputs[name]
 
     def check_outputs(self) -> None:
-        """Raises ArtifactError where a declared output holds nothing."""
+        """Raises ArtifactError if nothing was written to a declared output."""
         for name, writer in self._outputs.items():
             if writer.untouched:
                 raise ArtifactError(f"the stage wrote nothing into its output {name!r}")
 
     def progress(self, done: float, total: float, **figures: float) -> None:
-        """Says how far the stage is, with current figures such as `psnr=22.1`; cheap enough for every iteration."""
+        """Reports how far the stage is, with current figures such as `psnr=22.1`; cheap enough for every iteration."""
         self._services.progress(done, total, figures)
 
     def log(self, text: str) -> None:
-        """Writes a line into the stage's log."""
+        """Writes a line to the stage's log."""
         self._services.log(text)
 
     def stop_requested(self) -> bool:
-        """Whether a long loop should save a checkpoint into `scratch` and raise `pipeline.errors.Interrupted`."""
+        """Whether a long loop should save a checkpoint in `scratch` and raise `pipeline.errors.Interrupted`."""
         return self._services.stop_requested()
 
     def stop_if_requested(self) -> None:
-        """Raises Interrupted where work should stop: for loops that have nothing to save."""
+        """Raises Interrupted if the stage should stop: for loops that have nothing to save."""
         if self.stop_requested():
             raise Interrupted("stopped; it begins anew next time")
 
     def saved(self, problem: str | None) -> None:
-        """Says that a checkpoint was kept, by None, or why it could not be: a person hears of it while work goes on."""
+        """Reports why a checkpoint could not be saved, or None if it was: a person is told while the stage goes on."""
         self._services.saved(problem)
 
     def worked_before(self, seconds: float) -> None:
-        """Says how long the work took that a checkpoint saves: its seconds count as this stage's, too."""
+        """Reports how long the work in a checkpoint took, in seconds: they are added to the stage's own."""
         self.seconds_before = seconds
 
     def record(self, **facts: Json) -> None:
-        """Keeps facts beside the result, not in it: the device's name, versions, timings."""
+        """Records facts with the result, not in it, such as the device's name or timings.
+
+        Raises TypeError or ValueError for values that JSON cannot represent.
+        """
         self.facts |= {name: plain(value, f"fact {name!r}") for name, value in facts.items()}
 
     def lineage(self) -> tuple[LineageRecord, ...]:
-        """The actions that the inputs come from, each after those that it took from."""
+        """The actions that the inputs come from, each after those that it took artifacts from."""
         return self._services.lineage()
 
     @property
     def command(self) -> str:
-        """The command that has the workflow run as it is being run, without paths of this machine; empty where nobody
-        said. It is no part of any key: a result stays that another command made of the same."""
+        """The command that runs the workflow as it is being run, without this machine's paths; empty if unknown.
+
+        It is not part of any key: a cached result may show the command of an earlier run.
+        """
         return self._services.command
 
 
@@ -277,7 +290,7 @@ class Stage:
         object.__setattr__(self, "name", self.function.__name__)
 
     def __call__(self, context: Context, parameters: Parameters) -> None:
-        """Runs the function; raises ArtifactError where it leaves an output unwritten."""
+        """Runs the function. Raises what it raises, and ArtifactError if it leaves an output unwritten."""
         self.function(context, parameters)
         context.check_outputs()
 
@@ -294,18 +307,18 @@ def stage(
     remarks: str | None = None,
     unread: Mapping[str, Mapping[str, Json]] | None = None,
 ) -> Callable[[StageFunction], Stage]:
-    """Declares a function `(context, parameters)` to be a stage; the type of its parameters comes from its annotation.
+    """Declares a function `(context, parameters)` as a stage; its annotation gives the type of the parameters.
 
-    `version` is raised when results change for a reason that no source file shows. `modules` names the first-party
-    modules that the parameters select, which the stage imports dynamically: they join its code fingerprint. A stage
-    that is to run `alone`, since it measures time, shares the run's machine with no other. `resources` is what it
-    cannot do without while it runs, such as `{"memory": "8 GiB"}`, or `{"gpu": 1}` where there is no other way; a
-    workflow may say otherwise. Neither is in the key. Raises TypeError where the declaration itself is wrong.
+    Raise `version` when results change for a reason that no source file shows. `modules` returns the names of the
+    first-party modules that the stage imports dynamically, as its parameters select: they join its code fingerprint. No
+    other stage of a run runs beside one that is `alone` because it measures time. `resources` is what the stage cannot
+    do without while it runs, such as `{"memory": "8 GiB"}`, or `{"gpu": 1}` if there is no other way; a workflow may
+    override it. Neither of these two is in the key. Raises TypeError if the declaration itself is wrong.
 
-    No part of the code's fingerprint: `unrepeatable` says whether, with given parameters, the stage draws what no run
-    can draw again, such as a key: no run puts another in its place unless a person has given it up. `unread` names
-    inputs that it leaves unread where parameters have these values: `{"key": {"level": 0}}`. `remarks`, such as
-    "stages.scene.remarks:photos_left_out", names the function that makes a tuple of `Remark` of what is `Finished`.
+    Outside the code fingerprint: `unrepeatable` says whether, with given parameters, the stage draws something
+    that cannot be drawn again, such as a key, which no run replaces unless a person has given it up. `unread` names
+    inputs that the stage does not read if parameters have the given values: `{"key": {"level": 0}}`. `remarks`, such as
+    "stages.scene.remarks:photos_left_out", names the function that turns a `Finished` into a tuple of `Remark`.
     """
 
     def declare(function: StageFunction) -> Stage:
@@ -340,7 +353,7 @@ def _parameters_of(function: StageFunction) -> type[Parameters]:
 
 
 def output_is_private(output: Output, from_input: bool, said: bool) -> bool:
-    """Whether an output is private, given that an input is (`from_input`), or the workflow says so (`said`)."""
+    """Whether an output is private, given whether an input is (`from_input`) or the workflow says so (`said`)."""
     return said or output.privacy == "private" or (output.privacy == "inherit" and from_input)
 
 
@@ -355,10 +368,10 @@ def run_stage(
     private: bool = False,
     items: Mapping[str, tuple[Item, ...]] | None = None,
 ) -> dict[str, Artifact]:
-    """Runs a stage without the engine, for tests: the artifacts of its outputs, each in `directory/<output>`.
+    """Runs a stage without the engine, for tests, and returns its outputs, each in `directory/<output>`.
 
-    `items` are those of the labelled inputs; without them, they have their numbers for labels.
-    Raises what the stage raises, and TypeError where the inputs are not those that it declares.
+    `items` are those of the labelled inputs; by default, their artifacts are labelled by number. Raises what the stage
+    raises, and TypeError if the inputs are not those that it declares.
     """
     values = bind_inputs(declared, inputs)
     from_input = any(artifact.private for artifact in _artifacts(values))
@@ -379,7 +392,10 @@ def run_stage(
 
 
 def bind_inputs(declared: Stage, given: Mapping[str, InputValue]) -> dict[str, InputValue]:
-    """A value for every declared input; raises TypeError for unknown, missing or wrongly shaped ones."""
+    """A value for every declared input; None, or () for `many`, if an optional one is not given.
+
+    Raises TypeError for an input that is unknown, missing, or of the wrong shape or kind.
+    """
     for name in given:
         if name not in declared.inputs:
             raise TypeError(f"stage {declared.name} has no input {name!r}; it has {', '.join(declared.inputs)}")

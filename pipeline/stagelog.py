@@ -1,6 +1,6 @@
-"""The log of one stage: what it says, what the libraries under it print, and the traceback if it fails.
+"""The log of one stage: what it reports, what the libraries under it print, and the traceback if it fails.
 
-A line that cannot be written, on a full disk for one, is lost and fails nothing: the result of a stage is worth more.
+A line that cannot be written, for example on a full disk, is lost without an error: the stage's result is worth more.
 """
 
 from __future__ import annotations
@@ -15,7 +15,10 @@ from pathlib import Path
 
 
 class StageLog:
-    """Starts the log at `path` anew; nobody else can read a private one."""
+    """A new log at `path`, replacing any earlier one; nobody else can read a private one.
+
+    Opening it raises OSError if it cannot be created.
+    """
 
     def __init__(self, path: Path, private: bool) -> None:
         path.parent.parent.mkdir(parents=True, exist_ok=True)
@@ -25,11 +28,11 @@ class StageLog:
         self._file = os.fdopen(descriptor, "ab", buffering=0)
 
     def head(self, name: str, uses: str, key: str, commit: str | None) -> None:
-        """Writes by which `is_log_of` knows the log again."""
+        """Writes the first line, by which `is_log_of` recognises the log."""
         self.line(f"{name} ({uses}), key {key}, commit {commit or 'unknown'}")
 
     def line(self, text: str) -> None:
-        """Writes a line, or several, with the time before the first."""
+        """Writes one or more lines, with the time before the first."""
         self._write(f"{datetime.now():%H:%M:%S} {text}\n")
 
     def traceback(self) -> None:
@@ -41,19 +44,20 @@ class StageLog:
             self._file.write(text.encode(errors="replace"))
 
     def close(self) -> None:
+        """Closes the file."""
         self._file.close()
 
     @contextmanager
     def captured(self) -> Iterator[None]:
-        """Sends all that this process prints, C libraries included, here; for a process with one stage at a time."""
+        """Redirects all that this process prints, C libraries included, to the log; for one stage at a time."""
         with _descriptors_to(self._file.fileno(), (1, 2)):
             yield
 
 
 def is_log_of(key: str, path: Path) -> bool:
-    """Whether a log is that of an action; False where it is missing or may not be read."""
+    """Whether a log is that of the action `key`; False if it is missing or cannot be read."""
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a stranger's may be a pipe
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a stranger's file may be a pipe
         with os.fdopen(descriptor, errors="replace") as file:
             return f", key {key}, " in file.readline()
     except OSError:
@@ -62,7 +66,7 @@ def is_log_of(key: str, path: Path) -> bool:
 
 @contextmanager
 def printed_to_stderr() -> Iterator[None]:
-    """Sends what this process prints to stderr: stdout is for the engine's own results."""
+    """Redirects what this process prints to stderr: stdout is for the engine's own results."""
     with _descriptors_to(2, (1,)):
         yield
 

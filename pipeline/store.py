@@ -1,23 +1,23 @@
-"""The store: every result once, under the hash of what it is, and every action under the hash of what it depends on.
+"""The store: each result once, under the hash of its content, and each action under the hash of what it depends on.
 
-    .gitignore                       has git pass over all of this
-    actions/<key>/record.json        what an action was made of, what came out, and how it went
+    .gitignore                       makes git ignore all of this
+    actions/<key>/record.json        what went into an action, what came out, and how it went
     objects/<digest>/                artifacts, immutable
-    latest/<workflow>/<stage>.<output>   links to the objects of the last run, for their owner: names tell of messages
+    latest/<workflow>/<stage>.<output>   links to the objects of the last run; private, since names may reveal messages
     code/<digest>.json               the digests of the modules behind a stage and of what they define, for `explain`
     runs/<workflow>/<time>-<id>.jsonl    how the stages of a run ended: see `history`
     pins/<name>.json                 results that `gc` keeps: see `pins`
-    logs/<workflow>/<stage>.log      what a stage said when it last ran; `logs/<workflow>/private` if it is private
+    logs/<workflow>/<stage>.log      what a stage logged when it last ran; in `logs/<workflow>/private` if private
     scratch/<key>/                   checkpoints of an action that was interrupted
-    locks/<key>.lock                 held by the kernel for the process that works on an action
-    locks/runs/<workflow>            held together by the runs of a workflow: see `other_runs`
+    locks/<key>.lock                 the lock of an action, held by the process that works on it
+    locks/runs/<workflow>            shared by the runs of a workflow: see `other_runs`
     external/<digest>.json           names and digests of the files behind a digest, for `explain`
-    cache/                           what can be computed again: of stages, their sources and external files
-    damaged/                         what is not what was written, until the next `gc`: see `damaged`
-    temporary/<id>/                  what a process is writing; everything else appears by renaming, whole
+    cache/                           what can be recomputed about stages, their sources and external files
+    damaged/                         damaged data, until the next `gc`: see `damaged`
+    temporary/<id>/                  what a process is writing: records and artifacts appear whole, by renaming
 
-Two processes may use one store: a lock lets one of them do an action, and whoever comes second finds it done. All who
-run hold `locks/in_use` together; `gc` holds it alone.
+Several processes may use one store: the lock of an action lets one of them do it, and the others then find it done. All
+runs share `locks/in_use`; `gc` holds it alone.
 """
 
 from __future__ import annotations
@@ -55,17 +55,17 @@ LOCKS, IN_USE = "locks", "in_use"
 
 @dataclass(frozen=True)
 class Young:
-    """Keys of actions and digests of artifacts."""
+    """Keys of actions and digests of artifacts that `gc` must spare: see `Store.young`."""
 
     actions: frozenset[str] = frozenset()
     objects: frozenset[str] = frozenset()
 
 
 class Store:
-    """A store in the directory `root`, which is made by what is first written to it, where it is missing."""
+    """A store in the directory `root`, which is created by the first write if it is missing."""
 
     def __init__(self, root: Path) -> None:
-        self.root = from_home(root).absolute()  # a shell leaves the ~ of --store=~/results
+        self.root = from_home(root).absolute()  # a shell does not expand the ~ in --store=~/results
         self._own: OwnFolder | None = None
         self._making = threading.Lock()
         self._latest = Latest(self.root, self.temporary)
@@ -75,20 +75,23 @@ class Store:
 
     @property
     def address(self) -> str:
-        """By which another process opens this store."""
+        """The address at which another process can open this store."""
         return str(self.root)
 
     def mark(self) -> None:
-        """Makes the folder one that `is_store` knows, and that git passes over."""
+        """Makes `root` a folder that `is_store` recognises and git ignores. Raises OSError if it cannot."""
         (self.folder(LOCKS) / IN_USE).touch()
         hide_from_git(self.root)
 
     def object(self, digest: str) -> Path:
-        """Where the artifact of that digest is, or would be."""
+        """The path at which an artifact is, or would be."""
         return self.root / "objects" / digest
 
     def artifact(self, digest: str) -> Artifact:
-        """Raises CorruptArtifact where it is missing or damaged, or another one lies in its place."""
+        """An artifact, of which only the manifest is read.
+
+        Raises CorruptArtifact if it is missing, its manifest is damaged, or another artifact is in its place.
+        """
         path = self.object(digest)
         if path.is_symlink():
             raise CorruptArtifact(f"{path}: a link; expected a folder")
@@ -98,42 +101,46 @@ class Store:
         return artifact
 
     def log(self, workflow: str, name: str, private: bool = False) -> Path:
+        """The path at which a stage's log is, or would be; private ones are in a folder of their own."""
         folder = self.root / "logs" / workflow
         return (folder / "private" if private else folder) / f"{name}.log"
 
     def keep_log(self, path: Path) -> None:
-        """Keeps a log that is finished where others find it too."""
+        """Puts a finished log where other machines find it, too. Does nothing for a folder, where it already is."""
 
     @property
     def history(self) -> History:
+        """What the runs of each workflow did."""
         return History(self.root / "runs")
 
     @property
     def pins(self) -> Pins:
+        """The results that `gc` keeps whatever runs follow."""
         return Pins(self.root / "pins")
 
     @property
     def actions(self) -> frozenset[str]:
-        """Keys of all actions that have a record, whole or not; one look at the folder."""
+        """Keys of all actions that have a record, whole or not; lists the folder anew each time."""
         return self._names("actions")
 
     @property
     def objects(self) -> frozenset[str]:
-        """Digests of all artifacts, whole or not; one look at the folder."""
+        """Digests of all artifacts, whole or not; lists the folder anew each time."""
         return self._names("objects")
 
     @property
     def young(self) -> Young:
-        """What a run that no lock tells of may be about to use, though nothing names it yet; nothing in a folder."""
+        """What a run that no lock reveals may be about to use, although nothing refers to it yet; none in a folder."""
         return Young()
 
     @property
     def damaged(self) -> Damaged:
+        """The damaged data that was set aside."""
         return Damaged(self.root / "damaged")
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is strange about the store, as far as it was looked at."""
+        """What is odd about the store, as far as it has been read; empty for a folder."""
         return ()
 
     def holds(self, digest: str) -> bool:
@@ -141,32 +148,32 @@ class Store:
         return os.path.lexists(self.object(digest))
 
     def place(self, digest: str) -> str:
-        """Where an artifact is, or would be, in words."""
+        """Where an artifact is, or would be, for messages."""
         return str(self.object(digest))
 
     def look(self, workflow: str, stages: Collection[str]) -> None:
-        """Before a run asks for one action after the other: a store that is far away learns at once what is there."""
+        """Prepares for many calls of `find`: a remote store then learns in few requests what is there."""
 
     def _names(self, folder: str) -> frozenset[str]:
         path = self.root / folder
         return frozenset(entry.name for entry in os.scandir(path)) if path.is_dir() else frozenset()
 
     def folder(self, *names: str) -> Path:
-        """A folder of the store, made where it is missing; it survives a power cut."""
+        """A folder of the store, created durably if it is missing."""
         return make_folder(self.root, *names)
 
     def temporary(self) -> Path:
         """A new path to write to, on the file system of the store, that nobody else can reach.
 
-        What is there is removed when this store, or the process, comes to its end: by the next run if need be.
+        What is there is removed when this object or the process ends, or else by the next run.
         """
-        with self._making:  # of two threads one would lose its folder to the other
+        with self._making:  # a second folder, made by another thread, would replace and so remove the first
             if self._own is None or not self._own.path.is_dir():
                 self._own = OwnFolder(self.folder("temporary"))
             return self._own.path / uuid.uuid4().hex
 
     def sweep(self) -> None:
-        """Removes what processes left behind that were killed: what they wrote, and checkpoints of finished actions."""
+        """Removes what killed processes left behind: what they were writing, and checkpoints of finished actions."""
         sweep(self.root / "temporary")
         for key in [entry.name for entry in entries_of(self.root, "scratch")]:
             with suppress(OSError, Timeout), self.lock(key).acquire(blocking=False):
@@ -178,30 +185,31 @@ class Store:
         return FileLock(self.folder(LOCKS) / f"{key}.lock")
 
     def is_locked(self, key: str) -> bool:
-        """Whether a process works on an action just now, as far as can be seen from here."""
+        """Whether a process is working on an action right now, as far as can be seen from here."""
         return is_held(self.root / LOCKS / f"{key}.lock")
 
     @contextmanager
     def in_use(self, alone: bool = False) -> Iterator[None]:
-        """Held by every process that works with results; `alone` by one that deletes some.
+        """Holds the store's lock within the block: shared, to work with results, or `alone`, to delete some.
 
-        Raises CommandError where that cannot be had at once: another process deletes, or others work.
+        Raises CommandError if it cannot be had at once, because another process deletes results or uses them, or if
+        files cannot be locked there.
         """
         with held(self.folder(LOCKS) / IN_USE, self.root, alone):
             hide_from_git(self.root)
             yield
 
     def find(self, key: str) -> Record | None:
-        """The record of an action whose every output is there with all its files, each of its size; None otherwise."""
+        """The record of an action if all its outputs are there, with all files in the right sizes; None otherwise."""
         record = self.record(key)
         return record if record and all(self.is_whole(digest) for digest in record.outputs.values()) else None
 
     def send_late(self, key: str) -> Record | None:
-        """The record of an action that was done here but did not get where the store is, put there now; else None."""
+        """Puts a result into the store that was made here but did not get there, and returns its record; else None."""
         return None
 
     def is_whole(self, digest: str) -> bool:
-        """Whether an artifact has a sound manifest and all its files, each of its size. Their bytes are not read."""
+        """Whether an artifact has a sound manifest and all files, in the right sizes. Their bytes are not read."""
         try:
             self.artifact(digest).check_sizes()
         except CorruptArtifact:
@@ -209,16 +217,16 @@ class Store:
         return True
 
     def check_object(self, digest: str) -> int:
-        """Reads every byte of an artifact where it is kept, and returns their number.
+        """Reads every byte of an artifact where it is stored, and returns their number.
 
-        Raises CorruptArtifact where it is missing or not what was written. What is not its own does not count.
+        Raises CorruptArtifact if it is missing or altered. Foreign files do not count.
         """
         artifact = self.artifact(digest)
         artifact.verify()
         return sum(file.size for file in artifact.manifest.files.values())
 
     def is_sound(self, digest: str) -> bool:
-        """Whether an artifact is what was written, every byte of it."""
+        """Whether an artifact is there and unaltered; reads every byte of it."""
         try:
             self.artifact(digest).verify()
         except CorruptArtifact:
@@ -226,36 +234,36 @@ class Store:
         return True
 
     def foreign(self, digest: str) -> tuple[str, ...]:
-        """Names of what lies in an artifact and is no part of it; none where that cannot be seen."""
+        """Names of files in an artifact that are no part of it; empty if that cannot be determined."""
         try:
             return self.artifact(digest).foreign()
         except (CorruptArtifact, OSError):
             return ()
 
     def set_foreign_aside(self, digest: str, name: str) -> None:
-        """Moves something of `foreign` out of an artifact, which stays."""
+        """Moves one of the files that `foreign` names to `damaged`; the artifact stays."""
         self.damaged.take(self.object(digest) / name, FOREIGN, digest, *name.split("/"))
 
     def set_aside(self, digest: str) -> None:
         """Moves a damaged artifact to `damaged`, so that a whole one can take its place; a sound one stays."""
-        with self.lock(digest):  # else a whole one that another process has just put there could be taken
+        with self.lock(digest):  # otherwise a whole one that another process has just put there could be moved
             self._clear_damaged(digest)
 
     def remains(self, key: str) -> tuple[str, ...]:
-        """Where something is left of an action that was done once, whose result `find` does not find whole."""
+        """Where records are left of an action that was done once, for when `find` does not find its result whole."""
         places = (self.root / "actions" / key, *self.damaged.records(key))
         return tuple(str(place) for place in places if os.path.lexists(place))
 
     def record(self, key: str) -> Record | None:
-        """The record of an action, whether or not its outputs are still there."""
+        """The record of an action, whether or not its outputs are still there; None if it is missing or altered."""
         return read_record(self.root / "actions" / key / RECORD, key)
 
     def kept_record(self, key: str) -> Record | None:
-        """The record of an action, read where it is kept; None where it is missing or not what was written."""
+        """The record of an action as it is stored, not a copy; None if it is missing or altered."""
         return self.record(key)
 
     def records(self) -> Iterator[Record]:
-        """All records that can be read, by key."""
+        """All readable records, in the order of their keys."""
         for key in sorted(self.actions):
             record = self.record(key)
             if record:
@@ -266,11 +274,11 @@ class Store:
         self.damaged.take(self.root / "actions" / key, ACTIONS, key)
 
     def delete_record(self, key: str) -> None:
-        """Deletes a record, at once or (but on a full disk) not at all; what it told of stays until `delete_object`."""
+        """Deletes a record, atomically unless the disk is full; its artifacts stay until `delete_object`."""
         self._delete(self.root / "actions" / key, RECORD)
 
     def delete_object(self, digest: str) -> None:
-        """Deletes an artifact, at once or (but on a full disk) not at all. Its records must be deleted before."""
+        """Deletes an artifact, atomically unless the disk is full. The records that name it must be deleted first."""
         self._delete(self.object(digest), MANIFEST)
 
     def _delete(self, path: Path, first: str) -> None:
@@ -281,43 +289,43 @@ class Store:
         except OSError as error:
             if error.errno not in FULL:
                 raise
-            remove_where_it_lies(path, first)  # to make room must be possible where there is none
+            remove_where_it_lies(path, first)  # making room must be possible when there is none
         else:
             remove(aside)
 
     def sizes_of_records(self, keys: Collection[str]) -> dict[str, int]:
-        """Bytes of records, by key."""
+        """The size of each record in bytes, by key; 0 if it is missing."""
         return {key: size_of(self.root / "actions" / key) for key in keys}
 
     def sizes_of_objects(self, digests: Collection[str]) -> dict[str, int]:
-        """Bytes of all files of artifacts, damaged or not, by digest."""
+        """The size of all files of each artifact in bytes, damaged or not, by digest; 0 if it is missing."""
         return {digest: size_of(self.object(digest)) for digest in digests}
 
     def entries(self, folder: str) -> dict[str, int]:
-        """What is in a folder of the store, such as `logs`: names from the store's root on, and the bytes of each.
+        """The entries of a folder of the store, such as `logs`: names relative to the store's root, with their bytes.
 
-        Links are passed over: they may lead anywhere.
+        Links are skipped: they may lead anywhere.
         """
         names = [f"{folder}/{entry.name}" for entry in entries_of(self.root, *folder.split("/"))]
         return {name: size_of(self.root / name) for name in names}
 
     def delete_entry(self, name: str) -> None:
-        """Deletes what has a name of `entries`. Raises UserError for a name that leads elsewhere."""
+        """Deletes an entry by its name in `entries`. Raises UserError for a name that leads elsewhere."""
         *folders, last = name.split("/")
         if not folders or last in ("", ".", "..") or leads_elsewhere(self.root, *folders):
             raise UserError("not the name of something in the store", where=self.root, found=name)
         remove(self.root / name)
 
     def abandoned(self) -> dict[str, int]:
-        """Names and bytes of what nobody will go on with and `sweep` does not remove; nothing in a folder."""
+        """Names and bytes of what nobody will resume and `sweep` does not remove; empty for a folder."""
         return {}
 
     def commit(
         self, key: str, parts: Mapping[str, Json], writers: Mapping[str, ArtifactWriter], provenance: Mapping[str, Any]
     ) -> Record:
-        """Makes the outputs of an action part of the store, then its record: from then on the action is done.
+        """Adds the outputs of an action to the store, then its record, all durably: then the action is done.
 
-        If another process was first, its record is returned and the outputs of this one are dropped.
+        If another process was first, its record is returned, and the outputs of this one are dropped.
         """
         outputs = {}
         for name, writer in writers.items():
@@ -332,7 +340,7 @@ class Store:
         return self.find(key) or record
 
     def add(self, record: Record) -> None:
-        """Gives results that are in the store already one more record."""
+        """Adds, durably, one more record of results that are already in the store."""
         self._write_record(record, record.private)
 
     def _write_record(self, record: Record, private: bool) -> None:
@@ -364,16 +372,17 @@ class Store:
             self.damaged.take(self.object(digest), OBJECTS, digest)
 
     def link_latest(self, workflow: str, name: str, outputs: Mapping[str, str]) -> None:
-        """Points `latest/<workflow>/<stage>.<output>` to the objects of a result. Raises OSError where it cannot."""
+        """Points `latest/<workflow>/<stage>.<output>` to the objects of a result. Raises OSError if it cannot."""
         self._latest.link(workflow, name, outputs)
 
     def latest(self, workflow: str, name: str, output: str) -> Path:
+        """The path at which the link to a stage's output is, or would be."""
         return self._latest.path(workflow, name, output)
 
     def keep_code(self, digest: str, modules: Mapping[str, str], definitions: Mapping[str, Mapping[str, str]]) -> None:
-        """Keeps which modules a digest of code stands for, and the digests of what each of them defines.
+        """Records which modules a digest of code stands for, and the digests of what each of them defines.
 
-        Where it cannot, that only costs an explanation.
+        Errors in writing are ignored: they only cost an explanation.
         """
         content = {name: {"digest": module, "definitions": dict(definitions[name])} for name, module in modules.items()}
         with suppress(OSError):
@@ -381,18 +390,19 @@ class Store:
             write_text_whole(self._code(digest), sealed({"modules": content}), self.temporary())
 
     def latest_digests(self) -> dict[str, str]:
-        """The digest that each link `<workflow>/<stage>.<output>` in `latest` leads to, in the store or no longer."""
+        """The digest that each link `<workflow>/<stage>.<output>` leads to, whether or not it is still in the store."""
         return self._latest.digests()
 
     def unlink_latest(self, name: str) -> None:
-        """Removes a link of `latest_digests`."""
+        """Removes a link by its name in `latest_digests`; does nothing if there is none."""
         self._latest.unlink(name)
 
     def knows_code(self, digest: str) -> bool:
+        """Whether a digest of code is recorded here, so that `keep_code` need not be called for it."""
         return self._code(digest).is_file()
 
     def code(self, digest: str) -> dict[str, Any] | None:
-        """For each module that a digest of code stands for its `digest` and `definitions`; None where not known."""
+        """The `digest` and `definitions` of each module that a digest of code stands for; None if unknown."""
         content = read_sealed(self._code(digest))
         return content["modules"] if content else None
 

@@ -1,4 +1,4 @@
-"""What `verify`, `gc` and `pins` say: in lines for people, and in JSON for programs."""
+"""What `verify`, `gc` and `pins` print: lines for people, JSON for programs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pipeline.wording import duration
 
 
 class Verified:
-    """Counts what was looked at."""
+    """Counts what `verify` has checked."""
 
     def __init__(self) -> None:
         self.numbers: Counter[str] = Counter()
@@ -29,7 +29,7 @@ class Verified:
 
     @contextmanager
     def shown(self, artifacts: int, quiet: bool) -> Iterator[Callable[[Checked], None]]:
-        """Takes what was looked at, and shows on a terminal how far it is."""
+        """Yields a function that counts what was checked, and shows on a terminal how far of `artifacts` it is."""
         from rich.console import Console
         from rich.progress import Progress
 
@@ -46,7 +46,7 @@ class Verified:
             yield count
 
     def words(self, dry_run: bool, damaged: Path) -> str:
-        """All in a line; `damaged` is the folder to which what is damaged was moved."""
+        """The result on one line; `damaged` is the folder to which damaged data was moved."""
         counted = ", ".join(f"{number} {what}{'s' * (number != 1)}" for what, number in self.numbers.items())
         found = f"{counted or 'nothing to look at'}; {size_words(self.size)} read in {self._duration()}"
         if not self.damaged:
@@ -56,6 +56,7 @@ class Verified:
         return f"{self.damaged} damaged of {found}; {remedy}"
 
     def as_json(self) -> dict[str, object]:
+        """The result as `verify --json` prints it."""
         numbers = {f"{what}s": self.numbers[what] for what in ("artifact", "record", "pin", "link")}
         seconds = round(time.monotonic() - self._started, 3)
         return {"event": "summary", **numbers, "bytes": self.size, "damaged": self.damaged, "seconds": seconds}
@@ -65,13 +66,14 @@ class Verified:
 
 
 def verified_words(checked: Checked) -> str:
-    """One damaged thing in a line."""
+    """One damaged thing on one line."""
     name = checked.name[:12] if checked.what in ("artifact", "record") else checked.name
     stages = f" ({', '.join(checked.stages)})" if checked.stages else ""
     return without_controls(f"{checked.what} {name}{stages}: {checked.damage}")
 
 
 def verified_as_json(checked: Checked) -> dict[str, object]:
+    """One damaged thing as `verify --json` prints it."""
     return {
         "event": "damaged",
         "what": checked.what,
@@ -82,7 +84,7 @@ def verified_as_json(checked: Checked) -> dict[str, object]:
 
 
 def collection_words(garbage: Garbage, dry_run: bool) -> list[str]:
-    """What goes, from which workflow and stage, and what stays and why."""
+    """What is deleted, by workflow and stage, and what is kept and why, line by line."""
     rows = [
         [waste.workflow or waste.what, waste.stage, f"{waste.number}", size_words(waste.size)]
         for waste in garbage.waste
@@ -99,6 +101,7 @@ def collection_words(garbage: Garbage, dry_run: bool) -> list[str]:
 
 
 def collection_as_json(garbage: Garbage) -> list[str]:
+    """What is deleted and what is kept, one JSON object per line."""
     objects: list[dict[str, object]] = [
         {
             "event": "waste",
@@ -116,7 +119,7 @@ def collection_as_json(garbage: Garbage) -> list[str]:
 
 
 def pins_words(pins: Mapping[str, Pin], actions: Collection[str]) -> list[str]:
-    """A line for each pin, with how many of its results are in the store if not all are."""
+    """A line for each pin, with the number of its results that are in the store, if not all are."""
     rows = []
     for name, pin in pins.items():
         present = sum(key in actions for key in pin.keys.values())
@@ -126,6 +129,7 @@ def pins_words(pins: Mapping[str, Pin], actions: Collection[str]) -> list[str]:
 
 
 def pin_as_json(name: str, pin: Pin, actions: Collection[str]) -> dict[str, object]:
+    """A pin as `pins --json` prints it."""
     present = sum(key in actions for key in pin.keys.values())
     return {
         "event": "pin",

@@ -1,4 +1,4 @@
-"""`${…}`: what a workflow file says once and means in several places."""
+"""`${…}`: values that a workflow file states once and uses in several places."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from pipeline.errors import nearest
 from pipeline.located import DEEPEST, LARGEST, Located, Problems
 
 Scope = Mapping[str, Located | None]
-"""What `${name}` stands for; None for a name whose value is missing, which has been reported already."""
+"""What each `${name}` stands for; None if its value is missing, which is already reported."""
 
 LONGEST_TEXT = 2**20  # characters of a text with `${name}` in it
 REFERENCE = re.compile(r"\$(\$|\{([^{}]*)\})")
 
 
 def substitute(located: Located, scope: Scope, problems: Problems) -> Located | None:
-    """`located` with every `${name}` replaced; None, with the reason among `problems`, where that is impossible, and of
-    what is broken.
+    """`located` with every `${name}` replaced.
 
-    A text that is nothing but `${name}` becomes the named value itself, with its type, its place and its base; a text
-    that begins with `${name}` keeps the base, so that `${folder}/photos` leads where `${folder}` does. Inside a text a
-    value stands as it was typed: the folder 0123 is no number. `$$` stands for a dollar sign. What grows too large or
-    too deep, as lines do that each hold the one before ten times, is refused.
+    None, with the reason added to `problems`, if that is impossible, and None if it is already broken. A text that is
+    nothing but `${name}` becomes the named value itself, with its type, place and base; a text that begins with
+    `${name}` takes its base, so that `${folder}/photos` leads where `${folder}` does. Inside a text, a value appears as
+    it was typed: the folder 0123 is not a number. `$$` stands for a dollar sign. What grows too large or too deep is
+    refused, for example lines that each contain the one before ten times.
     """
     if located.broken:
         return None
@@ -82,7 +82,7 @@ def _interpolate(located: Located, scope: Scope, problems: Problems) -> Located 
         sources |= {value.place, *value.sources}
         pieces.append(str(value.value) if value.typed is None else value.typed)
     pieces.append(text[end:])
-    length = sum(map(len, pieces))  # told before they are joined, which may be what there is no memory for
+    length = sum(map(len, pieces))  # checked before joining, for which there may not be enough memory
     if length > LONGEST_TEXT:
         message = f"a text of {length:,} characters once every ${{…}} is replaced; at most {LONGEST_TEXT:,} are allowed"
         problems.add(located.place, message)

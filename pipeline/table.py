@@ -1,13 +1,13 @@
-"""Tables in CSV files, whose every cell knows its place.
+"""Tables in CSV files, in which every cell knows its place.
 
     cover,message
     photos/kitchen,photos/fox
     photos/garden,"photos/2024"
 
-The first row names the columns; `Cover` names `cover` where that alone is wanted. A cell is a number, `true`, `false`
-or nothing as JSON spells them, and else a text; in quotes it is always a text. A path is always one, quoted or not.
-Cells are parted by commas, or where the first row is so by semicolons or tabs, as spreadsheets write them in many
-countries. Blanks around cells do not count, and neither do empty lines.
+The first row names the columns; `Cover` names `cover` if only that is wanted. A cell is a number, `true`, `false` or
+`null` if spelled as in JSON, null if empty, and otherwise a text; in quotes it is always a text. A path is always a
+text, quoted or not. Cells are separated by commas or, if those of the first row are, by semicolons or tabs, as
+spreadsheets write them in many countries. Blanks around cells and empty lines are ignored.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ CELLS = {
 LINE_END = re.compile("\r\n|\r|\n")
 JSON_SCALAR = re.compile(r"true|false|null|-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?")
 UNPRINTABLE = re.compile(r"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]")
-LONGEST_NUMBER = 300  # digits; what is longer is a text, as Python reads no number of thousands of them
-LONGEST_HEADER = 200  # characters of a first row that is told
+LONGEST_NUMBER = 300  # characters; anything longer is a text, since Python reads no numbers of thousands of digits
+LONGEST_HEADER = 200  # characters of a first row that an error shows
 COLUMN = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 COLUMN_WORDS = "letters, digits, '_' and '-'"
 HEADER_WORDS = "a first row with the columns' names, such as cover,message"
@@ -42,12 +42,15 @@ HEADER_WORDS = "a first row with the columns' names, such as cover,message"
 
 @dataclass(frozen=True)
 class Cell:
+    """One cell: its text, without quotes and the blanks around it."""
+
     text: str
     quoted: bool
     place: Place
 
     @property
     def value(self) -> Scalar:
+        """What the text stands for: a number, a truth value, None, or the text itself."""
         if self.quoted:
             return self.text
         if not self.text:
@@ -58,6 +61,7 @@ class Cell:
         return self.text
 
     def located(self, base: Path) -> Located:
+        """The value with its place; `base` is the folder that paths are relative to."""
         typed = None if self.value is None or isinstance(self.value, str) else self.text
         return Located(self.value, self.place, base, typed=typed)
 
@@ -65,8 +69,8 @@ class Cell:
 def read_table(path: Path, asked: Place, problems: Problems, wanted: Sequence[str] = ()) -> tuple[Located, ...] | None:
     """The rows under the header, each a mapping of the columns' names to scalars; paths are relative to the file.
 
-    `wanted` are the columns that it is to have, beside any others.
-    None, with the reason among `problems`, where there is no such table; `asked` is the place that named it.
+    `wanted` are columns that it must have; it may have others. None, with every reason added to `problems`, if the
+    table is missing or malformed; `asked` is the place that named it.
     """
     shown = str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
     try:
@@ -127,7 +131,7 @@ class _Table:
         return names
 
     def meant(self, text: str, texts: Sequence[str]) -> str:
-        """The wanted column that a name in the first row differs from in capitals alone; else the name itself."""
+        """The wanted column that a name in the first row differs from only in case; otherwise the name itself."""
         alike = [name for name in self.wanted if name.casefold() == text.casefold()]
         return alike[0] if len(alike) == 1 and alike[0] not in texts else text
 
@@ -146,7 +150,7 @@ class _Table:
         return Located(values, row[0].place, self.base, keys)
 
     def cells(self) -> Iterator[list[Cell]]:
-        """The cells of every line in which something stands: spreadsheets write empty cells below a table."""
+        """The cells of every line that is not empty: spreadsheets write lines of empty cells below a table."""
         row: list[Cell] = []
         position = 0
         while position < len(self.text):
@@ -179,7 +183,7 @@ class _Table:
 
 
 def _delimiter_of(text: str) -> str:
-    """What parts the cells of the first line that is not empty: no name of a column has any of these in it."""
+    """The delimiter in the first line that is not empty; a comma if there is none, or more than one kind."""
     header = next((line for line in LINE_END.split(text) if line.strip()), "")
     found = [delimiter for delimiter in DELIMITERS if delimiter in header]
     return found[0] if len(found) == 1 else ","

@@ -1,4 +1,4 @@
-"""Tables of text: columns as wide as they need to be, and long tables in short."""
+"""Tables as text: columns as wide as they need to be, and long tables in short."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from pipeline.canonical import Json
 from pipeline.plain_text import in_a_line
 
-QUANTITY, VALUE = "quantity", "value"  # columns of tables with one figure a row
+QUANTITY, VALUE = "quantity", "value"  # columns of tables with one figure per row
 Row = Mapping[str, Json]
 
 
 def table(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
-    """Lines with the columns of `rows` side by side, those numbered in `right` flush right; no rows, no lines.
+    """Lines with the columns of `rows` side by side, those with the numbers `right` flush right; empty without rows.
 
     >>> table([["name", "size"], ["cover", "12"]], right=[1])
     ['name   size', 'cover    12']
@@ -29,7 +29,7 @@ def table(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]
 
 
 def rows_table(rows: Sequence[Row]) -> list[str]:
-    """Lines that show rows with the columns that hold anything in any of them."""
+    """Lines that show rows, with those columns that hold anything."""
     columns = [
         name for name in dict.fromkeys(name for row in rows for name in row) if any(_cell(row, name) for row in rows)
     ]
@@ -41,11 +41,11 @@ def rows_table(rows: Sequence[Row]) -> list[str]:
 
 
 def in_short(rows: Sequence[Row], most: int) -> tuple[list[Row], str | None]:
-    """At most about `most` rows, and how they were arrived at; None where they are all.
+    """About `most` rows at most, and how they were arrived at in words, None if they are all.
 
-    Where each row is one figure (a `quantity` and its `value`), figures become one row that differ in numbers only (the
-    iteration, say), and, if those are still too many, in the text with most values (the picture's name, say). Of other
-    tables the first and the last rows stay.
+    If each row is one figure (a `quantity` and its `value`), rows that differ only in numbers, such as the iteration,
+    are merged into one. If that leaves too many, so are rows that differ only in the text column with the most values,
+    such as the picture's name, and so on. Of other tables, the first and last rows are kept.
     """
     if len(rows) <= most:
         return list(rows), None
@@ -75,7 +75,7 @@ def _groups(rows: Sequence[Row], columns: Sequence[str]) -> list[list[Row]]:
 
 
 def _figures(group: Sequence[Row], columns: Sequence[str]) -> Row:
-    """One row that stands for a group."""
+    """One row that summarises a group: its number of rows, and mean, least, greatest and last value."""
     values = [_as_float(value) for row in group if _is_number(value := row[VALUE]) and isinstance(value, int | float)]
     figures: dict[str, Json] = {name: group[0].get(name) for name in columns}
     figures["rows"] = len(group)
@@ -96,7 +96,7 @@ def _is_number(value: Json) -> bool:
 
 
 def _as_float(value: float) -> float:
-    """Infinite for integers beyond what a float can hold."""
+    """`value` as a float; infinite for an integer beyond what a float can hold."""
     try:
         return float(value)
     except OverflowError:
@@ -109,7 +109,7 @@ def _cell(row: Row, name: str) -> str:
 
 
 def number_words(value: float) -> str:
-    """
+    """A number as a person reads it: whole numbers below 1e9 in full, others to four digits.
     >>> number_words(0.0), number_words(31000.0), number_words(16.9656), number_words(1.6e-06), number_words(-math.inf)
     ('0', '31000', '16.97', '1.6e-06', '-inf')
     """

@@ -1,7 +1,7 @@
-"""What a process is writing: a folder of its own, which whoever comes later removes if the process did not.
+"""What a process is writing: a folder of its own, which a later process removes if this one did not.
 
 temporary/<id>/        nobody else can read it
-temporary/<id>.lock    held by the kernel for the process that writes; free once that has ended, however it did
+temporary/<id>.lock    locked by the process that writes; the kernel frees it when that ends, however it ends
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LOCK = ".lock"
 
 
 class OwnFolder:
-    """A folder in `temporary` that is this process's while this object lives."""
+    """A folder in `temporary` that belongs to this process, and is removed with this object. Raises OSError if full."""
 
     def __init__(self, temporary: Path) -> None:
         descriptor = None
@@ -36,9 +36,9 @@ class OwnFolder:
 
 
 def sweep(temporary: Path) -> None:
-    """Removes what processes left that have ended. What lives, in this process or any other, is not touched."""
+    """Removes what processes that have ended left behind; folders in use, by this process or others, are untouched."""
     for name in {entry.name.removesuffix(LOCK) for entry in entries_of(temporary.parent, temporary.name)}:
-        with suppress(OSError):  # of another user, or another process sweeps too
+        with suppress(OSError):  # another user's, or another process sweeps, too
             path = temporary / name
             descriptor = _hold(_lock_of(path), wait=False)
             if descriptor is not None:
@@ -46,7 +46,7 @@ def sweep(temporary: Path) -> None:
 
 
 def left_behind(temporary: Path) -> list[Path]:
-    """What `sweep` would remove."""
+    """The folders that `sweep` would remove."""
     left = []
     for path in [Path(entry.path) for entry in entries_of(temporary.parent, temporary.name)]:
         if not path.name.endswith(LOCK):
@@ -62,7 +62,7 @@ def _lock_of(path: Path) -> Path:
 
 
 def _hold(lock: Path, wait: bool) -> int | None:
-    """Locks a file, which is made where it is missing; None where another process holds it or has just removed it."""
+    """Locks a file, creating it if it is missing; None if another process holds it or has just removed it."""
     descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -84,7 +84,7 @@ def _give_up(path: Path, descriptor: int, process: int) -> None:
 
 
 def _remove(path: Path, descriptor: int) -> None:
-    """Removes a folder and then its lock, which is held: nobody sees a folder that nobody holds and nobody removes."""
+    """Removes a folder and then its lock, which is held until the end, so that no other process removes it, too."""
     try:
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)

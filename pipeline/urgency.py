@@ -1,4 +1,4 @@
-"""What is done first of all that could be done now."""
+"""Which of the stages that could start now starts first."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from pipeline.graph import Graph
 
 
 def urgencies(graph: Graph) -> dict[str, int]:
-    """For each node a number, the larger the sooner: what has no input, final nodes, what they alone wait for, others.
+    """A number for each node; higher ones start first.
 
-    So every file from outside is read, and found to be no photo, before anything that takes long; and what closes a
-    row, such as its scores, is done before the next row's training begins, so that a run that is stopped has been of
-    use. Among equals the order of the graph counts.
+    First come nodes without inputs, then final nodes, nodes that only final ones wait for, and all others; among equals
+    the order of the graph counts. So every external file is read, and any that is not a photo is found, before anything
+    that takes long. And what completes a row, such as its scores, is done before the training of the next row begins,
+    so that even a run that is stopped has been of use.
     """
     final, dependents = set(graph.final), graph.dependents
 

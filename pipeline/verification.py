@@ -1,9 +1,9 @@
-"""Whether a store is what was written: every byte of every artifact, every record, pin and link.
+"""Whether a store still holds what was written: every byte of every artifact, every record, pin and link.
 
-What is damaged is moved to `damaged`, so that the next run makes it again: an artifact, with the records that name it,
-or a record alone. A file that something else put into a sound artifact is moved there too, and costs nothing. In a
-bucket a sound copy on this machine takes its place, if there is one. Other processes may run meanwhile; what they add
-is looked at or not.
+Damaged data is moved to `damaged`, so that the next run makes it again: an artifact with the records that name it, or a
+record alone. A file that something else put into a sound artifact is moved there, too, and nothing has to be made again
+for it. In a bucket, a sound copy on this machine takes the place of what was moved. Other processes may run meanwhile;
+what they add may or may not be checked.
 """
 
 from __future__ import annotations
@@ -22,14 +22,15 @@ from pipeline.store import Store
 
 MENDED = "the sound copy that is here took its place"
 IRREPLACEABLE = "it cannot be made again, and the next run that needs it says what can be done"
-THREADS = min(4, os.cpu_count() or 1)  # hashing lets go of Python's lock; a disk is not read faster by more
+THREADS = min(4, os.cpu_count() or 1)  # hashing releases the GIL; more threads do not read a disk faster
 
 
 @dataclass(frozen=True)
 class Checked:
-    """One thing that was looked at; `damage` says what is wrong with it, None where it is sound.
+    """One thing that was checked: `damage` says what is wrong with it, None if it is sound; `size` is in bytes.
 
-    `stages` are the names `<workflow>/<stage>.<output>` that an artifact was made under, as far as records tell.
+    `stages` are the names `<workflow>/<stage>.<output>` under which an artifact was made, as far as records tell, or
+    the `<workflow>/<stage>` of a record.
     """
 
     what: Literal["artifact", "foreign file", "record", "pin", "link"]
@@ -40,7 +41,7 @@ class Checked:
 
 
 def verify_store(store: Store, dry_run: bool = False) -> Iterator[Checked]:
-    """Looks at everything, the artifacts first; sets aside what is damaged, unless it is a `dry_run`."""
+    """Checks everything, artifacts first, while the result is iterated; sets damage aside unless `dry_run`."""
     names = _names(store.records())
     irreplaceable = {digest for record in store.records() if record.unrepeatable for digest in record.outputs.values()}
     lost: set[str] = set()
@@ -57,7 +58,7 @@ def verify_store(store: Store, dry_run: bool = False) -> Iterator[Checked]:
             yield replace(checked, stages=stages)
             if not checked.damage:
                 yield from _foreign(store, checked.name, stages, dry_run)
-    keys = sorted(store.actions)  # ahead of the artifacts: those of a new record are there before it
+    keys = sorted(store.actions)  # listed before the artifacts: those of a new record are there before it
     present = store.objects - lost
     with ThreadPoolExecutor(THREADS) as pool:
         records = list(pool.map(store.kept_record, keys))
@@ -117,7 +118,7 @@ def _pins(store: Store) -> Iterator[Checked]:
 
 
 def _names(records: Iterable[Record]) -> dict[str, tuple[str, ...]]:
-    """The names that each artifact was made under, by digest."""
+    """The names under which each artifact was made, by digest."""
     names: dict[str, tuple[str, ...]] = {}
     for record in records:
         for output, digest in record.outputs.items():

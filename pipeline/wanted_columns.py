@@ -1,4 +1,4 @@
-"""Which columns of a table a workflow takes, known before the table is read: a `Cover` that is meant is a `cover`."""
+"""Which columns of a table a workflow uses, found before the table is read, so that `Cover` can pass for `cover`."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ ITEM = "item."
 
 
 def wanted_columns(stages: Mapping[str, Located], settings: Mapping[str, Located]) -> dict[str, tuple[str, ...]]:
-    """For the text of each `foreach`, such as `${pairs}`, the columns that the stages with it take, in order.
+    """For the text of each `foreach`, such as `${pairs}`, the columns that the stages with it use, in order.
 
-    `settings` are those of `--set`, some in the place of what the file says of a stage's parameters.
+    `settings` are those of `--set`; some replace parameters that the file states.
     """
     wanted: dict[str, dict[str, None]] = {}
     for stage, body in stages.items():
@@ -26,7 +26,7 @@ def wanted_columns(stages: Mapping[str, Located], settings: Mapping[str, Located
 
 
 def _values(stage: str, body: Located, settings: Mapping[str, Located]) -> Iterator[Located]:
-    """All that is said of a stage, in the file or by a setting in its place."""
+    """Everything that is said about a stage, in the file or by a setting that replaces it."""
     for key, value in body.value.items() if isinstance(body.value, Mapping) else ():
         if key == "with" and isinstance(value.value, Mapping):
             yield from (each for name, each in value.value.items() if f"{stage}.{name}" not in settings)

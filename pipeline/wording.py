@@ -1,4 +1,4 @@
-"""Events in words, and how long what runs still takes."""
+"""Events in words, and how long a running stage will still take."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ RECENT = 60.0  # seconds over which a pace is measured
 
 
 class Pace:
-    """How fast a stage goes on, over the last minute: one that resumed half-way was not so fast from the beginning."""
+    """How fast a stage proceeds, over the last minute: one that resumed half-way did not do the first half just now."""
 
     def __init__(self) -> None:
         self._marks: deque[tuple[float, float]] = deque()
 
     def note(self, moment: float, done: float) -> None:
-        """Takes down how much was done at a moment, in seconds; what goes backwards begins anew."""
+        """Records how much was done at a moment, in seconds; starts over if `done` goes backwards."""
         if self._marks and done < self._marks[-1][1]:
             self._marks.clear()
         while len(self._marks) > 1 and moment - self._marks[1][0] >= RECENT:
@@ -25,7 +25,7 @@ class Pace:
         self._marks.append((moment, done))
 
     def left(self, total: float) -> float | None:
-        """Seconds until `total` is done at this pace; None where that cannot be said.
+        """Seconds until `total` is done at this pace; None if that cannot be estimated.
 
         >>> pace = Pace()
         >>> pace.note(0.0, 600); pace.note(10.0, 700)
@@ -41,7 +41,7 @@ class Pace:
 
 
 def ending(event: StageEnded) -> str:
-    """How a stage ended, in one line.
+    """How a stage ended, on one line.
 
     >>> ending(StageEnded("cover", "ran", "5e", 12.34, {}))
     'cover: done in 12.3 s'
@@ -55,7 +55,7 @@ def ending(event: StageEnded) -> str:
 
 
 def remark_words(event: Remarked) -> str:
-    """
+    """A remark, and where to read more.
     >>> remark_words(Remarked("cover", "15 of 25 photos placed"))
     'cover: 15 of 25 photos placed'
     """
@@ -63,7 +63,7 @@ def remark_words(event: Remarked) -> str:
 
 
 def summary_words(workflow: str, summary: Summary) -> str:
-    """The end of a run in one line.
+    """The end of a run on one line.
 
     >>> summary_words("hide", Summary(4.2, {"ran": 3, "cached": 11}))
     'hide: 3 ran, 11 cached in 4.2 s'
@@ -74,7 +74,7 @@ def summary_words(workflow: str, summary: Summary) -> str:
 
 
 def progress_words(event: StageProgressed, left: float | None) -> str:
-    """How far a stage is, in words; `left` is how many seconds it still takes, where that is known.
+    """How far a stage is, in words; `left` is how many seconds it will still take, if known.
 
     >>> progress_words(StageProgressed("hide", 300, 1200, {"psnr": 22.125}), 180.0)
     '25 % (300 of 1200), 3 min left, psnr 22.12'
@@ -88,7 +88,7 @@ def progress_words(event: StageProgressed, left: float | None) -> str:
 
 
 def figures_words(figures: Mapping[str, float]) -> str:
-    """
+    """Current figures on one line; empty if there are none.
     >>> figures_words({"psnr": 22.1234, "splats": 31000})
     'psnr 22.12, splats 31,000'
     """
@@ -96,7 +96,7 @@ def figures_words(figures: Mapping[str, float]) -> str:
 
 
 def duration(seconds: float) -> str:
-    """
+    """A duration in words.
     >>> duration(0.04), duration(75), duration(180), duration(4000)
     ('0.0 s', '1 min 15 s', '3 min', '1 h 6 min')
     """
@@ -109,7 +109,7 @@ def duration(seconds: float) -> str:
 
 
 def clock_words(seconds: float) -> str:
-    """
+    """A duration as a clock shows it.
     >>> clock_words(7), clock_words(75), clock_words(4000)
     ('0:07', '1:15', '1:06:40')
     """

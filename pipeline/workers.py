@@ -1,4 +1,4 @@
-"""Worker processes: how those of our own are started, and what happens inside any of them."""
+"""Worker processes: how our own are started, and what happens inside all of them."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ from pipeline.orphans import end_with_parent
 from pipeline.process import THREADS, KernelCache
 
 SETTINGS: dict[str, Any] = {
-    "distributed.scheduler.allowed-failures": 0,  # else work that kills its worker kills four of them
-    "distributed.scheduler.worker-ttl": None,  # a library that holds the interpreter for minutes is not dead
+    "distributed.scheduler.allowed-failures": 0,  # otherwise work that kills its worker would kill four
+    "distributed.scheduler.worker-ttl": None,  # a worker whose library holds the GIL for minutes is not dead
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
-    "distributed.worker.multiprocessing-method": "spawn",  # forked OpenCL and OpenMP do not work
-    "distributed.nanny.pre-spawn-environ": dict(THREADS),  # dask's own would allow one thread only
-    # What dask watches by default, nobody reads here. Each process that only waits takes 3 % of a core for it, and with
-    # these settings 0.5 %; while a stage works, its thread gives way to a sampling profiler a hundred times a second.
+    "distributed.worker.multiprocessing-method": "spawn",  # OpenCL and OpenMP do not survive a fork
+    "distributed.nanny.pre-spawn-environ": dict(THREADS),  # dask's default allows only one thread
+    # Nobody reads what dask monitors by default. For it, each idle process takes 3 % of a core, and 0.5 % with these
+    # settings; and while a stage works, a sampling profiler interrupts its thread a hundred times a second.
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "10s",
 }
 STOPPING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
-STANDARD_ERROR = 2  # where the log of the stage is, while it works
+STANDARD_ERROR = 2  # leads to the log of a stage while it runs
 TOLD = {kind.__name__: kind for kind in (Noted, StageProgressed, StageStarted)}
 
 
 def start_workers(number: int) -> LocalCluster:
     """Processes on this machine, each doing one piece of work at a time, and a scheduler for them.
 
-    Whoever can talk to them can have anything done in this user's name. So they talk with certificates made for this
-    one run and held by its processes alone: other users of this machine reach the port, and are refused.
+    Anyone who can talk to them can run anything in this user's name. So they use certificates that are made for this
+    one run and held only by its processes: other users of this machine can reach the port, but are refused.
     """
     with _without_signals():
         return LocalCluster(
@@ -54,8 +54,8 @@ def start_workers(number: int) -> LocalCluster:
             threads_per_worker=1,
             processes=True,
             security=True,
-            memory_limit=0,  # dask would kill a worker that takes more
-            dashboard_address="127.0.0.1:0",  # no dashboard, and no quarrel over its port with another run
+            memory_limit=0,  # no limit: dask would kill a worker that exceeds it
+            dashboard_address="127.0.0.1:0",  # no dashboard, and no conflict over its port with another run
             scheduler_kwargs={"dashboard": False},
             silence_logs=logging.CRITICAL,
         )
@@ -63,14 +63,14 @@ def start_workers(number: int) -> LocalCluster:
 
 @contextmanager
 def _without_signals() -> Iterator[None]:
-    """Processes and threads started meanwhile never see what asks a run to stop: the engine does, and tells them.
+    """Hides the signals that ask a run to stop from processes and threads started in the block: the engine tells them.
 
-    What a terminal sends to all its processes at once, or a cluster's scheduler to all of a job, would else end workers
-    before they save a checkpoint. For this thread it only waits until the end, so nothing is lost.
+    Otherwise a signal that a terminal sends to all its processes at once, or a cluster's scheduler to all of a job,
+    would end workers before they save a checkpoint. In this thread it only waits until the block ends, so none is lost.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
     try:
-        resource_tracker.ensure_running()  # by itself it starts with the first process, and lets signals through again
+        resource_tracker.ensure_running()  # otherwise it starts with the first process, and unblocks signals
         signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
         yield
     finally:
@@ -78,7 +78,7 @@ def _without_signals() -> Iterator[None]:
 
 
 def kill_children(others: Collection[BaseProcess]) -> None:
-    """Ends workers that would not end when told to, or were not told since Ctrl-C interrupted that as well."""
+    """Kills all child processes but `others`: workers that did not end when told, or were not told due to Ctrl-C."""
     for child in multiprocessing.active_children():
         if child not in others:
             child.kill()
@@ -86,7 +86,7 @@ def kill_children(others: Collection[BaseProcess]) -> None:
 
 @contextmanager
 def kept_environment() -> Iterator[None]:
-    """Takes back what dask's nannies put into the environment of this process for that of their workers."""
+    """Restores this process's environment after the block: dask's nannies set variables in it for their workers."""
     before = dict(os.environ)
     try:
         yield
@@ -97,9 +97,9 @@ def kept_environment() -> Iterator[None]:
 
 
 class PrepareWorker(WorkerPlugin):
-    """Gives each worker process its kernel cache, and has what crashes it leave a trace in the log of the stage.
+    """Gives each worker process its kernel cache, and makes a crash leave a traceback in the log of the stage.
 
-    Workers of our own, children of the process `parent`, end with it.
+    Our own workers, children of the process `parent`, end with it.
     """
 
     def __init__(self, parent: int | None) -> None:
@@ -110,7 +110,7 @@ class PrepareWorker(WorkerPlugin):
             end_with_parent(self.parent)
         faulthandler.enable(STANDARD_ERROR)
         keep_freed_memory()
-        engine_digest()  # of the sources that were imported just now, not of later ones
+        engine_digest()  # computed and cached now, for the sources that were just imported
         self.kernel_cache = KernelCache()
 
     def teardown(self, worker: Any) -> None:
@@ -118,9 +118,9 @@ class PrepareWorker(WorkerPlugin):
 
 
 def work_at_worker(work: Work, subject: object, topic: str, engine: str) -> Any:
-    """What a worker does: the work, telling events over dask's own channel. Raises UserError if its engine differs.
+    """Does a piece of work in a worker, and reports events over dask's channel. Raises UserError if its engine differs.
 
-    A process in which CUDA no longer works ends instead: what it was given is then given to the one in its place.
+    A process in which CUDA no longer works exits instead, and the work goes to the process that replaces it.
     """
     check_engine(engine)
     if cuda_is_broken():
@@ -142,5 +142,5 @@ def _teller(topic: str) -> Callable[[Event], None]:
 
 
 def told_event(content: dict[str, Any]) -> Event:
-    """The event that a worker told."""
+    """The event that a worker reported."""
     return TOLD[content["type"]](**content["fields"])

@@ -1,4 +1,4 @@
-"""The workflow file: read, checked for its shape, settings applied, `foreach` and `matrix` unrolled, `${…}` replaced.
+"""The workflow file: read and checked, settings applied, `foreach` and `matrix` expanded, `${…}` replaced.
 
     name: hide_scene
     vars: {width: 192, cover: null}          # null: must be given with --set or in a file of --vars
@@ -6,11 +6,11 @@
       photos: {uses: photos, with: {folder: "${cover}"}}
       scene:  {uses: sfm, in: {capture: photos}, with: {width: "${width}"}}
 
-A stage with a `foreach` or `matrix` is done once for each row, or rather once for each that makes a difference: rows
-that are equal in all that the stage and those before it use share one instance. So pairs of scenes that have a cover in
-common have one `cover[kitchen]`, although `cover` says `foreach: pairs.csv` like all others.
+A stage with a `foreach` or `matrix` is done once for each row that makes a difference: rows that are equal in all that
+the stage and those upstream use share one instance. So pairs of scenes with the same cover share one `cover[kitchen]`,
+although `cover` says `foreach: pairs.csv` like all other stages.
 
-Nothing here knows what stages exist: `graph` checks what is said against what they declare.
+Nothing here knows which stages exist: `graph` checks the file against their declarations.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ WORKFLOW_KEYS = ("name", "vars", "stages")
 STAGE_KEYS = ("uses", "in", "with", "foreach", "matrix", "private", "resources")
 INPUT_KEYS = ("all", "without_failed")
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
-COMMENT = re.compile(r"^[^'\"]*(?<!\S)#")  # of YAML, in a value without quotes
+COMMENT = re.compile(r"^[^'\"]*(?<!\S)#")  # a YAML comment, in a value without quotes
 
 
 @dataclass(frozen=True)
@@ -44,10 +44,10 @@ class Reference:
 
 @dataclass(frozen=True)
 class Instance:
-    """One node of the graph to be: an entry of the file, for the rows of its `foreach` that it serves.
+    """One node of the future graph: an entry of the file, for those rows of its `foreach` that it serves.
 
-    `listed` names inputs that are given as a list, `without_failed` those that go on without what failed, `broken`
-    parameters whose value is missing, which has been reported already.
+    `listed` names inputs that are given as a list, `without_failed` inputs that go on without what failed, `broken`
+    parameters whose value is missing, which is already reported.
     """
 
     name: str
@@ -65,8 +65,8 @@ class Instance:
 class Entry:
     """A stage of the file.
 
-    `rows` are those of its `foreach` or `matrix`, None without one; `chosen` tells for each row, or for the only pass
-    without rows, which of the instances serves it.
+    `rows` are those of its `foreach` or `matrix`, None without one. `chosen` holds, for each row, the index of the
+    instance that serves it; without rows, it holds one index.
     """
 
     name: str
@@ -80,12 +80,14 @@ class Entry:
     chosen: tuple[int, ...]
 
     def goes_with(self, other: Entry) -> bool:
-        """Whether the two go row by row together: they have the same rows in the same order."""
+        """Whether the two are paired row by row: they have the same rows in the same order."""
         return self.rows is not None and other.rows is not None and self.rows.identity == other.rows.identity
 
 
 @dataclass(frozen=True)
 class Workflow:
+    """What a workflow file says, by stage; `file` is its path."""
+
     name: str
     file: str
     entries: Mapping[str, Entry]
@@ -94,8 +96,8 @@ class Workflow:
 def read_workflow(path: Path, settings: Sequence[str], problems: Problems, vars_files: Sequence[Path] = ()) -> Workflow:
     """The workflow in the file at `path`, with the vars in `vars_files` and each `NAME=VALUE` of `settings` applied.
 
-    A setting wins over files, a later file over an earlier one, any of them over the workflow's own vars.
-    Raises CommandError where a file cannot be read; everything else that is wrong joins `problems`.
+    Settings win over files, later files over earlier ones, and all of them over the workflow's own vars. Raises
+    CommandError if a file cannot be read; everything else that is wrong is added to `problems`.
     """
     root = _read_file(path, "the workflow", problems)
     files = [_read_file(file, "the file of vars", problems) for file in vars_files]
@@ -116,7 +118,7 @@ def _read_file(path: Path, what: str, problems: Problems) -> Located | None:
 
 
 def _workflows_near(path: Path) -> dict[str, Path]:
-    """By their names, YAML files beside `path` and in the folder workflows."""
+    """YAML files next to `path` and in the folder `workflows`, by name."""
     return {file.stem: file for folder in (path.parent, Path("workflows")) for file in sorted(folder.glob("*.yaml"))}
 
 
@@ -191,9 +193,9 @@ class _Parser:
         settings: dict[str, Located],
         stages: Mapping[str, object],
     ) -> Scope:
-        """The value of every var, in the order of the workflow: one may refer to those before it.
+        """The value of every var, in the order of the workflow: each may refer to those before it.
 
-        Null takes back what the workflow states; where it states nothing, a value has to be given.
+        Null withdraws what the workflow states. If it states nothing, a value must be given.
         """
         stated = self.mapping(vars_, "'vars'") if vars_ is not None else {}
         given = dict(stated)
@@ -258,14 +260,14 @@ class _Parser:
         )
 
     def rows(self, name: str, fields: Mapping[str, Located], variables: Scope) -> Rows | None:
-        """The rows of a stage's `foreach` or `matrix`; None, with the reason reported, where something is wrong."""
+        """The rows of a stage's `foreach` or `matrix`; None without one, or if it is wrong, which is then reported."""
         if "foreach" in fields and "matrix" in fields:
             message = f"stage {name!r} has both 'foreach' and 'matrix'; expected one of them"
             self.problems.add(fields["matrix"].place, message)
         for key in ("foreach", "matrix"):
             given = substitute(fields[key], variables, self.problems) if key in fields else None
             if given is not None:
-                # Stages that share a var or name one table get the same rows, read and checked once.
+                # Stages that share a var or a table get the same rows, which are read and checked once.
                 wanted = self.wanted.get(str(fields[key].value), ())
                 shared = (key, given.base, given.value, wanted) if isinstance(given.value, str) else (key, id(given))
                 if shared not in self.expanded:
@@ -330,7 +332,7 @@ class _Parser:
         return tuple(references)
 
     def mapping(self, located: Located, what: str, allowed: Sequence[str] | None = None) -> Mapping[str, Located]:
-        """The entries of a mapping with `allowed` keys; what is not so is reported and left out."""
+        """The entries of a mapping with `allowed` keys, by default any; others are reported and left out."""
         if not isinstance(located.value, Mapping):
             self.problems.add(located.place, f"{what} is {located.found}; expected a mapping")
             return {}
@@ -348,7 +350,7 @@ class _Parser:
 def _columns_used(
     entries: Mapping[str, Entry], bodies: Mapping[str, Located], settings: Mapping[str, Located]
 ) -> dict[str, frozenset[str]]:
-    """The columns of its rows that a stage uses, itself or through stages that go row by row with it."""
+    """The columns of its rows that each stage uses, itself or through upstream stages paired with it row by row."""
     used: dict[str, set[str]] = {}
     upstream: dict[str, set[str]] = {}
     for name, entry in entries.items():
@@ -367,7 +369,7 @@ def _columns_used(
 
 
 def _shared(entry: Entry, used: frozenset[str]) -> Entry:
-    """The entry with one instance for all rows that are equal in the columns `used`, named after those."""
+    """The entry with one instance for all rows that are equal in the columns `used`, named after their values."""
     if entry.rows is None:
         return entry
     columns = [column for column in entry.rows.columns if column in used]

@@ -1,4 +1,4 @@
-"""Values that stages refuse, told once for each mistake: a mistyped var may reach the parameters of many stages."""
+"""Values that stages refuse, reported once per mistake: a mistyped var may reach the parameters of many stages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pipeline.located import Located, Problems
 
 @dataclass(frozen=True)
 class WrongValue:
-    """A value that stands at `place`, and that a stage refuses as its parameter `name`, with which `message` begins."""
+    """A value at `place` that a stage refuses as its parameter `name`; `message` begins with `parameter 'name'`."""
 
     place: Place
     stage: str
@@ -20,7 +20,7 @@ class WrongValue:
 
 
 def report(found: Iterable[WrongValue], problems: Problems) -> None:
-    """Adds a problem for each value and each reason to refuse it, which names the stages that do."""
+    """Adds one problem for each value and each reason to refuse it; it names the stages if several do."""
     groups: dict[tuple[Place, str], list[WrongValue]] = {}
     for wrong in found:
         groups.setdefault((wrong.place, wrong.name), []).append(wrong)
@@ -34,8 +34,9 @@ def report(found: Iterable[WrongValue], problems: Problems) -> None:
 
 
 def wanting_text(name: str, message: str, value: Located) -> str:
-    """Why a parameter refuses a value that is no text, and what to write where it is meant as one, such as the name
-    2024, which YAML takes for a number.
+    """Why a parameter refuses a value that is not a text, and what to write if it is meant as one.
+
+    YAML takes the name 2024, for example, for a number.
     """
     if value.value is None:
         return f"parameter {name!r}: no value was given; expected a text. The text null is to be quoted: 'null'"
