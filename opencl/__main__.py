@@ -11,7 +11,7 @@ from opencl.routes import describe_route, missing_pieces
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The exit status: 0; 1 where measuring fails; 2 where there is no such device, workload or file."""
+    """Run the command. Returns 0, or 1 if a measurement fails, or 2 if a device, workload or file is not found."""
     parser = argparse.ArgumentParser(prog="python -m opencl", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("devices", help="list the devices and say which one is used")

@@ -1,4 +1,4 @@
-"""Building programs and launching their kernels on torch's tensors."""
+"""Builds OpenCL programs and launches their kernels on torch tensors."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from opencl.program import ProgramKey, Schedule
 from opencl.staging import StagedMemory
 
 BUILD_OPTIONS: dict[Schedule, tuple[str, ...]] = {"cpu": ("-w",), "gpu": ("-w",)}
-"""What OpenCL's compilers are told."""
+"""Options of the OpenCL compiler, by schedule."""
 
 
 class Session:
-    """Launches in order on one queue. Tensors are contiguous, on the backend's tensor device."""
+    """Launches kernels in order on one queue. Tensors must be contiguous and on the backend's tensor device."""
 
     memory: Memory
-    """The backend's."""
+    """The memory of the backend."""
     torch_is_in_order: ClassVar[bool] = False
-    """Whether torch's own work on the tensors comes after launches before it and before those after it."""
+    """Whether torch operations on the tensors run in order with the launches, without `finish` in between."""
 
     def __init__(self, backend: Backend, memory: BufferMemory) -> None:
         self._backend, self._memory = backend, memory
@@ -39,7 +39,7 @@ class Session:
     def launch(
         self, program: ProgramKey, kernel: str, groups: int, *arguments: Tensor | int, group_size: int = 1
     ) -> None:
-        """Queue `groups` work-groups of a kernel; integers are passed as int32, tensors as buffers (empty: null)."""
+        """Queue `groups` work-groups of a kernel. Passes integers as int32, tensors as buffers, empty ones as null."""
         if groups == 0:
             return
         prepared = [np.int32(value) if isinstance(value, int) else self._buffer(value) for value in arguments]
@@ -60,7 +60,7 @@ class Session:
         return self._buffers[place][1]
 
     def finish(self, *results: Tensor) -> None:
-        """Wait until all is done and torch may read in `results` what the kernels wrote; they stay the rasterizer's."""
+        """Wait for all launches, so that torch can read `results`. These remain the rasterizer's own tensors."""
         for tensor in results:
             buffer = self._buffer(tensor)
             if buffer is not None:
@@ -68,7 +68,7 @@ class Session:
         self._backend.queue.finish()
 
     def give(self, *results: Tensor) -> tuple[Tensor, ...]:
-        """Wait until all is done; what the kernels wrote, for the caller to keep and to change."""
+        """Wait for all launches. Returns `results` as tensors that the caller may keep and modify."""
         given = []
         for tensor in results:
             buffer = self._buffer(tensor)
@@ -78,7 +78,7 @@ class Session:
 
 
 class Backend:
-    """A device with its queue and the programs built for it. Safe to use from several threads, one after another."""
+    """A device with its queue and its compiled programs. Thread-safe: sessions of different threads take turns."""
 
     def __init__(
         self,
@@ -87,10 +87,10 @@ class Backend:
         shares_memory: bool | None = None,
         profile: bool = False,
     ) -> None:
-        """What is not given follows from the device.
+        """`schedule` and `shares_memory` default to what suits the device.
 
-        `shares_memory=False` keeps tensors' contents on the device, as is needed where it has its own memory.
-        With `profile`, every launch is kept in `profiled`: the kernel's name and its event.
+        `shares_memory=False` keeps the contents of tensors on the device, as a device with its own memory needs.
+        With `profile`, `profiled` collects the kernel's name and the event of every launch.
         """
         device.prepare()
         self.device = device
@@ -111,12 +111,15 @@ class Backend:
 
     @property
     def tensor_device(self) -> torch.device:
-        """Where the tensors are that kernels are given."""
+        """The torch device of the tensors that kernels take."""
         return self.memory.tensor_device
 
     @contextmanager
     def session(self) -> Iterator[Session]:
-        """The backend for one thread: setting a kernel's arguments is not safe from two."""
+        """Lock the backend for this thread, since setting a kernel's arguments is not thread-safe.
+
+        Raises RuntimeError in a process that was forked after the backend was created.
+        """
         if os.getpid() != self._process:
             raise RuntimeError("OpenCL was set up before this process was forked and would hang: start it by spawn")
         with self._lock, self._launching() as session:
@@ -127,19 +130,19 @@ class Backend:
         try:
             yield Session(self, self._buffers)
         finally:
-            if self.shares_memory:  # until then the kernels work on tensors that torch may free
+            if self.shares_memory:  # torch may free the tensors once the session ends
                 self.queue.finish()
 
     def build(self, program: ProgramKey) -> pyopencl.Program:
-        """Compile a program. Raises ValueError for one in double precision that the device has none of."""
+        """Compile a program. Raises ValueError for float64 if the device has no double precision."""
         if program.dtype == torch.float64 and not self.device.handle.double_fp_config:
             raise ValueError(f"found float64, expected float32: {self.device.name} has no double precision")
-        # PoCL keeps compiled kernels itself; pyopencl's cache of binaries would only come on top of that.
+        # PoCL caches compiled kernels itself, so pyopencl's cache of binaries would be redundant.
         options = [*BUILD_OPTIONS[program.schedule]]
         return pyopencl.Program(self.context, program.text()).build(options=options, cache_dir=False)
 
     def kernel(self, program: ProgramKey, name: str) -> pyopencl.Kernel:
-        """A kernel, built on first use."""
+        """The kernel `name` of a program, which is built on first use."""
         kernel = self._kernels.get((program, name))
         if kernel is None:
             if program not in self._programs:
@@ -150,10 +153,10 @@ class Backend:
 
 @functools.cache
 def _backend_for(setting: str) -> Backend:
-    """The backend while GS_HIDER_DEVICE is `setting`."""
+    """The default backend while GS_HIDER_DEVICE is `setting`, the key of the cache."""
     return Backend(choose_device())
 
 
 def default_backend() -> Backend:
-    """This process's backend for the device that GS_HIDER_DEVICE names now, or for the default one."""
+    """This process's backend for the device that GS_HIDER_DEVICE currently names, or for the default device."""
     return _backend_for(os.environ.get(DEVICE_VARIABLE, ""))

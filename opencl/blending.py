@@ -1,4 +1,4 @@
-"""Alpha blending of the tiles' Gaussians into a feature map, with gradients."""
+"""Alpha blending of Gaussians into a feature map, tile by tile, with gradients."""
 
 from __future__ import annotations
 
@@ -16,25 +16,26 @@ from opencl.program import GROUP_SIZE, ProgramKey, Schedule
 from opencl.tiling import TileLists
 
 LARGEST_FEATURE_DIM = 64
-"""Channels of one pass; more are blended in several, so that what a tile sums stays near the processor."""
+"""Channels per pass at most. More take several passes, so that a tile's sums stay near the processor."""
 _CACHED = 2**24
-"""Bytes of a picture that stays in a processor's caches until it is read; only the CPU schedule asks."""
+"""Largest picture, in bytes, that stays in a processor's caches until it is read. CPU schedule only."""
 _SUM_CHUNK: dict[Schedule, int] = {"cpu": 128, "gpu": 8}
-"""Gaussians a work-group of sum_gradients takes, as in cpu/blending_backward.cl and gpu/gradient_sums.cl."""
+"""Gaussians per work-group of sum_gradients, as in cpu/blending_backward.cl and gpu/gradient_sums.cl."""
 
 
 def _gradient_row(feature_dim: int) -> int:
-    """Length of a (tile, Gaussian)'s gradient row, as in the schedules' blending_backward.cl."""
+    """Length of the gradient row of a (tile, Gaussian) pair, as in blending_backward.cl of both schedules."""
     return 8 + -(-feature_dim // 8) * 8
 
 
 class Blend(torch.autograd.Function):
     """(means2d, absolute_gradients, records, features, background) → (feature map [H,W,M], alphas [H,W]).
 
-    Blends front to back. The kernels read centres from the records; means2d is an argument so that their gradient goes
-    to it, and so is absolute_gradients [N,2] for the sums of the gradient's absolute values over the pixels (None: not
-    wanted). To `pixel_counts` [N], int32, is added in how many pixels each Gaussian is drawn (empty: not wanted).
-    `is_only_pass`: whether no other blends the same records, so that torch has no gradients of theirs to sum.
+    Blends front to back. The kernels read the centres from the records; means2d is an argument only to receive their
+    gradient. Likewise, absolute_gradients [N,2] receives the sums, over pixels, of the absolute values of that gradient
+    (None: not computed). The number of pixels in which each Gaussian is drawn is added to `pixel_counts` [N], int32
+    (empty: not counted). `is_only_pass` states that no other pass blends the same records, so that torch need not sum
+    their gradients.
     """
 
     @staticmethod
@@ -108,7 +109,7 @@ class Blend(torch.autograd.Function):
                 *(lists.tiles, background_rows, grad_background),
                 group_size=group_size,
             )
-            if not ctx.is_only_pass or torch.is_anomaly_enabled():  # torch reads them
+            if not ctx.is_only_pass or torch.is_anomaly_enabled():  # torch reads grad_records
                 session.finish(grad_records)
             given = (grad_means2d, grad_absolute, grad_features, grad_background)
             grad_means2d, grad_absolute, grad_features, grad_background = session.give(*given)

@@ -1,9 +1,9 @@
-"""`python -m opencl.check`: whether stages that draw find their device, asked before a run begins.
+"""`python -m opencl.check`: checks, before a run begins, that its rendering stages will find their device.
 
-Exit status 2, with what is wrong, where they do not: nothing is there that is asked for; or there is an NVIDIA GPU and
-torch does not work on it, or OpenCL does not see it, so that a CPU would draw for days what the GPU draws in an hour.
-Who wants the CPU says so, by GS_HIDER_DEVICE or, as to all of CUDA's programs, by an empty CUDA_VISIBLE_DEVICES. It
-loads no more than it takes to list the devices, and torch only where there is an NVIDIA GPU.
+Exits with status 2 and a message if the requested device does not exist, or if the machine has an NVIDIA GPU on which
+torch does not work or which OpenCL does not see: a CPU would then render for days what the GPU renders in an hour. To
+use the CPU on purpose, set GS_HIDER_DEVICE or, as for any CUDA program, set CUDA_VISIBLE_DEVICES to an empty string.
+Imports only what is needed to list the devices, and torch only if there is an NVIDIA GPU.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from opencl.cuda_driver import load_driver
 from opencl.device import DEVICE_VARIABLE, Device, choose_device, list_devices
 
 VISIBLE_VARIABLE = "CUDA_VISIBLE_DEVICES"
-"""CUDA's own environment variable: the GPUs that its programs see."""
+"""CUDA's own environment variable, which lists the GPUs visible to its programs."""
 
 
 def main() -> int:
@@ -35,7 +35,7 @@ def main() -> int:
 
 
 def _faults_of_nvidia(chosen: Device) -> list[str]:
-    """Why an NVIDIA GPU of this machine would fail, or be left idle though nobody asked for another device."""
+    """Reasons why this machine's NVIDIA GPU would fail, or stay idle although no other device was requested."""
     asked = bool(os.environ.get(DEVICE_VARIABLE))
     if (asked and not _is_nvidia(chosen)) or os.environ.get(VISIBLE_VARIABLE, "all").strip() in ("", "-1"):
         return []
@@ -54,7 +54,7 @@ def _faults_of_nvidia(chosen: Device) -> list[str]:
 
 
 def _is_nvidia(device: Device) -> bool:
-    """As `nvidia.is_nvidia`, which loads torch."""
+    """Like `nvidia.is_nvidia`, whose module imports torch."""
     return "nvidia" in device.handle.platform.name.lower()
 
 

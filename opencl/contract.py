@@ -1,4 +1,4 @@
-"""What goes into the rasterizer and what comes out: settings and result."""
+"""The settings and the result of the rasterizer."""
 
 from __future__ import annotations
 
@@ -11,45 +11,48 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 SMALLEST_LOW_PASS = 1e-6
-"""Square pixels: the square of this is far from the smallest number that float32 can tell from 0."""
+"""Smallest `low_pass`, in square pixels. Its square is far above the smallest positive float32."""
 SMALLEST, LARGEST = 1e-30, 1e30
-"""Of every constant: in float32 these are neither 0 nor infinite."""
+"""Bounds of the settings that must be positive: in float32, such values are neither 0 nor infinite."""
 CLEAREST = 1e-6
-"""What a Gaussian lets through at least; float32 can tell 1 less this from 1."""
+"""Minimum of 1 - `alpha_maximum`, the light that every Gaussian transmits. float32 can tell 1 - 1e-6 from 1."""
 
 
 @dataclass(frozen=True)
 class RasterSettings:
-    """Every constant of the rasterizer; the defaults are those of 3D Gaussian Splatting (Kerbl et al. 2023).
+    """All constants of the rasterizer. The defaults are those of 3D Gaussian Splatting (3DGS, Kerbl et al. 2023).
 
-    What differs from its code: a Gaussian is drawn wherever it is more opaque than `alpha_minimum`, where that draws
-    only tiles within 3 standard deviations; `radii` are 0 where the box around what is reached holds no pixel, where
-    its are where no tile is touched; opacities that were clamped to `alpha_maximum` pass no gradient, where it lets
-    them; and where the field of view is clamped the gradient of the depth is exact, of which it takes one term twice.
+    The rasterizer differs from the code of 3DGS in four ways:
 
-    gsplat's are `RasterSettings(near=0.01, alpha_maximum=0.999, radius_sigmas=3.33, clamp_about="principal_point")`.
+    - A Gaussian is drawn wherever its alpha reaches `alpha_minimum`; 3DGS skips tiles beyond 3 standard deviations.
+    - `radii` are 0 if the box around the drawn area contains no pixel centre; those of 3DGS if it touches no tile.
+    - Alphas clamped to `alpha_maximum` pass no gradient; those of 3DGS do.
+    - The gradient of the depth is exact where the field of view is clamped; 3DGS counts one of its terms twice.
+
+    For gsplat, use `RasterSettings(near=0.01, alpha_maximum=0.999, radius_sigmas=3.33, clamp_about="principal_point")`.
     """
 
     near: float = 0.2
-    """Depth, in world units, up to which a Gaussian is not drawn."""
+    """Near plane: Gaussians up to this depth, in world units, are not drawn."""
     low_pass: float = 0.3
-    """Added to both variances on the screen, in square pixels, so that no Gaussian falls between the pixels. In float32
-    on CPUs gradients of needles lose digits as it falls: 1e-3 of them at 0.01, 0.03 at 1e-4 (at 0.3 3e-6)."""
+    """Added to both screen-space variances, in square pixels, so that no Gaussian falls between pixel centres. As it
+    gets smaller, gradients of needle-shaped Gaussians lose precision: in float32 on CPUs, their relative error is 3e-6
+    at 0.3, 1e-3 at 0.01 and 0.03 at 1e-4."""
     field_of_view_margin: float = 1.3
-    """Where the projection is linearised: at most this many half fields of view (as tangents) off the middle."""
+    """The projection is linearised at most this many half fields of view, measured as tangents, from the middle."""
     clamp_about: Literal["optical_axis", "principal_point"] = "optical_axis"
-    """The middle of that clamp: the optical axis as 3DGS has it, or the picture's true borders as gsplat has it."""
+    """Reference of that clamp: the optical axis, as in 3DGS, or the true borders of the picture, as in gsplat."""
     alpha_maximum: float = 0.99
-    """Opacity of one Gaussian at one pixel is clamped to this."""
+    """Upper bound to which the alpha of a Gaussian at a pixel is clamped."""
     alpha_minimum: float = 1 / 255
-    """A Gaussian is skipped at pixels where its opacity is below this, and reaches all others."""
+    """A Gaussian is skipped at exactly those pixels where its alpha is below this."""
     transmittance_minimum: float = 1e-4
-    """A pixel is finished before its transmittance would fall under this."""
+    """A pixel is finished before the Gaussian that would reduce its transmittance below this."""
     radius_sigmas: float = 3.0
-    """`radii` are this many standard deviations of the longest axis, rounded up."""
+    """`radii` are this many standard deviations along the longer screen axis, rounded up."""
     antialiased: bool = False
-    """Whether opacities fall by what `low_pass` adds to an ellipse's area, so that small Gaussians do not grow brighter
-    when seen from afar (Mip-Splatting, Yu et al. 2024; gsplat's "antialiased")."""
+    """Whether opacities are reduced to compensate for the area that `low_pass` adds to an ellipse, so that small
+    Gaussians do not get brighter from afar (Mip-Splatting, Yu et al. 2024; gsplat's "antialiased")."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -86,15 +89,16 @@ class RasterSettings:
             )
 
     def for_fewer_pixels(self, factor: float) -> RasterSettings:
-        """For pictures `factor` times as wide (0 < factor <= 1) that show what some pixels of the whole picture do.
+        """Settings for a picture `factor` times as wide (0 < factor <= 1) that samples pixels of the whole picture.
 
-        The low-pass stays as wide as it is there; in as many of the larger pixels it would make Gaussians swell.
+        `low_pass` is scaled by factor², down to `SMALLEST_LOW_PASS`, so that the filter keeps its width in the scene.
+        With the same width in the larger pixels, it would make Gaussians swell.
         """
         return replace(self, low_pass=max(self.low_pass * factor**2, SMALLEST_LOW_PASS))
 
 
 def _finite(name: str, value: object) -> float:
-    """A setting as Python's float: NumPy's and torch's numbers are none of its types."""
+    """Convert a number, NumPy's and torch's included, to a Python float. Raises ValueError if it is not finite."""
     number = math.nan
     if isinstance(value, SupportsFloat) and not isinstance(value, bool):
         with suppress(ValueError, OverflowError):
@@ -106,30 +110,30 @@ def _finite(name: str, value: object) -> float:
 
 @dataclass(frozen=True)
 class RasterOutput:
-    """A rendered picture, or a batch of them, and what density control needs to know of its Gaussians."""
+    """A rendered picture, or a batch of pictures, with the statistics of Gaussians that density control needs."""
 
     features: Float[Tensor, "*cameras height width M"]
-    """Blended features over the background, contiguous; permuted to [1, M, H, W] it is channels-last."""
+    """Features blended over the background. Contiguous: permuted to [1, M, H, W], they are channels-last."""
     alphas: Float[Tensor, "*cameras height width"]
-    """How much of each pixel the Gaussians cover: one less the transmittance that is left."""
+    """Coverage of each pixel by Gaussians: 1 - the remaining transmittance."""
     radii: Int[Tensor, "*cameras N"]
-    """Pixels, `ceil(radius_sigmas · sigma)` of the longest axis (int32); 0 where the box around what is reached holds
-    no pixel. No gradient."""
+    """`ceil(radius_sigmas · sigma)` along the longer axis, in pixels (int32). 0 if the box around the drawn area
+    contains no pixel centre. No gradient."""
     means2d: Float[Tensor, "*cameras N 2"]
-    """Centres in pixels, x then y, pixel centres at +0.5, zero where not visible; `.grad` is there after backward."""
+    """Centres (x, y) in pixels, with pixel centres at +0.5; zero if not visible. `.grad` is set by backward."""
     depths: Float[Tensor, "*cameras height width"] | None = None
-    """Where asked for, the centres' depths in world units, blended; divided by `alphas`, the expected depths."""
+    """If requested: blended depths of the centres, in world units. Divide by `alphas` for the expected depths."""
     absolute_gradients: Float[Tensor, "*cameras N 2"] | None = None
-    """Where asked for, zeros whose `.grad` is, after backward, the sum over the pixels of the absolute values of the
-    gradient of `means2d`."""
+    """If requested: zeros whose `.grad` after backward is the sum, over pixels, of the absolute values of the gradient
+    of `means2d`."""
     pixel_counts: Int[Tensor, "*cameras N"] | None = None
-    """Where asked for, in how many pixels each Gaussian is drawn (int32). No gradient."""
+    """If requested: the number of pixels in which each Gaussian is drawn (int32). No gradient."""
 
 
 def half_fields_of_view(
     intrinsics: Float[Tensor, "3 3"], width: int, height: int, settings: RasterSettings
 ) -> tuple[float, float, float, float]:
-    """The clamp of x/z and y/z where the projection is linearised: (left, right, top, bottom), lower ends negative."""
+    """Clamp of x/z and y/z for the linearised projection: (left, right, top, bottom), left < right, top < bottom."""
     (fx, _, cx), (_, fy, cy), _ = intrinsics.tolist()
     tan_x, tan_y = 0.5 * width / fx, 0.5 * height / fy
     margin = settings.field_of_view_margin

@@ -1,8 +1,8 @@
-"""Convolutions 3 x 3 of the CPU's tensors with a quarter of the multiplications, their ReLU, and the gradients.
+"""3 x 3 convolutions of CPU tensors with a quarter of the multiplications, an optional ReLU, and gradients.
 
-Winograd's minimal filtering F(4 x 4, 3 x 3) (Lavin and Gray 2016): a tile of 4 x 4 pixels and what surrounds it become
-its values at 36 points, for each of which the convolution is one product of matrices over the channels. With 64
-channels, on one core of Emerald Rapids, milliseconds here / by torch (oneDNN) / by torch without AVX-512
+Uses Winograd's minimal filtering F(4 x 4, 3 x 3) (Lavin and Gray 2016): a tile of 4 x 4 pixels and its surroundings
+are transformed to values at 36 points, and at each point the convolution is a single matrix product over the channels.
+Times in milliseconds with 64 channels, on one core of Emerald Rapids: ours / torch (oneDNN) / torch without AVX-512
 (`tests/benchmarks/decoder_kernels.py`):
 
                                  112 x 200 pixels     448 x 800
@@ -10,13 +10,14 @@ channels, on one core of Emerald Rapids, milliseconds here / by torch (oneDNN) /
     gradient of the input      5.6 / 10.2 / 20.2       75 / 160
     gradient of the weights    6.3 / 12.2 / 40.7       79 / 239
 
-On one core of Zen 3 (AVX2, 2.4 GHz), here / by torch, at 112 x 200: 9 / 18, 10 / 19 and 11 / 105. Products of matrices
-take 5 ms of each, which is about all that its multipliers can; six rows at a time and chunks of 32 or 48 tiles gave
-nothing.
+On one core of Zen 3 (AVX2, 2.4 GHz) at 112 x 200, ours / torch: 9 / 18, 10 / 19 and 11 / 105. Matrix products take 5 ms
+of each of ours, which is close to the peak of its multipliers. Multiplying six rows at a time and chunks of 32 or 48
+tiles were no faster.
 
-An iteration of GS-Hider, of which most are these, takes 0.6 of the time (two trainings side by side, 178 ms for 304).
-Rounding errors in float32, their root mean square over that of the result and over that of torch's errors (normally
-distributed values, 16 to 96 channels, 50 x 28 and 112 x 200 pixels):
+Most of the time of a GS-Hider training is spent in these convolutions. One of its iterations takes 178 ms with ours,
+304 ms with torch's (0.6 of the time, two trainings side by side). Rounding errors in float32, as root mean square
+relative to that of the result and to that of torch's errors (normally distributed values, 16 to 96 channels, 50 x 28
+and 112 x 200 pixels):
 
                                of the result       of torch's errors
     forward                   0.7e-6 to 1.4e-6         5 to 9
@@ -24,7 +25,7 @@ distributed values, 16 to 96 channels, 50 x 28 and 112 x 200 pixels):
     gradient of the weights   1.1e-6 to 2.8e-6       1.0 to 1.8
     gradient of the bias      0.1e-6 to 0.3e-6      0.08 to 0.24
 
-Of values and weights above zero, forward: 0.1e-6 to 0.2e-6, 0.8 to 2.3 times torch's.
+With positive values and weights, forward: 0.1e-6 to 0.2e-6 of the result, 0.8 to 2.3 times torch's errors.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from opencl.program import TILE_CHUNK
 from opencl.routes import backend_in_place, works_in_place
 
 _SIDE, _POINTS = 4, 36
-"""As in winograd.cl, which is written for these: pixels of a tile's side, and its points."""
+"""Side of a tile in pixels, and its number of points. winograd.cl is written for these values only."""
 
 _FILTER_AT_POINTS = torch.tensor(
     [
@@ -55,13 +56,17 @@ _FILTER_AT_POINTS = torch.tensor(
     ],
     dtype=torch.float64,
 )
-"""G: three taps at the points 0, 1, -1, 2, -2 and infinity."""
+"""G of Winograd's filtering: evaluates three taps at the points 0, 1, -1, 2, -2 and infinity."""
 _KERNEL_AT_POINTS = torch.kron(_FILTER_AT_POINTS, _FILTER_AT_POINTS)
-"""The same of nine taps, row by row, at the 36 pairs of points."""
+"""G ⊗ G [36,9]: evaluates the nine taps of a filter, row by row, at all 36 pairs of points."""
 
 
 def can_convolve(values: Float[Tensor, "B C H W"], weight: Float[Tensor, "D C height width"]) -> bool:
-    """Whether `convolve` takes these: 3 x 3, channels in sixteens, float32 or float64, on a CPU of OpenCL's, too."""
+    """Whether `convolve` supports these tensors.
+
+    The filters must be 3 x 3, the numbers of channels multiples of 16, `values` not empty, and both tensors float32, or
+    both float64, on a CPU on which OpenCL works.
+    """
     return (
         weight.shape[2:] == (3, 3)
         and weight.shape[0] % LANES == weight.shape[1] % LANES == 0
@@ -79,10 +84,11 @@ def convolve(
     bias: Float[Tensor, " D"],
     rectified: bool = False,
 ) -> Float[Tensor, "B D H W"]:
-    """`torch.nn.functional.conv2d(values, weight, bias, padding=1)`, its ReLU where `rectified`, up to rounding.
+    """`torch.nn.functional.conv2d(values, weight, bias, padding=1)` up to rounding, followed by a ReLU if `rectified`.
 
-    Channels last, and `values` are taken fastest that are it, too. The same inputs give the same bits, for any number
-    of threads. Raises ValueError for what `can_convolve` refuses, and where channels or the bias do not fit.
+    The result is channels-last; `values` are copied unless they are channels-last, too. The same inputs give the same
+    bits, for any number of threads. Raises ValueError for tensors that `can_convolve` refuses, and if the channels or
+    the bias do not match the weight.
     """
     bias_fits = bias.shape == weight.shape[:1] and bias.dtype == weight.dtype and bias.device == weight.device
     if not can_convolve(values, weight) or values.shape[1] != weight.shape[1] or not bias_fits:
@@ -97,7 +103,7 @@ def convolve(
 
 
 class _Convolve(torch.autograd.Function):
-    """Of pictures [B,H,W,C] to pictures [B,H,W,D]: a Function's own result, not a view, may be changed in place."""
+    """Pictures [B,H,W,C] → [B,H,W,D]. The result is not a view, so that torch allows changes of it in place."""
 
     @staticmethod
     def forward(ctx: Any, pictures: Tensor, weight: Tensor, bias: Tensor, rectified: bool) -> Tensor:
@@ -120,7 +126,7 @@ class _Convolve(torch.autograd.Function):
 
 
 def _at_points(weight: Float[Tensor, "D C 3 3"]) -> Float[Tensor, "36 C D"]:
-    """G g Gᵀ of every filter g."""
+    """G g Gᵀ for every filter g."""
     outputs, inputs = weight.shape[:2]
     taps = weight.permute(2, 3, 1, 0).reshape(9, -1)
     return (_KERNEL_AT_POINTS.to(weight.dtype) @ taps).view(_POINTS, inputs, outputs)
@@ -133,7 +139,7 @@ def _convolved(
     bias: Float[Tensor, " D"],
     rectified: bool = False,
 ) -> Float[Tensor, "B H W D"]:
-    """With `shown`, `pictures` are its gradient, which passes to what it was rectified from."""
+    """Convolve `pictures`. With `shown`, a ReLU's output, they are its gradient and first pass through the ReLU."""
     backend = backend_in_place()
     _, inputs, outputs = weight_at_points.shape
     convolved = backend.memory.empty(*pictures.shape[:3], outputs, dtype=pictures.dtype)
@@ -146,7 +152,7 @@ def _convolved(
 def _gradients_of_weights(
     pictures: Float[Tensor, "B H W C"], gradients: Float[Tensor, "B H W D"], shown: Float[Tensor, "B H W D"] | None
 ) -> tuple[Float[Tensor, "D C 3 3"], Float[Tensor, " D"]]:
-    """Of the weight and of the bias."""
+    """Gradients of the weight and the bias, given those of the output and, after a ReLU, the output `shown`."""
     backend = backend_in_place()
     inputs, outputs = pictures.shape[-1], gradients.shape[-1]
     groups = summing_items(_chunks(pictures))
@@ -155,20 +161,20 @@ def _gradients_of_weights(
     _launch(backend, "weight_gradients", groups, (inputs, outputs), pictures, *arguments, result=sums)
     of_weight, of_bias = added(sums).split([_POINTS * inputs * outputs, outputs])
     taps = _of_taps(_of_taps(of_weight.view(6, 6, -1)).transpose(0, 1))
-    return taps.view(3, 3, inputs, outputs).permute(3, 2, 1, 0), of_bias.clone()  # or it would keep all sums
+    return taps.view(3, 3, inputs, outputs).permute(3, 2, 1, 0), of_bias.clone()  # a view would keep all sums
 
 
 def _of_taps(at_points: Float[Tensor, "6 K V"]) -> Float[Tensor, "3 K V"]:
-    """Gᵀ along the first axis.
+    """Apply Gᵀ along the first axis.
 
-    Along both at once it would be one product with 36 terms, which MKL, on AMD's Zen 3, adds up in another order for
-    two threads than for one; six it does not.
+    A single product along both axes would sum 36 terms, which MKL on AMD's Zen 3 adds in a different order with two
+    threads than with one. It does not do so with six terms.
     """
     return (_FILTER_AT_POINTS.to(at_points.dtype).T @ at_points.reshape(6, -1)).view(3, *at_points.shape[1:])
 
 
 def _or_nothing(shown: Tensor | None, like: Tensor) -> Tensor:
-    """Kernels take an empty tensor for nothing."""
+    """`shown`, or an empty tensor, which kernels receive as a null pointer."""
     return like.new_empty(0) if shown is None else shown
 
 
@@ -181,7 +187,7 @@ def _launch(
     *arguments: Tensor | int,
     result: Tensor,
 ) -> None:
-    """Run a kernel on pictures, with what else it reads and what it writes."""
+    """Run a kernel on `pictures` and `arguments`, and wait for its `result`."""
     height, width = pictures.shape[1:3]
     steps = [_step(each) for each in channels]
     scratch = backend.memory.empty(groups, _POINTS, sum(steps), dtype=pictures.dtype)
@@ -193,10 +199,10 @@ def _launch(
 
 
 def _step(channels: int) -> int:
-    """Values from one point's matrix of a chunk to the next point's.
+    """Stride, in values, between the matrices of consecutive points of a chunk.
 
-    A line of the cache more than the matrix has, as otherwise those that a tile has at all points would fall into the
-    same few places of the cache.
+    It exceeds the size of a matrix by one cache line (in float32). Otherwise the values of a tile at all points would
+    map to the same few cache sets.
     """
     return TILE_CHUNK * channels + LANES
 

@@ -1,9 +1,8 @@
 """Kernels on torch's CUDA tensors: compiled by NVIDIA's OpenCL, launched by the CUDA driver on torch's stream.
 
-Nothing is copied. OpenCL gives the PTX; it is loaded into the context that torch works in, so that torch's addresses
-are valid in it, and launched on torch's current stream, so that kernels run after what torch queued before and before
-what it queues after. Nobody waits but for the one number that torch reads to make room for the tiles' lists, and for a
-camera that lies on the GPU.
+No tensor is copied. OpenCL compiles to PTX, which is loaded into torch's CUDA context, where torch's addresses are
+valid. Kernels are launched on torch's current stream and so run in order with torch's own work. The host waits only for
+the number of tile entries, which determines the size of the tile lists, and for a camera that is on the GPU.
 """
 
 from __future__ import annotations
@@ -26,16 +25,19 @@ from opencl.program import ProgramKey
 from opencl.ptx import CudaProgram, Parameter, rewrite_for_cuda
 
 _CODES = {1: "b", 2: "h", 4: "i", 8: "Q"}
-"""How `struct` calls what takes so many bytes."""
+"""Format characters of `struct`, by size in bytes."""
 
 
 class Arguments:
-    """Where the driver reads a kernel's arguments at each launch, before that returns: made once, written each time."""
+    """Memory from which the driver reads the arguments of a kernel.
+
+    Allocated once and overwritten for each launch: the driver reads it before a launch returns.
+    """
 
     def __init__(self, parameters: Sequence[Parameter]) -> None:
         codes = [_CODES[parameter.size] for parameter in parameters]
         self._layout = struct.Struct("@" + "".join(codes))
-        self._memory = ctypes.create_string_buffer(self._layout.size + 1)  # one without a byte has no address
+        self._memory = ctypes.create_string_buffer(self._layout.size + 1)  # an empty buffer has no address
         ends = [struct.calcsize("@" + "".join(codes[: place + 1])) for place in range(len(codes))]
         begin = ctypes.addressof(self._memory)
         places = [begin + end - parameter.size for end, parameter in zip(ends, parameters, strict=True)]
@@ -47,38 +49,38 @@ class Arguments:
 
 @dataclass(frozen=True)
 class CudaKernel:
-    """A kernel as the driver knows it."""
+    """A kernel that the driver has loaded."""
 
     function: int
     parameters: tuple[Parameter, ...]
     largest_group: int
-    """Work-items that a group may have."""
+    """Maximum number of work-items per group."""
     arguments: Arguments
 
 
 @dataclass(frozen=True)
 class Resources:
-    """What a kernel takes for each work-item."""
+    """Resources that a kernel uses per work-item."""
 
     registers: int
     private_bytes: int
-    """Memory for what the registers do not hold."""
+    """Local memory of CUDA, to which registers spill."""
 
 
 _SLEEP_CYCLES = 200_000
-"""Of the GPU's clock, about 0.1 ms: Python takes less to queue a launch and what is recorded after it."""
+"""GPU clock cycles, about 0.1 ms: longer than Python takes to queue a launch and the event after it."""
 
 
 class LaunchTiming:
-    """When a kernel began and ended, read as that of an OpenCL event: `.profile.start`, `.profile.end`, nanoseconds.
+    """Start and end of a kernel, with the interface of an OpenCL event: `.profile.start`, `.profile.end`, nanoseconds.
 
-    Made where the stream that kernels are launched on is torch's current one.
+    `stream` must be torch's current stream. Create the object just before the launch and call `stop` after it.
     """
 
     def __init__(self, stream: torch.cuda.Stream) -> None:
         self._stream = stream
         self._began, self._ended = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
-        # Or else an idle GPU would note the beginning at once, and the time would be Python's until the launch.
+        # Otherwise an idle GPU would record the start at once, and Python's time until the launch would count.
         torch.cuda._sleep(_SLEEP_CYCLES)
         self._began.record(stream)
 
@@ -95,7 +97,7 @@ class LaunchTiming:
 
     @property
     def start(self) -> int:
-        """Counted from the kernel's own beginning."""
+        """Always 0: times are relative to the start of the kernel."""
         return 0
 
     @property
@@ -104,7 +106,7 @@ class LaunchTiming:
 
 
 class CudaSession(Session):
-    """Launches in order on torch's current stream. Tensors are contiguous, on the backend's CUDA device."""
+    """Launches kernels on torch's current stream. Tensors must be contiguous and on the backend's CUDA device."""
 
     torch_is_in_order = True
 
@@ -116,10 +118,10 @@ class CudaSession(Session):
     def launch(
         self, program: ProgramKey, kernel: str, groups: int, *arguments: Tensor | int, group_size: int = 1
     ) -> None:
-        """Queue `groups` work-groups of a kernel; integers are passed as int32, tensors as addresses (empty: null).
+        """Queue `groups` work-groups of a kernel. Integers are passed as int32, tensors as addresses (empty: null).
 
-        `ValueError` for arguments that are not what the kernel was compiled for, `RuntimeError` where the driver
-        refuses.
+        Raises ValueError if the arguments do not match the kernel's parameters or the group is too large for it, and
+        RuntimeError if the driver reports an error.
         """
         if groups == 0:
             return
@@ -140,7 +142,7 @@ class CudaSession(Session):
             self._cuda.profiled.append((kernel, timing))
 
     def _values(self, kernel: str, parameters: Sequence[Parameter], arguments: Sequence[Tensor | int]) -> list[int]:
-        """Numbers as they are, tensors as addresses."""
+        """Check the arguments. Returns integers unchanged, and tensors as addresses."""
         device = self._cuda.tensor_device
         values: list[int] = []
         for parameter, argument in zip(parameters, arguments, strict=True):
@@ -168,15 +170,15 @@ class CudaSession(Session):
         return values
 
     def finish(self, *results: Tensor) -> None:
-        """Nothing to wait for: torch reads them on the stream that the kernels are on."""
+        """Do nothing: torch reads the results on the stream on which the kernels run."""
 
     def give(self, *results: Tensor) -> tuple[Tensor, ...]:
-        """The results themselves; torch reads them on the stream that the kernels are on."""
+        """Return `results` themselves: torch reads them on the stream on which the kernels run."""
         return results
 
 
 class CudaBackend(Backend):
-    """An NVIDIA GPU on whose tensors in torch's memory the kernels work."""
+    """An NVIDIA GPU whose kernels work in place on torch's CUDA tensors."""
 
     def __init__(
         self,
@@ -186,9 +188,9 @@ class CudaBackend(Backend):
         profile: bool = False,
         compile_program: Callable[[ProgramKey], bytes] | None = None,
     ) -> None:
-        """`device` is OpenCL's name for torch's `tensor_device`, which has an index.
+        """`device` is the OpenCL device of the same GPU as torch's `tensor_device`, which must have an index.
 
-        `compile_program` gives a program's PTX; None: NVIDIA's OpenCL does.
+        `compile_program` returns a program's PTX. The default is NVIDIA's OpenCL compiler.
         """
         super().__init__(device, schedule="gpu", shares_memory=True, profile=profile)
         self.driver = driver
@@ -204,12 +206,12 @@ class CudaBackend(Backend):
 
     @contextmanager
     def _launching(self) -> Iterator[Session]:
-        # Without the first, torch's next allocation would make another GPU's context current where that is its default.
+        # Without torch.cuda.device, torch's next allocation would switch to the context of its default GPU.
         with torch.cuda.device(self.tensor_device), self.driver.current(self._primary):
             yield CudaSession(self)
 
     def cuda_kernel(self, program: ProgramKey, name: str) -> CudaKernel:
-        """A kernel, built and loaded on first use, within a session."""
+        """The kernel `name` of a program, compiled and loaded on first use. Call it within a session."""
         kernel = self._cuda_kernels.get((program, name))
         if kernel is None:
             module, loaded = self._module(program)
@@ -222,7 +224,7 @@ class CudaBackend(Backend):
         return kernel
 
     def resources(self) -> dict[str, Resources]:
-        """Of each kernel that was launched so far, by its name; of several by one name, those of the last."""
+        """Resources of each kernel loaded so far, by name. Of several kernels of one name, the last one loaded."""
         with self.driver.current(self._primary):
             return {
                 name: Resources(self.driver.registers(kernel.function), self.driver.private_bytes(kernel.function))

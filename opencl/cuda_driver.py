@@ -1,4 +1,4 @@
-"""The few functions of the CUDA driver (libcuda) that load a program and launch its kernels, each call checked."""
+"""Checked calls of the few functions of the CUDA driver (libcuda) that load programs and launch kernels."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PROTOTYPES: dict[str, tuple[type, ...]] = {
     "cuFuncGetAttribute": (POINTER(c_int), c_int, c_void_p),
     "cuLaunchKernel": (c_void_p, *(c_uint,) * 6, c_uint, c_void_p, _HANDLE, _HANDLE),
 }
-"""Arguments of each function, as cuda.h has them; each returns a CUresult, an int."""
+"""Argument types of each function, as in cuda.h. Each returns a CUresult, an int."""
 
 _PCI_BUS, _PCI_DEVICE, _PCI_DOMAIN = 33, 34, 50  # of CUdevice_attribute
 _LARGEST_GROUP, _PRIVATE_BYTES, _REGISTERS = 0, 3, 4  # of CUfunction_attribute
@@ -36,10 +36,10 @@ Function = Callable[..., int]
 
 
 class CudaDriver:
-    """The driver in one process. Every error is a `RuntimeError` with the driver's own name and text for it."""
+    """The CUDA driver. Every error raises a RuntimeError with the driver's own name and description of it."""
 
     def __init__(self, functions: Mapping[str, Function]) -> None:
-        """`functions` are those of `PROTOTYPES`, by name, as ctypes calls them."""
+        """`functions` are the ctypes functions listed in `PROTOTYPES`, by name."""
         self._functions = functions
         self._call("cuInit", "", 0)
 
@@ -55,13 +55,13 @@ class CudaDriver:
         return text.value.decode(errors="replace") if text.value else "an error that the driver does not know"
 
     def device(self, ordinal: int) -> int:
-        """The handle of a device, counted as torch counts: both see those in CUDA_VISIBLE_DEVICES."""
+        """The handle of a device. Ordinals are the same as torch's: both count the devices in CUDA_VISIBLE_DEVICES."""
         device = c_int()
         self._call("cuDeviceGet", f" of device {ordinal}", ctypes.byref(device), ordinal)
         return device.value
 
     def pci_location(self, ordinal: int) -> tuple[int, int, int]:
-        """Domain, bus and device on the PCI bus."""
+        """PCI domain, bus and device numbers."""
         device, value = self.device(ordinal), c_int()
         numbers = []
         for attribute in (_PCI_DOMAIN, _PCI_BUS, _PCI_DEVICE):
@@ -71,7 +71,7 @@ class CudaDriver:
         return domain, bus, slot
 
     def primary_context(self, ordinal: int) -> int:
-        """The context that torch uses, kept for the life of the process."""
+        """The device's primary context, which torch uses. It is retained until the process ends."""
         context = c_void_p()
         where = f" of device {ordinal}"
         self._call("cuDevicePrimaryCtxRetain", where, ctypes.byref(context), self.device(ordinal))
@@ -79,7 +79,7 @@ class CudaDriver:
 
     @contextmanager
     def current(self, context: int) -> Iterator[None]:
-        """Make the context this thread's for a while: autograd calls from threads of its own."""
+        """Make the context current in this thread, as autograd runs backward passes in threads of its own."""
         self._call("cuCtxPushCurrent_v2", "", context)
         try:
             yield
@@ -87,7 +87,7 @@ class CudaDriver:
             self._call("cuCtxPopCurrent_v2", "", ctypes.byref(c_void_p()))
 
     def load(self, text: str) -> int:
-        """A module with the kernels of a PTX text, in the current context, kept for the life of the process."""
+        """Load PTX into the current context. Returns the module, which stays loaded until the process ends."""
         image, log = ctypes.create_string_buffer(text.encode()), ctypes.create_string_buffer(_LOG_BYTES)
         options = (c_int * 2)(_ERROR_LOG, _ERROR_LOG_SIZE)
         values = (c_void_p * 2)(ctypes.addressof(log), _LOG_BYTES)
@@ -105,15 +105,15 @@ class CudaDriver:
         return _given(function)
 
     def largest_group(self, function: int) -> int:
-        """Work-items that a group of this kernel may have: its registers and local memory decide."""
+        """Maximum work-items per group of this kernel, as limited by its registers and local memory."""
         return self._attribute(function, _LARGEST_GROUP)
 
     def registers(self, function: int) -> int:
-        """Of each work-item of this kernel."""
+        """Registers per work-item."""
         return self._attribute(function, _REGISTERS)
 
     def private_bytes(self, function: int) -> int:
-        """Memory of each work-item for what its registers do not hold: slow, and best none."""
+        """Bytes per work-item that registers spill to memory: slow, ideally 0."""
         return self._attribute(function, _PRIVATE_BYTES)
 
     def _attribute(self, function: int, number: int) -> int:
@@ -130,9 +130,9 @@ class CudaDriver:
         stream: int,
         arguments: ctypes.Array[c_void_p],
     ) -> None:
-        """Queue a one-dimensional launch on a stream. What the arguments point to is read before this returns."""
+        """Queue a one-dimensional launch on a stream. The driver reads all arguments before this returns."""
         where = f" of kernel {kernel} with {groups} groups of {group_size} work-items and {len(arguments)} arguments"
-        # Local memory is declared inside the kernels, so none is asked for here.
+        # The last 0: kernels declare their local memory themselves.
         shape = (groups, 1, 1, group_size, 1, 1, 0)
         self._call("cuLaunchKernel", where, function, *shape, stream, arguments, None)
 
@@ -145,7 +145,7 @@ def _given(handle: c_void_p) -> int:
 
 @functools.cache
 def load_driver() -> CudaDriver | None:
-    """The CUDA driver of this machine; None where there is none. `RuntimeError` where it does not start."""
+    """The CUDA driver of this machine, or None without one. Raises RuntimeError if it does not start."""
     try:
         library = ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
         functions = {name: getattr(library, name) for name in PROTOTYPES}

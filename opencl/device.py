@@ -1,4 +1,4 @@
-"""Which OpenCL device is used: found, chosen by name, described."""
+"""Lists, selects and describes OpenCL devices."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from opencl.pocl_processor import misnamed_processor, name_processor
 from opencl.vendors import nvidia_named
 
 DEVICE_VARIABLE = "GS_HIDER_DEVICE"
-"""Environment variable that names the device where the caller does not."""
+"""Environment variable that names the device if the caller does not."""
 
 _POCL = "Portable Computing Language"
 
 
 @dataclass(frozen=True)
 class Device:
-    """An OpenCL device and how to ask for it."""
+    """An OpenCL device and its index."""
 
     index: str
-    """`platform:device`, counted from 0; changes with what is installed."""
+    """`platform:device`, both counted from 0. It depends on the drivers installed."""
     handle: pyopencl.Device
 
     @property
     def name(self) -> str:
-        """Platform, its version and device, as users may name it by any part."""
+        """Platform, its version, and device. Users may select the device by any part of this name."""
         platform = self.handle.platform
         return f"{platform.name.strip()} ({platform.version.strip()}): {self.handle.name.strip()}"
 
@@ -40,18 +40,18 @@ class Device:
 
     @property
     def shares_memory(self) -> bool:
-        """Whether kernels work on torch's own memory. PoCL's CPU devices do; elsewhere data are copied."""
+        """Whether kernels work in place on torch's CPU memory. Only PoCL's CPU devices do."""
         return self.is_cpu and self.handle.platform.name == _POCL
 
     def answers_to(self, name: str) -> bool:
-        """Whether `name` is its index or part of its name; every device answers to an empty one."""
+        """Whether `name` is the index or, ignoring case, a part of the name. An empty one matches every device."""
         return self.index == name if re.fullmatch(r"\d+:\d+", name) else name.lower() in self.name.lower()
 
     def describe(self) -> str:
-        """One line for a log or a provenance record, the same whenever it is asked for.
+        """One line for a log or a provenance record. It does not change between calls.
 
-        Memory is a GPU's own; of a CPU, PoCL tells what is free at the moment. A GPU's driver assembles the kernels:
-        another version may make other bits.
+        A CPU's memory is left out, because PoCL reports what is free at the moment. A GPU's driver version is included,
+        because the driver assembles the kernels: another version may give different bits.
         """
         kind = "CPU" if self.is_cpu else "GPU" if self.handle.type & pyopencl.device_type.GPU else "accelerator"
         units = self.handle.max_compute_units
@@ -61,7 +61,7 @@ class Device:
         return f"{self.name} [{', '.join(facts)}]"
 
     def prepare(self) -> None:
-        """Make sure that kernels can be built; `ValueError` with a way out where they cannot."""
+        """Make sure that kernels can be built. Raises ValueError with a remedy if they cannot."""
         misnamed = misnamed_processor(self.handle)
         if misnamed is not None and name_processor(self.handle, misnamed) is None:
             raise ValueError(
@@ -73,12 +73,12 @@ class Device:
 
 @functools.cache
 def _kernel_cache() -> FileLock | None:
-    """This process's directory of compiled kernels, held as long as the process lives."""
+    """The lock on this process's directory of compiled kernels, held until the process ends."""
     return reserve_kernel_cache()
 
 
 def list_devices() -> list[Device]:
-    """Every OpenCL device of this machine; empty where no driver is installed."""
+    """All OpenCL devices of this machine. Empty if no driver is installed."""
     _kernel_cache()
     try:
         with nvidia_named():
@@ -96,10 +96,11 @@ def list_devices() -> list[Device]:
 
 
 def choose_device(name: str | None = None) -> Device:
-    """The device that `name`, or else the variable GS_HIDER_DEVICE, asks for: an index as `0:1`, or part of its name.
+    """The device that `name` or, if None, GS_HIDER_DEVICE selects: by an index such as `0:1`, or part of its name.
 
-    Without either: the newest PoCL, or else another CPU, or else whatever there is; a GPU draws the CPU's tensors where
-    it is asked for. `ValueError` lists what exists.
+    Of several matching devices, and if nothing is selected, prefers the newest PoCL, then any other CPU, then any other
+    device. GPUs come last, as a GPU should process CPU tensors only on request. Raises ValueError, which lists the
+    devices, if none matches.
     """
     wanted = name if name is not None else os.environ.get(DEVICE_VARIABLE, "")
     devices = sorted(list_devices(), key=_preference)
@@ -114,6 +115,6 @@ def choose_device(name: str | None = None) -> Device:
 
 
 def _preference(device: Device) -> tuple[bool, bool, list[int]]:
-    """Sorts the best first."""
+    """Sort key: the preferred device first."""
     version = [-int(number) for number in re.findall(r"\d+", device.handle.platform.version.partition("PoCL")[2])[:2]]
     return (not device.shares_memory, not device.is_cpu, version)

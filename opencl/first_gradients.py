@@ -1,4 +1,4 @@
-"""Backward passes by kernels have no derivative of their own, and say so before anybody could go without it."""
+"""A guard for backward passes computed by kernels, which cannot be differentiated again."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ Gradients = TypeVar("Gradients")
 
 
 def first_gradients_only(backward: Callable[..., Gradients]) -> Callable[..., Gradients]:
-    """For a Function's `backward`: `RuntimeError` where its gradients are to be differentiated again (`create_graph`).
+    """Decorate a Function's `backward` to raise RuntimeError if its result is to be differentiated (`create_graph`).
 
-    torch's own `once_differentiable` lets the gradients pass and waits for a second backward pass to reach them. It
-    does not see one that reaches the inputs by what was saved of them (gx of f(x) depends on x even where the gradient
-    that came in does not), and then that part is missing from the sum without a word.
+    torch's own `once_differentiable` returns the gradients, and raises an error only if a second backward pass reaches
+    them. It misses the dependence on saved inputs: the gradient g·f'(x) depends on x even if the incoming g does not.
+    That part of the second gradient would be missing without an error.
 
-    torch computes gradients with its grad mode on for `create_graph` alone: `retain_graph` and checkpoints, which
-    recompute the forward pass on the way back, have it off here, and pass.
+    torch enables its grad mode in backward passes only for `create_graph`. `retain_graph` and checkpointing, which
+    recomputes the forward pass during the backward pass, leave it off here and therefore work.
     """
 
     @functools.wraps(backward)

@@ -1,4 +1,4 @@
-"""How much memory a process may still take, where the operating system says so."""
+"""The amount of memory that a process can still allocate, if the operating system reports it."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from pathlib import Path
 
 SYSTEM = Path("/proc/meminfo")
 CONTROL_GROUP = Path("/sys/fs/cgroup")
-"""Of a container its own: what limits it."""
+"""The control group (version 2) that limits a container, as seen from inside."""
 
 
 def free_memory() -> int | None:
-    """Bytes that are free or can be freed, of the machine and of its container; None where neither is told."""
+    """Free and reclaimable bytes: the minimum of the machine's and the container's. None if both are unknown."""
     told = [amount for amount in (_of_system(), _of_control_group()) if amount is not None]
     return min(told, default=None)
 
@@ -31,7 +31,7 @@ def _of_control_group() -> int | None:
 
 
 def _files_kept() -> int:
-    """Bytes of files that are kept in memory for later, and let go where room is needed."""
+    """Bytes of the page cache, which the operating system reclaims when memory runs short."""
     words = (line.split() for line in _text(CONTROL_GROUP / "memory.stat").splitlines())
     return sum(int(amount) for name, amount in words if name in ("active_file", "inactive_file"))
 

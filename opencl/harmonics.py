@@ -1,4 +1,4 @@
-"""View-dependent colours from spherical harmonics, with gradients, in one pass over the Gaussians each way."""
+"""View-dependent colours from spherical harmonics: one pass over the Gaussians forward, and one backward."""
 
 from __future__ import annotations
 
@@ -26,14 +26,16 @@ def colors_of_harmonics(
     camera_centre: Float[Tensor, " 3"],
     degree: int,
 ) -> Float[Tensor, "N 3"]:
-    """max(0, 0.5 + Σ h_k Y_k) of the direction from the camera to each Gaussian: its colour as 3DGS defines it.
+    """Colours as in 3DGS: max(0, 0.5 + Σ h_k Y_k(d)), where d is the direction from the camera to the Gaussian.
 
-    `base` are the coefficients of the constant harmonic, `rest` those of the others, of which the first
-    (degree + 1)² - 1 are used. All tensors are float32, or all float64. N = 0 gives no colours. Gradients reach base,
-    rest and means; a colour under zero by more than rounding (1e-5) passes none, one nearer to it does, where 3DGS's
-    passes none below zero. The same inputs on the same device give the same bits.
+    `base` holds the coefficients of the constant harmonic, `rest` those of the others, of which the first
+    (degree + 1)² - 1 are used. All tensors must be float32, or all float64. N = 0 gives an empty result. Gradients
+    reach base, rest and means, but not camera_centre. Where the sum is below -1e-5, no gradient passes; between -1e-5
+    and 0, which rounding alone can cause, it does. (3DGS passes none below 0.) The same inputs on the same device give
+    the same bits.
 
-    Raises ValueError where shapes or types do not fit, or for a degree outside 0..3 or beyond what `rest` holds.
+    Raises ValueError for wrong shapes or types, and for a degree outside 0..3 or higher than `rest` has coefficients
+    for.
     """
     count = len(means)
     expected = {"base": (count, 3), "means": (count, 3), "camera_centre": (3,)}

@@ -1,4 +1,4 @@
-"""A directory of compiled kernels for each process: PoCL's must not be shared between processes that run at once."""
+"""A kernel cache directory for each process, as concurrent processes must not share PoCL's."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from filelock import FileLock, Timeout
 _SLOTS = 64
 _USERS_CACHE = "XDG_CACHE_HOME"
 _CACHE, _RESERVED = "POCL_CACHE_DIR", "GS_HIDER_KERNELS_OF"
-"""Variables: PoCL's own, and beside it which process reserved that directory. A child inherits both."""
+"""Environment variables: PoCL's own, and the process that reserved its directory. Child processes inherit both."""
 
 
 def reserve_kernel_cache(environment: MutableMapping[str, str] = os.environ) -> FileLock | None:
-    """Point `POCL_CACHE_DIR` at a directory that no other running process uses; keep the lock while kernels are used.
+    """Point `POCL_CACHE_DIR` at a directory that no other running process uses. Hold the lock while kernels are used.
 
-    Slots under the user's cache directory are taken in order, so that compiled kernels are found again by the next
-    process. A `POCL_CACHE_DIR` that is set already is respected (None is returned), unless another process reserved it
-    for itself, the parent of this one. Where nothing can be written in the user's cache, `XDG_CACHE_HOME` names another
-    folder from then on: pyopencl keeps there what it generates. To be called before any platform is asked for.
+    Call this before the first query for OpenCL platforms. Slots in the user's cache directory are taken in order, so
+    that the next process finds the compiled kernels again. If `POCL_CACHE_DIR` is already set, it is left alone and
+    None is returned, unless it was inherited from a parent process that had reserved it for itself. If no slot in the
+    user's cache is usable, a temporary directory is used, and `XDG_CACHE_HOME` names it from then on, because pyopencl
+    stores generated files there. Raises OSError if no directory can be used.
     """
     given = environment.get(_CACHE)
     if given and not _is_anothers(given, environment.get(_RESERVED, "")):
@@ -29,13 +30,13 @@ def reserve_kernel_cache(environment: MutableMapping[str, str] = os.environ) -> 
     for folder in (_in_users_cache, _for_this_process):
         try:
             return _reserve_slot(folder(environment), environment)
-        except (OSError, RuntimeError):  # the latter where nobody says what the home directory is
+        except (OSError, RuntimeError):  # RuntimeError if the home directory is unknown
             continue
     raise OSError("no directory for compiled kernels can be written; set POCL_CACHE_DIR to one")
 
 
 def _is_anothers(directory: str, reserved: str) -> bool:
-    """Whether what was noted in `_RESERVED` is that another process has this directory."""
+    """Whether `reserved`, the value of `_RESERVED`, says that another process has reserved this directory."""
     process, _, noted = reserved.partition(":")
     return noted == directory and process != str(os.getpid())
 

@@ -1,4 +1,4 @@
-"""Where the rasterizer's tensors live, and how kernels reach them: each backend has one of these."""
+"""Memory of the rasterizer's tensors, and how kernels access it. Each backend has one."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from torch import Tensor
 from opencl.pool import WAY_OUT, empty
 
 _SMALL = 4096
-"""Bytes that are copied once more in less time than a device is waited for: a camera, a background."""
+"""Size in bytes up to which an extra copy is faster than waiting for the device: cameras, backgrounds."""
 
 
 @contextmanager
 def room_on(context: pyopencl.Context, size: int) -> Iterator[None]:
-    """Around what allocates `size` bytes on the context's device: `RuntimeError` with a way out where that fails."""
+    """If the block fails to allocate `size` bytes on the context's device, raise a RuntimeError with a remedy."""
     try:
         yield
     except pyopencl.Error as error:
@@ -30,11 +30,11 @@ def room_on(context: pyopencl.Context, size: int) -> Iterator[None]:
 
 
 def moved(tensor: Tensor, device: torch.device) -> Tensor:
-    """The tensor on a device of torch's, as `Tensor.to` has it, but a CUDA device is not waited for with a small one.
+    """Copy a tensor to a torch device, like `Tensor.to`, but do not wait for a CUDA device if the tensor is small.
 
-    It may read the CPU's memory later, pinned or not, when its owner has changed or freed it. So what is small goes by
-    pinned memory of torch's own, which torch uses for nothing else until it is read; for the rest the device is waited
-    for.
+    A non-blocking copy may read CPU memory, pinned or not, after its owner has changed or freed it. Small tensors
+    without gradient therefore go through pinned memory of torch's own, which torch does not reuse before the copy is
+    done. For all others, the host waits for the copy.
     """
     goes_up = device.type == "cuda" and tensor.is_cpu
     if goes_up and tensor.nbytes <= _SMALL and not tensor.is_pinned() and not tensor.requires_grad:
@@ -43,53 +43,53 @@ def moved(tensor: Tensor, device: torch.device) -> Tensor:
 
 
 class Memory(Protocol):
-    """Tensors that kernels work on.
+    """Memory of the tensors that kernels work on.
 
-    Those made by `empty` and `zeros` are the rasterizer's own and stay where the kernels are; what the caller gave
-    comes in by `receive`, and what the caller gets goes out by the session's `give`. Other tensors on `tensor_device`
-    may be used within one session. Where the device has no room for one, a `RuntimeError` says so with a way out.
+    Tensors from `empty` and `zeros` are the rasterizer's own and stay on the kernels' device. The caller's inputs enter
+    by `receive`; results for the caller leave by the session's `give`. Any other tensor on `tensor_device` may be used
+    within a single session. If the device runs out of memory, a RuntimeError suggests a remedy.
     """
 
     @property
     def tensor_device(self) -> torch.device:
-        """Where all tensors given to kernels are to be."""
+        """The torch device of all tensors that are passed to kernels."""
 
     def empty(self, *size: int, dtype: torch.dtype) -> Tensor:
-        """A tensor of the rasterizer's own, undefined until a kernel writes it."""
+        """An uninitialised tensor of the rasterizer's own, for a kernel to write."""
 
     def zeros(self, *size: int, dtype: torch.dtype) -> Tensor:
-        """A tensor of the rasterizer's own, of zeros."""
+        """A tensor of the rasterizer's own, filled with zeros."""
 
     def receive(self, tensor: Tensor) -> Tensor:
-        """The caller's tensor as kernels read it, contiguous, for as long as it is kept. Differentiable."""
+        """The caller's tensor as kernels read it: contiguous, and valid in any session. Differentiable."""
 
     def refuse_copies(self, *kept: Tensor) -> None:
-        """Of what was kept for the backward pass; `RuntimeError` where some came back as copies that hold nothing."""
+        """Check tensors saved for backward. Raises RuntimeError if one came back as a copy without the contents."""
 
 
 class BufferMemory(Memory, Protocol):
-    """Memory that an OpenCL kernel sees as buffers. Tensors are contiguous and not empty."""
+    """Memory that OpenCL kernels access as buffers. Tensors must be contiguous and not empty."""
 
     def resident(self, tensor: Tensor) -> pyopencl.Buffer | None:
-        """The buffer of one of the rasterizer's own tensors; None for others."""
+        """The buffer of a tensor that is resident on the device, or None for any other tensor."""
 
     def place(self, tensor: Tensor) -> pyopencl.Buffer:
-        """A new buffer with what the tensor holds, for one session."""
+        """A new buffer with the contents of the tensor, for one session."""
 
     def fetch(self, tensor: Tensor, buffer: pyopencl.Buffer) -> None:
-        """Make the tensor hold what the buffer does, once the queue is finished."""
+        """Copy the buffer to the tensor. The contents are valid once the queue is finished."""
 
     def give(self, tensor: Tensor, buffer: pyopencl.Buffer) -> Tensor:
-        """The caller's tensor with what the buffer holds, once the queue is finished."""
+        """A tensor for the caller with the contents of the buffer. They are valid once the queue is finished."""
 
 
 def as_kernels_read(tensor: Tensor) -> Tensor:
-    """Contiguous, and every number as it is written: torch may negate lazily."""
+    """The tensor, contiguous and with torch's lazy negation resolved."""
     return tensor.contiguous().resolve_neg()
 
 
 class TorchMemory:
-    """Torch's own memory on a device of torch's."""
+    """Torch's own memory on a torch device."""
 
     def __init__(self, tensor_device: torch.device) -> None:
         self._tensor_device = tensor_device
@@ -111,11 +111,11 @@ class TorchMemory:
         return as_kernels_read(moved(tensor, self._tensor_device))
 
     def refuse_copies(self, *kept: Tensor) -> None:
-        """A copy holds what it is one of."""
+        """Do nothing: here, copies have the contents."""
 
 
 class SharedMemory(TorchMemory):
-    """Torch's memory on the CPU, on which the device's kernels work in place."""
+    """Torch's CPU memory, in which the device's kernels work in place."""
 
     def __init__(self, context: pyopencl.Context) -> None:
         super().__init__(torch.device("cpu"))
@@ -133,7 +133,7 @@ class SharedMemory(TorchMemory):
             return pyopencl.Buffer(self._context, flags, hostbuf=tensor.detach().numpy())
 
     def fetch(self, tensor: Tensor, buffer: pyopencl.Buffer) -> None:
-        """The tensor is the buffer."""
+        """Do nothing: the buffer is the tensor's memory."""
 
     def give(self, tensor: Tensor, buffer: pyopencl.Buffer) -> Tensor:
         return tensor

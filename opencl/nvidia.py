@@ -1,4 +1,4 @@
-"""Which OpenCL device is torch's CUDA device, and what is missing where none is or torch has none."""
+"""Matches OpenCL devices with torch's CUDA devices, and diagnoses what is missing if one side lacks the GPU."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ OCL_ICD_VENDORS or OCL_ICD_FILENAMES is set: unset it, or name the library there
 
 
 def faults(seen: bool, asked: bool) -> list[str]:
-    """What keeps torch's work from the NVIDIA GPU of this machine, and what helps.
+    """Reasons why torch cannot use this machine's NVIDIA GPU or OpenCL cannot draw on it, each with a remedy.
 
-    `seen` is whether OpenCL sees it, `asked` whether it is asked for by name: then tensors of the CPU are copied to it
-    where torch has no CUDA. Nothing where torch works on it and OpenCL draws there, or torch on another maker's GPU.
+    `seen` states whether OpenCL sees the GPU, `asked` whether the user requested it by name. Empty if torch and OpenCL
+    both work on it, if torch works on a GPU of another vendor, or if `asked` and CUDA is not available in torch: OpenCL
+    then draws CPU tensors on the GPU, with copies.
     """
-    with warnings.catch_warnings():  # of torch's, about what is told here
+    with warnings.catch_warnings():  # torch warns of the faults that are reported here
         warnings.simplefilter("ignore")
         available = torch.cuda.is_available()
         if (asked and not available) or (available and torch.version.cuda is None):
@@ -38,7 +39,7 @@ def faults(seen: bool, asked: bool) -> list[str]:
 
 
 def _fault_of_torch() -> str | None:
-    """None where it works there."""
+    """Why torch does not work on the NVIDIA GPU, with a remedy, or None if it does."""
     if torch.version.cuda is None:
         return (
             f"This machine has an NVIDIA GPU, and torch {torch.__version__} is not built for CUDA: install one that "
@@ -55,7 +56,7 @@ def _fault_of_torch() -> str | None:
     try:
         torch.zeros(1, device="cuda").add_(1).item()
     except RuntimeError as error:
-        if "out of memory" in str(error):  # it works, and others use it at the moment
+        if "out of memory" in str(error):  # the GPU works, but others have taken its memory
             return None
         return (
             f"torch {torch.__version__}, built for CUDA {torch.version.cuda}, computes nothing on this machine's "
@@ -70,12 +71,12 @@ def _first_line(error: RuntimeError) -> str:
 
 
 def is_nvidia(device: Device) -> bool:
-    """Whether NVIDIA's own OpenCL drives it."""
+    """Whether the device belongs to NVIDIA's own OpenCL platform."""
     return _VENDOR in device.handle.platform.name.lower()
 
 
 def pci_location(device: Device) -> tuple[int, int, int] | None:
-    """Domain, bus and device on the PCI bus of one of NVIDIA's devices; None where its driver does not tell."""
+    """PCI domain, bus and device numbers of an NVIDIA device, or None if its driver does not report them."""
     information = pyopencl.device_info
     try:
         bus = device.handle.get_info(information.PCI_BUS_ID_NV)
@@ -85,12 +86,12 @@ def pci_location(device: Device) -> tuple[int, int, int] | None:
     try:
         domain = device.handle.get_info(information.PCI_DOMAIN_ID_NV)
     except pyopencl.Error:
-        domain = 0  # drivers of before 2018 tell none, for machines with one
-    return int(domain), int(bus), int(slot) >> 3  # of the slot the lower three bits are the function
+        domain = 0  # drivers from before 2018 do not report it; 0 on machines with one domain
+    return int(domain), int(bus), int(slot) >> 3  # the lower three bits of the slot are the function
 
 
 def torch_device_of(device: Device, devices: Sequence[Device], driver: CudaDriver) -> torch.device | None:
-    """Torch's CUDA device for one of OpenCL's devices; None where torch does not use it."""
+    """Torch's CUDA device for an OpenCL device, or None if torch does not see it."""
     if torch.version.cuda is None or not is_nvidia(device):
         return None
     candidates = (torch.device("cuda", ordinal) for ordinal in range(torch.cuda.device_count()))
@@ -98,10 +99,10 @@ def torch_device_of(device: Device, devices: Sequence[Device], driver: CudaDrive
 
 
 def opencl_device_of(tensor_device: torch.device, devices: Sequence[Device], driver: CudaDriver) -> Device | None:
-    """OpenCL's device for one of torch's CUDA devices; None where OpenCL does not see it.
+    """OpenCL's device for one of torch's CUDA devices, or None if OpenCL does not see it.
 
-    That at its place on the PCI bus. Virtual GPUs and odd domains are told of differently: where OpenCL and torch each
-    see one device alone, that is it.
+    Devices are matched by their PCI locations. If OpenCL and torch each see exactly one, those two match regardless:
+    the locations of virtual GPUs and unusual domains are reported differently.
     """
     of_nvidia = [device for device in devices if is_nvidia(device)]
     if len(of_nvidia) == torch.cuda.device_count() == 1:

@@ -1,9 +1,10 @@
-"""Decoders of single pixels on the CPU: all their layers while a few pixels are in the cache, and the gradients.
+"""Per-pixel decoders on the CPU, with gradients: all layers run on a few pixels while these are in the cache.
 
-Convolutions of one pixel are small products of matrices, and torch spends most of its time on carrying what each layer
-shows to the memory and back. A decoder of 16, 32, 32, 32, 32 and 3 channels, forward and backward, takes 8 ms for 12 at
-112 x 200 pixels, and 117 for 327 at 448 x 800 (one core of Emerald Rapids, `tests/benchmarks/decoder_kernels.py`). An
-iteration of our method, at the smaller size, takes 74 ms for 89 (two trainings side by side).
+1 x 1 convolutions are small matrix products, and torch spends most of its time moving the output of each layer to
+memory and back. A decoder with 16, 32, 32, 32, 32 and 3 channels, forward and backward, takes 8 ms instead of torch's
+12 at 112 x 200 pixels, and 117 ms instead of 327 at 448 x 800 (one core of Emerald Rapids,
+`tests/benchmarks/decoder_kernels.py`). A training iteration of our method takes 74 ms instead of 89 at the smaller size
+(two trainings side by side).
 """
 
 from __future__ import annotations
@@ -28,11 +29,12 @@ def decode_pixels(
     weights: Sequence[Float[Tensor, "outputs inputs"]],
     biases: Sequence[Float[Tensor, " outputs"]],
 ) -> Float[Tensor, "*pixels D"]:
-    """Layers W·x + b of each pixel's channels, a ReLU after each but the last.
+    """Apply layers W·x + b to the channels of each pixel, with a ReLU after each but the last.
 
-    All on the CPU, alike float32 or float64. No pixels give none. Gradients reach all of it. The same inputs give the
-    same bits, for any number of threads. Raises ValueError without a layer or without a channel, where shapes or types
-    do not fit, and where no OpenCL device works in the CPU's memory.
+    All tensors must be on the CPU, and all float32 or all float64. Without pixels, the result is empty. Gradients reach
+    the picture, weights and biases. The same inputs give the same bits, for any number of threads. Raises ValueError if
+    there is no layer or a layer has no channel, for wrong shapes or types, and if no OpenCL device works in the CPU's
+    memory.
     """
     widths = [picture.shape[-1], *[len(weight) for weight in weights]]
     described = [tuple(tensor.shape) for tensor in (picture, *weights, *biases)]
@@ -70,7 +72,7 @@ class _DecodePixels(torch.autograd.Function):
         work = _Work(picture, weights)
         needs_picture, needs_weights = ctx.needs_input_grad[0], any(ctx.needs_input_grad[2:])
         groups = summing_items(work.chunks) if needs_weights else work_items(work.backend, work.chunks)
-        # Kernels take an empty tensor for nothing.
+        # Kernels receive an empty tensor as a null pointer.
         grad_picture = work.memory.empty(len(picture) if needs_picture else 0, work.channels, dtype=picture.dtype)
         sums = work.memory.empty(groups if needs_weights else 0, work.weight_count, dtype=picture.dtype)
         packed = (work.packed(weights, biases, turned=turned) for turned in (False, True))
@@ -83,7 +85,7 @@ class _DecodePixels(torch.autograd.Function):
 
 
 class _Work:
-    """A decoder on a picture, as the kernels have it: channels filled up to sixteens."""
+    """A decoder and its picture in the kernels' layout: channels padded to multiples of 16."""
 
     def __init__(self, picture: Float[Tensor, "N C"], weights: Sequence[Float[Tensor, "outputs inputs"]]) -> None:
         self.backend: Backend = backend_in_place()
@@ -98,7 +100,7 @@ class _Work:
         return pairwise(self.widths)
 
     def packed(self, weights: Sequence[Tensor], biases: Sequence[Tensor], turned: bool) -> Float[Tensor, " weights"]:
-        """Of each layer [inputs][outputs], or `turned` [outputs][inputs], and the bias."""
+        """All layers in order: the weight as [inputs][outputs], or [outputs][inputs] if `turned`, then the bias."""
         parts = []
         for weight, bias, (inputs, outputs) in zip(weights, biases, self._layers(), strict=True):
             whole = weight.new_zeros(outputs, inputs)
@@ -108,7 +110,7 @@ class _Work:
         return torch.cat(parts)
 
     def unpacked(self, sums: Float[Tensor, " weights"], weights: Sequence[Tensor]) -> list[Tensor]:
-        """The gradients of all weights, then of all biases."""
+        """The gradients of all weights, then those of all biases, without padding."""
         sizes = [size for inputs, outputs in self._layers() for size in (inputs * outputs, outputs)]
         parts = sums.split(sizes)
         of_weights = [
@@ -118,7 +120,7 @@ class _Work:
         return [*of_weights, *(part[: len(weight)] for part, weight in zip(parts[1::2], weights, strict=True))]
 
     def launch(self, kernel: str, groups: int, *inputs: Tensor, results: tuple[Tensor, ...]) -> None:
-        """Run a kernel on the picture and what else it reads; without pixels it runs nothing."""
+        """Run a kernel on `inputs` and wait for its `results`. Without pixels, nothing runs."""
         scratch_size = PIXEL_CHUNK * (sum(self.widths) + 2 * max(self.widths))
         scratch = self.memory.empty(groups, scratch_size, dtype=self.dtype)
         sizes = (self.pixels, self.channels, self.outputs, len(self.widths) - 1, scratch_size)

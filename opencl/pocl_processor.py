@@ -1,11 +1,11 @@
-"""PoCL from PyPI on processors that are younger than it: tell it which one to compile for.
+"""Makes the PoCL from PyPI compile for processors that are newer than its LLVM.
 
-PoCL 3.0, the newest on PyPI, asks its LLVM 14 for the processor's name. For one that LLVM does not know (AMD Zen 5,
-say) the answer is "generic", which clang then refuses, so that no kernel builds at all: "unknown target CPU 'generic'"
-(github.com/pocl/pocl/issues/1049). AMD Zen 4 it takes for "znver3", which has no AVX-512, but links PoCL's built-in
-functions for AVX-512: where a kernel calls one on 512 bits (the square root of a double8), LLVM ends the process with
-"Cannot select". There is no setting for either. The name is a string in PoCL's description of the device; it is
-replaced there, in this process only, by the closest processor that LLVM 14 knows.
+PoCL 3.0, the newest on PyPI, asks its LLVM 14 for the name of the processor. For a processor that LLVM does not know,
+such as AMD Zen 5, the answer is "generic", which clang then rejects, so that no kernel builds: "unknown target CPU
+'generic'" (github.com/pocl/pocl/issues/1049). LLVM takes AMD Zen 4 for "znver3", which has no AVX-512, while PoCL links
+its built-in functions for AVX-512. If a kernel calls one of these on 512 bits (the square root of a double8), LLVM
+aborts the process with "Cannot select". No setting changes either. The name is a string in PoCL's device structure.
+This module overwrites it, in this process only, with the closest processor that LLVM 14 knows.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ import pyopencl
 
 _ZEN_3 = "znver3"
 _DEVICE_BYTES = 2048
-"""Of PoCL's device structure, which is shorter; what lies behind it may hold stale copies of the same pointer."""
+"""Bytes searched in PoCL's device structure. It is shorter; stale copies of the same pointer may lie behind it."""
 
 _HASWELL = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "abm", "popcnt", "rdrand", "fsgsbase"}
 _AVX_512 = {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl", "adx", "aes", "clwb", "pclmulqdq"}
-"""What LLVM's Skylake has over its Haswell, by the names of /proc/cpuinfo."""
+"""Instruction sets of LLVM's `skx` beyond its `haswell`, as named in /proc/cpuinfo."""
 
 
 def misnamed_processor(device: pyopencl.Device) -> str | None:
-    """The processor's name in a PoCL device whose LLVM does not know it or takes it for a lesser one; else None."""
+    """The wrong processor name in a PoCL device whose LLVM does not recognise the processor. None if it is right."""
     name = device.version.rstrip().rpartition("-")[2]
     if device.platform.name != "Portable Computing Language":
         return None
@@ -37,10 +37,10 @@ def misnamed_processor(device: pyopencl.Device) -> str | None:
 
 
 def closest_known_processor(flags: set[str]) -> str:
-    """The best x86 processor in LLVM 14's list whose instructions are all among `flags` (those of /proc/cpuinfo).
+    """The best x86 processor known to LLVM 14 whose instructions are all among `flags` (from /proc/cpuinfo).
 
-    At most seven letters, six with AVX-512: the name takes the place of "generic" or of "znver3". `skx` is Skylake's
-    server core, with AVX-512.
+    The name has at most seven characters, or six with AVX-512, because it overwrites "generic" or "znver3". `skx` is
+    the server core of Skylake, with AVX-512.
 
     >>> closest_known_processor({"sse2"})
     'x86-64'
@@ -52,9 +52,9 @@ def closest_known_processor(flags: set[str]) -> str:
 
 @functools.cache
 def name_processor(device: pyopencl.Device, misnamed: str) -> str | None:
-    """Replace the name `misnamed` in PoCL's memory; the new name, or None where that cannot be done safely.
+    """Overwrite the name `misnamed` in PoCL's memory. Returns the new name, or None if that is not safe.
 
-    Done once a device: its version keeps the old name after it.
+    Cached, as a device's version string keeps the old name after the replacement.
     """
     if platform.system() != "Linux" or platform.machine() != "x86_64":
         return None
@@ -84,11 +84,11 @@ def _writable_regions() -> list[tuple[int, int]]:
 
 
 def _addresses_of_name(structure: int, name: bytes) -> set[int]:
-    """Where pointers of the structure lead to the processor's name, in memory that may be written."""
+    """Addresses in writable memory to which a pointer in the structure leads and which hold the name."""
     regions = _writable_regions()
     size = next((min(_DEVICE_BYTES, high - structure) for low, high in regions if low <= structure < high), 0)
     found = set()
-    memory = os.open("/proc/self/mem", os.O_RDONLY)  # reading it fails where a bare pointer would end the process
+    memory = os.open("/proc/self/mem", os.O_RDONLY)  # reading a bad address fails instead of ending the process
     try:
         for (pointer,) in struct.iter_unpack("P", os.pread(memory, size // 8 * 8, structure)):
             inside = any(low <= pointer and pointer + len(name) <= high for low, high in regions)

@@ -1,7 +1,7 @@
-"""CPU memory for what the rasterizer makes, used again once nobody refers to it.
+"""A pool of CPU memory for the rasterizer's own tensors, which is reused once they are gone.
 
-What is fresh from the operating system must be cleared by it page by page at the first touch: for a picture of 60 MB
-that takes longer than drawing it. torch gives large memory back at once and so pays this on each call.
+The operating system clears new memory page by page at the first access. For a picture of 60 MB, that takes longer than
+rendering it. torch returns large blocks at once and so pays this price on every call.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ _NUMPY = {torch.float32: np.float32, torch.float64: np.float64, torch.int32: np.
 WAY_OUT = "Take a smaller picture, fewer features or, where they are drawn, fewer Gaussians."
 
 _SMALLEST = 2**18
-"""Bytes below which torch's own allocation does as well."""
+"""Size in bytes below which torch's own allocation is as fast."""
 _KEPT = 2**29
-"""Bytes that are kept for later at most."""
+"""Maximum number of unused bytes that the pool keeps."""
 _LARGE = 2**29
-"""Bytes from which it is asked whether there is room: what is not there the operating system promises all the same, and
-ends the process at the first touch."""
+"""Size in bytes from which free memory is checked first. The operating system grants memory that it does not have, and
+kills the process at the first access."""
 _ALIGNMENT = 64
-"""Bytes of a cache line: vectors that begin with one are read and written in one step."""
+"""Bytes of a cache line. An access to an aligned vector touches only one."""
 
 
 class _Pool:
-    """Blocks of memory that nobody uses, oldest first.
+    """Unused blocks of memory, oldest first.
 
-    A release runs whenever a tensor dies, also where the garbage collector interrupts this very code: loops run over
-    what was there when they began.
+    `release` runs whenever a tensor dies, even if the garbage collector interrupts a method of this class. Loops
+    therefore run over copies of the list.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class _Pool:
         self._lock = threading.RLock()
 
     def take(self, size: int) -> np.ndarray:
-        """A block of at least `size` bytes, at most a quarter larger; a new one where none is at hand."""
+        """A block of at least `size` bytes, and at most a quarter more. Allocates one if the pool has none."""
         with self._lock:
             for block in tuple(self._blocks):
                 if size <= block.nbytes <= size + size // 4:
@@ -77,7 +77,7 @@ _pool = _Pool()
 def empty(*shape: int, dtype: torch.dtype) -> Tensor:
     """An uninitialised, contiguous CPU tensor whose memory returns to the pool when no tensor uses it any more.
 
-    Raises `RuntimeError` with a way out where it is large and there is no room for it.
+    Raises RuntimeError with a remedy if there is no room for a large tensor.
     """
     size = math.prod(shape) * dtype.itemsize
     if size < _SMALLEST:

@@ -1,4 +1,4 @@
-"""What the CPU's kernels that multiply matrices have in common (kernels/cpu/products.cl)."""
+"""Common parts of the CPU kernels that multiply matrices (kernels/cpu/products.cl)."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from opencl.contract import RasterSettings
 from opencl.program import Part, ProgramKey
 
 LANES = 16
-"""Channels that are taken at a time."""
+"""Channels processed at a time, as one vector."""
 _PARTS = 8
-"""Work-items at most that each have a part of a sum: as many on any processor, for the same bits."""
+"""Maximum number of work-items that share a sum: the same on every processor, for the same bits."""
 _FOR_A_CORE = 2
-"""Work-items of other launches for each core, as cores do not all come to their end at once. Each has its scratch."""
+"""Work-items per core of other launches, for load balance. Not more, as each has scratch memory of its own."""
 
 
 def filled(channels: int) -> int:
-    """Channels up to a multiple of LANES."""
+    """`channels` rounded up to a multiple of LANES."""
     return -(-channels // LANES) * LANES
 
 
 def summing_items(chunks: int) -> int:
-    """Work-items that take so many chunks, where what they add up depends on which of them took which."""
+    """Number of work-items for so many chunks if their sums depend on how chunks are assigned to work-items."""
     return min(_PARTS, chunks)
 
 
 def work_items(backend: Backend, chunks: int) -> int:
-    """Work-items that take so many chunks, where each chunk comes out the same whoever took it."""
+    """Number of work-items for so many chunks if the result of a chunk is the same in any work-item."""
     return min(chunks, max(_PARTS, _FOR_A_CORE * backend.device.handle.max_compute_units))
 
 
 def added(parts: Float[Tensor, "items sums"]) -> Float[Tensor, " sums"]:
-    """The sum of all parts, one after the other: in which order `parts.sum(dim=0)` adds is torch's own affair.
+    """The sum of all parts, added one after the other. The order in which `parts.sum(dim=0)` adds is up to torch.
 
-    In memory of its own; zeros where there are no parts.
+    The result is a new tensor, of zeros if there are no parts.
     """
     total = parts[:1].sum(dim=0)
     for part in parts[1:]:
@@ -45,6 +45,6 @@ def added(parts: Float[Tensor, "items sums"]) -> Float[Tensor, " sums"]:
 
 
 def product_program(backend: Backend, part: Part, dtype: torch.dtype) -> ProgramKey:
-    """A program of such kernels, for as many registers as the processor has."""
+    """The program of such kernels for `part`, compiled for the width of the processor's registers."""
     is_wide = backend.device.handle.native_vector_width_float >= LANES
     return ProgramKey(part, "cpu", dtype, RasterSettings(), options=("WIDE_REGISTERS",) if is_wide else ())

@@ -1,4 +1,4 @@
-"""The text of OpenCL programs: which sources, with which constants."""
+"""Assembles the text of OpenCL programs from their sources and constants."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import torch
 from opencl.contract import RasterSettings
 
 RESOURCES = ("kernels/*.cl", "kernels/cpu/*.cl", "kernels/gpu/*.cl")
-"""Files beside this module that decide what it computes."""
+"""Files beside this module that determine its results."""
 
 TILE = 16
 """Side of a tile in pixels, as in real.cl."""
 
 Schedule = Literal["cpu", "gpu"]
-"""How work is cut: a tile for each work-item, or a tile for each work-group and a pixel for each of its work-items."""
+"""Division of work: a tile per work-item ("cpu"), or a tile per work-group and a pixel per work-item ("gpu")."""
 
 Part = Literal["geometry", "blending", "harmonics", "ssim", "convolution", "pixel_decoder", "separation"]
-"""Two programs draw a picture: what happens to Gaussians does not depend on how many features they have. The others do
-what else a training step would spend its time on: colours of spherical harmonics, structural similarity, and, on the
-CPU, decoders and their convolutions."""
+"""Two programs draw a picture: "geometry", which does not depend on the number of features, and "blending". The others
+compute what else takes time in a training step: colours from spherical harmonics, structural similarity and, on the
+CPU, decoders, their convolutions and the separation penalty."""
 
 _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
     ("cpu", "geometry"): ("real.cl", "projection.cl", "footprint.cl", "cpu/lanes.cl", "cpu/tiling.cl"),
@@ -57,37 +57,37 @@ _SOURCES: dict[tuple[Schedule, Part], tuple[str, ...]] = {
 }
 _KERNELS = Path(__file__).parent / "kernels"
 _TEXTS = {name: (_KERNELS / name).read_text(encoding="utf-8") for names in _SOURCES.values() for name in names}
-"""Read when this module is: a program that is built hours later is of the same sources, whatever was edited since."""
+"""Read on import, so that programs built hours later use the same sources, even if files were edited since."""
 
 PROJECTION_CHUNK: dict[Schedule, int] = {"cpu": 128, "gpu": 1}
-"""Gaussians that a work-item of the projection takes."""
+"""Gaussians per work-item of the projection and of the spherical harmonics."""
 PROJECTED_AT_ONCE: dict[Schedule, int] = {"cpu": 8, "gpu": 1}
-"""Gaussians that it takes at a time, as a vector."""
+"""Gaussians that the projection processes at a time, as a vector."""
 GROUP_SIZE: dict[Schedule, int] = {"cpu": 1, "gpu": 256}
-"""Work-items of a group; on the GPU schedule that is one for each pixel of a tile."""
+"""Work-items per group. On the GPU schedule, one for each pixel of a tile."""
 TILING_RUNS = 32
-"""Parts of the depth order that the CPU schedule counts into tiles side by side."""
+"""Parts of the depth order that the CPU schedule sorts into tiles in parallel."""
 SCAN_CHUNK = 1024
-"""Values that a work-group of the GPU schedule's running sums takes."""
+"""Values per work-group of the GPU schedule's prefix sums."""
 SORT_CHUNK = 2048
-"""Items that a work-group of the GPU schedule's sort takes."""
+"""Items per work-group of the GPU schedule's sort."""
 SSIM_STRIP = 256
-"""Values of a row, a multiple of 16, that a work-item of the CPU schedule's structural similarity takes."""
+"""Values of a row, a multiple of 16, per work-item of the CPU schedule's structural similarity."""
 SSIM_COLUMNS = 98
-"""Values of a row that a work-group of the GPU schedule's takes; what its window reaches makes them half the group."""
+"""Values of a row per work-group of the GPU schedule's. With 15 on either side for the window: half GROUP_SIZE."""
 SSIM_ROWS = {torch.float32: 16, torch.float64: 8}
-"""Rows that it takes, as many as 32 KiB of local memory have room for."""
+"""Rows per work-group of the GPU schedule's: as many as fit into 32 KiB of local memory."""
 SSIM_AT_ONCE: dict[Schedule, int] = {"cpu": 16, "gpu": 1}
-"""Values that a work-item of the structural similarity takes at a time, as a vector."""
+"""Values that the structural similarity processes at a time, as a vector."""
 TILE_CHUNK = 16
-"""Tiles, a multiple of 16, that a work-item of the convolutions takes at a time."""
+"""Tiles, a multiple of 16, that a work-item of the convolutions processes at a time."""
 PIXEL_CHUNK = 32
-"""Pixels, a multiple of 16, that a work-item of the pixel decoders takes at a time."""
+"""Pixels of the pixel decoders, or Gaussians of the separation, per work-item at a time: a multiple of 16."""
 
 
 @dataclass(frozen=True)
 class ProgramKey:
-    """What a program is compiled for. `options` are names that its sources test with `#ifdef`."""
+    """All that determines a program. `options` are macros that its sources test with `#ifdef`."""
 
     part: Part
     schedule: Schedule
@@ -98,16 +98,16 @@ class ProgramKey:
 
     @property
     def needs_exact_rounding(self) -> bool:
-        """Whether kernels that must agree to the last bit compute the same: two do so by footprint.cl, and what one
-        counts the other writes, so that tiles beyond the count would be lost.
+        """Whether different kernels must compute the same bits, so that no multiply-add may be contracted to an fma.
 
-        `blend` and `blend_backward` compute the same alphas, too. By what gpu/splats.cl writes as fma there is nothing
-        to contract in these, and the rest of both may be.
+        In "geometry", one kernel counts the tiles of a Gaussian by footprint.cl and another writes them: tiles beyond
+        the count would be lost. `blend` and `blend_backward` must compute the same alphas, too, but gpu/splats.cl
+        writes these with explicit fma, which leaves nothing to contract. The rest of both kernels may be contracted.
         """
         return self.part == "geometry"
 
     def text(self) -> str:
-        """The whole source. Joined here, as drivers that cache programs do not see edits of included files."""
+        """The whole source. Joined here, because drivers that cache programs miss changes of included files."""
         reals = {
             "ALPHA_MINIMUM": self.settings.alpha_minimum,
             "ALPHA_MAXIMUM": self.settings.alpha_maximum,
@@ -134,7 +134,7 @@ class ProgramKey:
         lines = [f"#define {name} ((REAL){float(value)!r})" for name, value in reals.items()]
         lines += [f"#define {name} {value}" for name, value in integers.items()]
         lines += [f"#define {option}" for option in self.options]
-        if self.needs_exact_rounding and self.schedule == "gpu":  # some drivers heed it outside of functions alone
+        if self.needs_exact_rounding and self.schedule == "gpu":  # some drivers heed it only outside of functions
             lines.append("#pragma OPENCL FP_CONTRACT OFF")
         if self.settings.antialiased:
             lines.append("#define ANTIALIASED")

@@ -1,4 +1,4 @@
-"""Gaussians from the world onto the screen, with gradients."""
+"""Projection of Gaussians from world space to the screen, with gradients."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from opencl.memory import as_kernels_read
 from opencl.program import GROUP_SIZE, PROJECTION_CHUNK, ProgramKey
 
 RECORD = 8
-"""Values that describe a Gaussian on the screen, as in real.cl."""
+"""Number of values that describe a Gaussian on the screen, as in real.cl."""
 
 
 def pack_camera(
@@ -25,7 +25,7 @@ def pack_camera(
     height: int,
     settings: RasterSettings,
 ) -> Float[Tensor, " 20"]:
-    """The camera as the kernels read it: rotation, translation, focal lengths, principal point, clamp."""
+    """The camera in the kernels' layout: rotation by rows, translation, focal lengths, principal point, clamp."""
     rows, calibration = world_to_camera.tolist(), intrinsics.tolist()
     values = [value for row in rows[:3] for value in row[:3]] + [row[3] for row in rows[:3]]
     values += [calibration[0][0], calibration[1][1], calibration[0][2], calibration[1][2]]
@@ -34,7 +34,7 @@ def pack_camera(
 
 
 def launch_size(backend: Backend, count: int) -> tuple[int, int]:
-    """Work-groups and their size for `count` Gaussians."""
+    """(number of work-groups, work-items per group) for `count` Gaussians."""
     group_size = GROUP_SIZE[backend.schedule]
     return -(-count // (group_size * PROJECTION_CHUNK[backend.schedule])), group_size
 
@@ -42,8 +42,8 @@ def launch_size(backend: Backend, count: int) -> tuple[int, int]:
 class Project(torch.autograd.Function):
     """(means, quats, scales, opacities, features) → (means2d [N,2], records [N,8], radii [N], depth keys [N]).
 
-    Features only decide whether a Gaussian is finite. Records are described in real.cl; their gradient reaches slope,
-    precisions and opacity, the centre's comes through means2d.
+    Features only determine whether a Gaussian is finite. real.cl describes the records. Of these, slope, precisions and
+    opacity have gradients; that of the centre comes through means2d.
     """
 
     @staticmethod

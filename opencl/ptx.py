@@ -1,8 +1,9 @@
-"""PTX of NVIDIA's OpenCL compiler, rewritten so that the CUDA driver loads it and its kernels behave.
+"""Rewrites PTX from NVIDIA's OpenCL compiler for the CUDA driver.
 
-The text is what CL_PROGRAM_BINARIES holds. Three things in it are OpenCL's own: attributes of pointer parameters, the
-texture mode of the target, and the registers `%envreg` in which OpenCL's launch tells a kernel where its range begins.
-CUDA's launch leaves those undefined. Ours begin at 0, so offsets are the constant 0 and counts are those of the grid.
+The text comes from CL_PROGRAM_BINARIES. Three things in it are specific to OpenCL: attributes of pointer parameters,
+the texture mode of the target, and the `%envreg` registers, in which OpenCL passes the offset and size of the launch to
+the kernel. CUDA launches leave these registers undefined. As our launches start at 0, offsets become the constant 0,
+and counts become those of the grid.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import re
 from dataclasses import dataclass
 
 _ENVIRONMENT = {
-    **dict.fromkeys(("%envreg0", "%envreg1", "%envreg2"), "0"),  # first group of this launch
+    **dict.fromkeys(("%envreg0", "%envreg1", "%envreg2"), "0"),  # first group of the launch
     **dict.fromkeys(("%envreg3", "%envreg4", "%envreg5"), "0"),  # get_global_offset
     "%envreg6": "%nctaid.x",  # get_num_groups
     "%envreg7": "%nctaid.y",
@@ -36,12 +37,12 @@ class Parameter:
     size: int
     """Bytes: 8 for a pointer, 4 for an int."""
     alignment: int = 1
-    """Bytes that the address a pointer holds must be a multiple of."""
+    """Required alignment in bytes of the address in a pointer; 1 for others."""
 
 
 @dataclass(frozen=True)
 class CudaProgram:
-    """A program as the CUDA driver takes it."""
+    """A program that the CUDA driver can load."""
 
     text: str
     kernels: dict[str, tuple[Parameter, ...]]
@@ -49,11 +50,13 @@ class CudaProgram:
 
 
 def rewrite_for_cuda(binary: bytes, exact_rounding: bool = False) -> CudaProgram:
-    """The program in a device's binary; kernels may use all of OpenCL but offsets, images and `__local` arguments.
+    """Rewrite the PTX in a device's binary. Kernels may use all of OpenCL but offsets, images and `__local` arguments.
 
-    With `exact_rounding`, each product, sum and difference is rounded as it is written: without a rounding mode, the
-    driver's assembler may make one fma of two, whatever FP_CONTRACT said to the compiler.
-    `ValueError` names the kernel and what of it CUDA's launch cannot give; or says that the binary is no PTX.
+    With `exact_rounding`, each product, sum and difference gets a rounding mode. Without one, the driver's assembler
+    may contract two operations to an fma, even if FP_CONTRACT is off in the compiler.
+
+    Raises ValueError if the binary is not PTX or has no kernel, or if a kernel needs something that a CUDA launch does
+    not provide.
     """
     text = _decode(binary)
     text = _STRING_OR_COMMENT.sub(lambda found: found[1] or " ", text)
@@ -99,7 +102,7 @@ def _parameter(kernel: str, written: str) -> Parameter:
 
 
 def _replace_environment(text: str) -> str:
-    """What OpenCL's launch would say, written out. Special registers are read by mov.u32, as PTX has it."""
+    """Replace `%envreg` registers by their values. PTX reads special registers with mov.u32."""
 
     def written_out(found: re.Match[str]) -> str:
         value = _ENVIRONMENT.get(found["register"])

@@ -1,4 +1,4 @@
-"""Running sums and stable sorts by many work-groups, for the GPU schedule."""
+"""Parallel prefix sums and stable radix sorts for the GPU schedule."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from opencl.backend import Session
 from opencl.program import GROUP_SIZE, SCAN_CHUNK, SORT_CHUNK, ProgramKey
 
 _DIGIT_BITS = 4
-"""Bits of the key that one pass sorts by, as in sorting.cl."""
+"""Bits of the key per pass, as in sorting.cl."""
 
 
 def scan(session: Session, program: ProgramKey, values: Int[Tensor, " n"]) -> Int[Tensor, " 1"]:
-    """Queue: each of `values` (int64) becomes the sum of those before it. What is returned will hold the total."""
+    """Queue an exclusive prefix sum of `values` (int64) in place. Returns a tensor that will hold the total."""
     chunks = max(1, -(-len(values) // SCAN_CHUNK))
     group_size = GROUP_SIZE[program.schedule]
     totals = session.memory.empty(chunks, dtype=torch.int64)
@@ -29,10 +29,10 @@ def scan(session: Session, program: ProgramKey, values: Int[Tensor, " n"]) -> In
 def sort_by_keys(
     session: Session, program: ProgramKey, bits: int, keys: Int[Tensor, " n"], payloads: Int[Tensor, " n"]
 ) -> tuple[Int[Tensor, " n"], Int[Tensor, " n"]]:
-    """Queue a stable sort by the lowest `bits` bits of keys taken as unsigned; returns keys and payloads in order.
+    """Queue a stable sort by the lowest `bits` bits, rounded up to a multiple of 4, of keys read as unsigned integers.
 
-    Keys are as wide as the program's depth keys (int32 for float32, else int64), payloads int32. The arguments are
-    overwritten, and may be what is returned.
+    Keys have the type of the program's depth keys (int32 for float32, int64 for float64), payloads are int32. Returns
+    the sorted keys and payloads. The arguments are overwritten, and may be the tensors returned.
     """
     count, group_size = len(keys), GROUP_SIZE[program.schedule]
     groups = -(-count // SORT_CHUNK)

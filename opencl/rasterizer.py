@@ -1,4 +1,4 @@
-"""The rasterizer: Gaussians with features in, a picture of features out, differentiable and reproducible."""
+"""The rasterizer: renders Gaussians with features of any dimension, differentiably and reproducibly."""
 
 from __future__ import annotations
 
@@ -38,43 +38,43 @@ def rasterize(
     absolute_gradients: bool = False,
     count_pixels: bool = False,
 ) -> RasterOutput:
-    """Draw Gaussians as cameras see them: splatting by the local affine approximation, blended front to back.
+    """Render Gaussians for one camera or a batch: EWA splatting (local affine approximation), blended front to back.
 
     Args:
-        means: centres in world units. All tensors are of one type, float32 or float64.
-        quats: orientations w x y z, from the Gaussian's axes to the world's; normalised inside.
-        scales: standard deviations along the axes, in world units, activated (not their logarithm).
+        means: centres in world space. All tensors must have the same type, float32 or float64.
+        quats: rotations w x y z from the Gaussian's frame to the world's. Normalised internally.
+        scales: standard deviations along the Gaussian's axes, in world units, activated (not their logarithms).
         opacities: in [0, 1], activated.
-        features: what is blended, of any dimension M of at least 1.
-        world_to_camera: rigid, the camera looking down +z with x right and y down. No gradient. One camera, or [C,4,4]
-            for a batch of C cameras that draw pictures of one size; every output then begins with C. It is read on the
-            CPU: one on a GPU is waited for.
-        intrinsics: pinhole without skew, in pixels; pixel centres at +0.5. No gradient. [3,3] or [C,3,3].
-        width, height: of a picture in pixels.
-        background: what is seen where nothing covers a pixel, one for all cameras or [C,M]; zeros where None.
-        settings: every constant; the defaults are 3DGS's.
-        depth: whether `depths` are wanted: the centres' depths, blended as features are, over a background of 0.
-        absolute_gradients: whether `absolute_gradients` are wanted: sums over the pixels of the screen-space gradient's
-            absolute values (AbsGS, Ye et al. 2024). For M up to 64 (with depth, 63).
-        count_pixels: whether `pixel_counts` are wanted: in how many pixels each Gaussian is drawn.
+        features: the values to blend, of any dimension M >= 1.
+        world_to_camera: rigid transform. The camera looks down +z, with x right and y down. No gradient. [4,4], or
+            [C,4,4] for a batch of C cameras of the same picture size: all outputs then have a leading dimension C. It
+            is read on the host, which must wait for it if it is on a GPU.
+        intrinsics: pinhole without skew, in pixels, with pixel centres at +0.5. No gradient. [3,3] or [C,3,3].
+        width, height: size of a picture in pixels.
+        background: value behind all Gaussians, [M] or [C,M]. Zeros if None.
+        settings: all constants. The defaults are those of 3DGS.
+        depth: return `depths`: the depths of the centres, blended like features over a background of 0.
+        absolute_gradients: provide `absolute_gradients`: sums, over pixels, of the absolute values of the screen-space
+            gradient (AbsGS, Ye et al. 2024). For M up to 64, or 63 with `depth`.
+        count_pixels: return `pixel_counts`: the number of pixels in which each Gaussian is drawn.
 
     Returns:
-        A picture of `height` by `width` pixels of M features, its alphas, and for density control radii and centres on
-        the screen (see `RasterOutput`). With no Gaussian, or none in view: the background. Gradients reach means,
-        quats, scales, opacities, features and background, from features, alphas, depths and means2d. A Gaussian with
-        a value that is not finite, or a zero quaternion, is not visible and gets no gradient. A gradient of means,
-        quats, scales or opacities beyond the largest number is that number. Where nothing requires a gradient, or
-        under `torch.no_grad`, nothing is kept for a backward pass.
+        A picture [height,width,M] of features, its alphas, and screen-space radii and centres for density control (see
+        `RasterOutput`). Without Gaussians, or with none in view, the picture is the background. Gradients of features,
+        alphas, depths and means2d reach means, quats, scales, opacities, features and background. A Gaussian with a
+        non-finite value or a zero quaternion is invisible and gets no gradient. Gradients of means, quats, scales and
+        opacities are clamped to the finite range. If nothing requires a gradient, or under `torch.no_grad`,
+        nothing is kept for a backward pass.
 
-    The same inputs on the same device give the same bits, forward and backward, for any number of threads. Tensors of
-    the CPU are drawn by `opencl.device.choose_device()`'s device, CUDA tensors of an NVIDIA GPU by that GPU, in place;
-    which device draws others, and when tensors are copied, `opencl.routes.backend_for` says.
+    The same inputs on the same device give the same bits, forward and backward, for any number of threads. CPU tensors
+    are drawn by the device of `opencl.device.choose_device()`, CUDA tensors on an NVIDIA GPU by that GPU, in place.
+    `opencl.routes.backend_for` documents which device draws other tensors, and when tensors are copied.
 
     Raises:
-        ValueError: shapes, types, devices or a camera that do not fit; a camera that is not finite, or a background on
-            the CPU that is not (on a GPU it is not looked at); a transposed camera; no OpenCL device, or not the one
-            asked for.
-        RuntimeError: more than 2^31 - 1 pairs of a tile and a Gaussian, or no room for them on the device.
+        ValueError: wrong shapes, types or devices; an invalid camera (transposed, not finite, or requiring a gradient);
+            a background on the CPU that is not finite (one on a GPU is not checked); more features than
+            `absolute_gradients` allows; no OpenCL device, or not the requested one.
+        RuntimeError: more than 2^31 - 1 (tile, Gaussian) pairs, or too little memory on the device.
     """
     check_arguments(
         means, quats, scales, opacities, features, world_to_camera, intrinsics, width, height, background, settings
@@ -150,7 +150,7 @@ def _rasterize_on(
 
 @dataclass(frozen=True)
 class _View:
-    """A camera, also as the kernels read it, and what its picture is blended over."""
+    """A camera, its parameters in the kernels' layout (`camera`), and the background of its picture."""
 
     world_to_camera: Float[Tensor, "4 4"]
     camera: Float[Tensor, " 20"]
@@ -159,14 +159,14 @@ class _View:
 
 @dataclass(frozen=True)
 class _Drawing:
-    """What all cameras' pictures have in common."""
+    """Inputs that the pictures of all cameras share."""
 
     backend: Backend
     settings: RasterSettings
     size: tuple[int, int]
     means: Float[Tensor, "N 3"]
     features: Float[Tensor, "N M"]
-    """These two as the caller gave them."""
+    """Like `means`, the caller's own tensor."""
     depth: bool
     differentiated: bool
 
@@ -179,7 +179,7 @@ class _Drawing:
         absolute: Float[Tensor, "N 2"] | None,
         pixel_counts: Int[Tensor, " counted"],
     ) -> tuple[Tensor, Tensor]:
-        """One camera's features (the last of them the depth, where it is wanted) and alphas, in passes of channels."""
+        """Blend one camera's features, followed by the depth if requested, in passes. Returns features and alphas."""
         _, records, radii, depth_keys = projection
         lists = sort_into_tiles(
             *(self.backend, self.settings, *self.size, records.detach(), radii, depth_keys, self.differentiated)
@@ -218,7 +218,7 @@ def _views(drawing: _Drawing, world_to_camera: Tensor, intrinsics: Tensor, backg
 
 
 def _stacked(tensors: Sequence[Tensor], batch: Sequence[int]) -> Tensor:
-    """One camera's tensor as it is, or a batch of them."""
+    """Stack the tensors of a batch of cameras. Without a batch, return the only one."""
     return torch.stack(list(tensors)) if batch else tensors[0]
 
 

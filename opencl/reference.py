@@ -1,6 +1,6 @@
-"""The rasterizer in plain torch, slow and obvious: the oracle that the kernels are held against.
+"""The rasterizer in plain torch, slow and simple: the reference against which the kernels are tested.
 
-Any floating type; autograd derives the gradients, so nothing here is differentiated by hand.
+Works in any floating-point type. Autograd computes the gradients; nothing here is differentiated by hand.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from opencl.contract import RasterOutput, RasterSettings, half_fields_of_view
 
 @dataclass(frozen=True)
 class ProjectedGaussians:
-    """All Gaussians on the screen; values of invisible ones are harmless placeholders that get no gradient."""
+    """All Gaussians on the screen. The values of invisible ones are placeholders that get no gradient."""
 
     visible: Bool[Tensor, " N"]
     depths: Float[Tensor, " N"]
     means: Float[Tensor, "N 2"]
     covariances: Float[Tensor, "N 2 2"]
     opacities: Float[Tensor, " N"]
-    """With the antialiasing's compensation."""
+    """After compensation if `antialiased`."""
     radii: Int[Tensor, " N"]
     half_heights: Float[Tensor, " N"]
 
 
 def rotations_of(quats: Float[Tensor, "N 4"]) -> Float[Tensor, "N 3 3"]:
-    """Rotation matrices of quaternions w x y z of any length but zero."""
+    """Rotation matrices of quaternions w x y z, of any non-zero length."""
     w, x, y, z = torch.nn.functional.normalize(quats, dim=-1, eps=0.0).unbind(-1)
     rows = [
         *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -42,7 +42,7 @@ def rotations_of(quats: Float[Tensor, "N 4"]) -> Float[Tensor, "N 3 3"]:
 def _drawable(
     means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, features: Tensor, view: Tensor, near: float
 ) -> Bool[Tensor, " N"]:
-    """Finite, with a direction, in front of the near plane."""
+    """Whether all values are finite, the quaternion is not zero and the centre lies beyond the near plane."""
     everything = torch.cat([means, quats, scales, opacities[:, None], features], dim=-1)
     depths = means @ view[2, :3] + view[2, 3]
     return everything.isfinite().all(-1) & (quats.square().sum(-1) > 0) & (depths > near)
@@ -60,7 +60,7 @@ def project_reference(
     height: int,
     settings: RasterSettings,
 ) -> ProjectedGaussians:
-    """Gaussians on the screen by the local affine approximation (Zwicker et al. 2001, EWA splatting)."""
+    """Project Gaussians by the local affine approximation (EWA splatting, Zwicker et al. 2001)."""
     drawable = _drawable(means, quats, scales, opacities, features, world_to_camera, settings.near)
     means = torch.where(drawable[:, None], means, world_to_camera.new_zeros(3))
     quats = torch.where(drawable[:, None], quats, quats.new_tensor([1.0, 0.0, 0.0, 0.0]))
@@ -105,7 +105,7 @@ def project_reference(
 
 
 def _holds_a_pixel(centre: Tensor, half_length: Tensor, size: int) -> Bool[Tensor, " N"]:
-    """Whether a pixel centre of 0.5, 1.5 … size - 0.5 lies within `half_length` of `centre`."""
+    """Whether any of the pixel centres 0.5, 1.5, …, size - 0.5 lies within `half_length` of `centre`."""
     first = (centre - half_length - 0.5).ceil().clamp_min(0)
     last = (centre + half_length - 0.5).floor().clamp_max(size - 1)
     return first <= last
@@ -119,7 +119,7 @@ def _blend_row(
     width: int,
     settings: RasterSettings,
 ) -> tuple[Float[Tensor, "width M"], Float[Tensor, " width"]]:
-    """One row of pixels: front-to-back alpha blending of the Gaussians, which come sorted by depth."""
+    """Blend one row of pixels front to back. `gaussians` must be sorted by depth."""
     columns = torch.arange(width, dtype=features.dtype) + 0.5
     dx = columns[None, :] - gaussians.means[:, 0, None]
     dy = row + 0.5 - gaussians.means[:, 1, None]
@@ -150,7 +150,7 @@ def rasterize_reference(
     background: Float[Tensor, " M"] | None = None,
     settings: RasterSettings | None = None,
 ) -> RasterOutput:
-    """The same contract as `opencl.rasterizer.rasterize`, without its checks of the arguments."""
+    """`opencl.rasterizer.rasterize` for one camera, without its argument checks and its keyword-only options."""
     settings = settings or RasterSettings()
     background = features.new_zeros(features.shape[1]) if background is None else background
     projected = project_reference(
@@ -162,7 +162,7 @@ def rasterize_reference(
     order = shown[torch.sort(projected.depths[shown], stable=True).indices]
     feature_rows, alpha_rows = [], []
     for row in range(height):
-        # A margin of one pixel: which pixels are reached is decided by the opacity alone, in _blend_row.
+        # With a margin of one pixel, because alpha alone decides in _blend_row which pixels are drawn.
         near_row = (row + 0.5 - projected.means[order, 1]).abs() <= projected.half_heights[order] + 1
         chosen = order[near_row]
         if len(chosen) == 0:

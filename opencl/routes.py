@@ -1,4 +1,4 @@
-"""Which backend draws tensors of a device, by the fewest copies, and on which device tensors are best kept."""
+"""Selects the backend that draws a device's tensors with the fewest copies, and the best device for tensors."""
 
 from __future__ import annotations
 
@@ -17,15 +17,17 @@ from opencl.nvidia import MISSING_ICD, is_nvidia, opencl_device_of, torch_device
 from opencl.repeatable import ask_for_the_same_bits
 
 _VENDORS = {"xpu": "intel", "mps": "apple"}
-"""Makers of GPUs, by torch's name for the kind of device; "cuda" is AMD's or NVIDIA's, as torch was built."""
+"""Vendors of GPUs, by torch's device type. "cuda" is AMD or NVIDIA, depending on how torch was built."""
 
 
 def backend_for(tensor_device: torch.device) -> Backend:
-    """This process's backend for tensors on a device of torch's.
+    """This process's backend for tensors on a torch device.
 
-    For the CPU's: the device that GS_HIDER_DEVICE names, or else the default one. For a GPU's: the GPU itself, without
-    copies where NVIDIA's OpenCL drives it and torch's CUDA owns it; else a GPU of the same maker, with copies through
-    pinned memory; else as for the CPU. Where GS_HIDER_DEVICE names none of these, the device it names, with copies.
+    CPU tensors are drawn by the device that GS_HIDER_DEVICE names, or the default one. Tensors on a GPU are drawn by:
+
+    - the GPU itself, without copies, if it is an NVIDIA GPU that OpenCL sees and torch's CUDA uses;
+    - otherwise a GPU of the same vendor, with copies through pinned memory;
+    - otherwise, or if GS_HIDER_DEVICE names another device, the same device as CPU tensors, with copies.
     """
     if tensor_device.type == "cpu":
         return default_backend()
@@ -33,26 +35,26 @@ def backend_for(tensor_device: torch.device) -> Backend:
 
 
 def works_in_place(tensor_device: torch.device) -> bool:
-    """Whether tensors of this device are the CPU's, and OpenCL has a device that works in their own memory.
+    """Whether tensors of this device are on the CPU, and an OpenCL device works in place on CPU memory.
 
-    Such is `backend_in_place`'s, whatever device draws. Not where OpenCL has no device at all. Raises ValueError where
-    GS_HIDER_DEVICE names none of those that it has.
+    That device is the one of `backend_in_place`, whichever device draws. False if OpenCL has no device at all. Raises
+    ValueError if GS_HIDER_DEVICE names none of its devices.
     """
     return tensor_device.type == "cpu" and _device_in_place(os.environ.get(DEVICE_VARIABLE, "")) is not None
 
 
 def backend_in_place() -> Backend:
-    """This process's backend for what only the CPU's kernels do, in the memory of its tensors.
+    """This process's backend for kernels that exist only for the CPU and work in place on CPU tensors.
 
-    `default_backend` where that is one, else that of the newest PoCL. Raises ValueError where there is none, as
-    `works_in_place` says.
+    This is `default_backend` if it works in place, and otherwise a backend on the newest PoCL. Raises ValueError if
+    there is neither (see `works_in_place`).
     """
     return _backend_in_place(os.environ.get(DEVICE_VARIABLE, ""))
 
 
 @functools.cache
 def _backend_in_place(setting: str) -> Backend:
-    """While GS_HIDER_DEVICE is `setting`."""
+    """`backend_in_place` while GS_HIDER_DEVICE is `setting`, the key of the cache."""
     device = _device_in_place(setting)
     if device is None:
         raise ValueError("no OpenCL device works in the CPU's memory: pip install 'pyopencl[pocl]'")
@@ -61,7 +63,7 @@ def _backend_in_place(setting: str) -> Backend:
 
 @functools.cache
 def _device_in_place(setting: str) -> Device | None:
-    """While GS_HIDER_DEVICE is `setting`. A backend is not made for it: on a GPU it would take some of its memory."""
+    """The device of `backend_in_place`, or None. Found without creating a backend, which on a GPU would take memory."""
     if not list_devices():
         return None
     chosen = choose_device()
@@ -72,7 +74,7 @@ def _device_in_place(setting: str) -> Device | None:
 
 
 def _can_be_built_for(device: Device) -> bool:
-    """Whoever chose another device may have done so since this one is of no use here."""
+    """Whether kernels can be built for the device. If not, the user may have chosen another one for this reason."""
     try:
         device.prepare()
     except ValueError:
@@ -82,7 +84,7 @@ def _can_be_built_for(device: Device) -> bool:
 
 @functools.cache
 def _backend_for(setting: str, tensor_device: torch.device) -> Backend:
-    """The backend while GS_HIDER_DEVICE is `setting`."""
+    """`backend_for` a GPU's tensors while GS_HIDER_DEVICE is `setting`, a key of the cache."""
     driver = cuda_driver() if tensor_device.type == "cuda" else None
     own = _own_device(tensor_device, driver)
     if own is None or not own.answers_to(setting):
@@ -103,11 +105,11 @@ def _backend_for(setting: str, tensor_device: torch.device) -> Backend:
 
 
 def working_device() -> torch.device:
-    """Where who draws had best keep all tensors: on torch's current CUDA device where there is one, else on the CPU.
+    """The best device for all tensors of a program that draws: torch's current CUDA device if there is one, or the CPU.
 
-    With GS_HIDER_DEVICE on CUDA only where it names what `backend_for` draws that device's tensors on as a GPU: who
-    asks for PoCL wants the CPU to do all of it. Cameras may stay on the CPU. From then on this process's CUDA gives
-    the same bits each time (`repeatable`).
+    If GS_HIDER_DEVICE is set, this is CUDA only if it names the GPU on which `backend_for` draws CUDA tensors: a user
+    who selects PoCL wants the CPU to do all the work. Cameras may stay on the CPU. If CUDA is returned, its results
+    have the same bits each time for the rest of this process (see `opencl.repeatable`).
     """
     if not torch.cuda.is_available():
         return torch.device("cpu")
@@ -121,19 +123,19 @@ def working_device() -> torch.device:
 
 
 def describe_drawing(tensor_device: torch.device) -> str:
-    """The OpenCL device that draws tensors of this device, and where these are if not on it: for provenance records."""
+    """The OpenCL device that draws tensors of this device, and whether these are copied: for provenance records."""
     backend = backend_for(tensor_device)
     copied = tensor_device.type != "cpu" and backend.tensor_device != tensor_device
     return f"{backend.device.describe()}{f', tensors copied from {tensor_device}' if copied else ''}"
 
 
 def cuda_driver() -> CudaDriver | None:
-    """The driver of torch's CUDA devices; None where torch has none (of NVIDIA's)."""
+    """The driver of torch's CUDA devices, or None if torch has no NVIDIA GPU."""
     return load_driver() if torch.version.cuda is not None and torch.cuda.is_available() else None
 
 
 def _own_device(tensor_device: torch.device, driver: CudaDriver | None) -> Device | None:
-    """OpenCL's device for torch's, or else another of the same maker; None where there is none."""
+    """The OpenCL device of the same GPU, or another GPU of the same vendor, or None."""
     devices = list_devices()
     if driver is not None:
         return opencl_device_of(tensor_device, devices, driver) or next(filter(is_nvidia, devices), None)
@@ -146,7 +148,7 @@ def _is_gpu(device: Device) -> bool:
 
 
 def describe_route(device: Device) -> str:
-    """How kernels of this device reach torch's tensors, in a few words."""
+    """A short text on how this device's kernels access torch tensors."""
     if device.shares_memory:
         return "cpu schedule, works in torch's memory"
     driver = cuda_driver()
@@ -160,7 +162,7 @@ def describe_route(device: Device) -> str:
 
 
 def missing_pieces(devices: list[Device]) -> list[str]:
-    """What to install for what this machine has and OpenCL does not see."""
+    """Advice on what to install, for each kind of device that this machine has but OpenCL does not see."""
     pieces = []
     if cuda_driver() is not None and not any(map(is_nvidia, devices)):
         pieces.append(MISSING_ICD)

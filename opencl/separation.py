@@ -1,13 +1,14 @@
-"""What keeps pictures apart that share their Gaussians' features, and its gradients, in one pass on the CPU.
+"""A penalty that separates pictures sharing the features of their Gaussians, with gradients, in one pass on the CPU.
 
-Each of N Gaussians has M features f, P pictures a direction u_k each, along which a Gaussian's share of the picture is
-read, and R readings r_kj, along which what it holds of the picture is. With x = sigmoid(f) - 1/2 the shares are
-s_k = u_k·x + 1/2, clamped to [0, 1], and with weights S and B the penalty is
+Each of N Gaussians i has M features f. Each of P pictures k has a direction u_k, along which a Gaussian's share of the
+picture is read, and R readings r_kj, along which its content of the picture is read. With x = sigmoid(f) - 1/2, the
+shares are s_k = u_k·x + 1/2, clamped to [0, 1]. With weights S and B, the penalty is
 
     S · mean_i Σ_{k<l} s_k s_l  +  B · Σ_k mean_ij max(0, |r_kj·x| - s_k / 2)
 
-The gradients are computed beside the value. Of two pictures and 60,000 Gaussians that takes 6.4 ms, by torch's own
-operations, forward and backward, 16; of 150,000 13.6 and 41 (one core of Zen 3, `tests/benchmarks/decoder_kernels.py`).
+The gradients are computed together with the value. For two pictures and 60,000 Gaussians this takes 6.4 ms, against 16
+with torch's own operations, forward and backward; for 150,000 Gaussians 13.6 and 41 ms (one core of Zen 3,
+`tests/benchmarks/decoder_kernels.py`).
 """
 
 from __future__ import annotations
@@ -31,11 +32,12 @@ def separation_penalty(
     common_weight: float,
     beyond_weight: float,
 ) -> Float[Tensor, ""]:
-    """The penalty above, a scalar. Its gradient reaches features and readings; s_k / 2 counts as a constant.
+    """The scalar penalty defined above, where `common_weight` is S and `beyond_weight` is B.
 
-    All on the CPU, alike float32 or float64. The same inputs give the same bits, for any number of threads. Raises
-    ValueError where there is no Gaussian, channel, picture or reading, where shapes or types do not fit, where
-    `directions` ask for a gradient, and where no OpenCL device works in the CPU's memory.
+    Gradients reach features and readings; s_k / 2 is treated as a constant. All tensors must be on the CPU, and all
+    float32 or all float64. The same inputs give the same bits, for any number of threads. Raises ValueError if there is
+    no Gaussian, channel, picture or reading, for wrong shapes or types, if `directions` requires a gradient, and if no
+    OpenCL device works in the CPU's memory.
     """
     tensors = {"features": features, "directions": directions, "readings": readings}
     described = {name: (*tensor.shape, str(tensor.dtype), tensor.device.type) for name, tensor in tensors.items()}
@@ -72,7 +74,7 @@ class _Separation(torch.autograd.Function):
             for shape in (
                 (groups, sizes.scratch),
                 (groups, sizes.gradients + 2),
-                features.shape if any(ctx.needs_input_grad[:2]) else (0,),  # kernels take an empty tensor for nothing
+                features.shape if any(ctx.needs_input_grad[:2]) else (0,),  # kernels receive an empty tensor as null
             )
         )
         program = product_program(backend, "separation", features.dtype)
@@ -99,7 +101,7 @@ class _Separation(torch.autograd.Function):
 
 
 class _Filled(NamedTuple):
-    """Channels of a feature, readings of all pictures, and pictures, each filled up to sixteens."""
+    """Numbers of channels, of readings of all pictures, and of pictures, each padded to a multiple of 16."""
 
     channels: int
     readings: int
@@ -107,20 +109,23 @@ class _Filled(NamedTuple):
 
     @property
     def gradients(self) -> int:
-        """Values of the gradient of all readings, and of a bias that nobody needs."""
+        """Number of values in the gradient of all readings, and of a bias, which is not used."""
         return (self.channels + 1) * self.readings
 
     @property
     def scratch(self) -> int:
-        """Values of a chunk: features and their gradients, what is read of them, and shares for each reading."""
+        """Number of values for a chunk: features, their gradients, readings, shares, and the share for each reading."""
         return PIXEL_CHUNK * (2 * self.channels + 2 * self.readings + self.pictures)
 
 
 def _layer(
     directions: Float[Tensor, "P M"], readings: Float[Tensor, "P R M"], sizes: _Filled
 ) -> tuple[Float[Tensor, " weights"], Float[Tensor, "passing channels"]]:
-    """As the kernel has them: [channels][readings, pictures, readings' own pictures] and a bias; and of the first two
-    parts, along which gradients pass back, a row for each."""
+    """The kernel's layer and, for its backward pass, the transposed weights of the parts that pass gradients.
+
+    The layer is [channels + 1][outputs], the last row being the bias. Its outputs are all readings, the shares of all
+    pictures, and for each reading the share of its own picture. The first two parts pass gradients.
+    """
     each = readings.shape[1]
     layer = torch.cat(
         [
@@ -133,7 +138,7 @@ def _layer(
 
 
 def _rows(part: Float[Tensor, "K M"], bias: float, size: int, channels: int) -> Float[Tensor, "size channels+1"]:
-    """A part of the layer, the bias after the channels, zeros where there is no row and no channel."""
+    """A part of the layer, padded with zeros to `size` rows and `channels` columns, followed by the bias."""
     rows = part.new_zeros(size, channels + 1)
     rows[: len(part), : part.shape[1]] = part
     rows[: len(part), -1] = bias

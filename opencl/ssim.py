@@ -1,4 +1,4 @@
-"""The mean structural similarity of pictures and its gradient, fused: two passes over the rows instead of a hundred."""
+"""Fused mean structural similarity of pictures, with its gradient: two passes over the rows instead of a hundred."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ from opencl.routes import backend_for
 
 CHANNELS = 3
 _PADDING, _LANES = 16, 16
-"""As in ssim.cl: zeros before each row, and values that are computed at a time."""
+"""As in ssim.cl: zeros on either side of a row, and values computed at a time."""
 
 
 def mean_ssim(
     pictures: Float[Tensor, "*batch height width 3"], truths: Float[Tensor, "*batch height width 3"]
 ) -> Float[Tensor, ""]:
-    """Structural similarity (Wang et al., 2004) as 3DGS has it, its mean over all pixels and channels: a scalar.
+    """Structural similarity (Wang et al., 2004) as in 3DGS, averaged over all pixels and channels to a scalar.
 
-    An 11 x 11 Gaussian window of standard deviation 1.5, zeros beyond the borders, constants 0.01² and 0.03² for a peak
-    of 1. Both float32, or both float64. The gradient reaches `pictures`; it is computed beside the value where it is
-    needed. The same inputs on the same device give the same bits, for any number of threads
-    (on the CPU of pictures up to 2100 x 1400: torch sums what larger ones have in as many parts as it has threads).
+    Uses an 11 x 11 Gaussian window of standard deviation 1.5, zeros beyond the borders, and the constants 0.01² and
+    0.03² for a peak of 1. Both tensors must be float32, or both float64. The gradient reaches `pictures` only; it is
+    computed together with the value if it is needed. The same inputs on the same device give the same bits, for any
+    number of threads. (On the CPU, this holds for fewer than 32,768 row strips of 256 values, such as one picture of
+    2000 x 1360: torch adds the sums of more strips in as many parts as it has threads.)
 
-    Raises ValueError where shapes or types differ or do not fit, where there is no pixel, or where `truths` asks for a
+    Raises ValueError for wrong or different shapes, types or devices, for empty pictures, and if `truths` requires a
     gradient.
     """
     if pictures.shape != truths.shape or pictures.dtype != truths.dtype or pictures.device != truths.device:
@@ -80,13 +81,13 @@ class _MeanSsim(torch.autograd.Function):
 
 
 def _groups(backend: Backend, pictures: int, height: int, length: int, dtype: torch.dtype) -> int:
-    """Work-groups, each of which sums what it has of one picture."""
+    """Number of work-groups. Each belongs to one picture and writes one sum."""
     if backend.schedule == "cpu":
         return pictures * height * -(-length // SSIM_STRIP)
     return pictures * -(-height // SSIM_ROWS[dtype]) * -(-length // SSIM_COLUMNS)
 
 
 def _padded(values: Tensor, length: int) -> Float[Tensor, "rows stride"]:
-    """All rows of all pictures, with zeros before and after each."""
+    """The rows of all pictures, each with zeros before and after it."""
     rows = values.detach().reshape(-1, length)
     return torch.nn.functional.pad(rows, (_PADDING, -length % _LANES + _PADDING))

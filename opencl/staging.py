@@ -1,9 +1,9 @@
-"""Tensors of the CPU on a device with memory of its own: copied through pinned memory, and only when they must be.
+"""CPU tensors for a device with its own memory: copied through pinned memory, and only if necessary.
 
-What the rasterizer makes for itself stays on the device: its tensors on the CPU only stand for buffers there, and
-their pages are never touched. The caller's inputs are copied once, when they come in, so that nothing the caller does
-with them later, by whatever means, can matter; the caller's outputs are tensors that no buffer stands behind. A buffer
-is found by its tensor's storage, held by a weak reference: while that exists, no other storage can have its identity.
+The rasterizer's own tensors stay on the device. On the CPU, they are only handles of device buffers, and their pages
+are never touched. Inputs are copied once, on entry, so that later changes by the caller, of whatever kind, have no
+effect. Outputs for the caller are ordinary tensors without a buffer. A buffer is looked up by the storage of its
+tensor, to which a weak reference is held: as long as that exists, no other storage can have the same identity.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from torch.multiprocessing.reductions import StorageWeakRef
 from opencl.memory import room_on
 
 _PINNED_BYTES = 1 << 23
-"""Of each of two pinned areas: while one is on the bus the other is filled or read."""
+"""Size of each of two pinned areas. While one is being transferred, the host fills or reads the other."""
 
 
 @dataclass
 class _Resident:
-    """A tensor of the rasterizer's own on the device."""
+    """A tensor that has, or will get, a buffer on the device."""
 
     storage: StorageWeakRef
     version: int
-    """Of the tensor when buffer and tensor last agreed: autograd may add gradients in place."""
+    """Version of the tensor when it last agreed with the buffer. Autograd may add gradients in place."""
     on_host: bool
-    """Whether the tensor itself holds what it stands for."""
+    """Whether the CPU tensor itself holds the contents."""
     buffer: pyopencl.Buffer | None
-    """None where nothing was copied there yet."""
+    """None if nothing has been copied to the device yet."""
 
 
 class StagedMemory:
-    """The memory of a device behind a bus. Its queue works in order, so buffers are reused without waiting."""
+    """The memory of a device behind a bus. As its queue works in order, buffers are reused without waiting."""
 
     def __init__(self, context: pyopencl.Context, queue: pyopencl.CommandQueue) -> None:
         self._pinned = _PinnedCopies(context, queue)
@@ -58,12 +58,12 @@ class StagedMemory:
 
     @property
     def uploaded(self) -> int:
-        """Bytes that went to the device so far."""
+        """Bytes copied to the device so far."""
         return self._pinned.uploaded
 
     @property
     def downloaded(self) -> int:
-        """Bytes that came from it."""
+        """Bytes copied from the device so far."""
         return self._pinned.downloaded
 
     def empty(self, *size: int, dtype: torch.dtype) -> Tensor:
@@ -107,7 +107,7 @@ class StagedMemory:
             del self._residents[key]
 
     def return_held(self) -> None:
-        """Give the device back what no tensor stands for."""
+        """Free the device memory that no tensor uses."""
         with self._lock:
             self._forget_gone()
             self._pool.free_held()
@@ -138,11 +138,11 @@ class StagedMemory:
         return buffer
 
     def _allocate(self, size: int) -> pyopencl.Buffer:
-        """A buffer, maybe one that was in use before.
+        """Allocate a buffer, reusing one from the pool if possible.
 
-        The pool keeps each for requests of about its size, and sizes of a training grow: it is emptied where it holds
-        as much again as was ever in use at once, or it would fill the device. What it would round up beyond the largest
-        piece that the device gives is none of the pool's.
+        The pool keeps buffers for requests of about the same size. As sizes grow during a training, it would fill the
+        device. It is therefore emptied when its total would exceed twice the most bytes ever in use at once. The pool
+        is bypassed if it would round the size up beyond the device's largest possible allocation.
         """
         with room_on(self._context, size), self._lock:
             if size <= self._largest < self._pool.alloc_size(self._pool.bin_number(size)):
@@ -167,17 +167,17 @@ class StagedMemory:
 
 
 _memories: weakref.WeakSet[StagedMemory] = weakref.WeakSet()
-"""Of this process."""
+"""All instances in this process."""
 
 
 def return_held_memory() -> None:
-    """Give all devices back what no tensor of this process stands for, for other processes: when a stage has ended."""
+    """Free all device memory that no tensor of this process uses, for other processes. Call it after a stage."""
     for memory in tuple(_memories):
         memory.return_held()
 
 
 class _PinnedCopies:
-    """Copies between the CPU's memory and a device's through memory that the device reads and writes by itself."""
+    """Copies between CPU and device memory through pinned memory, which the device accesses directly."""
 
     def __init__(self, context: pyopencl.Context, queue: pyopencl.CommandQueue) -> None:
         self._context, self._queue = context, queue
@@ -186,7 +186,7 @@ class _PinnedCopies:
         self.uploaded = self.downloaded = 0
 
     def upload(self, source: NDArray[np.uint8], buffer: pyopencl.Buffer) -> None:
-        """The source may be changed as soon as this returns."""
+        """Copy `source` to the buffer. The caller may change it as soon as this returns."""
         for turn, start in enumerate(range(0, len(source), _PINNED_BYTES)):
             part = source[start : start + _PINNED_BYTES]
             area = self._free_area(turn)[: len(part)]
@@ -197,7 +197,7 @@ class _PinnedCopies:
         self.uploaded += len(source)
 
     def download(self, buffer: pyopencl.Buffer, target: NDArray[np.uint8]) -> None:
-        """The target holds all when this returns."""
+        """Copy the buffer to `target`, which is complete when this returns."""
         starts = range(0, len(target), _PINNED_BYTES)
         parts = [target[start : start + _PINNED_BYTES] for start in starts]
         for turn, start in enumerate(starts):
@@ -211,7 +211,7 @@ class _PinnedCopies:
         self.downloaded += len(target)
 
     def _free_area(self, turn: int) -> NDArray[np.uint8]:
-        """One of the two, once the last copy that used it is done. Both stay mapped."""
+        """One of the two areas in turn, after its previous copy has finished. Both stay mapped."""
         if not self._areas:
             flags, access = pyopencl.mem_flags, pyopencl.map_flags
             for _ in range(2):
@@ -227,10 +227,10 @@ class _PinnedCopies:
 
 
 def _bytes_of(tensor: Tensor) -> NDArray[np.uint8]:
-    """A contiguous tensor's memory."""
+    """The memory of a contiguous tensor."""
     return tensor.detach().view(-1).view(torch.uint8).numpy()
 
 
 def _version(tensor: Tensor) -> int:
-    """How often torch changed it in place; not counted in inference mode, where no gradients are added either."""
+    """torch's count of in-place changes. 0 in inference mode, which neither counts them nor adds gradients."""
     return 0 if tensor.is_inference() else tensor._version

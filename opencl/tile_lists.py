@@ -1,4 +1,4 @@
-"""The lists of Gaussians that tiles draw, whichever schedule makes them."""
+"""Lists of the Gaussians that each tile draws, common to both schedules."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ _LARGEST = 2**31 - 1
 
 @dataclass(frozen=True)
 class TileLists:
-    """Entries of all tiles, tile by tile, each tile's by depth (equal depths by index)."""
+    """The (tile, Gaussian) pairs of a picture, sorted by tile, then depth, then index of the Gaussian."""
 
     starts: Int[Tensor, " tiles_plus_1"]
-    """Where each tile's entries start; the last is their number. Entries beyond it belong to no tile."""
+    """Start of each tile's entries, followed by their total number. Entries beyond that belong to no tile."""
     entries: Int[Tensor, " E"]
-    """Each entry's Gaussian."""
+    """The Gaussian of each entry."""
     slots: Int[Tensor, " E"]
-    """Each entry's place in an order in which every Gaussian's entries lie side by side."""
+    """Position of each entry in an order in which the entries of a Gaussian are consecutive."""
     tile_counts: Int[Tensor, " N"]
-    """Entries of each Gaussian."""
+    """Number of entries of each Gaussian."""
     first_slots: Int[Tensor, " N"]
-    """Its first slot; undefined where it has no entries. Slots serve gradients; without those the three are empty."""
+    """First slot of each Gaussian, undefined without entries. Empty, like the two above, if not for gradients."""
 
     @property
     def tiles(self) -> int:
@@ -33,12 +33,12 @@ class TileLists:
 
 
 def count_picture_tiles(width: int, height: int) -> int:
-    """Tiles of a picture; those at its right and lower borders may reach beyond."""
+    """Number of tiles of a picture. Tiles at the right and lower borders may extend beyond it."""
     return -(-width // TILE) * -(-height // TILE)
 
 
 def check_entries(total: int, width: int, height: int) -> None:
-    """`RuntimeError` where the lists of a picture would hold more entries than can be numbered."""
+    """Raise RuntimeError if a picture's lists would have more than 2^31 - 1 entries, the most that int32 can index."""
     if total > _LARGEST:
         raise RuntimeError(
             f"{total} pairs of a Gaussian and a tile, expected at most {_LARGEST}: the Gaussians are far too "

@@ -1,4 +1,4 @@
-"""Which Gaussians each tile of the picture draws, nearest first."""
+"""Assigns Gaussians to the tiles of a picture, sorted by depth."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ def sort_into_tiles(
     depth_keys: Int[Tensor, " N"],
     for_gradients: bool,
 ) -> TileLists:
-    """Lists for every tile, of Gaussians on the screen as `Project` returns them.
+    """Compute the tile lists of a picture from projected Gaussians, as returned by `Project`.
 
     Args:
-        width, height: of the picture in pixels.
-        records: as described in real.cl, of the type that the kernels compute in.
-        radii: in pixels; Gaussians of radius 0 are in no list.
-        depth_keys: the bits of their depths, which sort as the depths do, as int32 or int64.
-        for_gradients: whether slots are needed.
+        width, height: size of the picture in pixels.
+        records: as described in real.cl, in the type in which the kernels compute.
+        radii: in pixels. Gaussians of radius 0 are in no list.
+        depth_keys: the bits of the depths as int32 or int64, which sort like the depths.
+        for_gradients: whether to compute slots.
 
-    Which slot a (tile, Gaussian) has is the schedule's own choice. With no Gaussian all lists are empty. `RuntimeError`
-    where they would hold more than 2^31 - 1 entries.
+    The order of the slots depends on the schedule. Without Gaussians, all lists are empty. Raises RuntimeError for more
+    than 2^31 - 1 entries.
     """
     sort = sort_into_tiles_on_cpu if backend.schedule == "cpu" else sort_into_tiles_on_gpu
     return sort(backend, settings, width, height, records, radii, depth_keys, for_gradients)

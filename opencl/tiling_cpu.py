@@ -1,4 +1,4 @@
-"""Tile lists by the CPU schedule: a radix sort by depth, then a counting sort by tile."""
+"""Tile lists on the CPU schedule: a radix sort by depth, then a counting sort by tile."""
 
 from __future__ import annotations
 

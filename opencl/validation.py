@@ -1,4 +1,4 @@
-"""Checks of what the rasterizer is given: each error names the argument, what was found and what is expected."""
+"""Checks of the rasterizer's arguments. Each error names the argument, what was found and what was expected."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _FLOATS = (torch.float32, torch.float64)
 _LARGEST_SIDE = 1 << 20
 _MOST_PIXELS = (1 << 31) - 1
 _LAST_ROW_TOLERANCE = 1e-6
-"""For a matrix that comes from an inversion; a transposed one is far off."""
+"""Allows for rounding if the matrix comes from an inversion. A transposed matrix is far off."""
 
 
 def check_arguments(
@@ -27,7 +27,7 @@ def check_arguments(
     background: Tensor | None,
     settings: RasterSettings,
 ) -> None:
-    """`ValueError` for anything that `rasterize` cannot draw, but a background on a GPU that is not finite."""
+    """Raise ValueError for arguments that `rasterize` cannot draw, except non-finite backgrounds on a GPU."""
     if not isinstance(settings, RasterSettings):
         raise ValueError(f"settings: found {type(settings).__name__}, expected RasterSettings")
     for name, side in (("width", width), ("height", height)):
@@ -42,7 +42,7 @@ def check_arguments(
     _check_kinds(tensors)
     _check_shapes(tensors)
     _check_camera(world_to_camera, intrinsics)
-    if background is not None and background.is_cpu:  # a GPU would be waited for
+    if background is not None and background.is_cpu:  # on a GPU, the check would have to wait
         _check_finite("background", background)
 
 
@@ -112,6 +112,6 @@ def _check_intrinsics(calibration: list[list[float]]) -> None:
 
 
 def _shown(tensor: Tensor) -> str:
-    """The values, or the first of many."""
+    """The values as text, at most the first 16."""
     values = tensor.flatten()[:16].tolist()
     return f"{values}" if tensor.numel() <= len(values) else f"{values} and {tensor.numel() - len(values)} more"

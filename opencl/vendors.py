@@ -1,4 +1,4 @@
-"""NVIDIA's OpenCL where its driver is installed and the file that names it to the loader is not, as in containers."""
+"""Makes NVIDIA's OpenCL available if its driver is installed without the ICD file for the loader, as in containers."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from pathlib import Path
 
 LIBRARY = "libnvidia-opencl.so.1"
 FOLDERS = (Path("/etc/OpenCL/vendors"), Path(sys.prefix) / "etc" / "OpenCL" / "vendors")
-"""Where loaders look for ICD files, each of which names a library: the system's, and those of conda."""
+"""Folders in which the loaders of the system and of conda look for ICD files, each of which names a library."""
 VARIABLES = ("OCL_ICD_VENDORS", "OCL_ICD_FILENAMES")
-"""By which whoever has other wishes tells a loader of them."""
+"""Environment variables by which users override what a loader loads."""
 
 
 @contextmanager
 def nvidia_named() -> Iterator[None]:
-    """While platforms are asked for: the loader, which looks once in a process, is told of NVIDIA's library, too.
+    """Let the OpenCL loader find NVIDIA's library in addition to the installed ones.
 
-    Nothing is done where the environment says what to load, where an installed ICD file names NVIDIA's, or where this
-    machine has no such library. What is installed stays, and the environment is as it was afterwards.
+    Query the platforms within this context: the loader searches only once per process. Does nothing if the environment
+    says what to load, if an installed ICD file names NVIDIA's library, or if the machine does not have it. Restores the
+    environment afterwards.
     """
     if any(os.environ.get(name) for name in VARIABLES):
         yield
@@ -46,7 +47,7 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError:
-        return ""  # a loader that may not read it does without, too
+        return ""  # a loader skips an unreadable file, too
 
 
 def _is_here() -> bool:

@@ -1,1 +1,1 @@
-"""How fast the rasterizer is, against its peers and against what the device can do: `python -m opencl bench`."""
+"""Benchmarks of the rasterizer against its peers and the limits of the device: `python -m opencl bench`."""

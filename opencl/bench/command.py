@@ -1,4 +1,4 @@
-"""`python -m opencl bench`: its options, and what it prints."""
+"""The command `python -m opencl bench`: its options and its output."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Say = Callable[..., None]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """To the command's parser."""
+    """Add the command's options to its parser."""
     names = ", ".join(box.name for box in BOXES)
     parser.add_argument("--device", help=f"index or part of the name; else ${DEVICE_VARIABLE}, else the default")
     parser.add_argument(
@@ -47,12 +47,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure and print. `ValueError` for options that do not fit, `RuntimeError` where our rasterizer fails."""
+    """Measure and print. Raises ValueError for invalid options, and RuntimeError if our own rasterizer fails."""
     workloads = _workloads(options)
     if options.repetitions < 1:
         raise ValueError(f"--repetitions: found {options.repetitions}, expected 1 or more")
     if options.device is not None:
-        os.environ[DEVICE_VARIABLE] = options.device  # the processes that measure read it
+        os.environ[DEVICE_VARIABLE] = options.device  # the measuring processes read it
     device = choose_device()
     device.prepare()
     peers = [peer for peer in PEERS if options.peers and peer.is_installed]
@@ -88,7 +88,7 @@ def _workloads(options: argparse.Namespace) -> list[Workload]:
 def _run_workload(
     workload: Workload, device: Device, peers: list[Implementation], repetitions: int, limits: Limits, say: Say
 ) -> dict[str, Any]:
-    """Prints as it goes; returns what `--json` holds of the workload."""
+    """Measure a workload, printing results as they arrive. Returns its entry for `--json`."""
     profiled = in_fresh_process(profile, workload, repetitions)
     counts = profiled.counts
     say("", *report.workload_lines(workload, counts), report.header_line(device))

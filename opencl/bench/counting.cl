@@ -1,4 +1,4 @@
-// Counts who draws what, one work-item a tile: plain and slow, and apart from the kernels that are measured.
+// Counts the Gaussians that draw in each tile, one work-item per tile. Plain and slow; not one of the measured kernels.
 __kernel void count_pairs(
     const int width,
     const int height,
@@ -10,8 +10,8 @@ __kernel void count_pairs(
     __global const float *opacities,
     __global const int *starts,
     __global const int *gaussians,
-    __global int *drawing,          // Gaussians that draw a pixel of the tile, were nothing before them
-    __global int *contributing      // (pixel, Gaussian) pairs that are drawn
+    __global int *drawing,          // per tile: Gaussians that would draw at least one pixel if nothing occluded them
+    __global int *contributing      // per tile: (pixel, Gaussian) pairs that are actually blended
 ) {
     const int tile = get_global_id(0);
     const int columns = (width + TILE - 1) / TILE;

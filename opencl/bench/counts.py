@@ -1,4 +1,4 @@
-"""How much there is to draw: Gaussians, tiles and pixels that meet, counted without the rasterizer's help."""
+"""Counts the work of a picture, in pairs of Gaussians with tiles and pixels, independently of the rasterizer."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ _KERNEL = Path(__file__).with_name("counting.cl")
 
 @dataclass(frozen=True)
 class Counts:
-    """Of one picture; of a workload of several views the mean."""
+    """Counts for one picture, or means over the views of a workload."""
 
     gaussians: int
     visible: int
     tile_pairs: int
-    """(tile, Gaussian): the Gaussian draws at least one pixel of the tile of 16 x 16, were nothing before it."""
+    """(tile, Gaussian) pairs: the Gaussian alone would draw at least one pixel of the 16 x 16 tile."""
     evaluations: int
-    """(pixel, Gaussian): all pixels of those tiles, once for each such Gaussian."""
+    """(pixel, Gaussian) pairs: all pixels of the tile, for each of the pairs above."""
     contributing: int
-    """(pixel, Gaussian): alpha is large enough, and the pixel not finished."""
+    """(pixel, Gaussian) pairs that are drawn: alpha is large enough, and the pixel is not finished."""
     pixels: int
     feature_dim: int
     mean_radius: float
-    """Pixels: three standard deviations along the longer axis, over the visible Gaussians."""
+    """Mean over the visible Gaussians of three standard deviations along the longer axis, in pixels."""
 
 
 def count_work(backend: Backend, inputs: Inputs, settings: RasterSettings) -> Counts:
-    """The mean over the views."""
+    """Count the work of a workload: means over its views."""
     each = [_count_view(backend, inputs, view, settings) for view in inputs.views]
 
     def mean(name: str) -> float:
@@ -91,7 +91,7 @@ def _mean_radius(footprints: Footprints) -> float:
 
 
 def _pixels_of_tiles(view: View) -> Tensor:
-    """[tiles] pixels of each; fewer at the right and lower borders."""
+    """Number of pixels of each tile, [tiles]; fewer at the right and lower borders."""
     columns, rows = ((side - torch.arange(0, side, TILE)).clamp_max(TILE) for side in (view.width, view.height))
     return (rows[:, None] * columns[None, :]).flatten()
 
@@ -99,7 +99,7 @@ def _pixels_of_tiles(view: View) -> Tensor:
 def _count_pairs(
     backend: Backend, footprints: Footprints, view: View, settings: RasterSettings
 ) -> tuple[Tensor, Tensor]:
-    """[tiles] Gaussians that draw in each, and [tiles] pairs of a pixel and a Gaussian that contribute."""
+    """For each tile: the number of Gaussians that would draw in it, and of (pixel, Gaussian) pairs that contribute."""
     tiles, gaussians = tile_entries(footprints, view.width, view.height, TILE)
     count = len(_pixels_of_tiles(view))
     results = torch.zeros(2, count, dtype=torch.int32)

@@ -1,8 +1,7 @@
-"""gsplat's plain-torch reference as a rasterizer: its CUDA-only parts and Python loops are given here as torch.
+"""A rasterizer from gsplat's plain-torch reference, with its CUDA-only parts and Python loops replaced by torch.
 
-Its own code projects, evaluates alpha and puts the picture together (`gsplat/cuda/_torch_impl.py`, 1.5.3); ours finds
-the pairs of a tile and a Gaussian and of a pixel and a Gaussian, and stands in for the two functions of nerfacc that
-it calls.
+gsplat's own code projects, evaluates alpha and composes the picture (`gsplat/cuda/_torch_impl.py`, 1.5.3). Ours finds
+the (tile, Gaussian) and (pixel, Gaussian) pairs, and replaces the two functions of nerfacc that gsplat calls.
 """
 
 from __future__ import annotations
@@ -40,9 +39,9 @@ def rasterize_gsplat(
     background: Float[Tensor, " M"] | None = None,
     settings: RasterSettings = SETTINGS,
 ) -> RasterOutput:
-    """The contract of `opencl.rasterizer.rasterize`, with `SETTINGS`; radii are those of the wider screen axis.
+    """`opencl.rasterizer.rasterize` for one camera and `SETTINGS`. Radii are gsplat's for the wider of x and y.
 
-    `ValueError` for other settings, `ImportError` where gsplat is not installed.
+    Raises ValueError for other settings, and ImportError if gsplat is not installed.
     """
     if settings != SETTINGS:
         raise ValueError(f"settings: found {settings}, expected gsplat's: {SETTINGS}")
@@ -71,7 +70,7 @@ def rasterize_gsplat(
 
 @contextmanager
 def _plain_torch_parts() -> Iterator[None]:
-    """While open, gsplat finds the functions below where it looks for its CUDA kernel and for nerfacc."""
+    """Substitute the functions below for gsplat's CUDA kernel and for nerfacc."""
     nerfacc = ModuleType("nerfacc")
     vars(nerfacc).update(render_weight_from_alpha=weights_from_alphas, accumulate_along_rays=accumulate_along_rays)
     wrapper = importlib.import_module("gsplat.cuda._wrapper")
@@ -95,7 +94,7 @@ def _pairs_in_range(
     isect_offsets: Int[Tensor, "1 rows columns"],
     flatten_ids: Int[Tensor, " E"],
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """(Gaussians, pixels, pictures) drawn by the tiles' entries from `range_start` to `range_end`, in blocks of 256."""
+    """(Gaussians, pixels, pictures) drawn by blocks `range_start` up to `range_end` of 256 entries of each tile."""
     with torch.no_grad():
         starts = isect_offsets.flatten().long()
         lengths = torch.diff(starts, append=starts.new_tensor([len(flatten_ids)]))
@@ -114,10 +113,10 @@ def _pairs_in_range(
 def weights_from_alphas(
     alphas: Float[Tensor, " P"], ray_indices: Int[Tensor, " P"], n_rays: int, **_: Any
 ) -> tuple[Float[Tensor, " P"], Float[Tensor, " P"]]:
-    """(weights, transmittances before) of alphas that come ray by ray, each ray's nearest first; as nerfacc's.
+    """nerfacc's `render_weight_from_alpha`: (weights, transmittances in front) of alphas sorted by ray, nearest first.
 
-    A product along each ray is the exponential of a difference of one running sum over all; in float64, as that sum
-    grows large.
+    The product along each ray is the exponential of a difference in a single running sum of logarithms. It is computed
+    in float64, because the sum grows large.
     """
     logarithms = torch.log1p(-alphas.double())
     before = logarithms.cumsum(0) - logarithms
@@ -130,7 +129,7 @@ def weights_from_alphas(
 def accumulate_along_rays(
     weights: Float[Tensor, " P"], values: Float[Tensor, "P D"] | None, ray_indices: Int[Tensor, " P"], n_rays: int
 ) -> Float[Tensor, "rays D"]:
-    """Sums of weighted values (of the weights where None) of each ray, which come ray by ray; as nerfacc's."""
+    """nerfacc's function of this name: sums of weighted values (None: of weights) per ray, sorted by ray."""
     terms = weights[:, None] if values is None else weights[:, None] * values
     lengths = torch.bincount(ray_indices, minlength=n_rays)
     return torch.segment_reduce(terms, "sum", lengths=lengths, unsafe=True)

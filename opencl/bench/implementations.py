@@ -1,4 +1,4 @@
-"""Who draws: our rasterizer, and those of others that are installed, each by the same arguments."""
+"""The rasterizers to compare, ours and others, behind a common interface."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ _INSTALL = "pip install --no-deps gsplat==1.5.3 metal-gauss==0.2.1"
 
 @dataclass(frozen=True)
 class Implementation:
-    """A rasterizer with the constants that it is built with."""
+    """A rasterizer and its constants."""
 
     name: str
     draw: Callable[..., RasterOutput]
-    """Takes what `opencl.rasterizer.rasterize` takes."""
+    """Takes the arguments of `opencl.rasterizer.rasterize`, for one camera."""
     settings: RasterSettings
     package: str
     channels: int | None = None
-    """Features that it draws at a time, where it cannot draw any number: it is measured on the first so many."""
+    """Number of features that it draws at a time, on which it is measured. None if it draws any number."""
     largest: int | None = None
-    """Gaussians of which it needs no more memory than a desktop computer has; it is not measured on more."""
+    """Largest number of Gaussians to measure: beyond it, a desktop computer would run out of memory."""
     differences: str = ""
-    """What is not as in ours with the same settings."""
+    """Differences from ours with the same settings."""
 
     @property
     def is_installed(self) -> bool:
@@ -61,5 +61,5 @@ PEERS = (
 
 
 def implementation_named(name: str) -> Implementation:
-    """`KeyError` where there is none."""
+    """The implementation of this name. Raises KeyError if there is none."""
     return {one.name: one for one in (OURS, *PEERS)}[name]

@@ -1,7 +1,7 @@
-// What the device can do: multiply-adds on registers, and streams through arrays far larger than any cache.
-// Operators only: PoCL's built-in functions on float16 end the process on some CPUs.
+// Measures the device's peak rates: multiply-adds on registers, and streaming through arrays far larger than any cache.
+// Uses operators only: PoCL's built-in functions on float16 abort the process on some CPUs.
 
-#define CHAINS 12  // independent, as each multiply-add waits for the one before it in its chain
+#define CHAINS 12  // independent chains hide latency: within a chain, each multiply-add waits for the previous one
 
 __kernel void multiply_add(const int steps, __global float *results) {
     const VECTOR factor = (VECTOR)(0.999f), addend = (VECTOR)(0.001f * (get_global_id(0) + 1));
@@ -17,10 +17,10 @@ __kernel void multiply_add(const int steps, __global float *results) {
     *(VECTOR *)lanes = sum;
     float total = 0;
     for (int i = 0; i < LANES; i++) total += lanes[i];
-    results[get_global_id(0)] = total;  // so that nothing of it can be left out
+    results[get_global_id(0)] = total;  // keeps the compiler from eliminating the loop
 }
 
-// Each group takes a run of the array, its work-items side by side.
+// Each work-group streams through `vectors` consecutive elements; neighbouring work-items access neighbouring elements.
 __kernel void stream_read(const int vectors, __global const VECTOR *values, __global float *results) {
     __global const VECTOR *run = values + (size_t)get_group_id(0) * vectors;
     VECTOR sum = (VECTOR)(0.0f);

@@ -1,4 +1,4 @@
-"""What the device can do at most, measured: multiply-adds a second, and bytes a second from and to its memory."""
+"""Measures the limits of a device: multiply-adds per second, and bytes per second from and to its memory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from opencl.device import choose_device
 
 _KERNELS = Path(__file__).with_name("limits.cl")
 _CHAINS = 12
-"""As in limits.cl."""
+"""Independent chains of multiply-adds per work-item, as in limits.cl."""
 _VECTOR_LENGTHS = (1, 4, 8, 16)
 _ARRAY_BYTES = 2**28
 _REPETITIONS = 5
@@ -21,22 +21,22 @@ _REPETITIONS = 5
 
 @dataclass(frozen=True)
 class Limits:
-    """The best that any of our kernels reaches on the device."""
+    """The highest rates that the kernels in limits.cl reach on the device."""
 
     flops: float
-    """Single-precision operations a second; a multiply-add is two."""
+    """Single-precision operations per second. A multiply-add counts as two."""
     read_bytes: float
-    """A second, streaming through an array that no cache holds."""
+    """Bytes per second when streaming through an array too large for any cache. Likewise `write_bytes`."""
     write_bytes: float
 
     @property
     def bandwidth(self) -> float:
-        """Bytes a second, in the faster direction."""
+        """Bytes per second in the faster direction."""
         return max(self.read_bytes, self.write_bytes)
 
 
 def measure_limits() -> Limits:
-    """Of the device that is chosen; takes a few seconds."""
+    """Measure the device that `choose_device` selects. Takes a few seconds."""
     backend = Backend(choose_device(), profile=True)
     group_size = 1 if backend.device.is_cpu else 256
     each = [_measure_with(backend, lanes, group_size) for lanes in _VECTOR_LENGTHS]
@@ -44,7 +44,7 @@ def measure_limits() -> Limits:
 
 
 def _measure_with(backend: Backend, lanes: int, group_size: int) -> tuple[float, float, float]:
-    """(operations, bytes read, bytes written) a second, with vectors of so many lanes."""
+    """(operations, bytes read, bytes written) per second, with vectors of `lanes` floats."""
     vector = "float" if lanes == 1 else f"float{lanes}"
     options = ["-w", f"-DVECTOR={vector}", f"-DLANES={lanes}"]
     program = pyopencl.Program(backend.context, _KERNELS.read_text(encoding="utf-8")).build(options, cache_dir=False)
@@ -69,7 +69,7 @@ def _measure_with(backend: Backend, lanes: int, group_size: int) -> tuple[float,
 def _shortest(
     backend: Backend, kernel: pyopencl.Kernel, groups: int, group_size: int, *arguments: np.int32 | pyopencl.Buffer
 ) -> float:
-    """Seconds of the fastest of a few launches."""
+    """Duration of the fastest of a few launches, in seconds."""
     durations = []
     for _ in range(_REPETITIONS):
         event = kernel(backend.queue, (groups * group_size,), (group_size,), *arguments)

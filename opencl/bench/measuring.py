@@ -1,4 +1,4 @@
-"""Time and memory of one implementation on one workload; everything counts, from torch's tensors to torch's tensors."""
+"""Measures time and memory of an implementation on a workload, end to end from torch tensors to torch tensors."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from opencl.bench.workloads import Inputs, Workload
 
 _WARM_UPS = 2
 _LONG_ENOUGH = 20.0
-"""Seconds after which a slow implementation is not called again."""
+"""A slow implementation is not called again after this many seconds, warm-ups included."""
 
 
 @dataclass(frozen=True)
 class Times:
-    """Medians over `calls` calls, of one picture."""
+    """Median times per picture, over `calls` calls."""
 
     seconds: float
     processor_seconds: float
-    """Of all processors together; other work on the machine disturbs it less."""
+    """CPU time summed over all processors, which other work on the machine disturbs less."""
     calls: int
 
 
 @dataclass(frozen=True)
 class Memory:
-    """Bytes of this process above what imports and inputs take, at most, up to the end of each: the host's, to which a
-    device's own memory does not belong."""
+    """Peak host memory of the process in bytes, beyond imports and inputs, up to the end of each pass. Memory of the
+    device's own is not included."""
 
     forward: int
     forward_backward: int
@@ -40,18 +40,18 @@ class Memory:
 
 @dataclass(frozen=True)
 class Measurement:
-    """Of one implementation on one workload."""
+    """Results of an implementation on a workload."""
 
     implementation: str
     feature_dim: int
-    """As drawn: less than the workload's where the implementation cannot draw as many."""
+    """Number of features drawn: fewer than the workload has if the implementation cannot draw them all."""
     forward: Times
     forward_backward: Times
     memory: Memory
 
 
 def measure(implementation: Implementation, workload: Workload, repetitions: int) -> Measurement:
-    """In fresh processes: one for the times, one for the memory. `RuntimeError` where one fails."""
+    """Measure in two fresh processes, one for times and one for memory. Raises RuntimeError if either fails."""
     arguments = (implementation.name, workload)
     feature_dim, forward, both = in_fresh_process(_measure_times, *arguments, repetitions)
     memory = in_fresh_process(_measure_memory, *arguments)
@@ -59,7 +59,7 @@ def measure(implementation: Implementation, workload: Workload, repetitions: int
 
 
 class _Drawing:
-    """A workload drawn by an implementation, all views in turn."""
+    """Draws all views of a workload in turn with an implementation."""
 
     def __init__(self, name: str, workload: Workload) -> None:
         self._implementation = implementation_named(name)
@@ -79,7 +79,7 @@ class _Drawing:
         for view in self.inputs.views:
             self._draw(self._leaves, *view.arguments).backward(self._gradient)
             for leaf in self._leaves:
-                leaf.grad = None  # as a training does: what is added to costs another pass over memory
+                leaf.grad = None  # as in training: accumulating would cost another pass over memory
 
     def _draw(self, gaussians: list[Tensor] | tuple[Tensor, ...], *camera: Tensor | int) -> Tensor:
         settings = self._implementation.settings

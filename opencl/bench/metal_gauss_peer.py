@@ -1,4 +1,4 @@
-"""metal-gauss's plain-torch reference as a rasterizer (`metal_gauss/torch_ref.py`, 0.2.1), on its fastest tiles."""
+"""metal-gauss's plain-torch reference (`metal_gauss/torch_ref.py`, 0.2.1) as a rasterizer, on its fastest tiles."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from opencl.contract import RasterOutput, RasterSettings
 
 SETTINGS = RasterSettings(near=0.01, alpha_maximum=0.999, transmittance_minimum=0.0)
 CHANNELS = 3
-"""Features that it draws at a time."""
+"""Number of features that it draws at a time."""
 _TILE = 16
 _FAR = 1e10
 _ANY_RADIUS = 1e10
-"""Of the picture's longer side: how large a Gaussian may be before it is left out."""
+"""Largest size of a Gaussian that is drawn, relative to the longer side of the picture: effectively no limit."""
 _ALL_OF_A_TILE = 2**31 - 1
 
 
@@ -33,11 +33,10 @@ def rasterize_metal_gauss(
     background: Float[Tensor, " M"] | None = None,
     settings: RasterSettings = SETTINGS,
 ) -> RasterOutput:
-    """The contract of `opencl.rasterizer.rasterize`, with `SETTINGS`.
+    """`opencl.rasterizer.rasterize` for one camera and `SETTINGS`.
 
-    A tile that lies farther than 3 sigma (of a Gaussian's longer axis) from a centre does not draw it. More than three
-    features are drawn in passes.
-    `ValueError` for other settings, `ImportError` where metal-gauss is not installed.
+    A Gaussian is not drawn in tiles farther from its centre than 3 sigma of its longer axis. More than three features
+    are drawn in several passes. Raises ValueError for other settings, and ImportError if metal-gauss is not installed.
     """
     if settings != SETTINGS:
         raise ValueError(f"settings: found {settings}, expected metal-gauss's: {SETTINGS}")

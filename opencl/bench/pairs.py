@@ -1,4 +1,4 @@
-"""Which Gaussians draw which pixels, in vectorised torch: what a picture's cost is counted in, whoever draws it."""
+"""Finds which Gaussians draw which tiles and pixels, in vectorised torch, independently of any rasterizer."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Footprints:
-    """Gaussians on the screen: the rectangles that hold their pixels, and how they fall off in them."""
+    """Projected Gaussians: their bounding rectangles on the screen and their falloff."""
 
     means2d: Float[Tensor, "N 2"]
-    """The rectangles' centres, in pixels."""
+    """Centres of the Gaussians and their rectangles, in pixels."""
     conics: Float[Tensor, "N 3"]
-    """The inverse covariance's entries xx, xy, yy."""
+    """Entries xx, xy, yy of the inverse covariance."""
     opacities: Float[Tensor, " N"]
     half_sizes: Float[Tensor, "N 2"]
-    """Of the rectangles: right and down of the centre, in pixels."""
+    """Half widths and half heights of the rectangles, in pixels."""
     depths: Float[Tensor, " N"]
     visible: Bool[Tensor, " N"]
 
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Where a rasterizer stops drawing."""
+    """Limits of alpha and transmittance at which a rasterizer stops drawing."""
 
     alpha_minimum: float = 1 / 255
     alpha_maximum: float = 0.99
@@ -34,7 +34,7 @@ class Thresholds:
 
 
 def half_sizes_of(conics: Float[Tensor, "N 3"], opacities: Float[Tensor, " N"], alpha_minimum: float) -> Tensor:
-    """[N, 2] pixels: how far right and down of its centre a Gaussian's alpha is at least `alpha_minimum`."""
+    """Half width and height, [N,2] in pixels, of the box in which a Gaussian's alpha reaches `alpha_minimum`."""
     xx, xy, yy = conics.unbind(-1)
     reach = 2 * (opacities / alpha_minimum).log().clamp_min(0)
     variances = torch.stack([yy, xx], dim=-1) / (xx * yy - xy * xy).unsqueeze(-1)
@@ -42,7 +42,7 @@ def half_sizes_of(conics: Float[Tensor, "N 3"], opacities: Float[Tensor, " N"], 
 
 
 def repeat_each(counts: Int[Tensor, " K"]) -> tuple[Int[Tensor, " T"], Int[Tensor, " T"]]:
-    """Each index k `counts[k]` times, and the number of each repetition: (0, 0, 2), (0, 1, 0) for (2, 0, 1)."""
+    """Repeat each index k `counts[k]` times, and number the repetitions: (2, 0, 1) gives (0, 0, 2), (0, 1, 0)."""
     owners = torch.repeat_interleave(counts)
     starts = counts.cumsum(0) - counts
     return owners, torch.arange(len(owners)) - starts.index_select(0, owners)
@@ -51,7 +51,7 @@ def repeat_each(counts: Int[Tensor, " K"]) -> tuple[Int[Tensor, " T"], Int[Tenso
 def tile_entries(
     footprints: Footprints, width: int, height: int, tile: int
 ) -> tuple[Int[Tensor, " E"], Int[Tensor, " E"]]:
-    """(tiles, Gaussians): every tile that a Gaussian's rectangle touches, by tile, each tile's nearest first."""
+    """All pairs (tiles, Gaussians) of a tile and a Gaussian whose rectangle touches it, sorted by tile, then depth."""
     columns, rows = -(-width // tile), -(-height // tile)
     order = footprints.visible.nonzero().squeeze(-1)
     order = order[torch.sort(footprints.depths[order], stable=True).indices]
@@ -77,11 +77,11 @@ def contributing_pairs(
     transmittances: Float[Tensor, " pixels"],
     thresholds: Thresholds,
 ) -> tuple[Int[Tensor, " P"], Int[Tensor, " P"]]:
-    """(Gaussians, pixels): pairs that are drawn, by pixel (row by row), each pixel's nearest first.
+    """All pairs (Gaussians, pixels) that are drawn, sorted by pixel (row by row), then depth.
 
     Args:
-        tiles, gaussians: the tiles' lists, as `tile_entries` gives them; only pixels of a listed tile are drawn.
-        transmittances: what is left of each pixel before the first of them.
+        tiles, gaussians: tile lists from `tile_entries`. A Gaussian is drawn only in pixels of its listed tiles.
+        transmittances: transmittance of each pixel in front of the listed Gaussians.
     """
     pixels, entries, alphas = _candidates(footprints, tiles, gaussians, width, height, tile, thresholds)
     pixels, by_pixel = torch.sort(pixels, stable=True)
@@ -102,7 +102,7 @@ def _candidates(
     tile: int,
     thresholds: Thresholds,
 ) -> tuple[Int[Tensor, " C"], Int[Tensor, " C"], Float[Tensor, " C"]]:
-    """(pixels, entries, alphas): pixels of the entry's tile at which its Gaussian's alpha is not too small."""
+    """(pixels, entries, alphas): pixels of an entry's tile at which the alpha of its Gaussian reaches the minimum."""
     columns = -(-width // tile)
     corner = torch.stack([tiles % columns, tiles // columns], dim=1) * tile
     far_corner = (corner + tile).minimum(torch.tensor([width, height]))
@@ -128,7 +128,7 @@ def _candidates(
 
 
 def _value_before_segment(running: Float[Tensor, " P"], segments: Int[Tensor, " P"]) -> Float[Tensor, " P"]:
-    """For a running sum over runs of equal `segments`: its value before each element's run."""
+    """For each element of a running sum, the sum before its segment, a run of equal values in `segments`."""
     _, lengths = torch.unique_consecutive(segments, return_counts=True)
     starts = lengths.cumsum(0) - lengths
     padded = torch.cat([running.new_zeros(1), running])

@@ -1,4 +1,4 @@
-"""Binary PLY files: their header says which elements follow, and of which numbers each consists."""
+"""Reader for binary PLY files, whose header lists the elements and their properties."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ _END = b"end_header\n"
 
 
 def read_elements(path: Path) -> dict[str, np.ndarray]:
-    """Each element's rows as a structured array, by name. `ValueError` where the file is no such PLY or ends early."""
+    """Read a little-endian PLY file. Returns the rows of each element as a structured array, by name.
+
+    Raises ValueError for any other file, for list properties, and if the file is truncated.
+    """
     content = path.read_bytes()
     header_length = content.find(_END) + len(_END)
     if not content.startswith(b"ply\n") or header_length < len(_END):
@@ -40,7 +43,7 @@ def read_elements(path: Path) -> dict[str, np.ndarray]:
 
 
 def _elements(path: Path, lines: list[str]) -> list[tuple[str, int, np.dtype]]:
-    """(name, number of rows, type of a row) of each element of the header."""
+    """(name, number of rows, dtype of a row) of each element in the header."""
     found: list[tuple[str, int, list[tuple[str, str]]]] = []
     for number, line in enumerate(lines, start=1):
         match line.split():

@@ -1,4 +1,4 @@
-"""Measuring in a process of its own: nothing that ran before is in its memory, and nothing of it stays."""
+"""Runs measurements in fresh processes, so that they do not affect each other's memory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 
 
 def in_fresh_process(function: Callable[..., Result], *arguments: Any) -> Result:
-    """What a module's function returns in a new process. `RuntimeError` where it raises or ends otherwise."""
+    """Run a module-level function in a new process. Raises RuntimeError if it fails or the process dies."""
     context = multiprocessing.get_context("spawn")  # a fork would hang OpenCL
     here, there = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(there, function, *arguments))
@@ -45,13 +45,13 @@ def _answer(connection: Connection, function: Callable[..., Any], *arguments: An
 
 
 def peak_memory() -> int:
-    """Bytes: the most that this process has held so far."""
+    """Peak resident memory of this process so far, in bytes."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024
 
 
 def current_memory() -> int:
-    """Bytes that this process holds now; where that is not told, the most so far."""
+    """Resident memory of this process in bytes, or its peak so far where the system does not report it."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     except OSError:

@@ -1,4 +1,4 @@
-"""Where the time of a picture goes: kernel by kernel, as the device's own clock has it."""
+"""Profiles the kernels of a picture by the device's own clock."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ _WARM_UPS = 2
 
 @dataclass(frozen=True)
 class Profile:
-    """Of one picture, forward and backward; medians."""
+    """Median times of one picture, forward and backward."""
 
     counts: Counts
     kernels: dict[str, float]
-    """Seconds of each kernel's launches together, in the order of their first."""
+    """Total seconds of each kernel's launches, in order of first launch."""
     seconds: float
-    """On the clock, with all that is not in a kernel; profiling slows that a little."""
+    """Wall-clock seconds, including time outside kernels. Profiling makes them slightly longer."""
 
 
 def profile(workload: Workload, repetitions: int) -> Profile:
-    """Our rasterizer on a workload; to be run in a fresh process."""
+    """Profile our rasterizer on a workload. Call it in a fresh process."""
     backend = Backend(choose_device(), profile=True)
     inputs = workload.inputs()
     view = inputs.views[0]

@@ -1,4 +1,4 @@
-"""The measurements as lines of text."""
+"""Formats measurements as lines of text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from opencl.device import Device
 
 
 def device_lines(device: Device) -> list[str]:
-    """What is measured, and by which way tensors reach it."""
+    """The device measured and, if tensors are copied to it, a note on that."""
     copies = "tensors of the CPU, by copies both ways, which are in all times but the kernels'; memory is the host's"
     return [device.describe()] if device.shares_memory else [device.describe(), copies]
 
@@ -43,7 +43,7 @@ def header_line(device: Device) -> str:
 
 
 def measurement_line(measurement: Measurement, ours: Measurement, counts: Counts) -> str:
-    """One implementation; where it is not ours, with ratios: how much faster ours is."""
+    """Times and memory of an implementation and, if it is not ours, the speedup of ours over it."""
     columns = []
     for times, reference in (
         (measurement.forward, ours.forward),
@@ -65,7 +65,7 @@ def measurement_line(measurement: Measurement, ours: Measurement, counts: Counts
 
 
 def processors_line(measurement: Measurement) -> str:
-    """Of all processors together; with the number of calls."""
+    """CPU time summed over all processors, and the number of calls."""
     forward, both = measurement.forward, measurement.forward_backward
     return (
         f"  {'':18} {forward.processor_seconds * 1e3:9.1f} and {both.processor_seconds * 1e3:.1f} ms of processors; "
@@ -78,7 +78,7 @@ def differences_line(name: str) -> str:
 
 
 def kernel_lines(profile: Profile, limits: Limits) -> list[str]:
-    """Each kernel's time in a forward and backward pass, and the fractions of the device's limits that it reaches."""
+    """Time of each kernel in a forward and backward pass, and the fractions of the device's limits it reaches."""
     lines = [f"  {'kernel':20} {'time':>10} {'share':>6} {'of peak arithmetic':>19} {'of peak bandwidth':>18}"]
     for kernel, seconds in profile.kernels.items():
         share = kernel_share(kernel, seconds, profile.counts, limits)

@@ -1,4 +1,4 @@
-"""Cameras all around a trained scene, where those of its photos will have stood."""
+"""Places cameras on a circle around a trained scene, roughly where its photos were taken."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from torch import Tensor
 from opencl.bench.view import View
 
 _UP = (0.0, -1.0, 0.0)
-"""Scenes that come from photos have y down, as their cameras have."""
+"""Scenes reconstructed from photos have y down, like their cameras."""
 _DISTANCE = 1.6
-"""How far off the cameras stand, where 1 is the distance within which nine tenths of the Gaussians lie."""
+"""Radius of the circle, relative to the distance within which nine tenths of the Gaussians lie."""
 _ELEVATION = 0.3
-"""How far above the middle, where 1 is the circle's radius."""
+"""Height of the circle above the middle, relative to its radius."""
 
 
 def ring_of_views(means: Float[Tensor, "N 3"], count: int, width: int, height: int) -> tuple[View, ...]:
-    """`count` cameras of 60 degrees on a level circle, all looking at the middle (median) of the scene."""
+    """`count` cameras with a horizontal field of view of 60 degrees on a level circle, facing the scene's median."""
     up = torch.tensor(_UP)
     middle = means.median(dim=0).values
     radius = _DISTANCE * (means - middle).norm(dim=1).quantile(0.9)
@@ -35,7 +35,7 @@ def ring_of_views(means: Float[Tensor, "N 3"], count: int, width: int, height: i
 
 
 def _look_at(centre: Float[Tensor, " 3"], target: Float[Tensor, " 3"], up: Float[Tensor, " 3"]) -> Float[Tensor, "4 4"]:
-    """The frame of a camera at `centre` that looks at `target`."""
+    """The world-to-camera transform of a camera at `centre` that looks at `target`."""
     forward = torch.nn.functional.normalize(target - centre, dim=0)
     right = torch.nn.functional.normalize(torch.linalg.cross(forward, up), dim=0)
     rotation = torch.stack([right, torch.linalg.cross(forward, right), forward])

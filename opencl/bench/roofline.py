@@ -1,9 +1,8 @@
-"""What each kernel has to do, whatever its schedule: operations that the mathematics needs, bytes that must move once.
+"""The minimum work of each kernel, independent of the schedule: operations required by the mathematics, bytes moved.
 
-An addition, a multiplication, a comparison, a division and a square root count as one operation, an exponential as ten
-(a polynomial and the scaling). Bytes are those of single precision: each input that the kernel needs read once from
-memory, each result written once; what a schedule reads again or keeps aside is its own affair. N Gaussians, V visible,
-E (tile, Gaussian) pairs, P contributing (pixel, Gaussian) pairs, X pixels, M features.
+An addition, multiplication, comparison, division or square root counts as one operation, an exponential as ten (a
+polynomial and the scaling). Bytes are for single precision, with each input of a kernel read from memory once and each
+result written once. A schedule's repeated reads and temporary data do not count.
 """
 
 from __future__ import annotations
@@ -17,35 +16,35 @@ from opencl.bench.limits import Limits
 _NUMBER = 4
 """Bytes of a float32 or int32."""
 _RECORD = 8
-"""Numbers that describe a Gaussian on the screen: centre, three of its shape, opacity, reach, depth."""
+"""Numbers that describe a Gaussian on the screen: centre 2, shape 3, opacity, reach, depth."""
 _GEOMETRY = 11
-"""Numbers of a Gaussian beside its features: mean 3, quaternion 4, scales 3, opacity 1."""
+"""Numbers of a Gaussian besides its features: mean 3, quaternion 4, scales 3, opacity 1."""
 
 _PROJECT = 190
-"""World to camera 18, quaternion to matrix 42, camera times matrix 45, Jacobian and scales 30, covariance and
-determinant 30, centre, reach, borders and radius 25."""
+"""Per Gaussian: world to camera 18, quaternion to matrix 42, camera times matrix 45, Jacobian and scales 30, covariance
+and determinant 30, centre, reach, borders and radius 25."""
 _PROJECT_BACKWARD = 380
-"""`_PROJECT`'s first four once more (135), and about two for each: gradients of scales 40, of the Jacobian and the
-rotation 90, of the mean 30, of the quaternion 85."""
+"""Per Gaussian: the first four terms of `_PROJECT` again (135), and about twice as much for their gradients: of scales
+40, of the Jacobian and the rotation 90, of the mean 30, of the quaternion 85."""
 _ALPHA = 22
-"""Of a pair: offset 2, exponent 7, exponential 10, opacity, clamp and threshold 3."""
+"""Per pair: offset 2, exponent 7, exponential 10, opacity, clamp and threshold 3."""
 _BLEND = 4
-"""Of a pair: weight, transmittance after it, its threshold."""
+"""Per pair: weight, transmittance behind it, and its threshold."""
 _ALPHA_BACKWARD = 28
-"""Of a pair: what is left behind it and the gradient of alpha 6, of exponent and opacity 4, of centre and shape 12,
-sums of these six over the pixels 6."""
+"""Per pair: blended remainder behind it and gradient of alpha 6, gradients of exponent and opacity 4, of centre and
+shape 12, sums of these six over the pixels 6."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """The least that a kernel has to do."""
+    """The minimum work of a kernel."""
 
     operations: float
     bytes: float
 
 
 def _project(c: Counts) -> Work:
-    read, written = _GEOMETRY + c.feature_dim, _RECORD + 4  # and two of the centre, radius, depth key
+    read, written = _GEOMETRY + c.feature_dim, _RECORD + 4  # also means2d (2), radius, depth key
     return Work(_PROJECT * c.gaussians, _NUMBER * c.gaussians * (read + written))
 
 
@@ -54,7 +53,7 @@ def _sort(c: Counts) -> Work:
 
 
 def _count_tiles(c: Counts) -> Work:
-    return Work(0, _NUMBER * c.visible * (_RECORD + 1))  # records in, each one's tiles out
+    return Work(0, _NUMBER * c.visible * (_RECORD + 1))  # records in, tile counts out
 
 
 def _fill_tiles(c: Counts) -> Work:
@@ -69,9 +68,9 @@ def _blend(c: Counts) -> Work:
 
 
 def _blend_backward(c: Counts) -> Work:
-    """Two products with the features, one for the gradient of alpha and one for their own."""
+    """Includes two products with the features: for the gradient of alpha, and for that of the features."""
     read = c.tile_pairs + c.visible * (_RECORD + c.feature_dim) + 2 * c.pixels * (c.feature_dim + 1)
-    written = c.tile_pairs * (6 + c.feature_dim)  # a row for each tile that a Gaussian is drawn in
+    written = c.tile_pairs * (6 + c.feature_dim)  # one row per (tile, Gaussian) pair
     return Work(c.contributing * (_ALPHA + _BLEND + _ALPHA_BACKWARD + 4 * c.feature_dim), _NUMBER * (read + written))
 
 
@@ -98,18 +97,18 @@ _WORK: dict[str, Callable[[Counts], Work]] = {
 
 @dataclass(frozen=True)
 class KernelShare:
-    """A kernel's time in a forward and backward pass, and how near to the device's limits it comes."""
+    """The time of a kernel in a forward and backward pass, and the fractions of the device's limits it reaches."""
 
     kernel: str
     seconds: float
     arithmetic: float | None
-    """Fraction of the device's operations a second; None where it is not known what the kernel has to do."""
+    """Fraction of the device's peak operations per second. None if the kernel's minimum work is not known."""
     bandwidth: float | None
-    """Fraction of the device's bytes a second; above 1 where what it needs is still in a cache."""
+    """Fraction of the device's peak bandwidth, above 1 if inputs are still in a cache. None as above."""
 
 
 def kernel_share(kernel: str, seconds: float, counts: Counts, limits: Limits) -> KernelShare:
-    """Of a kernel that took so many seconds to draw one picture."""
+    """The share of a kernel that took `seconds` for one picture."""
     formula = _WORK.get(kernel)
     if formula is None:
         return KernelShare(kernel, seconds, None, None)

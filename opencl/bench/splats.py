@@ -1,4 +1,4 @@
-"""Trained Gaussians from files: `.splat`, and PlayCanvas's compressed PLY."""
+"""Reads trained Gaussians from `.splat` files and from PlayCanvas's compressed PLY files."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from opencl.bench.ply import read_elements
 
 _SPLAT = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("quat", "u1", 4)])
 _CHUNK = 256
-"""Gaussians that share the ranges in which a compressed PLY counts."""
+"""Gaussians per chunk of a compressed PLY, which share their quantisation ranges."""
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 
 
 @dataclass(frozen=True)
 class Splats:
-    """Activated values: scales in world units, opacities and colours in [0, 1]; quaternions w x y z."""
+    """Gaussians with activated values: scales in world units, opacities and colours in [0, 1], quaternions w x y z."""
 
     means: Float[Tensor, "N 3"]
     quats: Float[Tensor, "N 4"]
@@ -30,9 +30,9 @@ class Splats:
 
 
 def read_splats(path: Path) -> Splats:
-    """The Gaussians of a `.splat` or compressed `.ply` file, as float32.
+    """Read the Gaussians of a `.splat` or compressed `.ply` file, as float32.
 
-    `ValueError` where its contents do not fit the format, `OSError` where it cannot be read.
+    Raises ValueError if the suffix or the contents do not fit these formats, and OSError if the file cannot be read.
     """
     if path.suffix == ".splat":
         return _read_splat(path)
@@ -42,7 +42,7 @@ def read_splats(path: Path) -> Splats:
 
 
 def _read_splat(path: Path) -> Splats:
-    """Records of 32 bytes without a header."""
+    """Read a `.splat` file: records of 32 bytes, without a header."""
     content = path.read_bytes()
     if len(content) % _SPLAT.itemsize:
         raise ValueError(
@@ -57,7 +57,7 @@ def _read_splat(path: Path) -> Splats:
 
 
 def _read_compressed_ply(path: Path) -> Splats:
-    """Values are counted in steps between the smallest and the largest of their chunk; scales by their logarithm."""
+    """Read a compressed PLY, which quantises positions, log-scales and colours within their range in the chunk."""
     elements = read_elements(path)
     missing = {"chunk", "vertex"} - elements.keys()
     if missing:
@@ -83,7 +83,7 @@ def _read_compressed_ply(path: Path) -> Splats:
         return low + units * (high - low)
 
     colors = _units(vertices["packed_color"], (8, 8, 8, 8))
-    # Files of the format's first version have no range of colours: theirs is the whole of [0, 1].
+    # Files of the first version of the format have no colour range: colours span [0, 1].
     has_range = "min_r" in (chunks.dtype.names or ())
     return _splats(
         within(_units(vertices["packed_position"], (11, 10, 11)), "", "xyz"),
@@ -101,7 +101,7 @@ def _column(path: Path, chunks: np.ndarray, name: str) -> np.ndarray:
 
 
 def _units(packed: UInt32[np.ndarray, " N"], bits: tuple[int, ...]) -> Float[np.ndarray, "N fields"]:
-    """Fields of an integer, the highest bits first, each scaled to [0, 1]."""
+    """Unpack bit fields, the highest bits first, each scaled to [0, 1]."""
     fields, shift = [], sum(bits)
     for width in bits:
         shift -= width
@@ -111,7 +111,7 @@ def _units(packed: UInt32[np.ndarray, " N"], bits: tuple[int, ...]) -> Float[np.
 
 
 def _unpack_rotations(packed: UInt32[np.ndarray, " N"]) -> Float[np.ndarray, "N 4"]:
-    """Unit quaternions w x y z: two bits name the largest component, which follows from the three others."""
+    """Unit quaternions w x y z from 2 bits for the index of the largest component and 10 for each of the others."""
     others = (_units(packed & np.uint32(2**30 - 1), (10, 10, 10)) - 0.5) * np.sqrt(2)
     largest = np.sqrt(np.clip(1 - np.square(others).sum(axis=1), 0, None))
     index = (packed >> np.uint32(30)).astype(np.intp)

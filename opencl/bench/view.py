@@ -1,4 +1,4 @@
-"""A camera and the size of its picture."""
+"""A camera with the size of its picture."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class View:
-    """The camera looks down +z with x right and y down; intrinsics are in pixels."""
+    """A camera that looks down +z, with x right and y down. Intrinsics and sizes are in pixels."""
 
     world_to_camera: Float[Tensor, "4 4"]
     intrinsics: Float[Tensor, "3 3"]
@@ -19,5 +19,5 @@ class View:
 
     @property
     def arguments(self) -> tuple[Tensor, Tensor, int, int]:
-        """In the rasterizer's order."""
+        """The fields in the order of the rasterizer's arguments."""
         return self.world_to_camera, self.intrinsics, self.width, self.height

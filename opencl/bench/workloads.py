@@ -1,4 +1,4 @@
-"""What is drawn: boxes of Gaussians like those of a trained scene, made reproducibly, and trained scenes from files."""
+"""Benchmark workloads: reproducible random boxes of Gaussians like those of a trained scene, and trained scenes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from opencl.bench.view import View
 
 @dataclass(frozen=True)
 class Inputs:
-    """The rasterizer's inputs; every view draws the same Gaussians."""
+    """Inputs of the rasterizer: Gaussians, and the views that draw them."""
 
     means: Float[Tensor, "N 3"]
     quats: Float[Tensor, "N 4"]
@@ -31,12 +31,12 @@ class Inputs:
         return self.means, self.quats, self.scales, self.opacities, self.features
 
     def with_features(self, count: int) -> Inputs:
-        """The same with the first `count` features only."""
+        """The same inputs with only the first `count` features."""
         return replace(self, features=self.features[:, :count].contiguous())
 
 
 class Workload(Protocol):
-    """Inputs by name. They are made where they are needed: a workload itself is small and goes between processes."""
+    """A named recipe for inputs, small enough to be sent to another process, which then creates the inputs."""
 
     @property
     def name(self) -> str: ...
@@ -46,7 +46,7 @@ class Workload(Protocol):
 
 @dataclass(frozen=True)
 class Box:
-    """A box of Gaussians before a camera of 60 degrees; sizes log-normal, most of them a few pixels."""
+    """Random Gaussians before a camera of 60 degrees (horizontally), of log-normal size, mostly a few pixels."""
 
     name: str
     count: int
@@ -55,7 +55,7 @@ class Box:
     feature_dim: int = 16
 
     def inputs(self, seed: int = 0) -> Inputs:
-        """They fill the view and a little more; the mean 3-sigma radius is about 5.5 pixels, with a heavy tail."""
+        """Fills slightly more than the view. The mean 3-sigma radius is about 5.5 pixels, with a heavy tail."""
         random = torch.Generator().manual_seed(seed)
         focal = self.width / (2 * 0.57735)
         sides = torch.tensor([self.width, self.height])
@@ -76,7 +76,7 @@ class Box:
 
 @dataclass(frozen=True)
 class TrainedScene:
-    """The Gaussians of a file with random features, seen from a ring of cameras."""
+    """The Gaussians of a file, with random features, seen from a ring of cameras."""
 
     path: Path
     views: int = 4
@@ -89,7 +89,7 @@ class TrainedScene:
         return self.path.name
 
     def inputs(self, seed: int = 0) -> Inputs:
-        """`ValueError` or `OSError` where the file cannot be read."""
+        """Read the file. Raises ValueError or OSError if it cannot be read."""
         splats = read_splats(self.path)
         random = torch.Generator().manual_seed(seed)
         return Inputs(
@@ -109,11 +109,11 @@ BOXES = (
     Box("paper-32", 1_000_000, 1600, 1060, 32),
 )
 DEFAULT_WORKLOADS = ("A", "B", "training-features", "training-colours")
-"""Those that take a second or two; `large` is there for its memory, `paper` for GPUs: the paper's size indoors."""
+"""The workloads that take a second or two. `large` tests memory; `paper`, the paper's indoor size, is for GPUs."""
 
 
 def box_named(name: str) -> Box:
-    """`ValueError` lists what exists."""
+    """The box of this name, ignoring case. Raises ValueError, which lists the boxes, if there is none."""
     for box in BOXES:
         if box.name.lower() == name.lower():
             return box

@@ -1,14 +1,14 @@
-// Which tiles a Gaussian reaches.
+// Finds the tiles that a Gaussian reaches.
 //
-// One kernel counts them and another lists them, so both must round alike: multiplications and additions are not
-// contracted here, as a compiler might do it in one kernel and not in the other. (NVIDIA's assembler may do so all the
-// same, unless PTX names a rounding mode: see ptx.py.)
+// One kernel counts these tiles and another lists them, so both must round identically. Contraction into fma is
+// therefore off: a compiler might contract in one kernel and not in the other. (NVIDIA's assembler may contract anyway,
+// unless the PTX names a rounding mode: see ptx.py.)
 
-// The ellipse of alpha >= ALPHA_MINIMUM, with the slack that rounding needs.
+// The ellipse where alpha >= ALPHA_MINIMUM, enlarged by a slack for rounding errors.
 typedef struct {
     REAL x, y, slope, down, reach, variance_across, half_height;
-    REAL extreme;  // how far below the centre the rightmost point lies, and above it the leftmost
-    int first_row, last_row;  // of tiles; first > last where there is none
+    REAL extreme;  // how far the rightmost point lies below the centre; the leftmost lies as far above it
+    int first_row, last_row;  // of tiles; first > last if there are none
 } Ellipse;
 
 static inline Ellipse ellipse_of(__global const REAL *record, int height) {
@@ -31,7 +31,7 @@ static inline Ellipse ellipse_of(__global const REAL *record, int height) {
     return e;
 }
 
-// The columns of tiles that an ellipse reaches in one row of tiles, none where first > last.
+// The columns of tiles that an ellipse reaches in one row of tiles; first > last if there are none.
 static inline void columns_of(const Ellipse e, int row, int width, int *first, int *last) {
     #pragma OPENCL FP_CONTRACT OFF
     REAL top = row * TILE - e.y, bottom = top + TILE;
@@ -40,7 +40,7 @@ static inline void columns_of(const Ellipse e, int row, int width, int *first, i
     *first = 1;
     *last = 0;
     if (top > bottom) return;
-    // The rightmost point of the whole ellipse, or what of the strip is nearest to it; the leftmost lies opposite.
+    // y of the ellipse's rightmost point, clamped to the row of tiles; its leftmost point is the mirror image.
     const REAL right = e.extreme < top ? top : e.extreme > bottom ? bottom : e.extreme;
     const REAL left = -e.extreme < top ? top : -e.extreme > bottom ? bottom : -e.extreme;
     const REAL over_right = e.reach - right * right * e.down, over_left = e.reach - left * left * e.down;

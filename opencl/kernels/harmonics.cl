@@ -1,7 +1,8 @@
-// Colours of Gaussians from spherical harmonics of the direction in which the camera sees them, and back.
+// Colours of Gaussians from spherical harmonics in the direction from the camera, and their gradients.
 //
-// Constants and signs as in 3D Gaussian Splatting. Each work-item takes PROJECTION_CHUNK Gaussians in a row; `count` is
-// of Gaussians, `others` of harmonics beside the constant one in `rest`, of which those up to `degree` are used.
+// Constants and signs are those of 3D Gaussian Splatting. Each work-item takes PROJECTION_CHUNK consecutive Gaussians
+// of `count`. `base` holds the coefficients of the constant harmonic, `rest` those of `others` further harmonics, of
+// which the ones up to `degree` are used.
 
 #define HARMONICS 16
 
@@ -16,12 +17,12 @@
 #define Y3_AXIS R(0.37317633259011546)
 #define Y3_PLANE R(1.4453057213202769)
 
-// What torch.nn.functional.normalize divides by at least.
+// The least length by which torch.nn.functional.normalize divides.
 #define SHORTEST R(1e-12)
 
 typedef struct {
     REAL x, y, z;   // unit vector from the camera to the Gaussian
-    REAL inverse;   // of the distance
+    REAL inverse;   // 1 / distance
 } Direction;
 
 static inline Direction direction_to(__global const REAL *mean, __global const REAL *centre) {
@@ -35,7 +36,7 @@ static inline Direction direction_to(__global const REAL *mean, __global const R
     return d;
 }
 
-// The harmonics beside the constant one, the first at index 1; returns how many there are with it.
+// Evaluates the harmonics other than the constant one, from index 1 on. Returns their number, including the constant.
 static inline int harmonics_of(Direction d, int degree, REAL value[HARMONICS]) {
     const REAL x = d.x, y = d.y, z = d.z;
     if (degree < 1) return 1;
@@ -60,7 +61,7 @@ static inline int harmonics_of(Direction d, int degree, REAL value[HARMONICS]) {
     return HARMONICS;
 }
 
-// The gradient of sum_k weight[k] Y_k by the direction's three components, as if they were free.
+// The gradient of sum_k weight[k] Y_k with respect to the direction's three components, treated as independent.
 static inline void gradient_of_harmonics(Direction d, int degree, const REAL weight[HARMONICS], REAL gradient[3]) {
     const REAL x = d.x, y = d.y, z = d.z;
     gradient[0] = gradient[1] = gradient[2] = 0;
@@ -86,7 +87,7 @@ static inline void gradient_of_harmonics(Direction d, int degree, const REAL wei
     gradient[2] += w10 * x * y + w11 * 8 * y * z + w12 * 3 * (2 * zz - xx - yy) + w13 * 8 * x * z + w14 * (xx - yy);
 }
 
-// Colours before they are kept from falling under zero.
+// Colours before the clamp at zero.
 static inline void sum_harmonics(
     __global const REAL *base, __global const REAL *row, const REAL value[HARMONICS], int used, REAL colors[3]
 ) {
@@ -118,22 +119,22 @@ __kernel void colors_of_harmonics(
         REAL value[HARMONICS], sums[3];
         const int used = harmonics_of(direction_to(means + (size_t)3 * i, centre), degree, value);
         sum_harmonics(base + (size_t)3 * i, row, value, used, sums);
-        for (int c = 0; c < 3; c++) colors[(size_t)3 * i + c] = sums[c] < 0 ? 0 : sums[c];  // what is no number stays so
+        for (int c = 0; c < 3; c++) colors[(size_t)3 * i + c] = sums[c] < 0 ? 0 : sums[c];  // NaN stays NaN
     }
 }
 
-// How far below zero a colour may lie by rounding alone. A point that is black in a channel begins there, on either side,
-// and would never be told to leave it.
+// How far below zero rounding alone may put a colour. A channel that starts out black lies at zero give or take this
+// much; if its gradient were cut off, it could never leave.
 #define ROUNDING R(1e-5)
 
-// What reaches a Gaussian's harmonics through its colours; 0 where nothing does.
+// The gradient `g` that passes through the clamp to a Gaussian's harmonics. Returns 0 if none does.
 static inline int gradient_through_colors(const REAL colors[3], __global const REAL *grad_colors, REAL g[3]) {
     for (int c = 0; c < 3; c++) g[c] = colors[c] >= -ROUNDING ? grad_colors[c] : 0;
     return g[0] != 0 || g[1] != 0 || g[2] != 0;
 }
 
-// The chain rule of the above. A colour that was raised to zero passes nothing on; a Gaussian without gradient, since
-// it is not in view, costs only the zeros that are written for it.
+// Backward pass of colors_of_harmonics. A colour that was clamped by more than ROUNDING passes no gradient on. For a
+// Gaussian without gradient, as one out of view, no coefficient is read and zeros are written.
 __kernel void colors_of_harmonics_backward(
     const int count,
     const int others,

@@ -1,9 +1,9 @@
-// From the world to the screen, and back.
+// Projection of Gaussians from the world to the screen, and its gradients.
 //
 // camera: 0..8 rotation by rows, 9..11 translation, 12 fx, 13 fy, 14 cx, 15 cy, 16..19 clamp of x/z (low, high) and
-// y/z (low, high). A work-item takes PROJECTION_CHUNK Gaussians in a row, PROJECTED_AT_ONCE of them at a time: a REALS
-// holds one number of each. There are no branches between them; what is not visible is computed, too, and left out at
-// the end.
+// y/z (low, high). A work-item takes PROJECTION_CHUNK consecutive Gaussians, PROJECTED_AT_ONCE at a time: a REALS value
+// holds one number of each. They share one control flow without branches: invisible Gaussians are computed, too, and
+// masked out at the end.
 
 #if PROJECTED_AT_ONCE == 8
 #ifdef REAL_IS_DOUBLE
@@ -26,7 +26,7 @@ typedef int INTS;
 #define INT_LANE(values, lane) (values)
 #endif
 
-// The Gaussians that are taken at a time; beyond the last one, the last one again.
+// The Gaussians that are processed together. Lanes beyond the last Gaussian repeat it.
 typedef struct {
     int first, count, last;
 } Group;
@@ -67,8 +67,8 @@ static inline REALS clamp_reals(REALS x, REAL low, REAL high) {
 
 static inline REALS or_zero(MASKS chosen, REALS x) { return chosen ? x : (REALS)(R(0)); }
 
-// A gradient as it is written: 0 where it is not chosen; the largest number where it is larger, as that of a quaternion
-// of 1e-45 is, which would be infinite.
+// A gradient as it is written: 0 where not chosen, and clamped to finite numbers, since that of a quaternion of 1e-45,
+// say, would be infinite.
 static inline REALS gradient(MASKS chosen, REALS x) {
     return or_zero(chosen, clamp_reals(x, -LARGEST_REAL, LARGEST_REAL));
 }
@@ -78,8 +78,8 @@ static inline MASKS finite(REALS x) { return x - x == R(0); }
 typedef struct {
     REALS x, y, z;              // in the camera's frame
     REALS slant_x, slant_y;     // x/z and y/z, clamped
-    MASKS inside_x, inside_y;   // whether they were inside the clamp
-    REALS axes[2][3];           // Jacobian · camera rotation · Gaussian's rotation: the screen's axes before scaling
+    MASKS inside_x, inside_y;   // whether x/z and y/z lie inside the clamp
+    REALS axes[2][3];           // Jacobian · camera rotation · Gaussian's rotation: axes on the screen before scaling
     REALS turned[3][3];         // camera rotation · Gaussian's rotation
     REALS unit[4];              // normalised quaternion
     REALS length;               // of the quaternion
@@ -104,7 +104,7 @@ static inline Geometry geometry_of(const REALS mean[3], const REALS quat[4], __g
     g.y = camera[3] * mean[0] + camera[4] * mean[1] + camera[5] * mean[2] + camera[10];
     g.z = camera[6] * mean[0] + camera[7] * mean[1] + camera[8] * mean[2] + camera[11];
 
-    // Scaled by the largest component first: neither tiny nor huge quaternions leave the range.
+    // Divide by the largest component first: squares of tiny or huge quaternions would underflow or overflow.
     REALS largest = (REALS)(R(0));
     for (int i = 0; i < 4; i++) {
         const REALS size = quat[i] < R(0) ? -quat[i] : quat[i];
@@ -153,7 +153,7 @@ typedef struct {
     REALS rows[2][3];
     REALS minors[3];    // the rows' cross product
     REALS xx, xy, yy;
-    REALS area;         // determinant before the filter, after Cauchy and Binet a sum of squares: nothing cancels
+    REALS area;         // determinant before the filter: by Cauchy-Binet a sum of squares, so nothing cancels
     REALS determinant;
 } Footprint;
 
@@ -177,7 +177,7 @@ static inline Footprint footprint_of(const Geometry *g, const REALS scale[3]) {
     return f;
 }
 
-// What opacity is multiplied with so that the filter adds no light (Yu et al. 2024, Mip-Splatting).
+// The factor of opacity that keeps the filter from adding light (Yu et al. 2024, Mip-Splatting).
 static inline REALS compensation_of(const Footprint *f) {
 #ifdef ANTIALIASED
     return sqrt(f->area / f->determinant);
@@ -250,7 +250,7 @@ __kernel void project(
         const Footprint f = footprint_of(&g, scale);
         const REALS x = camera[12] * g.x / g.z + camera[14], y = camera[13] * g.y / g.z + camera[15];
         const REALS opacity = given_opacity * compensation_of(&f);
-        const REALS reach = 2 * (log(opacity) - (REALS)(log(ALPHA_MINIMUM)));  // the quotient could overflow
+        const REALS reach = 2 * (log(opacity) - (REALS)(log(ALPHA_MINIMUM)));  // opacity / minimum could overflow
         const MASKS visible = sound & opacity >= ALPHA_MINIMUM & g.z > NEAR
             & finite(f.determinant + x + y + f.xx * f.xx + f.yy * f.yy)
             & holds_a_pixel(x, sqrt(reach * f.xx), width) & holds_a_pixel(y, sqrt(reach * f.yy), height);
@@ -280,7 +280,8 @@ __kernel void project(
     }
 }
 
-// The chain rule of the footprint: from slope, precisions and opacity to the rows. Adds to nothing.
+// Backward pass of the footprint: from the gradients of slope, precisions and opacity to those of the rows. Overwrites
+// its outputs.
 static inline void footprint_backward(
     const Footprint *f, __global const REAL *records, __global const REAL *grad_records, REALS opacity, Group group,
     REALS grad_rows[2][3], REALS *grad_opacity
@@ -299,7 +300,7 @@ static inline void footprint_backward(
     REALS grad_minors[3];
     for (int k = 0; k < 3; k++) grad_minors[k] = (REALS)(R(0));
 #ifdef ANTIALIASED
-    // compensation = sqrt(area / determinant); the determinant holds the area, and the variances times LOW_PASS
+    // compensation = sqrt(area / determinant); the determinant contains area + LOW_PASS * (xx + yy), before the filter
     const REALS compensation = compensation_of(f);
     const REALS half_grad = R(0.5) * compensation * opacity * *grad_opacity;
     const REALS through_determinant = half_grad / f->determinant;
@@ -317,7 +318,7 @@ static inline void footprint_backward(
     }
 }
 
-// The chain rule of the rotation, from d, the gradient of its matrix, through the normalisation.
+// Backward pass of the rotation: from d, the gradient of its matrix, through the quaternion's normalisation.
 static inline void rotation_backward(const Geometry *g, const REALS d[3][3], REALS grad_quat[4]) {
     const REALS w = g->unit[0], x = g->unit[1], y = g->unit[2], z = g->unit[3];
     REALS grad_unit[4];
@@ -333,7 +334,7 @@ static inline void rotation_backward(const Geometry *g, const REALS d[3][3], REA
     for (int k = 0; k < 4; k++) grad_quat[k] = (grad_unit[k] - along * g->unit[k]) / g->length;
 }
 
-// The chain rule of `project`, in the reverse order of its lines.
+// Backward pass of `project`, step by step in reverse order.
 __kernel void project_backward(
     const int count,
     __global const REAL *means,
@@ -358,7 +359,7 @@ __kernel void project_backward(
         REALS scale[3], grad_rows[2][3], grad_opacity;
         for (int k = 0; k < 3; k++) scale[k] = read_reals(scales, 3, k, group);
         const Footprint f = footprint_of(&g, scale);
-        const MASKS visible = read_reals(records, RECORD, 5, group) > R(0);  // its opacity is never 0
+        const MASKS visible = read_reals(records, RECORD, 5, group) > R(0);  // a visible one's opacity is never 0
         footprint_backward(
             &f, records, grad_records, read_reals(opacities, 1, 0, group), group, grad_rows, &grad_opacity
         );
@@ -378,11 +379,11 @@ __kernel void project_backward(
             grad_z -= grad_scale * scale[k] * inverse_z;
         }
 
-        // Where the clamp holds the slant, x and y do not move it.
+        // Where the slant is clamped, x and y do not affect it.
         const REALS ratio_x = fx * read_reals(grad_means2d, 2, 0, group) + or_zero(g.inside_x, grad_slant_x);
         const REALS ratio_y = fy * read_reals(grad_means2d, 2, 1, group) + or_zero(g.inside_y, grad_slant_y);
         const REALS grad_x = ratio_x * inverse_z, grad_y = ratio_y * inverse_z;
-        grad_z -= (ratio_x * (g.x / g.z) + ratio_y * (g.y / g.z)) * inverse_z;  // g.x alone could overflow
+        grad_z -= (ratio_x * (g.x / g.z) + ratio_y * (g.y / g.z)) * inverse_z;  // ratio_x * g.x could overflow
         for (int k = 0; k < 3; k++) {
             const REALS grad_mean = camera[k] * grad_x + camera[3 + k] * grad_y + camera[6 + k] * grad_z;
             write_reals(grad_means, 3, k, group, gradient(visible, grad_mean));

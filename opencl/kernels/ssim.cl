@@ -1,9 +1,10 @@
-// Structural similarity of two pictures and its gradient: what both schedules share.
+// Structural similarity (SSIM) of two pictures and its gradient: the code that both schedules share.
 //
-// Pictures lie one below the other, `rows` rows each, `total` in all; a row holds `length` values, three a pixel, from
-// PADDING on, and zeros before and after them up to `stride`. The window is separable: down the rows first, then
-// across, three values at a time. `similarities` keeps what `similarity_gradient` needs of each value: the derivatives
-// by the windowed mean of the picture, of the product and of the square, for which the padding must be zero, too.
+// Pictures are stacked vertically: `rows` rows each, `total` rows in all. A row takes `stride` values: PADDING zeros,
+// `length` values (three per pixel), then zeros. The window is separable: it is applied down the columns first, then
+// across the row, where its taps are three values (one pixel) apart. For `similarity_gradient`, the kernel
+// `similarities` stores the derivative of each value's similarity with respect to three windowed means: of the picture,
+// of the product of both pictures, and of the picture's square. The padding of these arrays must be zero, too.
 
 #define PADDING 16
 #define REACH 5
@@ -11,14 +12,14 @@
 #define LUMINANCE_CONSTANT R(1e-4)
 #define CONTRAST_CONSTANT R(9e-4)
 
-// A Gaussian of standard deviation 1.5 pixels, its sum one.
+// A Gaussian with a standard deviation of 1.5 pixels, normalised to sum to 1.
 __constant REAL window[TAPS] = {
     R(0.00102838008447911), R(0.007598758135239185), R(0.03600077212843083), R(0.10936068950970002),
     R(0.2130055377112537), R(0.26601172486179436), R(0.2130055377112537), R(0.10936068950970002),
     R(0.03600077212843083), R(0.007598758135239185), R(0.00102838008447911)
 };
 
-// What is computed at a time: SSIM_AT_ONCE neighbours of a row.
+// SSIM_AT_ONCE neighbouring values of a row, computed together.
 #if SSIM_AT_ONCE == 16
 typedef LANES SIMILAR;
 #else
@@ -29,7 +30,8 @@ typedef struct {
     SIMILAR similarity, by_mean, by_product, by_square;
 } Similarity;
 
-// Of the window's means of both pictures, of their product and of both squares together.
+// Similarity and its derivatives, from four windowed means: of each picture, of their product, and of the sum of their
+// squares.
 static inline Similarity similarity_of(SIMILAR mean, SIMILAR mean_of_truth, SIMILAR product, SIMILAR squares) {
     const SIMILAR product_of_means = mean * mean_of_truth;
     const SIMILAR squares_of_means = mean * mean + mean_of_truth * mean_of_truth;

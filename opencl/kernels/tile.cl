@@ -1,4 +1,4 @@
-// The part of the picture that a tile covers.
+// The part of the picture that a tile covers, in pixels.
 typedef struct {
     int left, top, columns, rows;
 } Tile;

@@ -25,7 +25,7 @@ def ssim(picture: Float[Tensor, "*batch height width 3"], truth: Float[Tensor, "
     """The mean structural similarity, a scalar in [-1, 1]; 1 for equal pictures.
 
     Colours are in [0, 1], float32 or float64; the gradient reaches `picture`. The result does not depend on the number
-    of threads (on the CPU, up to 2100 x 1400 pixels). Raises ``ValueError`` if the pictures are empty or differ in
+    of threads (on the CPU, up to 2000 x 1360 pixels). Raises ``ValueError`` if the pictures are empty or differ in
     shape, type or device, or if `truth` requires a gradient.
     """
     return mean_ssim(picture, truth)

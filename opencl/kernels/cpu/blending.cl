@@ -1,6 +1,7 @@
-// Front-to-back alpha blending, one work-item a tile, for processors that run one work-item a core.
+// Front-to-back alpha blending, one work-item per tile, for processors that run one work-item per core.
 
-// Adds the features of `count` Gaussians, each times its weights, to some channels' sums from the channel on.
+// add_N_features: adds the features of `count` Gaussians, times their weights, to the sums of N consecutive channels.
+// `sums` and `features` point to the first of these channels.
 #define LOAD_SUM(k) sum[k] = sums[k];
 #define ADD_FEATURE(k) sum[k] += weight * feature[k];
 #define STORE_SUM(k) sums[k] = sum[k];
@@ -23,7 +24,7 @@ DEFINE_ADD_FEATURES(4)
 DEFINE_ADD_FEATURES(8)
 DEFINE_ADD_FEATURES(16)
 
-// As many channels at a time as there are registers for.
+// Takes as many channels at a time as the registers can hold.
 WHOLE_REGISTERS static inline void add_features(
     LANES *sums, __global const REAL *features, const int *gaussians, const LANES *weights, int count
 ) {
@@ -69,13 +70,13 @@ WHOLE_REGISTERS static inline void blend_block(
     for (int i = 0; i < count; i++) weights[i] = weights_of(weights[i], &t);
     *transmittance = t;
 #ifdef COUNT_PIXELS
-    // The order in which whole numbers are added does not matter.
+    // Deterministic despite the atomics: integer sums do not depend on the order of addition.
     for (int i = 0; i < count; i++) atomic_add(pixel_counts + gaussians[i], drawn_lanes(weights[i]));
 #endif
     add_features(sums, features, gaussians, weights, count);
 }
 
-// Writes a block's pixels: features over the background, and alphas.
+// Writes a block's pixels: the features, blended over the background, and the alphas. `left` is the transmittance.
 WHOLE_REGISTERS static inline void write_block(
     Tile tile, int index, int width, LANES left, LANES *sums, __global const REAL *background,
     __global REAL *feature_map, __global REAL *alphas

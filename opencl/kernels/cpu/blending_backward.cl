@@ -1,32 +1,34 @@
-// Gradients of `blend`, one work-item a tile, without atomics: each (tile, Gaussian) has a row of its own to write.
+// Gradients of `blend`, one work-item per tile. No atomics: each (tile, Gaussian) pair writes a row of its own.
 //
-// Walks front to back as `blend` does. With a pixel's gradient g and what is blended behind Gaussian i, `rest`:
-// dL/dalpha_i = T_i (c_i . g) - rest_i / (1 - alpha_i), where rest starts as (out . g) and loses w_i (c_i . g) at each
-// step. Alpha counts as one more channel, of value 1, over a background of 0.
+// Walks front to back, as `blend` does. With features c, transmittance T, weight w = T alpha and a pixel's gradient g,
+// dL/dalpha_i = T_i (c_i . g) - rest_i / (1 - alpha_i). `rest`, what is blended behind Gaussian i, starts
+// as (out . g) and loses w_i (c_i . g) at each step. Alpha is one more channel, of value 1 over a background of 0.
 //
-// Sums over a block's pixels are products of matrices: a Gaussian's weights with the pixels' gradients, channels side
-// by side in the lanes, and s = dL/dpower with 1, x, y, x^2, xy, y^2 of the pixels. No lane is ever added to another.
+// Sums over a block's pixels are matrix products: a Gaussian's weights times the pixels' gradients, with channels in
+// the lanes, and s = dL/dpower times the pixels' powers 1, x, y, x^2, xy, y^2. This avoids sums across lanes, except
+// for ABSOLUTE_GRADIENTS.
 
-// A gradient row, sums over the tile's pixels: with u = dx - slope dy of s, s u, s dy, s u^2, s u dy, s dy^2, then
-// |dL/dx| and |dL/dy| of the centre where ABSOLUTE_GRADIENTS are wanted, then the gradients of the features.
+// A gradient row holds sums over the tile's pixels: s, s u, s dy, s u^2, s u dy and s dy^2, where u = dx - slope dy;
+// |dL/dx| and |dL/dy| of the centre if ABSOLUTE_GRADIENTS is defined, else 0; then the gradients of the features.
 #define MOMENTS 8
 #define GRADIENT_ROW (MOMENTS + (FEATURE_DIM + 7) / 8 * 8)
 #define CHANNEL_GROUPS ((FEATURE_DIM + 15) / 16)
 
-// A block's pixels in the tile's gradients: of each channel, and of all channels of each pixel.
+// A block's gradients of the picture, stored twice: `channels` has the pixels in the lanes, one value per channel;
+// `pixels` has the channels in the lanes, one value per pixel of each group of 16 channels.
 typedef struct {
     LANES channels[CHANNEL_GROUPS * 16], pixels[CHANNEL_GROUPS * 16];
     LANES alpha, rest;
     REAL8 powers[SIDE * SIDE];  // of each pixel: 1, x, y, x^2, xy, y^2
 } BlockGradients;
 
-// A chunk's gradient rows while they are summed; the moments are those of x and y yet.
+// A Gaussian's gradient row while it is being summed. Its moments are still in x and y rather than u and dy.
 typedef struct {
     REAL8 moments;
     LANES features[CHANNEL_GROUPS];
 } Row;
 
-// Up to 16 values from an address on; zeros beyond `count`.
+// Reads `count` values, at most 16; the remaining lanes are 0.
 static inline LANES read_lanes(__global const REAL *values, int count) {
     if (count >= 16) return *(__global const UNALIGNED_LANES *)values;
     LANES read = (LANES)(R(0));
@@ -34,7 +36,7 @@ static inline LANES read_lanes(__global const REAL *values, int count) {
     return read;
 }
 
-// Asks for the picture and its gradient at the block that is read SIDE blocks later, below this one.
+// Prefetches the picture and its gradient at the block below, which is read SIDE blocks later.
 static inline void fetch_block_below(
     Tile tile,
     Block block,
@@ -68,7 +70,7 @@ WHOLE_REGISTERS static inline void read_powers(REAL8 *powers, Block block) {
     EACH_16(PUT_POWERS, 0)
 }
 
-// Reads the picture's gradients for one block.
+// Reads the gradients of the picture for one block, and starts `rest`.
 WHOLE_REGISTERS static inline void read_gradients(
     BlockGradients *g,
     Tile tile,
@@ -113,14 +115,15 @@ WHOLE_REGISTERS static inline void read_gradients(
     EACH_16(ADD_PRODUCT, 0)
 }
 
-// The chunk's Gaussians that reach a block: their numbers in the chunk, and for each the pixels' c . g, weight and s.
+// The chunk's Gaussians that reach a block: their numbers in the chunk and, per pixel, c . g (`products`), weights and
+// s (`slopes`).
 typedef struct {
     int count, numbers[CHUNK], gaussians[CHUNK];
     LANES products[CHUNK], weights[CHUNK], slopes[CHUNK];
 } Reaching;
 
-// c . g, from the gradient of alpha on, channels by as many as there are registers for. (Here and below, two sums at a
-// time: one alone would wait for itself.)
+// multiply_N_features: adds N channels of c . g to the products, which start as the gradient of alpha. (Here and below,
+// two alternating accumulators hide the latency of the multiply-add.)
 #define LOAD_GRADIENT(k) grad[k] = g->channels[channel + (k)];
 #define ADD_CHANNEL(k) product[(k) & 1] += grad[k] * feature[k];
 #define DEFINE_MULTIPLY_FEATURES(number)                                                                      \
@@ -157,8 +160,8 @@ WHOLE_REGISTERS static inline void multiply_features(
     if (FEATURE_DIM & 1) multiply_1_features(reaching, features, g, k);
 }
 
-// Blends the chunk's Gaussians again, for the weights and for s = alpha dL/dalpha, where alpha is not clamped. What
-// does not wait for the Gaussian before is computed first, for all of them.
+// Blends the chunk's Gaussians again to find the weights and s, which is alpha dL/dalpha, or 0 where alpha is clamped.
+// A first loop computes every alpha, which does not depend on the previous Gaussian.
 WHOLE_REGISTERS static inline void differentiate_block(
     const Chunk *chunk, Block block, Transmittance *transmittance, BlockGradients *g, Reaching *reaching
 ) {
@@ -187,12 +190,12 @@ static inline REAL sum_of_sizes(LANES v) {
     return sum;
 }
 
-// Adds the pixels' |dL/dx| and |dL/dy| of the centres.
+// Adds each pixel's |dL/dx| and |dL/dy| of the Gaussians' centres.
 static inline void add_absolute_gradients(const Chunk *chunk, Block block, const Reaching *reaching, Row *rows) {
     for (int i = 0; i < reaching->count; i++) {
         const Splat *splat = chunk->splats + reaching->numbers[i];
         const Spread r = spread_of(splat, block);
-        const REAL squares = R(-1.38629436111989061883);  // undoes the exponents' factor
+        const REAL squares = R(-1.38629436111989061883);  // -2 ln 2: undoes the factor -1/2 log2(e) of the precisions
         const LANES by_x = reaching->slopes[i] * (r.across * (splat->across * squares));
         const LANES by_y = reaching->slopes[i] * (r.down * (splat->down * squares)) - splat->slope * by_x;
         rows[reaching->numbers[i]].moments.s6 += sum_of_sizes(by_x);
@@ -247,14 +250,14 @@ WHOLE_REGISTERS static inline void blend_block_backward(
     add_to_rows(&reaching, g, rows);
 }
 
-// Adds a block to the background's gradient, once its Gaussians are blended.
+// Adds a block's share of the background's gradient, from the transmittance `left` after its last Gaussian.
 WHOLE_REGISTERS static inline void add_to_background(const BlockGradients *g, LANES left, LANES *behind) {
     for (int group = 0; group < CHANNEL_GROUPS; group++)
         for (int lane = 0; lane < SIDE * SIDE; lane++)
             behind[group] += g->pixels[group * 16 + lane] * ((const REAL *)&left)[lane];
 }
 
-// Writes a row, its moments turned from x and y into u = x - slope y - offset and y - s.y.
+// Writes a row, after converting its moments from x and y to u = x - slope y - offset and dy = y - s->y.
 static inline void write_row(const Splat *s, const Row *row, __global REAL *gradient) {
     const REAL8 m = row->moments;
     const REAL offset = s->x - s->slope * s->y;
@@ -336,7 +339,7 @@ WHOLE_REGISTERS __kernel void blend_backward(
 
 #define SUM_CHUNK 128
 
-// Adds up each Gaussian's gradient rows, which lie side by side, in their order: the same bits every time.
+// Sums each Gaussian's gradient rows, which are contiguous, in order: the result is bitwise reproducible.
 __kernel void sum_gradients(
     const int count,
     __global const REAL *records,
@@ -378,7 +381,7 @@ __kernel void sum_gradients(
     }
 }
 
-// The background's gradient: the tiles' shares, in order.
+// The background's gradient: sums the tiles' shares in order.
 __kernel void sum_background(const int tiles, __global const REAL *background_rows, __global REAL *grad_background) {
     for (int k = 0; k < FEATURE_DIM; k++) {
         REAL sum = 0;

@@ -1,7 +1,8 @@
-// A tile of 16 x 16 pixels as 16 blocks of 4 x 4, whose pixels are the lanes; the tile's Gaussians are taken in chunks.
+// Divides a tile of 16 x 16 pixels into 16 blocks of 4 x 4, one pixel per lane, and its Gaussians into chunks.
 //
-// Most Gaussians reach a few blocks of a tile only. Which ones is found for all blocks at once; each block then walks
-// those of the chunk that reach it, with what it sums in registers. Coordinates are counted from the tile's centre.
+// Most Gaussians reach only a few blocks of a tile. One vector test per Gaussian finds these blocks; each block then
+// walks only the Gaussians of the chunk that reach it, with its sums in registers. Coordinates are relative to the
+// tile's centre.
 
 #define SIDE 4
 #define BLOCKS 16
@@ -10,7 +11,7 @@
 static inline LANES lane_columns() { return (LANES)(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3); }
 static inline LANES lane_rows() { return (LANES)(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3); }
 
-// The pixels of a block: its first one's column and row within the tile, and all centres.
+// The pixels of a block: column and row of the first within the tile, and the centres of all.
 typedef struct {
     int column, row;
     LANES x, y;
@@ -25,7 +26,7 @@ static inline Block block_of(int index) {
     return block;
 }
 
-// A pixel of a block: whether it is in the picture, and where.
+// Whether a block's pixel lies inside the picture, and its index there.
 static inline int in_picture(Tile tile, Block block, int lane) {
     return block.column + lane % SIDE < tile.columns && block.row + lane / SIDE < tile.rows;
 }
@@ -34,25 +35,25 @@ static inline size_t pixel_of(Tile tile, Block block, int lane, int width) {
     return (size_t)(tile.top + block.row + lane / SIDE) * width + tile.left + block.column + lane % SIDE;
 }
 
-// 1 in the picture, 0 beyond its border.
+// 1 inside the picture, 0 beyond its border.
 static inline LANES fresh_transmittance(Tile tile, Block block) {
     const LANES columns = lane_columns() + block.column, rows = lane_rows() + block.row;
     return columns < (LANES)(tile.columns) & rows < (LANES)(tile.rows) ? (LANES)(R(1)) : (LANES)(R(0));
 }
 
-// A Gaussian as the tile sees it: what alpha is computed from. Exponents are of 2.
+// What a tile needs of a Gaussian to compute its alpha, with the precisions scaled for exponents of base 2.
 typedef struct {
     REAL x, y, slope, across, down, opacity;
     int gaussian;
 } Splat;
 
-// A chunk of the tile's Gaussians, and for each block a bit for each of them that may reach it.
+// A chunk of the tile's Gaussians. In `reaching`, bit i of a block is set if Gaussian i may reach it.
 typedef struct {
     Splat splats[CHUNK];
     ulong reaching[BLOCKS];
 } Chunk;
 
-// Asks for the Gaussian that is drawn FETCH_AHEAD after this entry.
+// Prefetches the Gaussian that is FETCH_AHEAD entries ahead.
 static inline void fetch_ahead(
     __global const REAL *records, __global const REAL *features, __global const int *entries, int entry, int end
 ) {
@@ -61,12 +62,13 @@ static inline void fetch_ahead(
     for (int k = 0; k < FEATURE_DIM; k += 16) FETCH(features + (size_t)FEATURE_DIM * gaussian + k);
 }
 
-// For all blocks at once, whether the ellipse of alpha >= ALPHA_MINIMUM reaches a pixel's centre, or all but does.
-// The least squared Mahalanobis distance in a rectangle lies on the side that faces the centre, left or right, or on
-// the one above or below; along each it is a parabola's lowest point, clamped.
+// Tests all blocks at once, one per lane: whether the ellipse of alpha >= ALPHA_MINIMUM, plus some slack, reaches the
+// rectangle spanned by the block's pixel centres. The point of a rectangle with the least squared Mahalanobis distance
+// lies on the vertical or the horizontal side that faces the Gaussian's centre. Along a side the distance is a
+// parabola: its minimum, clamped to the side.
 WHOLE_REGISTERS static inline LANES_MASK reaching_blocks(__global const REAL *record, REAL x, REAL y) {
     const REAL slope = record[2], across = record[3], down = record[4];
-    const REAL lean = across * slope / (across * slope * slope + down);  // y of the lowest point for each x
+    const REAL lean = across * slope / (across * slope * slope + down);  // y of the least distance, per unit of x
     const LANES left = lane_columns() * SIDE + (R(0.5) - R(0.5) * TILE - x), right = left + (SIDE - 1);
     const LANES top = lane_rows() * SIDE + (R(0.5) - R(0.5) * TILE - y), bottom = top + (SIDE - 1);
     const LANES zero = (LANES)(R(0));
@@ -78,12 +80,12 @@ WHOLE_REGISTERS static inline LANES_MASK reaching_blocks(__global const REAL *re
     const LANES off_side = side - slope * along_side, off_edge = along_edge - slope * edge;
     const LANES on_side = across * off_side * off_side + down * along_side * along_side;
     const LANES on_edge = across * off_edge * off_edge + down * edge * edge;
-    // Rounding moves the distance by a part of itself, and by what a shift of the centre by an ulp is worth.
+    // Rounding adds an error relative to the distance, and one equal to the effect of moving the centre by an ulp.
     const REAL reach = record[6] * R(1.001) + REACH_SLACK;
     return (on_side < on_edge ? on_side : on_edge) <= (LANES)(reach);
 }
 
-// Reads `count` entries, at most CHUNK.
+// Reads `count` entries, at most CHUNK, and finds the blocks that they reach.
 WHOLE_REGISTERS static inline void read_chunk(
     Chunk *chunk,
     Tile tile,
@@ -119,8 +121,8 @@ WHOLE_REGISTERS static inline void read_chunk(
         chunk->reaching[block] = (ulong)(uint)lows[block] | (ulong)(uint)highs[block] << (CHUNK / 2);
 }
 
-// Distances of a block's pixels from a Gaussian's centre, down and along the row from its middle there, and alpha
-// before the clamp.
+// For a block's pixels: the distance `down` from a Gaussian's centre, the distance `across` from its midpoint in the
+// pixel's row, and alpha before the clamp.
 typedef struct {
     LANES across, down, alpha;
 } Spread;
@@ -133,13 +135,13 @@ static inline Spread spread_of(const Splat *s, Block block) {
     return r;
 }
 
-// Transmittance of a block's pixels: what the Gaussians so far let through, and what of it counts. A pixel is finished
-// once the product falls under the minimum; it never rises again, so that nothing else need be remembered.
+// Transmittance of a block's pixels: `product` includes every Gaussian so far, `counted` only those that are drawn. A
+// pixel is finished once `product` falls below the minimum; it never rises again, so no separate flag is needed.
 typedef struct {
     LANES product, counted;
 } Transmittance;
 
-// Blends alphas (clamped) and returns their weights, 0 where nothing is drawn.
+// Blends one Gaussian's clamped alphas and returns its weights, 0 where it is not drawn.
 static inline LANES weights_of(LANES alpha, Transmittance *transmittance) {
     const LANES zero = (LANES)(R(0));
     const LANES weight = (alpha >= ALPHA_MINIMUM ? alpha : zero) * transmittance->product;

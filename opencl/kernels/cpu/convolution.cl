@@ -1,11 +1,12 @@
-// Convolutions 3 x 3 and the gradient of their weights, by winograd.cl and products.cl.
+// 3 x 3 convolutions and the gradients of their weights, built on winograd.cl and products.cl.
 //
-// A work-item takes TILE_CHUNK tiles at a time, every so many chunks, so that what it holds of them in its part of
-// `scratch`, a matrix of TILE_CHUNK rows for each point, stays in the cache. From one matrix to the next there are
-// `input_step` or `output_step` values. All numbers of channels are multiples of 16.
+// Work-items stride over chunks of TILE_CHUNK tiles, few enough that a chunk stays in the cache. Each work-item has its
+// own part of `scratch`. There it keeps, for each of the 36 points, a matrix of the chunk's inputs,
+// [inputs / 16][TILE_CHUNK][16], and one of its outputs or their gradients, [TILE_CHUNK][outputs]. Consecutive matrices
+// are `input_step` or `output_step` values apart. All channel counts are multiples of 16.
 
-// All tiles convolved with `weights` at the points, [36][inputs][outputs]. Where `shown` is given, `pictures` are the
-// gradient of what it was rectified from.
+// Convolves all tiles with `weights` [36][inputs][outputs], the filters at the points. If `shown` is given, it is the
+// output of a ReLU and `pictures` its gradient, which is read as 0 wherever that output is 0.
 __kernel void convolve(
     const int tiles,
     const int height,
@@ -34,7 +35,7 @@ __kernel void convolve(
                 tile_at_points(pictures + place, mask, tile, points + channel * TILE_CHUNK + row * 16, input_step);
             }
         }
-        // Rows beyond `count` hold what was there before, and so do the products that come of them: nobody reads these.
+        // Rows from `count` on hold stale values; their products are computed but never read.
         for (int point = 0; point < POINTS; point++)
             for (int channel = 0; channel < outputs; channel += 16)
                 for (int row = 0; row < TILE_CHUNK; row += ROWS)
@@ -54,7 +55,7 @@ __kernel void convolve(
     }
 }
 
-// What each work-item has of the gradient: of the weights at the points, [36][inputs][outputs], and of the bias.
+// Each work-item's share of the gradients: of the weights at the points, [36][inputs][outputs], then of the bias.
 __kernel void weight_gradients(
     const int tiles,
     const int height,

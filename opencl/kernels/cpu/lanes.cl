@@ -1,7 +1,8 @@
-// Vectors and memory hints for processors that run one work-item a core.
+// Vectors and memory hints for processors that run one work-item per core.
 //
-// A LANES value holds 16 pixels, or 16 channels of one. Only operators are used on it: PoCL 3.0 links its built-in
-// functions for another CPU than it compiles kernels for, and 16 wide built-ins then abort the process.
+// A LANES value holds one number for each of 16 pixels, or 16 channels of one pixel. Use only operators on it: PoCL 3.0
+// links built-in functions that were compiled for a different CPU than its kernels, and 16-wide ones then abort the
+// process.
 
 #ifdef REAL_IS_DOUBLE
 typedef double8 REAL8;
@@ -19,21 +20,21 @@ typedef int LANES_INDEX;
 #define AS_LANES as_float16
 #endif
 
-// Anywhere in an array of REAL.
+// A LANES value anywhere in an array of REAL.
 typedef LANES __attribute__((aligned(sizeof(REAL)))) UNALIGNED_LANES;
 
-// Written out, not looped: what an array holds stays in registers only where each index is a constant, and compilers do
-// not unroll loops before they decide on that.
+// Expands step(k), step(k + 1), ... in place of a loop. An array stays in registers only if every index is a constant,
+// and compilers decide that before they unroll loops.
 #define EACH_1(step, k) step(k)
 #define EACH_2(step, k) EACH_1(step, k) EACH_1(step, (k) + 1)
 #define EACH_4(step, k) EACH_2(step, k) EACH_2(step, (k) + 2)
 #define EACH_8(step, k) EACH_4(step, k) EACH_4(step, (k) + 4)
 #define EACH_16(step, k) EACH_8(step, k) EACH_8(step, (k) + 8)
 
-// FETCH brings what a pointer leads to into the cache. Gaussians lie in memory in no order that tiles could use, and
-// waiting for the memory would take longer than drawing them. PoCL's `prefetch` does nothing, so clang's own is asked
-// for. STREAM writes past the caches to an aligned address, for what is too large to stay in them: it need not be read
-// first. FIRST_BIT is the number of the lowest bit that is set.
+// FETCH prefetches the cache line at a pointer. A tile's Gaussians are scattered in memory, and waiting for them would
+// take longer than drawing them. PoCL's `prefetch` does nothing, hence clang's builtin. STREAM stores to an aligned
+// address past the caches, which saves reading the line first: for output too large to stay in the caches. FIRST_BIT is
+// the index of the lowest set bit.
 #ifdef POCL_DEVICE_ADDRESS_BITS
 #define FETCH(pointer) __builtin_prefetch((const void *)(size_t)(pointer))
 #define STREAM(pointer, lanes) __builtin_nontemporal_store(lanes, (__global LANES *)(pointer))
@@ -45,7 +46,7 @@ typedef LANES __attribute__((aligned(sizeof(REAL)))) UNALIGNED_LANES;
 #endif
 #define FETCH_AHEAD 10
 
-// For functions of pointers to LANES: LLVM keeps to half registers where no argument is as wide as a whole one.
+// For functions of pointers to LANES: LLVM uses only half registers, unless an argument is as wide as a whole one.
 #if defined(__has_attribute) && !defined(REAL_IS_DOUBLE)
 #if __has_attribute(min_vector_width)
 #define WHOLE_REGISTERS __attribute__((min_vector_width(512)))
@@ -55,7 +56,7 @@ typedef LANES __attribute__((aligned(sizeof(REAL)))) UNALIGNED_LANES;
 #define WHOLE_REGISTERS
 #endif
 
-// Steps of `transpose`: two values' lanes side by side, by runs of 8, 4, 2 and 1: the even runs, or the odd ones.
+// Steps of `transpose`: interleave two values' even runs (0, 2 ...) of 8, 4, 2 or 1 lanes, or their odd ones.
 static inline LANES even_8(LANES a, LANES b) {
     return (LANES)(a.s01234567, b.s01234567);
 }
@@ -92,7 +93,7 @@ static inline LANES odd_1(LANES a, LANES b) {
 #define EXCHANGE_2(i) EXCHANGE(2, i)
 #define EXCHANGE_1(i) EXCHANGE(1, i)
 
-// 16 values of 16 lanes as a matrix, turned about its diagonal: lane l of value v becomes lane v of value l.
+// Transposes 16 values of 16 lanes: lane l of value v becomes lane v of value l.
 WHOLE_REGISTERS static inline void transpose(LANES *v) {
     EACH_8(EXCHANGE_8, 0)
     EACH_4(EXCHANGE_4, 0) EACH_4(EXCHANGE_4, 8)
@@ -100,7 +101,7 @@ WHOLE_REGISTERS static inline void transpose(LANES *v) {
     EXCHANGE_1(0) EXCHANGE_1(2) EXCHANGE_1(4) EXCHANGE_1(6) EXCHANGE_1(8) EXCHANGE_1(10) EXCHANGE_1(12) EXCHANGE_1(14)
 }
 
-// Whether the sign bit of any lane is set, as comparisons leave it.
+// Whether any lane of a comparison's result is true (has its sign bit set).
 static inline int any_lane(LANES_MASK mask) {
 #ifdef REAL_IS_DOUBLE
     const long8 eight = mask.lo | mask.hi;
@@ -114,10 +115,11 @@ static inline int any_lane(LANES_MASK mask) {
     return (two.x | two.y) < 0;
 }
 
-// 2^x for x <= 0 within two units in the last place: x = n + r, a polynomial for 2^r, n into the exponent's bits.
+// 2^x for x <= 0, within 2 ulp: splits x = n + r with integer n, evaluates a polynomial for 2^r, and adds n to the
+// exponent bits.
 static inline LANES exp2_of_lanes(LANES x) {
 #ifdef REAL_IS_DOUBLE
-    const double shift = 6755399441055744.0;  // 1.5 * 2^52: adding it rounds to an integer, which its low bits hold
+    const double shift = 6755399441055744.0;  // 1.5 * 2^52: adding it rounds x to an integer, kept in the low bits
     x = x < -1000.0 ? (LANES)(-1000.0) : x;
     const LANES shifted = x + shift;
     const LANES r = (x - (shifted - shift)) * 0.69314718055994530942;

@@ -1,9 +1,10 @@
-// Layers of matrices on PIXEL_CHUNK rows at a time: pixels, or whatever else is told by its channels.
+// Linear layers on chunks of PIXEL_CHUNK rows. A row is a pixel, or anything else that consists of channels.
 //
-// What a layer shows of a chunk is a block: for each 16 channels, one after the other, PIXEL_CHUNK rows of them. Channels
-// come in sixteens, filled up with zeros. A layer's weights are [inputs][outputs] and its bias, `turned` [outputs][inputs].
+// A layer's input and output for a chunk are blocks, [channels / 16][PIXEL_CHUNK][16], with the channels zero-padded to
+// a multiple of 16. A layer's `weights` are [inputs][outputs], followed by its bias; `turned` is the transpose
+// [outputs][inputs].
 
-// The `channels` of each pixel of a picture into a block, zero where there is none, and back.
+// Copies pixels of a picture into a block, zero where there is no such pixel or channel; write_block copies them back.
 WHOLE_REGISTERS static inline void read_block(
     __global const REAL *picture, int channels, int first, int pixels, int width, __global REAL *block
 ) {
@@ -29,7 +30,7 @@ static inline void write_block(
         }
 }
 
-// What a layer shows of the block before it.
+// Applies a layer to `block` and, if `rectifies`, a ReLU.
 WHOLE_REGISTERS static inline void show_layer(
     __global const REAL *block,
     int inputs,
@@ -54,7 +55,8 @@ WHOLE_REGISTERS static inline void show_layer(
     }
 }
 
-// What a layer adds to the gradient of its weights and of its bias, by the block before it and the gradient of its own.
+// Adds a chunk's share of the gradients of a layer's weights and bias to `sums`, from the layer's input `block` and the
+// gradient of its output.
 WHOLE_REGISTERS static inline void add_gradients(
     __global const REAL *block, int inputs, __global const REAL *gradient, int outputs, __global REAL *sums
 ) {
@@ -71,7 +73,7 @@ WHOLE_REGISTERS static inline void add_gradients(
     }
 }
 
-// The gradient of a layer's inputs; none of those that the ReLU before it held at zero.
+// The gradient of a layer's input `block`; 0 where a preceding ReLU (`rectified`) held the input at zero.
 WHOLE_REGISTERS static inline void pass_gradient(
     __global const REAL *gradient,
     int outputs,

@@ -1,10 +1,10 @@
-// Decoders of single pixels: layers of all channels of a pixel, a ReLU after each but the last, and their gradients.
+// Per-pixel decoders and their gradients: linear layers on the channels of a pixel, a ReLU after each but the last.
 //
-// A work-item takes PIXEL_CHUNK pixels at a time, every so many chunks. All blocks of a chunk lie in the work-item's part
-// of `scratch`, and in the cache. `widths` are the channels of the input and of each layer, in sixteens; `weights` and
-// `turned` have the layers one after the other.
+// Work-items stride over chunks of PIXEL_CHUNK pixels. All blocks of a chunk (see layers.cl) fit into the work-item's
+// own part of `scratch`, and into the cache. `widths` holds the channel counts of the input and of each layer,
+// multiples of 16; `weights` and `turned` hold the layers one after the other, at the same offsets.
 
-// All layers of a chunk, block after block; returns the last.
+// Applies all layers to a chunk, writing their blocks one after the other; returns the last block.
 WHOLE_REGISTERS static inline __global REAL *show_layers(
     int layers, __global const int *widths, __global const REAL *weights, __global REAL *block
 ) {
@@ -36,8 +36,8 @@ __kernel void decode_pixels(
     }
 }
 
-// Gradients of the picture, and of `weights` as far as each work-item's pixels have a part in it, in the same order.
-// Either may be null: nobody asks for it then.
+// Gradients of the picture and, in `sums`, each work-item's share of the gradient of `weights`, in the same layout.
+// Either output may be null if it is not needed.
 __kernel void decode_pixels_backward(
     const int pixels,
     const int channels,

@@ -1,10 +1,10 @@
-// Products of small matrices that lie in the cache.
+// Products of small matrices that fit into the cache.
 
 typedef __global const UNALIGNED_LANES *LANES_IN;
 typedef __global UNALIGNED_LANES *LANES_OUT;
 
-// Rows of a product that are summed at a time, in registers: 16 of LANES, or 4 where registers are half as wide and
-// half as many.
+// Rows of a product that are accumulated in registers at a time, one LANES value each: 16, or 4 if registers are half
+// as wide and half as many.
 #ifdef WIDE_REGISTERS
 #define ROWS 16
 #define EACH_ROW EACH_16
@@ -13,8 +13,9 @@ typedef __global UNALIGNED_LANES *LANES_OUT;
 #define EACH_ROW EACH_4
 #endif
 
-// ROWS rows of 16 values of a product: result[r] = sum over k of one[r][k] * other[k], added to what is there where
-// `adds`. All k are `blocks` times `count`; those of a block lie `step` values apart in `one`, its rows `row`.
+// Computes ROWS rows of 16 values of a product: result[r] = sum over k of one[r][k] * other[k]. If `adds`, adds them to
+// what `result` holds. There are `blocks` * `count` terms k: in `one`, blocks are `block_step` values apart, the terms
+// of a block `step` and rows `row`; in `other`, terms are `other_step` apart; in `result`, rows are `result_row` apart.
 WHOLE_REGISTERS static inline void multiply(
     int blocks,
     int count,

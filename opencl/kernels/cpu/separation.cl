@@ -1,10 +1,12 @@
-// What keeps pictures apart that share their Gaussians' features, and its gradients, in one pass over the Gaussians.
+// The penalty that separates pictures which share their Gaussians' features, and its gradients, in one pass over the
+// Gaussians (see separation.py).
 //
-// A layer of three parts reads each centred feature x = sigmoid(f) - 1/2: along all readings (`readings` of them, filled
-// up to sixteens), along the directions of all pictures (`pictures`, likewise), and once more along the direction of
-// each reading's own picture. Filled up parts have no weight and no bias.
+// A linear layer projects the centred features x = sigmoid(f) - 1/2 onto three groups of vectors: all readings
+// (`filled_readings` outputs), the directions of all pictures (`filled_pictures` outputs), which yield the shares, and,
+// for each reading, the direction of its own picture (`filled_readings` outputs). Groups are padded to multiples of 16;
+// padding has zero weights and biases.
 
-// sigmoid(f) - 1/2 of all values of a block; what is no number stays none.
+// Replaces all values f of a block by sigmoid(f) - 1/2; NaN stays NaN.
 WHOLE_REGISTERS static inline void centre(__global REAL *block, int width) {
     for (int place = 0; place < width * PIXEL_CHUNK; place += 16) {
         const LANES value = *(LANES_IN)(block + place);
@@ -20,7 +22,8 @@ static inline LANES as_share(LANES value) {
     return positive > 1 ? (LANES)(1) : positive;
 }
 
-// How far readings reach beyond half of `shares`, summed; in their place is left `slope` times which way they do.
+// Sums how far each reading's absolute value exceeds half its share. Replaces each reading by `slope` times its sign
+// where it does, and by 0 elsewhere.
 WHOLE_REGISTERS static inline REAL beyond_shares(
     __global REAL *readings, __global const REAL *shares, int width, int rows, REAL slope
 ) {
@@ -40,7 +43,7 @@ WHOLE_REGISTERS static inline REAL beyond_shares(
     return total;
 }
 
-// The products of the shares of each two pictures, summed; in the place of shares is left `slope` times their gradient.
+// Sums the products of the shares of every pair of pictures. Replaces each share by `slope` times the sum's gradient.
 static inline REAL common_shares(__global REAL *shares, int pictures, int rows, REAL slope) {
     REAL total = 0;
     for (int row = 0; row < rows; row++) {
@@ -60,9 +63,9 @@ static inline REAL common_shares(__global REAL *shares, int pictures, int rows, 
     return total;
 }
 
-// `slopes` are by what the two sums are multiplied. `sums` have, of each work-item, the gradient of all readings
-// [channels][readings] and of a bias that nobody needs, and both sums; the gradients are not computed where `gradient`,
-// that of the features, is null.
+// `slopes` are the factors of the two sums. Per work-item, `sums` holds the gradient of all readings,
+// [filled_channels][filled_readings], that of a bias, which is not used, and the two sums, common_shares first. If
+// `gradient`, that of the features, is null, no gradients are computed.
 __kernel void separation(
     const int count,
     const int channels,

@@ -1,10 +1,10 @@
-// Structural similarity, each work-item a strip of SSIM_STRIP values of a row.
+// Structural similarity. Each work-item takes a strip of SSIM_STRIP values of one row.
 
 static inline LANES lanes_at(__global const REAL *values) { return *(__global const UNALIGNED_LANES *)values; }
 
 static inline void keep_lanes(__global REAL *values, LANES lanes) { *(__global UNALIGNED_LANES *)values = lanes; }
 
-// The window's mean across, of what the window's means down gave.
+// The windowed mean across, from the windowed means down.
 static inline LANES across(const REAL *down) {
     LANES sum = (LANES)(0);
     for (int tap = 0; tap < TAPS; tap++) sum += window[tap] * *(const UNALIGNED_LANES *)(down + 3 * (tap - REACH));
@@ -57,7 +57,7 @@ __kernel void similarities(
         const LANES mean = across(down[0] + inside), mean_of_truth = across(down[1] + inside);
         const Similarity s = similarity_of(mean, mean_of_truth, across(down[2] + inside), across(down[3] + inside));
 
-        // Lanes behind the row's end count nothing.
+        // Lanes past the end of the row contribute nothing.
         const LANES_MASK within_row = order < (LANES)(length - start - 16 * group);
         const size_t place = (size_t)row * stride + PADDING + start + 16 * group;
         sums += within_row ? s.similarity : (LANES)(0);
@@ -70,8 +70,8 @@ __kernel void similarities(
     strip_sums[get_global_id(0)] = sum;
 }
 
-// The gradient of the sum of all similarities by each value of the pictures: the window is symmetric, so that every
-// value passes on what the windows about its neighbours say of it.
+// The gradient of the sum of all similarities with respect to each value of the pictures. The window is symmetric, so a
+// value's gradient needs the windowed means of its neighbours' derivatives, by the same window.
 __kernel void similarity_gradient(
     const int total,
     const int rows,

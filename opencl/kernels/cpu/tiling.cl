@@ -1,13 +1,14 @@
-// Which Gaussians each tile of 16 x 16 pixels draws, nearest first.
+// Lists the Gaussians that each tile of 16 x 16 pixels draws, nearest first.
 //
-// Gaussians are sorted by depth once; a counting sort by tile, stable and therefore keeping that order, makes the
-// lists. It runs in TILING_RUNS runs of the depth order: each counts its own, one scan gives every (run, tile) its
-// place, each writes its own. What comes out does not depend on how many run at once.
+// Gaussians are sorted by depth once. A counting sort by tile then makes the lists; it is stable, so it preserves the
+// depth order. It splits that order into TILING_RUNS runs, one per work-item: each run counts its entries per tile, one
+// scan assigns every (run, tile) pair its place, and each run writes its entries. The result does not depend on how
+// many runs execute at once.
 
 #define DIGIT_BITS 11
 #define DIGITS (1 << DIGIT_BITS)
 
-// Visible Gaussians by depth, equal depths by index: a radix sort by one work-item, over all digits of the key.
+// Sorts the visible Gaussians by depth, ties by index: a radix sort over all digits of the key, by one work-item.
 __kernel void sort_by_depth(
     const int count,
     __global const int *radii,
@@ -40,14 +41,14 @@ __kernel void sort_by_depth(
         for (int i = 0; i < visible; i++) order[i] = from[i];
 }
 
-// Asks for the record that is read FETCH_AHEAD after this one.
+// Prefetches the record that is read FETCH_AHEAD Gaussians later.
 static inline void fetch_record(__global const REAL *records, __global const int *order, int i, int end) {
     FETCH(records + (size_t)RECORD * order[i + FETCH_AHEAD < end ? i + FETCH_AHEAD : i]);
 }
 
 static inline int run_start(int run, int visible) { return (int)((long)visible * run / TILING_RUNS); }
 
-// How many Gaussians of its run fall on each tile, and in all.
+// Each work-item counts the (tile, Gaussian) pairs of its run: per tile, per Gaussian and in total.
 __kernel void count_tiles(
     const int width,
     const int height,
@@ -80,7 +81,8 @@ __kernel void count_tiles(
     run_totals[run] = run_total;
 }
 
-// Counts become places: tile by tile, and in each tile run by run.
+// Turns counts into places in the lists, ordered by tile and, within a tile, by run; and the runs' totals into their
+// first slots, followed by the grand total.
 __kernel void place_tiles(const int tiles, __global int *places, __global int *tile_starts, __global long *run_totals) {
     long total = 0;
     for (int run = 0; run < TILING_RUNS; run++) {
@@ -102,7 +104,7 @@ __kernel void place_tiles(const int tiles, __global int *places, __global int *t
     tile_starts[tiles] = place;
 }
 
-// The lists: for each entry its Gaussian and its slot, where all slots of one Gaussian lie side by side.
+// Writes the lists: for each entry, its Gaussian and its slot. All slots of a Gaussian are contiguous.
 __kernel void fill_tiles(
     const int width,
     const int height,

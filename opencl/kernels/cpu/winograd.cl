@@ -1,15 +1,15 @@
-// Winograd's minimal filtering F(4 x 4, 3 x 3): a tile of 4 x 4 pixels and what surrounds it become 36 values, its
-// values at 36 points, for each of which a convolution 3 x 3 is a product of matrices over the channels.
+// Winograd's minimal filtering F(4 x 4, 3 x 3): a tile of 4 x 4 pixels and the ring of pixels around it are transformed
+// into 36 values, one per point. At each point, a 3 x 3 convolution is a matrix product over the channels.
 //
-// Pictures are channels last, one after the other; tiles are numbered through all of them. A LANES value holds 16
-// channels. Vectors are written out: what an array holds stays in registers only where each index is a constant.
+// Pictures are stored channels last, one after the other; tiles are numbered consecutively through all pictures. A
+// LANES value holds 16 channels. Loops over small arrays are written out, see EACH_1 in lanes.cl.
 
 #define SIDE 4
 #define REACH 6
 #define POINTS 36
 #define EACH_6(step, k) EACH_4(step, k) EACH_2(step, (k) + 4)
 
-// B^T along one direction: what six values are at the points 0, 1, -1, 2, -2 and infinity.
+// B^T along one direction: transforms six values to the points 0, 1, -1, 2, -2 and infinity.
 WHOLE_REGISTERS static inline void at_points(LANES *v) {
     const LANES far = v[4] - 4 * v[2], far_odd = v[3] - 4 * v[1], near = v[4] - v[2], near_odd = 2 * (v[3] - v[1]);
     v[0] = 4 * v[0] - 5 * v[2] + v[4];
@@ -20,7 +20,7 @@ WHOLE_REGISTERS static inline void at_points(LANES *v) {
     v[4] = near - near_odd;
 }
 
-// A^T: the four values of a tile, of six at the points.
+// A^T: transforms six values at the points to the four values of a tile.
 WHOLE_REGISTERS static inline void of_points(LANES *v) {
     const LANES one = v[1] + v[2], one_odd = v[1] - v[2], two = v[3] + v[4], two_odd = v[3] - v[4];
     v[0] = v[0] + one + two;
@@ -29,7 +29,7 @@ WHOLE_REGISTERS static inline void of_points(LANES *v) {
     v[3] = one_odd + 8 * two_odd + v[5];
 }
 
-// A: `of_points` transposed, four values of a gradient at the points.
+// A, the transpose of `of_points`: transforms four values of a gradient to the points.
 WHOLE_REGISTERS static inline void gradients_at_points(LANES *v) {
     const LANES one = v[0] + v[2], one_odd = v[1] + v[3], two = v[0] + 4 * v[2], two_odd = 2 * v[1] + 8 * v[3];
     v[5] = v[3];
@@ -39,8 +39,8 @@ WHOLE_REGISTERS static inline void gradients_at_points(LANES *v) {
     v[4] = two - two_odd;
 }
 
-// A tile in its picture: where its values begin, how many of them there are from one pixel to the next below and beside
-// it, and how many pixels there are from its first to the picture's edges.
+// A tile in its picture: the index of its first value, the strides in values to the next pixel `down` and `across`, and
+// the pixels from its first to each edge of the picture (`below` and `right` include the first).
 typedef struct {
     size_t start;
     int down, across;
@@ -62,12 +62,13 @@ static inline Tile tile_at(int number, int height, int width, int channels) {
     return tile;
 }
 
-// Whether all pixels from `first` up to `end` of it exist in both directions.
+// Whether the picture contains all pixels [first, end) in both directions, counted from the tile's first pixel.
 static inline int is_whole(Tile tile, int first, int end) {
     return tile.above >= -first && tile.left >= -first && tile.below >= end && tile.right >= end;
 }
 
-// A pixel: zero beyond the picture's edges, and where the rectified picture `shown`, if there is one, is zero.
+// A pixel at y, x from the tile's first: zero beyond the picture's edges and where `shown`, the output of a ReLU, is
+// zero (if given). `exists` skips the test of the edges.
 WHOLE_REGISTERS static inline LANES pixel(
     __global const REAL *values, __global const REAL *shown, Tile tile, int exists, int y, int x
 ) {
@@ -82,7 +83,7 @@ WHOLE_REGISTERS static inline LANES pixel(
 #define READ_ROW(x) v[x] = columns[REACH * y + (x)];
 #define KEEP_POINT(x) *(LANES_OUT)(points + (long)(REACH * y + (x)) * step) = v[x];
 
-// A tile and what surrounds it at the points, which lie `step` values apart.
+// Transforms a tile and the ring around it to the points, which are `step` values apart.
 WHOLE_REGISTERS static inline void tile_at_points(
     __global const REAL *values, __global const REAL *shown, Tile tile, __global REAL *points, int step
 ) {
@@ -104,7 +105,7 @@ WHOLE_REGISTERS static inline void tile_at_points(
     }
 }
 
-// A tile's gradient at the points; at the eighth it is its sum.
+// Transforms a tile's gradient to the points. Its value at the eighth, (1, 1), is the sum over the tile.
 WHOLE_REGISTERS static inline void tile_gradient_at_points(
     __global const REAL *values, __global const REAL *shown, Tile tile, __global REAL *points, int step
 ) {
@@ -126,7 +127,7 @@ WHOLE_REGISTERS static inline void tile_gradient_at_points(
     }
 }
 
-// The tile, of its values at the points; where `rectifies`, nothing below zero.
+// Transforms values at the points to a tile, adds the bias and, if `rectifies`, applies a ReLU.
 WHOLE_REGISTERS static inline void tile_of_points(
     __global const REAL *points, int step, LANES bias, int rectifies, __global REAL *values, Tile tile
 ) {

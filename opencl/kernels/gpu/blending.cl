@@ -1,10 +1,10 @@
-// Front-to-back alpha blending, one work-group a tile and one work-item a pixel.
+// Front-to-back alpha blending, one work-group per tile and one work-item per pixel.
 //
-// The group brings a batch of Gaussians into local memory, from where all pixels read the same one at the same time.
-// Features blended so far stay in registers.
+// The work-group stages a batch of Gaussians in local memory; all pixels then read the same Gaussian at the same time.
+// The features blended so far stay in registers.
 
-// Gaussians of a batch: 12 KiB of local memory or less (24 in double precision), so that several groups share a
-// processor.
+// Gaussians per batch. A batch takes at most 12 KiB of local memory (24 KiB in double precision), so that several
+// work-groups fit on a compute unit.
 #if FEATURE_DIM <= 16
 #define BLEND_BATCH 128
 #elif FEATURE_DIM <= 32
@@ -27,7 +27,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend(
     __global int *pixel_counts
 ) {
     __local REAL4 staged_records[BLEND_BATCH * RECORD_QUARTETS], staged_features[BLEND_BATCH * FEATURE_QUARTETS];
-    __local int furthest, open_pixels[2];  // of this batch and of the one before
+    __local int furthest, open_pixels[2];  // open_pixels: nonzero if any is open; batches alternate
 #ifdef COUNT_PIXELS
     __local int drawn[BLEND_BATCH];
 #endif
@@ -41,7 +41,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend(
     REAL4 blended[FEATURE_QUARTETS];
     #pragma unroll
     for (int q = 0; q < FEATURE_QUARTETS; q++) blended[q] = 0;
-    int open = inside, reached = 0;  // how far this pixel looked, in entries
+    int open = inside, reached = 0;  // reached: entries visited by this pixel
     if (item == 0) furthest = 0;
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int batch = first, turn = 0; batch < end; batch += BLEND_BATCH, turn ^= 1) {
@@ -72,7 +72,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void blend(
         if (open) atomic_or(open_pixels + turn, 1);
         barrier(CLK_LOCAL_MEM_FENCE);
 #ifdef COUNT_PIXELS
-        // The order in which whole numbers are added does not matter.
+        // Deterministic despite the atomics: integer sums do not depend on the order of addition.
         for (int n = item; n < here; n += GROUP_SIZE)
             if (drawn[n]) atomic_add(pixel_counts + entries[batch + n], drawn[n]);
         barrier(CLK_LOCAL_MEM_FENCE);

@@ -1,17 +1,17 @@
-// Gradients of `blend`, one work-group a tile, without atomics: each (tile, Gaussian) has a row of its own to write.
+// Gradients of `blend`, one work-group per tile. No atomics: each (tile, Gaussian) pair writes a row of its own.
 //
-// Walks front to back as `blend` does. With a pixel's gradient g and what is blended behind Gaussian i, `rest`:
-// dL/dalpha_i = T_i (c_i . g) - rest_i / (1 - alpha_i), where rest starts as (out . g) and loses w_i (c_i . g) at each
-// step. Alpha counts as one more channel, of value 1, over a background of 0.
+// Walks front to back, as `blend` does. With features c, transmittance T, weight w = T alpha and a pixel's gradient g,
+// dL/dalpha_i = T_i (c_i . g) - rest_i / (1 - alpha_i). `rest`, what is blended behind Gaussian i, starts
+// as (out . g) and loses w_i (c_i . g) at each step. Alpha is one more channel, of value 1 over a background of 0.
 //
-// A few Gaussians at once, in two phases. First a work-item is a pixel: it writes the Gaussians' weights w and their
-// s = dL/dpower to local memory. Then it is a task over a slice of the pixels: the gradients of some features (sums of
-// w g) of all these Gaussians, or the moments (of s) of one. What is read of a pixel thus serves several Gaussians. The
-// slices' sums are added up in a fixed order.
+// Gaussians are processed in small batches, in two phases. In the first, a work-item is a pixel and writes the
+// Gaussians' weights w and s = dL/dpower to local memory. In the second, it is a task on a slice of the pixels and sums
+// either the gradients of some features (w g) of all Gaussians of the batch, or the moments (of s) of one. Each value
+// read from a pixel thus serves several Gaussians. The slices' sums are added in a fixed order.
 
-// A gradient row, sums over the pixels: of s with u = dx - slope dy: s, s u, s dy, s u^2, s u dy, s dy^2, then of
-// |dL/dx| and |dL/dy| of the centre where ABSOLUTE_GRADIENTS are wanted, and of the gradients of the features; filled
-// up to whole sectors of memory.
+// A gradient row holds sums over the tile's pixels: s, s u, s dy, s u^2, s u dy and s dy^2, where u = dx - slope dy;
+// |dL/dx| and |dL/dy| of the centre if ABSOLUTE_GRADIENTS is defined; from ROW_FEATURES on, the gradients of the
+// features. It is padded to whole memory sectors.
 #ifdef ABSOLUTE_GRADIENTS
 #define MOMENTS 8
 #else
@@ -20,7 +20,7 @@
 #define ROW_FEATURES 8
 #define GRADIENT_ROW ((ROW_FEATURES + FEATURE_DIM + 7) / 8 * 8)
 
-// Gaussians at once, so that a group needs less than 32 KiB of local memory.
+// Gaussians per batch, chosen so that a work-group needs less than 32 KiB of local memory.
 #ifdef REAL_IS_DOUBLE
 #define BACKWARD_BATCH 4
 #else
@@ -28,8 +28,8 @@
 #endif
 #define WEIGHT_QUARTETS (BACKWARD_BATCH / 4)
 
-// Tasks come in blocks of 8 times TILE slices, half a group: 16 features of all Gaussians, two a task; or, the last
-// block, the moments, a Gaussian a task. Each half of the group takes every other block.
+// A block is TASKS tasks on TILE slices each, work for half a work-group. It covers 16 features of all Gaussians, two
+// per task; the last block covers the moments, one Gaussian per task. The halves of the group take alternate blocks.
 #define TASKS 8
 #define BLOCK_FEATURES (2 * TASKS)
 #define FEATURE_BLOCKS ((FEATURE_DIM + BLOCK_FEATURES - 1) / BLOCK_FEATURES)
@@ -37,11 +37,11 @@
 #define TASK_SUMS (2 * BACKWARD_BATCH)
 #define BLOCK_SUMS (TASKS * TASK_SUMS)
 
-// Distances in local memory: a little more than needed, so that what is read at once lies in different banks.
+// Pitches in local memory, padded to avoid bank conflicts.
 #define WEIGHT_PITCH (GROUP_SIZE + 4)
 #define SLICE_PITCH (BLOCK_SUMS + 8)
 
-// A group's local memory: what the pixels give to the tasks; then the sums of two blocks.
+// A work-group's local memory: first what the pixels hand to the tasks, then the sums of two blocks.
 typedef union {
     struct {
         REAL4 weights[WEIGHT_QUARTETS * WEIGHT_PITCH], power_gradients[WEIGHT_QUARTETS * WEIGHT_PITCH];
@@ -49,7 +49,8 @@ typedef union {
     REAL sums[2 * TILE * SLICE_PITCH];
 } BackwardSpace;
 
-// What a pixel knows: its gradients, how much of the light comes through, and what is blended behind (see above).
+// A pixel's state: its centre from the tile's corner, gradients, transmittance, `rest` (see above), and whether it is
+// still open, that is, not finished.
 typedef struct {
     REAL x, y, transmittance, rest, grad_alpha;
     REAL4 grads[FEATURE_QUARTETS];
@@ -86,7 +87,7 @@ static inline Pixel pixel_of(
     return p;
 }
 
-// Blends one Gaussian into an open pixel: its weight, and the gradient of its power, which are 0 so far.
+// Blends one Gaussian into an open pixel. If it is drawn, sets `weight` and `power_gradient`, both 0 on entry.
 static inline void blend_pixel(
     Pixel *p, __local const REAL4 *record, __local const REAL4 *feature, REAL *weight, REAL *power_gradient
 ) {
@@ -105,12 +106,12 @@ static inline void blend_pixel(
     *power_gradient = unclamped > ALPHA_MAXIMUM ? 0 : alpha * (before * product - p->rest / (1 - alpha));
 }
 
-// Sums over a slice, which is a column of the tile, of two features' gradients times the weights of all Gaussians:
-// sums[c * WEIGHT_QUARTETS + q] holds four Gaussians' of the feature `channel` + c * TASKS.
+// Adds up, over a slice (a column of the tile), two features' gradients times the weights of all Gaussians:
+// sums[c * WEIGHT_QUARTETS + q] holds those of four Gaussians for the feature `channel` + c * TASKS.
 static inline void add_features(
     int width, Tile tile, int slice, int channel, __global const REAL *grads, __local const REAL4 *weights, REAL4 *sums
 ) {
-    // Where there is no such pixel or feature, some other is read: its weight is 0, or its sum is not used.
+    // A missing pixel or feature is replaced by another one, whose weight is 0 or whose sum is not used.
     const int column = slice < tile.columns ? slice : 0;
     const int one = channel < FEATURE_DIM ? channel : 0, other = channel + TASKS < FEATURE_DIM ? channel + TASKS : 0;
     grads += ((size_t)tile.top * width + tile.left + column) * FEATURE_DIM;
@@ -126,13 +127,13 @@ static inline void add_features(
     }
 }
 
-// Sums over a slice of one Gaussian's moments.
+// Adds up one Gaussian's moments over a slice.
 static inline void add_moments(
     int slice, __local const REAL4 *record, __local const REAL *power_gradients, REAL *sums
 ) {
     const REAL4 place = record[0];
 #ifdef ABSOLUTE_GRADIENTS
-    const REAL squares = R(-1.38629436111989061883);  // undoes the exponents' factor
+    const REAL squares = R(-1.38629436111989061883);  // -2 ln 2: undoes the factor -1/2 log2(e) of the precisions
     const REAL precision_across = place.w * squares, precision_down = record[1].x * squares;
 #endif
     for (int row = 0; row < TILE; row++) {
@@ -152,8 +153,8 @@ static inline void add_moments(
     }
 }
 
-// The gradient of the background: g times the light that is left, summed over the tile. (1 - alpha would not do: hardly
-// a digit of it is sound where little light is left.)
+// The gradient of the background: g times the final transmittance, summed over the tile. A slice is a row here. (The
+// picture's 1 - alpha would not do: where little light is left, cancellation leaves hardly a correct digit.)
 static inline void sum_behind(
     int width,
     Tile tile,
@@ -183,7 +184,7 @@ static inline void sum_behind(
     }
 }
 
-// Adds the slices' sums of a block, of which this work-item takes one, and writes it into its Gaussian's row.
+// Adds up one of a block's sums over all slices and writes it to its Gaussian's row. `number` selects the sum.
 static inline void write_sum(
     int block, int number, int here, __local const REAL *slices, __local const int *slots, __global REAL *gradient_rows
 ) {

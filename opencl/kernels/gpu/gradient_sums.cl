@@ -1,17 +1,17 @@
-// Sums of the gradient rows: over each Gaussian's tiles, and of the tiles' shares of the background's.
+// Sums gradients over tiles: each Gaussian's gradient rows, and the tiles' shares of the background's gradient.
 
-// ROW_FEATURES times ROW_SLICES work-items take a Gaussian: each takes every ROW_SLICES-th of its rows, and of these
-// every ROW_FEATURES-th value. A Gaussian over the whole picture has thousands of rows.
+// ROW_FEATURES * ROW_SLICES work-items share a Gaussian: each sums every ROW_SLICES-th row and, of it, every
+// ROW_FEATURES-th value. They split the rows because a Gaussian that covers the whole picture has thousands.
 #define ROW_SLICES 4
 #define VALUES_EACH (GRADIENT_ROW / ROW_FEATURES)
 #define GROUP_GAUSSIANS (GROUP_SIZE / (ROW_FEATURES * ROW_SLICES))
 
-// Whether the value v, of ROW_FEATURES side by side, of a row is written at k.
+// Whether value k of the v-th run of ROW_FEATURES values in a row is in use; others are never written.
 static inline int in_row(int v, int k) {
     return v == 0 ? k < MOMENTS : (v - 1) * ROW_FEATURES + k < FEATURE_DIM;
 }
 
-// Adds up each Gaussian's gradient rows, which lie side by side, in a fixed order: the same bits every time.
+// Sums each Gaussian's gradient rows, which are contiguous, in a fixed order: the result is bitwise reproducible.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void sum_gradients(
     const int count,
     __global const REAL *records,
@@ -63,7 +63,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void sum_gradie
                                                   : 0;
 }
 
-// The background's gradient, a work-group a channel.
+// The background's gradient, one work-group per channel.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void sum_background(
     const int tiles, __global const REAL *background_rows, __global REAL *grad_background
 ) {

@@ -1,8 +1,9 @@
-// Running sums over arrays of any length: every work-group sums up a chunk, and the chunks' totals are scanned in turn.
+// Exclusive prefix sums over arrays of any length: work-groups scan a chunk each, then the chunks' totals are scanned.
 
 #define SCAN_ITEMS (SCAN_CHUNK / GROUP_SIZE)
 
-// The sum of the values of the work-items before this one, and of all of them. Called by the whole group.
+// Returns the sum of the values of all work-items before this one; `total` receives that of the whole work-group. All
+// work-items of the group must call it. `sums` has room for 2 * GROUP_SIZE values.
 static inline long scan_of_group(long value, __local long *sums, long *total) {
     const int item = get_local_id(0);
     __local long *from = sums, *to = sums + GROUP_SIZE;
@@ -19,7 +20,7 @@ static inline long scan_of_group(long value, __local long *sums, long *total) {
     return from[item] - value;
 }
 
-// Each value becomes the sum of those before it in its chunk.
+// Replaces each value by the sum of those before it in its chunk.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void scan_chunks(
     const int count, __global long *values, __global long *chunk_totals
 ) {
@@ -38,7 +39,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void scan_chunk
     if (get_local_id(0) == 0) chunk_totals[get_group_id(0)] = total;
 }
 
-// To each value, what comes before its chunk.
+// Adds to each value the sum of all chunks before its own.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void add_chunk_starts(
     const int count, __global const long *chunk_starts, __global long *values
 ) {

@@ -1,22 +1,22 @@
-// A stable radix sort of keys with a payload each, DIGIT_BITS of the key at a time, from the lowest up.
+// A stable radix sort of keys, each with a payload, by DIGIT_BITS of the key per pass, lowest bits first.
 //
-// Work-groups count the digits of their chunks; a scan of the counts, digit by digit and in each chunk by chunk, says
-// where each chunk's items of each digit go; work-groups then sort their chunks locally, so that neighbours in local
-// memory are neighbours in global memory, and write them there. No atomics: what comes out is the same on every run.
+// Work-groups count the digits in their chunks. A scan of the counts, ordered by digit and then by chunk, yields where
+// each chunk's items of each digit go. Work-groups then sort their chunks in local memory, so that neighbouring items
+// are written to neighbouring addresses. No atomics: the result is the same on every run.
 
 #define DIGIT_BITS 4
 #define DIGITS (1 << DIGIT_BITS)
 #define SORT_ITEMS (SORT_CHUNK / GROUP_SIZE)
 
-// Items of each digit that each work-item has, [DIGITS][GROUP_SIZE]. Read in order, DIGITS by each work-item; two
-// places after each DIGITS are left unused, so that these do not meet in one bank of local memory.
+// Items per digit and work-item, [DIGITS][GROUP_SIZE]. For the scan, each work-item reads DIGITS consecutive counts;
+// two unused places after every DIGITS counts avoid bank conflicts in local memory.
 #define PLACE_OF_COUNT(i) ((i) + (i) / DIGITS * 2)
 #define COUNTS (GROUP_SIZE * (DIGITS + 2))
 
 static inline int digit_of(DEPTH_KEY key, int shift) { return (int)(key >> shift) & (DIGITS - 1); }
 
-// Reads this work-item's keys, which lie side by side from `first` on, and counts their digits. `ranks`: how many of
-// the same digit come before each.
+// Reads this work-item's keys, SORT_ITEMS consecutive ones from `first` on, and counts their digits. `ranks` receives,
+// for each key, how many of them before it have the same digit.
 static inline void count_own_digits(
     int first, int count, int shift, __global const DEPTH_KEY *keys, __local ushort *counts, DEPTH_KEY *own, int *ranks
 ) {
@@ -48,7 +48,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void count_digi
     digit_counts[(size_t)item * get_num_groups(0) + get_group_id(0)] = total;
 }
 
-// A group's local memory: first the counts, then the chunk in its new order.
+// A work-group's local memory: first the counts, then the sorted chunk.
 typedef union {
     ushort counts[COUNTS];
     struct {
@@ -57,7 +57,7 @@ typedef union {
     } sorted;
 } SortSpace;
 
-// `digit_starts` is what count_digits counted, scanned.
+// Moves items to their places for this pass's digit. `digit_starts` is the exclusive scan of count_digits' counts.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void move_by_digit(
     const int count,
     const int shift,
@@ -69,7 +69,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void move_by_di
 ) {
     __local SortSpace space;
     __local long sums[2 * GROUP_SIZE];
-    __local int moves[DIGITS];  // from an item's place in the sorted chunk to its place among all
+    __local int moves[DIGITS];  // per digit, offset from an item's place in the sorted chunk to its place in the output
     const int item = get_local_id(0), chunk = get_group_id(0) * SORT_CHUNK, first = chunk + item * SORT_ITEMS;
     DEPTH_KEY own[SORT_ITEMS];
     int ranks[SORT_ITEMS];

@@ -1,4 +1,4 @@
-// Gaussians as a tile sees them, kept in local memory for its work-group: a pixel for each work-item, row by row.
+// Gaussians staged in local memory for a tile's work-group, in which each work-item is a pixel, row by row.
 
 #ifdef REAL_IS_DOUBLE
 typedef double4 REAL4;
@@ -8,12 +8,12 @@ typedef float4 REAL4;
 #define EXP2 native_exp2
 #endif
 
-// A Gaussian's record and features as vectors of four, which local memory delivers at once.
+// A Gaussian's record and features as vectors of four, each read from local memory at once.
 #define RECORD_QUARTETS (RECORD / 4)
 #define FEATURE_QUARTETS ((FEATURE_DIM + 3) / 4)
 
-// Brings `here` entries' records into local memory: centres from the tile's corner, precisions as exponents of 2. What
-// is missing to `places` becomes a Gaussian that is nowhere drawn.
+// Stages the records of `here` entries in local memory: centres relative to the tile's corner, precisions scaled for
+// exponents of base 2. The rest of the `places` is filled with Gaussians of opacity 0, which are never drawn.
 static inline void stage_records(
     __global const REAL *records, __global const int *entries, int here, int places, Tile tile, __local REAL4 *staged
 ) {
@@ -25,7 +25,7 @@ static inline void stage_records(
             i < here * RECORD ? (records[(size_t)RECORD * entries[i / RECORD] + k] - origin) * scale : 0;
 }
 
-// Brings their features, filled up with zeros.
+// Stages the features of the same entries, padded with zeros.
 static inline void stage_features(
     __global const REAL *features, __global const int *entries, int here, int places, __local REAL4 *staged
 ) {
@@ -36,17 +36,17 @@ static inline void stage_features(
     }
 }
 
-// `blend` and `blend_backward` decide by what follows which Gaussians a pixel shows, so it must have the same bits in both:
-// where a compiler could contract a product and a sum in one kernel and not in the other, there is an fma.
+// The two functions below decide which Gaussians a pixel shows, so they must give the same bits in `blend` and in
+// `blend_backward`. They use fma wherever a compiler might contract a product and a sum in one kernel only.
 
-// A Gaussian's alpha, before the clamp, at a pixel centre x, y from the tile's corner.
+// A Gaussian's alpha, before the clamp, at the pixel centre (x, y), relative to the tile's corner.
 static inline REAL alpha_of(__local const REAL4 *staged, REAL x, REAL y) {
     const REAL4 place = staged[0], size = staged[1];  // centre, slope, precision across; precision down, opacity
     const REAL down = y - place.y, across = fma(-place.z, down, x - place.x);
     return EXP2(fma(across * across, place.w, size.x * down * down)) * size.y;
 }
 
-// How much light comes through a Gaussian of this alpha, of what came to it.
+// The transmittance behind a Gaussian of this alpha, given the transmittance in front of it.
 static inline REAL light_behind(REAL alpha, REAL transmittance) {
     return fma(-alpha, transmittance, transmittance);
 }

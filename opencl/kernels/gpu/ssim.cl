@@ -1,19 +1,20 @@
-// Structural similarity, each work-group a tile of SSIM_ROWS rows of SSIM_COLUMNS values.
+// Structural similarity. Each work-group takes a tile of SSIM_ROWS rows of SSIM_COLUMNS values.
 //
-// First each work-item takes a column, of the tile or of what the window reaches beside it, and half of the tile's
-// rows: it reads each value once and adds it to all of its rows' sums down, which are in registers. These go to local
-// memory, of which a group needs 32 KiB. Then it is any value of the tile, and sums across.
+// First, each work-item takes half of the tile's rows in one column, which may lie beside the tile, within reach of the
+// window. It reads each value of the column once and adds it to the sums down of all rows that need it, kept in
+// registers. These sums go to local memory, of which a work-group needs 32 KiB. Then the work-items sum across, each
+// for other values of the tile.
 
 #define BESIDE (3 * REACH)
-#define COLUMNS_READ (SSIM_COLUMNS + 2 * BESIDE)  // two of these times half of the rows are the group's work-items
+#define COLUMNS_READ (SSIM_COLUMNS + 2 * BESIDE)  // half of GROUP_SIZE: a work-item for each half of the rows
 #define OWN_ROWS (SSIM_ROWS / 2)
-#define PITCH (SSIM_ROWS * COLUMNS_READ)  // from one quantity to the next
+#define PITCH (SSIM_ROWS * COLUMNS_READ)  // distance between quantities in local memory
 
-// Where a group's tile lies.
+// Where a work-group's tile lies.
 typedef struct {
-    int top;     // its first row, counted from the picture's first
-    int origin;  // the picture's first row
-    int left;    // its first value in a row
+    int top;     // the tile's first row, relative to its picture
+    int origin;  // the picture's first row among all rows
+    int left;    // the tile's first value within a row
 } Patch;
 
 static inline Patch patch_of(int rows, int length) {
@@ -26,13 +27,14 @@ static inline Patch patch_of(int rows, int length) {
     return patch;
 }
 
-// Where in the pictures a work-item's column begins, in their first row; negative where there is none.
+// A work-item's column, as an index into a padded row; negative if it lies beyond the row.
 static inline int own_column(Patch patch, int stride) {
     const int column = PADDING + patch.left - BESIDE + (int)get_local_id(0) % COLUMNS_READ;
     return column < stride ? column : -1;
 }
 
-// Adds a value of the column, the `step`th that its rows' windows reach, to the sums of all rows that it is for.
+// Adds a value of the column to the sums of all rows whose window contains it. `step` counts from the first row that
+// the windows reach.
 static inline void add_down(REAL sums[OWN_ROWS], int step, REAL value) {
     #pragma unroll
     for (int k = 0; k < OWN_ROWS; k++)
@@ -103,7 +105,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void similariti
         by_product[place] = s.by_product;
         by_square[place] = s.by_square;
     }
-    barrier(CLK_LOCAL_MEM_FENCE);  // what was summed down is read, and its memory free
+    barrier(CLK_LOCAL_MEM_FENCE);  // all work-items have read the sums down; reuse their memory
     down[item] = sum;
     for (int others = GROUP_SIZE / 2; others > 0; others /= 2) {
         barrier(CLK_LOCAL_MEM_FENCE);
@@ -112,8 +114,8 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void similariti
     if (item == 0) tile_sums[get_group_id(0)] = down[0];
 }
 
-// The gradient of the sum of all similarities by each value of the pictures: the window is symmetric, so that every
-// value passes on what the windows about its neighbours say of it.
+// The gradient of the sum of all similarities with respect to each value of the pictures. The window is symmetric, so a
+// value's gradient needs the windowed means of its neighbours' derivatives, by the same window.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void similarity_gradient(
     const int total,
     const int rows,

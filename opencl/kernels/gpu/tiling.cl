@@ -1,14 +1,14 @@
-// Which Gaussians each tile of 16 x 16 pixels draws, nearest first.
+// Lists the Gaussians that each tile of 16 x 16 pixels draws, nearest first.
 //
-// Gaussians are sorted by depth; each then has as many slots, side by side, as it reaches tiles; the slots are sorted
-// by tile. That sort is stable and keeps the order of depth.
+// Gaussians are sorted by depth. Each then gets one slot per tile that it reaches, all contiguous, and the slots are
+// sorted by tile. That sort is stable, so it preserves the depth order.
 //
-// Two kernels test which tiles a Gaussian reaches, one to count them and one to fill the slots. Should a compiler round
-// them differently after all (see footprint.cl), tiles without a slot are left out, and slots without a tile belong to a
-// tile after the last, which nobody draws.
+// Two kernels test which tiles a Gaussian reaches: one counts them, the other fills the slots. Should a compiler round
+// them differently after all (see footprint.cl), tiles without a slot are dropped, and slots without a tile are
+// assigned to an extra tile after the last, which is never drawn.
 
-// Sort keys by depth; Gaussians that are not visible come last. The same order for keys with a sign and for those
-// without: depths are positive, and the largest key with a sign is no number's.
+// Keys for the sort by depth; invisible Gaussians come last. The order is the same whether keys are compared as signed
+// or as unsigned integers: depths are positive, and the largest signed integer is the bit pattern of a NaN.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void key_by_depth(
     const int count,
     __global const int *radii,
@@ -22,7 +22,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void key_by_dep
     order[i] = i;
 }
 
-// Tiles of each Gaussian, by Gaussian and in the order of depth.
+// Counts the tiles of each Gaussian, stored both by Gaussian and in depth order.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void count_tiles(
     const int count,
     const int width,
@@ -49,7 +49,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void count_tile
     ordered_counts[i] = total;
 }
 
-// The first place in an ascending array whose value is at least `value`.
+// The first index in an ascending array whose value is at least `value`; `count` if there is none.
 static inline int find_slot_start(__global const long *starts, int count, long value) {
     int low = 0, high = count;
     while (low < high) {
@@ -70,7 +70,8 @@ static inline int find_key(__global const DEPTH_KEY *keys, int count, DEPTH_KEY 
     return low;
 }
 
-// Gaussian and tile of each slot. A work-item takes one slot, so that a Gaussian which fills the picture holds up none.
+// Finds the Gaussian and the tile of each slot. One work-item per slot, not per Gaussian: a Gaussian that fills the
+// picture would hold up its work-item.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void fill_slots(
     const int total,
     const int count,
@@ -87,7 +88,7 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void fill_slots
 ) {
     const int slot = get_global_id(0);
     if (slot >= total) return;
-    // Those without tiles start where the next one does: the last that starts here has this slot.
+    // Gaussians without tiles start where the next one does: the last that starts at or before this slot owns it.
     const int place = find_slot_start(slot_starts, count, (long)slot + 1) - 1;
     const int gaussian = order[place], start = (int)slot_starts[place];
     const int columns = (width + TILE - 1) / TILE, rows = (height + TILE - 1) / TILE;
@@ -100,13 +101,14 @@ __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void fill_slots
         left -= last - first + 1;
     }
     const bool has_tile = row <= ellipse.last_row;
-    if (!has_tile && left == 0) tile_counts[gaussian] = slot - start;  // the first too many
+    if (!has_tile && left == 0) tile_counts[gaussian] = slot - start;  // the first surplus slot
     gaussians[slot] = gaussian;
     tiles[slot] = has_tile ? row * columns + first + left : rows * columns;
     slots[slot] = slot;
 }
 
-// Where each tile's entries start in the sorted lists; for the tile after the last, how many are drawn.
+// Finds where each tile's entries start in the sorted lists. The start of the tile after the last is the number of
+// entries that are drawn.
 __kernel __attribute__((reqd_work_group_size(GROUP_SIZE, 1, 1))) void start_tiles(
     const int tiles, const int total, __global const DEPTH_KEY *sorted_tiles, __global int *tile_starts
 ) {
