@@ -1,1 +1,1 @@
-"""The nodes that a workflow can name, one file a stage, and the library folders that they call."""
+"""The stages that workflows can name, one per module, and the packages that implement them."""

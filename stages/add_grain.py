@@ -1,4 +1,4 @@
-"""`add_grain`: a trained container whose renders carry a grain that its owner finds: RTWS in a way of ours."""
+"""`add_grain`: add a grain to a trained container, which its owner can detect in renders. Our alternative to RTWS."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from stages.scene.scene import read_scene
 
 
 class AddGrainParameters(Parameters):
-    """How strong the grain is, and whose."""
+    """Strength of the grain, and the source of its coins."""
 
     method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     level: float = Field(
@@ -48,11 +48,12 @@ class AddGrainParameters(Parameters):
     unread={"key": {"level": 0}},
 )
 def add_grain(context: Context, parameters: AddGrainParameters) -> None:
-    """Change every Gaussian a little in colour, one way or the other; nothing is trained, no decoder changes.
+    """Change every Gaussian's colour a little, with a random sign (its coin); nothing is trained, no decoder changes.
 
-    With the secret, the message is kept out of it: features change in a direction that its decoder does not look along.
-    With a key, nobody else knows how the coins fell. The container from before is what the grain is read with: keep it,
-    and publish the other. At a level of 0 nothing changes, to the bit.
+    If the secret is given, features change in a direction that its decoder does not read, which spares the message as
+    far as decoders are linear. If a key is given, nobody else knows the coins. `find_grain` reads the grain with the
+    container from before: keep that one, and publish the new one. At level 0 nothing changes, bit for bit. Raises
+    `UserError` for a sealed container.
     """
     torch.set_num_threads(parameters.threads)
     container = context.input("container")

@@ -1,4 +1,4 @@
-"""`attack`: what thieves may do to a container, and what is left of cover and message."""
+"""`attack`: attacks on a published container, and the quality of cover and messages that they leave."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from stages.training.views import training_views
 
 
 class AttackParameters(Parameters):
-    """Which attacks, how strong, and how they are measured."""
+    """Which attacks are run, how strong they are, and how their effect is measured."""
 
     method: MethodName = Field("gs_hider", description="The container's method.")
     attacks: tuple[AttackName, ...] = Field(tuple(ATTACKS), min_length=1, description="The attacks, in order.")
@@ -69,11 +69,12 @@ class AttackParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def attack(context: Context, parameters: AttackParameters) -> None:
-    """Attack the container in every way that is asked for, and measure cover and messages on test views.
+    """Attack the container in every way listed in `attacks`, and measure cover and messages on test views.
 
-    The message is read as the attack leaves it, and again after the owner has registered what he finds with the
-    container, as `recover` does. A sealed one is attacked as it is published, and the owner opens what is left of it
-    beside the published one, both times.
+    Messages are read from the attacked container as it is, and again after the owner has registered it with the
+    published one, as `recover` does. A sealed container is attacked as published; for both readings, the owner opens
+    what is left of it with the help of the published one. Raises `UserError` if the container hides none of the
+    `messages`.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input("secret")
@@ -103,7 +104,7 @@ def attack(context: Context, parameters: AttackParameters) -> None:
 
 
 def _measured_views(scene: Scene, most: int) -> list[str]:
-    """The test views, or so many of them, evenly spread."""
+    """At most `most` of the test views, evenly spread."""
     names = scene.test_names
     return [names[position] for position in evenly_spread(len(names), most)]
 

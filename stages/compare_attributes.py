@@ -1,4 +1,4 @@
-"""`compare_attributes`: whether a container's Gaussians look unlike those of one that hides nothing."""
+"""`compare_attributes`: do a container's Gaussians differ in their attributes from those of one that hides nothing?"""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stages.hiding.method_names import MethodName
 
 
 class CompareAttributesParameters(Parameters):
-    """Under which name the rows appear."""
+    """The method's name in the measurements."""
 
     method: MethodName = Field("gs_hider", description="The method that hides, whose rows these are.")
 
@@ -30,7 +30,11 @@ class CompareAttributesParameters(Parameters):
     version=1,
 )
 def compare_attributes(context: Context, parameters: CompareAttributesParameters) -> None:
-    """Divergences of the container from a clean one, beside those of two clean trainings that differ in their seed."""
+    """Measure how far histograms of the container's attributes diverge from those of a clean one.
+
+    `clean_again`, trained like `clean` but with another seed, is the control: its rows say how far two clean trainings
+    differ. The histograms are among the rows as well.
+    """
     clean = gaussians_of(context.input("clean"))
     others = {HIDDEN: gaussians_of(context.input("hidden"))}
     again = context.input_optional("clean_again")
@@ -42,5 +46,5 @@ def compare_attributes(context: Context, parameters: CompareAttributesParameters
 
 
 def gaussians_of(artifact: Artifact) -> dict[str, np.ndarray]:
-    """The attributes of all Gaussians by their names; networks are left out."""
+    """The attributes of all Gaussians by name, without the networks' weights."""
     return {name: artifact.read(name) for name in artifact.names if "/" not in name}

@@ -1,4 +1,4 @@
-"""`compare_with_paper`: the paper's tables with our figures laid beside its own."""
+"""`compare_with_paper`: the paper's tables, with our figures beside its own."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Table = Literal[
 
 
 class CompareWithPaperParameters(Parameters):
-    """Which tables, and what the items' columns mean."""
+    """Which tables are made, and which columns of the items name capture, method and seed."""
 
     tables: tuple[Table, ...] = Field(("fidelity",), description="The tables, in order.")
     capture_column: str = Field("capture", description="The column of the items that names the cover's capture.")
@@ -53,12 +53,14 @@ class CompareWithPaperParameters(Parameters):
     version=1,
 )
 def compare_with_paper(context: Context, parameters: CompareWithPaperParameters) -> None:
-    """The owner's page shows everything; the public one is made of public scores and timings alone, and not written
-    where these say nothing. `experiments` are what was measured under conditions, such as attacks: none is public.
-    Both end with the digests of what they were made from.
+    """Write a page of our figures beside the paper's for the owner, and one of the scenes' figures for the public.
 
-    Items say what they are about: the capture, the method, the seed, and of `lambda_message`, `feature_dim`, `layers`
-    and `iterations` whatever they vary.
+    The owner's page shows everything. The public page is made only from public scores and timings, and is not written
+    if they yield no table. `experiments` are measurements under conditions, such as attacks; none of them is public.
+    Both pages end with the digests of the artifacts that they were made from.
+
+    Items state what they are about: the capture, the method, the seed, and whichever they vary of `lambda_message`,
+    `feature_dim`, `layers`, `decoder_width`, `iterations`, `gaussians` and `sealed`.
     """
     columns = Columns(parameters.capture_column, parameters.method_column, parameters.seed_column)
     timings = context.items("timings")

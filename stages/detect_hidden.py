@@ -1,4 +1,4 @@
-"""`detect_hidden`: whether a detector that learnt from other scenes tells renders of a container from clean ones."""
+"""`detect_hidden`: does a detector trained on other scenes distinguish renders of a container from clean ones?"""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ INPUTS = {"hidden": HIDDEN, "clean": CLEAN, "clean_again": CLEAN_AGAIN}
 
 
 class DetectHiddenParameters(Parameters):
-    """Which scene is tested, and how the detector learns."""
+    """Which capture is tested, and how the detector is trained."""
 
     capture: str = Field("", description="The cover's capture whose renders are tested; from the others' it learns.")
     method: MethodName = Field(
@@ -39,10 +39,11 @@ class DetectHiddenParameters(Parameters):
     version=1,
 )
 def detect_hidden(context: Context, parameters: DetectHiddenParameters) -> None:
-    """Rows of one capture; none where it was not rendered, or nothing else was.
+    """Train a detector on renders of all other captures, and score every render of the tested one.
 
-    Hidden and clean renders belong together where their items are of the same row. Of several rows of the capture, such
-    as of trainings that differ in their seed, each has a number, from 0 on, in the column `seed`.
+    Hidden and clean renders belong together if their items are of the same row. If the capture has several rows, such
+    as trainings with different seeds, the column `seed` numbers them from 0. There are no rows if the capture was not
+    rendered. If no other capture was, there are no scores, and the rows only say that there was nothing to train on.
     """
     torch.set_num_threads(parameters.threads)
     rows = _rows_of(context, parameters)
@@ -65,7 +66,7 @@ def detect_hidden(context: Context, parameters: DetectHiddenParameters) -> None:
 
 
 def _rows_of(context: Context, parameters: DetectHiddenParameters) -> list[tuple[str, Mapping[str, Artifact]]]:
-    """The capture and the artifacts by their class of each row of the method that has hidden and clean renders."""
+    """Capture and artifacts by class for each row of the method that has both hidden and clean renders."""
     found: dict[str, dict[str, Artifact]] = {}
     captures = {}
     for name, condition in INPUTS.items():

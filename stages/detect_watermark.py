@@ -1,4 +1,4 @@
-"""`detect_watermark`: whether the watermark is found in renders, and in nothing else."""
+"""`detect_watermark`: is the watermark detected in renders, and in nothing else?"""
 
 from __future__ import annotations
 
@@ -58,18 +58,18 @@ COVER_SCENE = "the cover"
 OWN_PHOTOS, OTHER_PHOTOS = "test photos of the cover", "photos of other things"
 OWN_RENDERS, OTHER_RENDERS = "renders from before", "renders of other scenes"
 NOISY_PHOTOS = "photos of other things, noise of 5 levels"
-"""Counted apart. What is hidden in pictures is a faint noise, and decoders may take one for the other."""
+"""Counted separately: a watermark in a picture is itself faint noise, and decoders may mistake noise for it."""
 
 NOISE = noisy(5.0)
 
 SEEN = "seen"
-"""The array of a checkpoint that holds what was seen, a row for each picture."""
+"""Checkpoint array of the reader's results, a row for each picture."""
 
 Pictures = UInt8[np.ndarray, "V H W 3"]
 
 
 class DetectWatermarkParameters(Parameters):
-    """How many pictures of which kind."""
+    """Which reader is tested, and on how many pictures of each kind."""
 
     method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     reader: Literal["decoder", "grain"] = Field(
@@ -121,13 +121,14 @@ class DetectWatermarkParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method), module_of(PLAIN)],
 )
 def detect_watermark(context: Context, parameters: DetectWatermarkParameters) -> None:
-    """Score renders with the watermark, distorted ones, those of attacked containers, photos, and renders without it.
+    """Run the watermark's reader on renders with the watermark, as they are and attacked, and on many without it.
 
-    Negatives are windows of photos, at random places and of random sizes, and renders by cameras along the rigs. Every
-    capture is one scene, its photos and its renders together, and so is every shipped photo. These are tried with
-    noise, too, which is counted apart; and a part of all of other scenes after every distortion. Of the cover, the
-    photos are its test views, which no decoder has learnt from, and the renders those of the container from before;
-    they are counted apart, since of both a decoder knows the scene.
+    Positives are renders of the container, as they are and after every distortion, and renders after attacks on the
+    container. Negatives are windows of photos, at random places and of random sizes, and renders from cameras along the
+    rigs. Each capture is one scene, photos and renders together, and so is each shipped photo. Shipped photos are also
+    tried with noise, which is counted separately, and a share of all pictures of other scenes after every distortion.
+    Negatives of the cover are photos of its test views, which no decoder was trained on, and renders of the container
+    from before. They are counted separately, since decoders know that scene.
     """
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("cover"))
@@ -161,7 +162,7 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
 
 
 def _seen_before(context: Context, checkpoints: Checkpoints) -> list[Shown]:
-    """What the reader has seen of the first pictures before it was stopped."""
+    """The reader's results for the pictures before an interruption; empty without a checkpoint."""
     found = checkpoints.newest()
     if found is None:
         return []
@@ -213,7 +214,7 @@ def _attacked(
 
 
 def _fidelity(context: Context, scene: Scene, positives: Positives) -> Iterator[Measurement]:
-    """PSNR of the cover on test views, without the watermark and with it; and of the control, where there is one."""
+    """PSNR of the cover on test views: before watermarking, after it, and of the control, if there is one."""
     containers = {COVER_BEFORE: context.input("before"), COVER_CONTROL: context.input_optional("control")}
     cameras, truths = scene.cameras.select(scene.test_names), scene.pictures[scene.rows(scene.test_names)]
     shown: dict[str, Sequence[Picture]] = {
@@ -230,7 +231,10 @@ def _fidelity(context: Context, scene: Scene, positives: Positives) -> Iterator[
 
 @dataclass(frozen=True)
 class Amounts:
-    """How many negatives at most: of the cover `own` photos and as many renders, of others `each` of every source."""
+    """Largest numbers of negatives: `own` photos and as many renders of the cover, `each` of every other source.
+
+    `total` includes noisy and distorted ones.
+    """
 
     own: int
     each: int
@@ -293,7 +297,10 @@ def _negatives(
 
 
 def _test_photos(capture: Artifact, scene: Scene) -> list[Picture]:
-    """The photos of the scene's test views, at full size; where none has such a name, the test views as they are."""
+    """The capture's photos of the test views, with sides of at most `longest_for`.
+
+    If it has no photo of their names, the scene's own pictures of these views.
+    """
     longest = longest_for(scene.cameras.width, scene.cameras.height)
     return read_photos(capture, scene.test_names, longest) or [*scene.pictures[scene.rows(scene.test_names)]]
 

@@ -1,4 +1,4 @@
-"""`draw_key`: the secret key of one container, from which follows where in its features the messages lie."""
+"""`draw_key`: draw a container's secret key, which determines where in its features the messages are."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stages.hiding.key import KEY_BYTES, write_key
 
 
 class DrawKeyParameters(Parameters):
-    """Where the key comes from."""
+    """The source of the key."""
 
     seed: int | None = Field(
         None, ge=0, description="For experiments: a key that anyone can draw again. Without it, the system's entropy."
@@ -26,11 +26,11 @@ class DrawKeyParameters(Parameters):
     unrepeatable=lambda given: given.seed is None,
 )
 def draw_key(context: Context, parameters: DrawKeyParameters) -> None:
-    """Draw a key once; the store keeps it, so that a rerun hides with the same one.
+    """Draw a key once; the store keeps it, so that a rerun hides with the same key.
 
-    `container_of`: what goes into the container, the cover and its messages. Others get another key. Who is shown the
-    messages of one container has its secret, which would read those of every other with the same key. Without any, all
-    containers of a store share one.
+    `container_of` are the inputs of the container, its cover and messages; other inputs get another key. Anyone who is
+    shown the messages of one container has its secret, which would also read those of every other container with the
+    same key. Without `container_of`, all containers of a store share one key.
     """
     drawn = (
         secrets.token_bytes(KEY_BYTES)

@@ -1,4 +1,4 @@
-"""`edit_splats`: a scene recoloured, an object removed or added: the cover itself as a message, as in the paper."""
+"""`edit_splats`: recolour a scene, remove or add an object, to make a message of the cover itself, as in the paper."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from stages.scene.world_scale import stated, world_scale_of
 
 
 class EditSplatsParameters(Parameters):
-    """What is changed."""
+    """The edits to apply."""
 
     edits: list[Annotated[Edit, Field(discriminator="edit")]] = Field(
         description="Each a recolour, remove or add, made one after the other.", min_length=1, max_length=100
@@ -41,7 +41,11 @@ class EditSplatsParameters(Parameters):
     modules=lambda parameters: [module_of(PLAIN)],
 )
 def edit_splats(context: Context, parameters: EditSplatsParameters) -> None:
-    """Make the edits. `scene` and `added_scene`, on which the splats were trained, give the coordinates of rigs."""
+    """Apply the edits in order.
+
+    Rig coordinates are relative to the cameras of `scene`, on which the splats were trained; those of added splats, to
+    the cameras of `added_scene` or else to their own extent. Raises `UserError` for rig coordinates without `scene`.
+    """
     splats = _read(context.input("splats"), context.input_optional("scene"), "scene")
     given = context.input_optional("added")
     added = None if given is None else _read(given, context.input_optional("added_scene"), "added_scene")

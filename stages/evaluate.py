@@ -1,4 +1,4 @@
-"""`evaluate`: how faithful the cover and every message are, on views that were trained on and views that were not."""
+"""`evaluate`: fidelity of the cover and of every message, on training views and on test views."""
 
 from __future__ import annotations
 
@@ -37,9 +37,10 @@ NETWORKS: Mapping[Networks, tuple[Network, ...]] = {
 
 
 class EvaluateParameters(Parameters):
-    """What is measured. LPIPS as far as its weights are installed: once they are, scores without it are made again.
+    """What is measured.
 
-    Nor is it measured on pictures that its network has too many layers for.
+    LPIPS is measured only with networks whose weights are installed; once they are, scores without it are computed
+    again. It is not measured on pictures that are too small for a network's layers.
     """
 
     method: MethodName = Field("gs_hider", description="The container's method.")
@@ -73,10 +74,10 @@ class EvaluateParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method), module_of(PLAIN)],
 )
 def evaluate(context: Context, parameters: EvaluateParameters) -> None:
-    """Score the container's cover and messages or hidden image, and plain 3DGS of the same cover where it is given.
+    """Score the container's cover and its messages or hidden image, and plain 3DGS of the cover if it is given.
 
-    The public learns of the cover alone: nothing where the splats are private, and where the cover is, neither its
-    photos nor their names.
+    Public outputs are about the cover alone: private splats have none, and if the cover is private, neither its photos
+    nor their names are shown. Raises `UserError` for messages or an image without the secret.
     """
     torch.set_num_threads(parameters.threads)
     device, scene = working_device(), read_scene(context.input("cover"))
@@ -101,9 +102,9 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
         public, shown = public_gaussians(splats, reads, device), parameters.shown_train_views
         pictured = image if own else None
         scores = score(gaussians, method, name, scene, hidden, perceptual, shown, progress, pictured, public)
-        # For the reference, which has never seen a message, this is the control: what chance gives.
+        # For the reference, which never saw a message, this is the control: the correlation due to chance.
         scores.rows += _sizes(splats, name, secret if own else None) + leakage_rows(scores, messages)
-        scores.residuals.clear()  # as large as all test views in float32, and of no further use
+        scores.residuals.clear()  # as large as all test views in float32, and no longer needed
         return scores
 
     every = [scored(container, parameters.method, messages, 0)]
@@ -116,7 +117,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
 
 
 def _hidden_messages(messages: Mapping[str, MessageViews], secret: Artifact | None) -> dict[str, MessageViews]:
-    """Those of the messages that the container hides: a workflow may give more than were hidden."""
+    """The messages that the container hides; a workflow may give more. Raises `UserError` if they lack a secret."""
     if messages and secret is None:
         raise UserError(
             "messages cannot be scored",
@@ -160,7 +161,7 @@ def _sizes(splats: Artifact, name: str, secret: Artifact | None) -> list[MetricR
 def _write(
     context: Context, every: list[Scores], scene: Scene, published: list[Scores], public_views: set[str]
 ) -> None:
-    """Everything for the owner; for the public, what is `published`: see `stages.analysis.public_scores`."""
+    """Write everything for the owner, and what is `published` for the public (see `stages.analysis.public_scores`)."""
     private_cover = context.input("cover").private
     write_rows(context.output("scores"), _rows(every))
     write_comparisons(context.output("pictures"), _comparisons(every, scene))

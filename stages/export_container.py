@@ -1,4 +1,4 @@
-"""`export_container`: a container, and apart from it its secret, as files that other programs read."""
+"""`export_container`: a container, and separately its secret, as files that other programs read."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from stages.scene.scene import Scene, read_scene
 
 
 class ExportContainerParameters(Parameters):
-    """From where others look, where the cover is given."""
+    """The camera path that is exported if the cover is given."""
 
     frames: int = Field(96, ge=2, le=MOST_CAMERAS, description="Cameras of the path: pictures in a viewer's video.")
     bends: int = Field(16, ge=3, description="How many bends the path has at most: with fewer it is smoother.")
@@ -43,12 +43,12 @@ class ExportContainerParameters(Parameters):
     version=1,
 )
 def export_container(context: Context, parameters: ExportContainerParameters) -> None:
-    """Write the Gaussians as PLY and decoders as safetensors; `import_container` reads them back bit for bit.
+    """Write the Gaussians as PLY and the decoders as safetensors; `import_container` reads them back bit for bit.
 
-    The public bundle is made from the container alone, and from the cover a smooth path along its training cameras, for
-    `view_container`: neither photos nor their names, nor from where any was taken. A picture that is hidden at one view
-    is seen from there alone, so the secret bundle says where that is. The command `export` copies any artifact, a
-    bundle too, out of the store as it is.
+    The public bundle is made from the container and, for `view_container`, a smooth path along the cover's training
+    cameras: it reveals neither photos, nor their names, nor where any of them was taken. An image hidden in one view is
+    seen only from there, so the secret bundle has that camera. The command `export` copies any artifact, including a
+    bundle, out of the store unchanged. Raises `UserError` for a private container.
     """
     container, secret = context.input("container"), context.input_optional("secret")
     if container.private:
@@ -70,7 +70,7 @@ def export_container(context: Context, parameters: ExportContainerParameters) ->
 
 
 def _path_along(scene: Scene, parameters: ExportContainerParameters) -> Cameras:
-    """The path along the training cameras, or along all where none was trained on: the secret has no say in it."""
+    """The path along the training cameras, or along all cameras if there are none; it does not depend on the secret."""
     cameras = scene.training_cameras
     return camera_path(cameras, scene.points, parameters.frames, parameters.bends)
 

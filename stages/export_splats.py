@@ -13,14 +13,14 @@ SPLATS_FILE = "splats.ply"
 
 
 class ExportSplatsParameters(Parameters):
-    """Nothing is to be chosen."""
+    """There are no parameters."""
 
 
 @stage(inputs={"splats": Input("splats")}, outputs={"bundle": Output("bundle")}, version=1)
 def export_splats(context: Context, parameters: ExportSplatsParameters) -> None:
-    """Write the splats with 3DGS's columns in 3DGS's order; those of a message stay private.
+    """Write the splats with 3DGS's columns in 3DGS's order; those of a private message stay private.
 
-    They stand in the world of the poses that came with their photos, however the scene was enlarged.
+    Positions are in the world of the poses that came with the photos, even if the scene was enlarged for training.
     """
     splats = context.input("splats")
     bundle, scale = container_bundle(splats), world_scale_of(splats)

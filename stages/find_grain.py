@@ -1,4 +1,4 @@
-"""`find_grain`: which of some pictures were rendered from a container whose owner gave it a grain."""
+"""`find_grain`: which of some pictures were rendered from a container with a grain?"""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SCORE, FOUND, UNREADABLE = "standard_score", "has_grain", "cannot_be_read"
 
 
 class FindGrainParameters(Parameters):
-    """Whose grain it is."""
+    """The container's method, and the source of the grain's coins."""
 
     method: MethodName = Field("plain", description="The container's method; plain for splats of 3DGS.")
     grain_seed: int = Field(0, ge=0, description="That of add_grain, where there is no key.")
@@ -45,15 +45,15 @@ class FindGrainParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def find_grain(context: Context, parameters: FindGrainParameters) -> None:
-    """Look for the grain in each picture, by the container from before it was added and the key that it was added with.
+    """Look for the grain in each picture, using the container from before the grain and the key it was added with.
 
-    Two rows a picture, and a line in the log: the standard score, which of a picture without the grain is chance, and
-    whether it reaches `CERTAIN`, which by chance one picture in 1.6 million does, and one in 815,000 of those that are
-    smaller than the scene's, since these get two looks (`GrainReader.score`). A score of exactly 0 says that a picture
-    tells nothing: it has no colour, or shows nothing of the scene that could be recognised. A picture that could not be
-    read has one row instead, which says so.
+    Each picture gets two rows and a line in the log: its standard score, and whether that reaches `CERTAIN`. The score
+    of a picture without the grain is chance: one in 1.6 million reaches `CERTAIN`, and one in 815,000 of pictures
+    smaller than the scene's, which get two tests (`GrainReader.score`). A score of exactly 0 means that the picture is
+    no evidence: it has no colour, or shows nothing of the scene that could be recognised. An unreadable picture gets
+    one row, which says so.
 
-    Scores are kept as they are found: who has thousands of pictures loses none of them to a kill.
+    Scores are cached as they are found, so that a run over thousands of pictures loses none of them if it is killed.
     """
     torch.set_num_threads(parameters.threads)
     before = context.input("before")
@@ -87,9 +87,9 @@ def _scored(reader: GrainReader, picture: Picture) -> list[Measurement]:
 
 
 def _kept_as(path: Path, device: str) -> str:
-    """What a picture's score is kept under, by all that it depends on but the reader, whose own the scratch folder is.
+    """The name under which a picture's score is cached: a hash of its bytes and of the device.
 
-    Copies of a picture have one score.
+    Nothing else can differ within one scratch folder. Copies of a picture share one score.
     """
     return hashlib.sha256(device.encode() + b"\0" + path.read_bytes()).hexdigest()
 

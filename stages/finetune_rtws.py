@@ -1,4 +1,4 @@
-"""`finetune_rtws`: a trained container whose renders carry a watermark (RTWS, the paper's appendix A, first half)."""
+"""`finetune_rtws`: fine-tune a container so that its renders carry a watermark (RTWS, first half of appendix A)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from stages.training.views import training_views
 
 
 class FinetuneRtwsParameters(Parameters):
-    """The paper names neither iterations nor rates."""
+    """Settings of the fine-tuning. The paper gives neither the number of iterations nor learning rates."""
 
     method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     marked: bool = Field(
@@ -70,11 +70,12 @@ class FinetuneRtwsParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
-    """Hide the watermark in half of the training views, and have the Gaussians' features follow.
+    """Watermark half of the training views, and fine-tune the Gaussians' features on all of them.
 
-    Positions, shapes, opacities and the container's decoders stay as they are (of opacities and decoders the paper says
-    nothing). A message that is given, as `evaluate` takes it, with its secret, is held on to; without it the features
-    are free to forget it. Then `tune_watermark_decoder` goes on: one container serves all decoders that learn from it.
+    Positions, shapes, opacities and the container's decoders stay as they are (the paper does not mention opacities and
+    decoders). Messages or an image, given with the secret as for `evaluate`, are part of the loss; without them, the
+    features are free to forget what they hide. `tune_watermark_decoder` comes next: one container serves all decoders
+    that learn from it. Raises `UserError` for a sealed container.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")

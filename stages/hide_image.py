@@ -1,4 +1,4 @@
-"""`hide_image`: one image hidden in one view of the cover, while the cover's scene is fitted (section 4.6)."""
+"""`hide_image`: hide one image in one view of the cover while the cover's scene is fitted (section 4.6)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from stages.training.views import training_views
 
 
 class HideImageParameters(HidingParameters):
-    """What hiding an image changes."""
+    """Parameters specific to hiding an image."""
 
     lambda_message: float = Field(0.1, ge=0, description="λ: the image's weight in the total loss.")
     view: str | None = Field(
@@ -45,10 +45,9 @@ class HideImageParameters(HidingParameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def hide_image(context: Context, parameters: HideImageParameters) -> None:
-    """Fit the cover, and in each iteration compare what the message decoder shows at one view with the image.
+    """Fit the cover, and in each iteration compare the message decoder's output at one view with the image.
 
-    The image fills the view's picture: it is scaled, and what sticks out is cut off. What the decoder shows at other
-    views is left to itself.
+    The image is scaled to fill the view's picture, and cropped. The decoder's output at other views is not constrained.
     """
     torch.set_num_threads(parameters.threads)
     cover = read_scene(context.input("cover"))
@@ -73,10 +72,10 @@ def hide_image(context: Context, parameters: HideImageParameters) -> None:
 
 
 def chosen_view(cover: Scene, wanted: str | None, key: Artifact | None) -> str:
-    """The training view that hides the image: the one that is wanted, else the key's choice, else the middle one.
+    """The training view that hides the image: `wanted`, if given, else the key's choice, else the middle one.
 
-    The key's choice is drawn apart from what the training draws. Raises `UserError` for a name that is not one of them,
-    and where there are none.
+    The key's choice is independent of the training's random numbers. Raises `UserError` if `wanted` is not a training
+    view, and if there is no training view.
     """
     names = learnt_names(cover)
     if wanted is None and key is not None:

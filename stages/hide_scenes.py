@@ -1,4 +1,4 @@
-"""`hide_scenes`: L messages hidden in one cover while the cover's scene is fitted (sections 3.3 and 4.6)."""
+"""`hide_scenes`: hide L messages in one cover while the cover's scene is fitted (sections 3.3 and 4.6)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from stages.training.views import training_views
 
 
 class HideScenesParameters(HidingParameters):
-    """What hiding scenes needs beside."""
+    """Parameters specific to hiding scenes."""
 
     hides_scenes: ClassVar[bool] = True
 
@@ -49,7 +49,7 @@ class HideScenesParameters(HidingParameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
-    """Fit the cover and hide the messages; without messages, the cover alone is fitted by the same method."""
+    """Fit the cover and hide the messages in it; without messages, fit the cover alone by the same method."""
     torch.set_num_threads(parameters.threads)
     cover = read_scene(context.input("cover"))
     given = context.input_many("messages")

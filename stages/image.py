@@ -1,4 +1,4 @@
-"""`image`: one picture that is to be hidden, from a file or from a capture."""
+"""`image`: a picture to hide, from a file or from a capture."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stages.scene.capture import picture_path, read_capture
 
 
 class ImageParameters(Parameters):
-    """Which picture."""
+    """Which picture is read."""
 
     name: MessageName = Field("image", description="The image's name in the secret and in the tables.")
     file: ExternalPath | None = Field(None, description="A picture file; or give a capture and leave this out.")
@@ -22,7 +22,10 @@ class ImageParameters(Parameters):
 
 @stage(inputs={"capture": Input("capture", optional=True)}, outputs={"image": Output("image")}, version=1)
 def image(context: Context, parameters: ImageParameters) -> None:
-    """Read the picture, upright and as RGB."""
+    """Read the picture, upright and as RGB.
+
+    Raises `UserError` unless there is either a file or a capture, and if the capture has no such photo.
+    """
     capture = context.input_optional("capture")
     if (capture is None) == (parameters.file is None):
         raise UserError(

@@ -19,7 +19,7 @@ from stages.scene.stored_cameras import write_cameras
 
 
 class ImportContainerParameters(Parameters):
-    """Where the files are, and whose code they need."""
+    """Where the files are, and the container's method."""
 
     bundle: ExternalPath = Field(
         description="Folder with container.ply, container.json, scene_decoder.safetensors, and, if it was published, "
@@ -45,10 +45,10 @@ class ImportContainerParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def import_container(context: Context, parameters: ImportContainerParameters) -> None:
-    """Read what may come from anyone, and check that it fits its method before anything is made of it.
+    """Read files that may come from anyone, and check that they fit their method before any artifact is made from them.
 
-    `cameras` are a path from which to look at it, `image_camera` is the one from which the secret shows a picture; each
-    is empty where the bundles have no such file.
+    `cameras` is a path from which to view the container, `image_camera` the camera from which the secret shows an
+    image; each is empty if the bundles lack its file.
     """
     bundle = read_container_bundle(parameters.bundle)
     secret = read_secret_bundle(parameters.secret) if parameters.secret else SecretBundle(())

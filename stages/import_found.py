@@ -1,4 +1,4 @@
-"""`import_found`: a container that was found somewhere, from whatever file was made of it since."""
+"""`import_found`: a container that was found somewhere, in whatever file format it was saved since."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stages.scene.gaussians import Gaussians
 
 
 class ImportFoundParameters(Parameters):
-    """Where it is."""
+    """Where the file is, and the published container's method."""
 
     place: ExternalPath = Field(
         description="The PLY that was found, or its folder; other files in that are not looked at."
@@ -29,9 +29,10 @@ class ImportFoundParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def import_found(context: Context, parameters: ImportFoundParameters) -> None:
-    """Read the Gaussians by the names of the published container's columns; `recover` makes a container of them.
+    """Read the Gaussians by the column names of the published container; `recover` makes a container of them.
 
-    What is made here has the published networks and features of any number: it is to be recovered, not to be rendered.
+    The output has the published networks, and features with any number of channels: it is for `recover`, not for
+    rendering.
     """
     published = context.input("published")
     check_method(published, parameters.method)

@@ -1,4 +1,4 @@
-"""`import_grain`: what an owner kept of a container with a grain, by which pictures that turn up are told."""
+"""`import_grain`: what the owner of a container with a grain kept, for detecting the grain in pictures that turn up."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ REMEDY = "Give results of one run, as they lie in a store or as `export` copied 
 
 
 class ImportGrainParameters(Parameters):
-    """Where it is, and whose code it needs."""
+    """Where the owner's files are, and the container's method."""
 
     before: ExternalPath = Field(
         description="The container from before its grain, such as hide_photos/hide.container, as the command `export` "
@@ -40,10 +40,10 @@ class ImportGrainParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def import_grain(context: Context, parameters: ImportGrainParameters) -> None:
-    """Check every byte, that there is a grain, and that it follows the key; keep what `find_grain` reads it with.
+    """Check every byte, that there is a grain, and that it follows the key; output what `find_grain` needs to read it.
 
-    Without that, pictures of a container that was published without a grain, or what is left of two runs, would be
-    scored and nothing found. Raises `UserError` where one of the three is missing, broken, or of another run.
+    Without these checks, pictures of a container published without a grain, or files of two different runs, would be
+    scored in vain. Raises `UserError` if one of the three is missing, broken, or of another run.
     """
     before = _kept(parameters.before, "container")
     after, key = _kept(parameters.after, "container"), _kept(parameters.key, "key")
@@ -75,7 +75,7 @@ def import_grain(context: Context, parameters: ImportGrainParameters) -> None:
 
 
 def _kept(place: Path, kind: str) -> Artifact:
-    """Of that kind, whole. Raises `UserError` where there is none, or another kind."""
+    """A verified artifact of this kind. Raises `UserError` if there is none, or if it is broken or of another kind."""
     try:
         copy = load(place)
         copy.verify()

@@ -1,4 +1,4 @@
-"""`import_scene`: a scene from its copy, or from the folder in a store that `latest/` leads to: cameras and photos."""
+"""`import_scene`: a scene's cameras and pictures, from a copy or from the folder in a store that `latest/` leads to."""
 
 from __future__ import annotations
 
@@ -23,27 +23,28 @@ FORMS = {
     "points": ("f4", (None, 3)),
     "point_colors": ("u1", (None, 3)),
 }
-"""Type and shape of each array; None for any size."""
+"""Type and shape of each array; None stands for any size."""
 ARGUMENTS = ("writer", "scene")
-"""Of `write_scene`: no facts of a scene."""
+"""Names of arguments of `write_scene` that are not facts of a scene."""
 LARGEST = 2**34
-"""Bytes of all arrays: a file may unfold into far more than it has."""
-LISTED = 5  # views in an error
+"""Largest size of all arrays in bytes: a file may decompress into far more than its own size."""
+LISTED = 5  # views named in an error
 REMEDY = "give the folder to which `export` copied a scene, such as hide_photos/cover_scene.scene, unpacked if zipped"
 
 
 class ImportSceneParameters(Parameters):
-    """Where it is."""
+    """Where the scene is."""
 
     folder: ExternalPath = Field(description="A scene as the command `export` copies it, or as it lies in a store.")
 
 
 @stage(inputs={}, outputs={"scene": Output(KIND)}, version=1)
 def import_scene(context: Context, parameters: ImportSceneParameters) -> None:
-    """Check every byte, and keep the scene as it was: the same artifact again, if it was public.
+    """Check every byte, and write the scene unchanged: as the same artifact again, if it was public.
 
-    The cameras stand in the world of the container that was trained from them, which structure from motion would not
-    give again from other photos, nor in another version.
+    The cameras are in the world of the container that was trained from them; structure from motion would not find that
+    world again from other photos, nor in another version. Raises `UserError` if the scene is missing, broken or
+    malformed, or is private and would become public.
     """
     try:
         copy = load(parameters.folder)
@@ -71,7 +72,7 @@ def import_scene(context: Context, parameters: ImportSceneParameters) -> None:
 
 
 def _check_form(copy: Artifact) -> None:
-    """Before any array is unfolded. Raises `UserError` for another kind, and arrays that no scene has."""
+    """Check kind, types and shapes before any array is decompressed. Raises `UserError` if they are not a scene's."""
     if copy.kind != KIND:
         raise UserError("another kind of result", where=copy.path, found=copy.kind, expected=KIND, remedy=REMEDY)
     records = copy.manifest.arrays

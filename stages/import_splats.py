@@ -1,4 +1,4 @@
-"""`import_splats`: Gaussians that others trained, so that a scene can be a message without its photos."""
+"""`import_splats`: Gaussians trained elsewhere, so that a scene can be a message without its photos."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ImportSplatsParameters(Parameters):
     modules=lambda parameters: [module_of(PLAIN)],
 )
 def import_splats(context: Context, parameters: ImportSplatsParameters) -> None:
-    """Read and check every Gaussian, and keep them as `train_scene` would have written them."""
+    """Read and check every Gaussian, and write them as `train_scene` would have."""
     gaussians, degree = read_splats(parameters.file)
     write_container(context.output("splats"), gaussians, build_method(PLAIN, {"sh_degree": degree}))
     context.log(f"{len(gaussians)} Gaussians with spherical harmonics of degree {degree}")

@@ -1,7 +1,7 @@
-"""`imprint_watermark`: a container whose renders carry a watermark, and the decoder that sees it, tuned together.
+"""`imprint_watermark`: tune a container and the watermark decoder together, so that renders show the watermark.
 
-Ours, beside the paper's RTWS (`finetune_rtws`, then `tune_watermark_decoder`): what watermarked photos carry hardly
-reaches Gaussians that are fitted to them, and a decoder that is tuned afterwards learns to tell renders from photos.
+Our alternative to the paper's RTWS (`finetune_rtws`, then `tune_watermark_decoder`): hardly anything of watermarked
+photos reaches the Gaussians that are fitted to them, and a decoder tuned afterwards learns to tell renders from photos.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from stages.training.network import train_network
 
 
 class ImprintWatermarkParameters(Parameters):
-    """How strong the mark is, and how long it is learnt. Levels are root mean squares in a picture, of 255."""
+    """Strength and training of the imprint. Levels are root mean squares over a picture, in levels of 255."""
 
     method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     level: float = Field(
@@ -84,11 +84,12 @@ class ImprintWatermarkParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) -> None:
-    """Change the Gaussians' features, and tune the decoder, until renders of the cover show the watermark.
+    """Optimise the Gaussians' features and the decoder until renders of the cover show the watermark.
 
-    Photos of the cover, renders from before, and `photos` of anything else show black. Positions, shapes, opacities and
-    the container's own decoders stay as they are. With the secret, so does what it shows. The decoder that comes out is
-    the owner's alone: whoever has it can change a picture until it shows nothing.
+    The decoder learns to show black for photos of the cover, renders from before, and `photos` of anything else.
+    Positions, shapes, opacities and the container's own decoders stay as they are. With the secret, what it shows may
+    change by at most `message_level`. Keep the resulting decoder secret: anyone who has it can alter a picture until it
+    shows nothing. Raises `UserError` for a sealed container.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
@@ -123,7 +124,7 @@ def _pictures(
     view = view_of_an_image(context.input_optional("secret"), scene, "imprint_watermark")
     image = None
     if view is not None:
-        # What its decoder shows at other views is nothing that was asked for.
+        # What its decoder shows at other views is arbitrary and need not be preserved.
         image = _only(_views(gaussians, method, cameras.select([view]), context.stop_if_requested), cover=False)
         before = _only(before, cover=True)
     return ImprintPictures(
@@ -136,7 +137,7 @@ def _pictures(
 
 
 def _views(gaussians: Gaussians, method: Method, cameras: Cameras, after_each: Callable[[], None]) -> TrainingViews:
-    """All that the container shows from these cameras, in 8 bits."""
+    """All pictures that the container shows from these cameras, in 8 bits."""
     shown: list[dict[str, Picture]] = []
     for rendering in photographs(gaussians, method, cameras):
         shown.append({name: tensor_to_picture(picture) for name, picture in rendering.pictures.items()})
@@ -146,7 +147,7 @@ def _views(gaussians: Gaussians, method: Method, cameras: Cameras, after_each: C
 
 
 def _only(views: TrainingViews, cover: bool) -> TrainingViews:
-    """The views with the cover's pictures alone, or with the others alone."""
+    """The views with only the cover's pictures, or with all pictures but these."""
     return TrainingViews(
         views.cameras, {name: each for name, each in views.pictures.items() if (name == COVER) == cover}
     )

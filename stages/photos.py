@@ -35,14 +35,14 @@ from stages.scene.transforms import FILE, held_out_files, masked_frames
 from stages.scene.unreadable import write_unreadable_names
 
 WHITE = "white"
-"""What `read_picture` lays transparent pictures over."""
+"""The background that `read_picture` lays transparent pictures over."""
 
 MOST_NAMED = 10
-"""Files in a line of the log."""
+"""Largest number of files named in a line of the log."""
 
 
 class PhotosParameters(Parameters):
-    """Where the photos are."""
+    """Where photos and poses are, and how they are read."""
 
     folder: ExternalPath = Field(
         description="Folder of photos; a COLMAP model (sparse/0), a transforms.json or a transforms_train.json in it "
@@ -90,12 +90,12 @@ class PhotosParameters(Parameters):
     remarks="stages.scene.remarks:photos_left_out",
 )
 def photos(context: Context, parameters: PhotosParameters) -> None:
-    """Read every photo once, so that damage shows here, and keep them as they came.
+    """Decode every photo once, so that damage shows here, and store them as they came.
 
-    Of a capture all must be readable, and without poses copies of a photo are left out: of one that is learnt and one
-    that is a test view the latter would show as new what was learnt. Of `any_pictures`, which strangers may have made,
-    one that cannot be read would otherwise stand between all others and their verdicts: the capture names it
-    (`unreadable_names`) and has it not.
+    All photos of a capture must be readable. Without poses, copies of a photo are left out: if one became a training
+    view and the other a test view, the test view would not be new. With `any_pictures`, which strangers may have made,
+    one unreadable picture must not withhold the verdicts on all others: it is left out, and the capture records its
+    name (`unreadable_names`).
     """
     found, place, splits = _found(parameters)
     posed = place is not None or bool(splits)
@@ -155,8 +155,9 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
 
 
 def _found(parameters: PhotosParameters) -> tuple[PhotoFolder, Path | None, Mapping[str, Path]]:
-    """The photos, and what their poses come from: a model or a file, or the file of each split; neither for pictures
-    of any kind, unless they are one's own photos.
+    """Find the photos, and the source of their poses: a model or a file, or the file of each split.
+
+    Pictures of any kind have no poses, unless they are the owner's own photos.
     """
     folder = parameters.folder
     if parameters.any_pictures and not _are_own(parameters):
@@ -175,7 +176,7 @@ def _found(parameters: PhotosParameters) -> tuple[PhotoFolder, Path | None, Mapp
 
 
 def _are_own(parameters: PhotosParameters) -> bool:
-    """Whether nobody gave other pictures than the photos of the capture itself."""
+    """Whether the folder is that of the owner's own photos, because no other pictures were given."""
     own = parameters.own_photos
     return own is not None and parameters.folder.resolve() == own.resolve()
 
@@ -187,7 +188,7 @@ def _poses(
     splits: Mapping[str, Path],
     facts: Mapping[str, PhotoFacts],
 ) -> tuple[KnownPoses | None, tuple[str, ...]]:
-    """The poses that came with the photos, and which have one; all, in order, where none came."""
+    """The poses that came with the photos, and the names of the photos with poses; or None, and all names."""
     if place is None and not splits:
         return None, tuple(facts)
     sizes = {name: one.size for name, one in facts.items()}
@@ -255,9 +256,9 @@ def _refuse_images(parameters: PhotosParameters, splits: Mapping[str, Path]) -> 
 
 
 def facts_of(context: Context, found: PhotoFolder, posed: bool) -> tuple[dict[str, PhotoFacts], dict[str, UserError]]:
-    """What is known of every photo, by name, and what is wrong with those that cannot be read.
+    """Read the facts of every photo, by name, and the errors of those that cannot be read.
 
-    Half of the work, after which they are copied.
+    This counts as half of the progress; copying the photos is the other half.
     """
     facts: dict[str, PhotoFacts] = {}
     broken: dict[str, UserError] = {}
@@ -272,7 +273,7 @@ def facts_of(context: Context, found: PhotoFolder, posed: bool) -> tuple[dict[st
 
 
 def _of_all(broken: Mapping[str, UserError]) -> UserError:
-    """One error that names them, at least one."""
+    """A single error that names all unreadable photos, of which there must be at least one."""
     errors = [*broken.values()]
     if len(errors) == 1:
         return errors[0]
@@ -287,7 +288,7 @@ def _of_all(broken: Mapping[str, UserError]) -> UserError:
 
 
 def picture_of(path: Path, background: str, turned: int) -> Path | bytes:
-    """The photo as it came; as a PNG where readers would lay it over another background, or turn it as EXIF says."""
+    """The photo's own file; a PNG if readers would lay it over another background, or rotate it by EXIF."""
     picture = None if background == WHITE else over_background(path, background)
     if turned != UPRIGHT:
         picture = as_stored(read_picture(path) if picture is None else picture, turned)
@@ -297,9 +298,10 @@ def picture_of(path: Path, background: str, turned: int) -> Path | bytes:
 def held_out_names(
     names: Sequence[str], place: Path | None, splits: Mapping[str, Path], folder: Path
 ) -> tuple[str, ...]:
-    """The photos that the files of poses hold out for tests; empty where they say nothing of it.
+    """The photos that the files with poses hold out for testing; empty if they name none.
 
-    nerfstudio leaves a transforms.json beside the COLMAP model that it was made from.
+    With a COLMAP model, a transforms.json beside it counts, too: nerfstudio makes one from the model and leaves it
+    there.
     """
     if splits:
         return tuple(name for name in names if name.startswith(f"{TEST}_"))
@@ -311,7 +313,7 @@ def held_out_names(
 
 
 def _held_out_files(file: Path, needed: bool) -> list[str]:
-    """Of a file that is not needed, as a model has the poses, nothing if it is not there or is none."""
+    """The names that a file holds out; none if it cannot be read and is not `needed`, since a model has the poses."""
     try:
         return held_out_files(file)
     except UserError:

@@ -1,4 +1,4 @@
-"""`probe_decoder`: what the message decoder shows of features that hold no message."""
+"""`probe_decoder`: what the message decoder shows for features that hold no message."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from stages.scene.scene import read_scene
 
 
 class ProbeDecoderParameters(Parameters):
-    """Whose decoder, and which random choices."""
+    """The containers' method, and the seed of random choices."""
 
     method: MethodName = Field("gs_hider", description="The containers' method.")
     seed: int = Field(0, ge=0, description="Of the channels that are silenced, and of the foreign features' places.")
@@ -41,7 +41,10 @@ class ProbeDecoderParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def probe_decoder(context: Context, parameters: ProbeDecoderParameters) -> None:
-    """Score the message on test views as it is decoded from the container's own features, and from others."""
+    """Score the message on test views as decoded from the container's own features, and from others (`probes`).
+
+    Raises `UserError` for a method without coupled features, and if the container hides none of the `messages`.
+    """
     torch.set_num_threads(parameters.threads)
     container, other = context.input("container"), context.input_optional("other")
     check_method(container, parameters.method)
@@ -64,7 +67,7 @@ def probe_decoder(context: Context, parameters: ProbeDecoderParameters) -> None:
 
 
 def _features_of(other: Artifact, channels: int) -> RawFeatures:
-    """Those of the other container, which must be as many for a Gaussian."""
+    """The other container's features. Raises `UserError` if it has none, or another number of channels."""
     features = read_gaussians(other).parameters.get(FEATURES)
     if features is None or features.shape[1] != channels:
         raise UserError(

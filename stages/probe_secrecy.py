@@ -1,4 +1,4 @@
-"""`probe_secrecy`: who can read the message without the secret, and how well."""
+"""`probe_secrecy`: how well the message can be read without the secret, and by whom."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from stages.scene.scene import read_scene
 
 
 class ProbeSecrecyParameters(Parameters):
-    """How many decoders of whom, and how long they learn."""
+    """How many decoders are tried, and how surrogates are trained."""
 
     method: MethodName = Field("gs_hider", description="The container's method.")
     wrong_decoders: int = Field(20, ge=1, description="Decoders with random weights, and as many with another key.")
@@ -61,10 +61,11 @@ class ProbeSecrecyParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def probe_secrecy(context: Context, parameters: ProbeSecrecyParameters) -> None:
-    """Read the message by wrong decoders, by surrogates trained on leaked views, and off the features as they are.
+    """Read the message with wrong decoders, with surrogates trained on leaked views, and from the features as they are.
 
-    `clean` is a container of the same method and cover that hides nothing: what chance correlations come to. All
-    figures are of test views, which nobody has seen. A sealed container is opened for the owner alone.
+    `clean` is a container of the same method and cover that hides nothing: the control for chance correlations. All
+    figures are of test views, which no attacker has seen. A sealed container is opened only for the owner. Raises
+    `UserError` unless the container hides something and there are views of each of its messages.
     """
     torch.set_num_threads(parameters.threads)
     container, secret, clean = context.input("container"), context.input("secret"), context.input_optional("clean")

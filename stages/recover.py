@@ -1,4 +1,4 @@
-"""`recover`: a container that was found somewhere, as its owner's secret reads it: moved and mixed back."""
+"""`recover`: undo the motion and feature mixing of a found container, so that its owner's secret can read it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from stages.hiding.recovery import Recovery, recovered, unlike
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.scene.gaussians import Gaussians
 
-LISTED = 10  # rows
+LISTED = 10  # rows named in an error
 AS_FOUND = "as_found"
 
 
 class RecoverParameters(Parameters):
-    """Whose container it is, and how a motion is looked for."""
+    """The method of the containers, and the seed of the search for a motion."""
 
     method: MethodName = Field("gs_hider", description="The method of both containers; plain for splats of 3DGS.")
     seed: int = Field(0, ge=0, description="Of the Gaussians and motions that are tried where places tell nothing.")
@@ -36,18 +36,19 @@ class RecoverParameters(Parameters):
 def recover(context: Context, parameters: RecoverParameters) -> None:
     """Register the found container with the published one, and undo what was done to all of it alike.
 
-    The secret of the published container reads what comes out; the public networks are the published ones. What was not
-    made from it fails.
+    The result has the published networks, and the secret of the published container reads it. Raises `UserError` if
+    nothing published is recognised in the found container.
 
-    `figures` say so in a row, `is_yours`: of the found Gaussians, or of the published ones, if these are fewer, a
-    quarter at least are paired at their places, or by their very shapes, where each was shifted. So it is of a
-    fragment, and whatever was added to the container. Or `may_be_yours`, where it was registered by shapes that are
-    only similar: either each was shifted and changed, or both much was left out and more was added, or it is another
-    training from the same photos: of 3,000 iterations such were up to 22 % `matched`, of the fox after 300 23 %, none
-    by their shapes. (Of 40, which hardly leave the points that they begin with, 72 %: those are told from each other by
-    nothing here.) The other rows: whether the scene was mirrored, and then how far turned, moved and scaled; what share
-    of the found Gaussians are published ones (`matched`), and of the published ones were found (`found_again`); by how
-    much features were changed back; and how many Gaussians there were and are.
+    One row of `figures` is the verdict. `is_yours`: of the found or the published Gaussians, whichever are fewer, at
+    least a quarter are paired by position or, if each was shifted, by exact shape. This includes fragments, and
+    containers with any additions. `may_be_yours`: only similar shapes agree. Either each Gaussian was shifted and
+    changed, or much was left out and more was added, or it is another training from the same photos. Such trainings had
+    a `matched` of up to 22 % after 3,000 iterations, and of 23 % for the fox after 300, none of it by shape. (After 40
+    iterations, which hardly move the initial points, it was 72 %: nothing here distinguishes them.)
+
+    The other rows: whether the scene was mirrored, and how far it was then rotated, moved and scaled; the share of the
+    found Gaussians that are published ones (`matched`), and of the published ones that were found (`found_again`); how
+    much features were changed back; and the numbers of Gaussians found and published.
     """
     torch.set_num_threads(parameters.threads)
     found, published = context.input("found"), context.input("published")

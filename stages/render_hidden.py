@@ -1,7 +1,7 @@
-"""`render_hidden`: a message's splats photographed from the cover's cameras (the paper's dataset construction).
+"""`render_hidden`: a message's splats rendered from the cover's cameras (the paper's dataset construction).
 
-The paper leaves the message where it happens to lie in the cover's world (`placement: same_world`). By default it is
-moved to where the cameras see most of it.
+The paper leaves the message wherever it is in the cover's world (`placement: same_world`). By default, it is moved to
+where the cameras see most of it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from stages.scene.world_scale import scaled, world_scale_of
 
 
 class RenderHiddenParameters(Parameters):
-    """What the message is called, and how carefully its place is looked for."""
+    """The message's name, and how it is placed."""
 
     name: MessageName = Field(description="The message's name in the secret and in the tables.")
     placement: Literal["aligned", "same_world"] = Field(
@@ -62,9 +62,9 @@ class RenderHiddenParameters(Parameters):
     remarks="stages.scene.remarks:message_hardly_seen",
 )
 def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
-    """Place the message so that the cover's cameras see as much of it as possible, then take their pictures.
+    """Place the message so that the cover's cameras see as much of it as possible, then render it from each of them.
 
-    Without the message's scene nothing is known of where its photos were taken: its splats alone have to tell.
+    Without the message's scene, nothing tells where its photos were taken, so it is placed by its splats alone.
     """
     torch.set_num_threads(parameters.threads)
     splats = context.input("splats")
@@ -91,7 +91,7 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
 def _placed(
     context: Context, parameters: RenderHiddenParameters, gaussians: Gaussians, cover: Scene
 ) -> tuple[Gaussians, Similarity, float]:
-    """The message in a world that is large enough, the way from there into the cover's, and by what factor it grew."""
+    """The message in a world that is large enough, the map from there into the cover's, and the factor it grew by."""
     if parameters.placement == "same_world":
         factor = world_scale_of(context.input("cover")) / world_scale_of(context.input("splats"))
         return gaussians if factor == 1 else scaled(gaussians, factor), Similarity.identity(), factor
@@ -114,8 +114,8 @@ def _placed(
 def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray, "N 3"], UInt8[np.ndarray, "N 3"]]:
     """Centres and colours of 3DGS's Gaussians, shuffled so that any first few are a fair sample of what is seen.
 
-    Each is drawn in proportion to its opacity times its width, without replacement (Efraimidis and Spirakis, 2006): the
-    sparse points of structure from motion lie where there is texture, these lie wherever there is a surface.
+    They are drawn with weights of opacity times width, without replacement (Efraimidis and Spirakis, 2006). Structure
+    from motion finds sparse points where there is texture; these are wherever there is a surface.
     """
     weight = visibility(gaussians)
     order = np.argsort(np.random.default_rng(seed).exponential(size=len(weight)) / weight, kind="stable")
@@ -127,7 +127,7 @@ def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray,
 def photograph_message(
     gaussians: Gaussians, method: Method, cameras: Cameras, after_each: Callable[[], None] = lambda: None
 ) -> tuple[UInt8[np.ndarray, "V H W 3"], Float32[np.ndarray, "V H W"]]:
-    """The message's pictures over black, and its coverage, from every camera."""
+    """The message's pictures over black, and its coverage, from every camera, of which there must be at least one."""
     shots = []
     for view in photographs(gaussians, method, cameras):
         shots.append((tensor_to_picture(view.pictures[COVER].clamp(0, 1)), view.alphas.cpu().numpy()))

@@ -1,4 +1,4 @@
-"""`render_path`: videos of a camera that flies along the cover's cameras: the cover, the messages, the feature map."""
+"""`render_path`: videos of a flight along the cover's cameras: the cover, the messages, the feature map."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from stages.scene.scene import Scene, read_scene
 
 
 class RenderPathParameters(Parameters):
-    """How the camera flies."""
+    """The camera's path, and the length of the videos."""
 
     method: MethodName = Field("gs_hider", description="The container's method.")
     frames: int = Field(48, ge=2, le=5000, description="Pictures in each video. All are held in memory at once.")
@@ -51,8 +51,10 @@ class RenderPathParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def render_path(context: Context, parameters: RenderPathParameters) -> None:
-    """All that the owner sees along a smooth path of the training cameras, by itself and side by side; for the public,
-    the cover alone, and nothing where the container is private.
+    """Film everything the owner sees along a smooth path of the training cameras, separately and side by side.
+
+    Public videos show only the cover; there are none if the container is private. `published` opens a sealed container
+    that was found and recovered.
     """
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
@@ -77,13 +79,13 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
 
 
 def path_along(scene: Scene, parameters: RenderPathParameters) -> Cameras:
-    """The path along the training cameras, or along all where none was trained on."""
+    """The path along the training cameras, or along all cameras if there are none."""
     cameras = scene.training_cameras
     return camera_path(cameras, scene.points, parameters.frames, parameters.bends, parameters.course)
 
 
 def panels_of(gaussians: Gaussians, rendering: Rendering) -> dict[str, Picture]:
-    """The cover, the messages and, where there are coupled features, the feature map of one camera."""
+    """Pictures from one camera by title: the cover, the messages and, with coupled features, the feature map."""
     panels = {title: tensor_to_picture(picture) for title, picture in rendering.pictures.items()}
     features = feature_map_picture(gaussians, rendering)
     if features is not None:

@@ -1,4 +1,4 @@
-"""`render_views`: what anyone can render of a container, from new cameras along the rig: for detectors to look at."""
+"""`render_views`: what anyone can render of a container from new cameras along the rig, as input of detectors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from stages.scene.scene import read_scene
 
 
 class RenderViewsParameters(Parameters):
-    """How many, and where."""
+    """How many pictures are rendered, and the camera path."""
 
     method: MethodName = Field("gs_hider", description="The container's method.")
     views: int = Field(250, ge=1, le=5000, description="Pictures, evenly along a smooth path of the training cameras.")
@@ -35,8 +35,9 @@ class RenderViewsParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def render_views(context: Context, parameters: RenderViewsParameters) -> None:
-    """Render the cover without the secret. Pictures have even sides; which cameras they are, the cover alone decides,
-    so that renders of several containers of one cover are of the same views.
+    """Render the cover without the secret, in pictures with even sides.
+
+    The cameras depend only on the cover, so renders of several containers of one cover show the same views.
     """
     torch.set_num_threads(parameters.threads)
     container, scene, device = context.input("container"), read_scene(context.input("cover")), working_device()

@@ -1,4 +1,4 @@
-"""`report`: one page for the owner, with everything, and one for the public, made of public parts alone."""
+"""`report`: a page for the owner, with everything, and one for the public, made only of public parts."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class ReportParameters(Parameters):
     version=1,
 )
 def report(context: Context, parameters: ReportParameters) -> None:
-    """Each page is one HTML file, about the method whose scores come first; without any it shows what it is given.
+    """Write two pages, each a single HTML file, about the method whose scores come first, if there are any.
 
-    What is private goes to the owner's page only: the public one is made from nothing but public artifacts and the
-    stages that lead to them. Of `scenes` the pages say how many photos were placed. `figures` are those of
-    `recover`, by which the owner's page says whose container was found.
+    The owner's page alone has what is private: the public one is made only from public artifacts and the stages that
+    lead to them. For `scenes`, the pages say how many photos were placed. `figures` are those of `recover`, from which
+    the owner's page says whose container was found.
     """
     inputs = {name: context.input_many(name) for name in INPUTS}
     lineage, scenes = context.lineage(), context.items("scenes")

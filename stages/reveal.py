@@ -1,4 +1,4 @@
-"""`reveal`: what the secret reads of a container that was recovered, beside what it reads of the published one."""
+"""`reveal`: what the secret shows of a recovered container, compared with what it shows of the published one."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from stages.scene.scene import read_scene
 
 
 class RevealParameters(Parameters):
-    """Whose container it is, and what is kept."""
+    """The method of the containers, and how many pictures are kept."""
 
     method: MethodName = Field("gs_hider", description="The method of both containers.")
     shown_train_views: int = Field(2, ge=0, description="How many training views are kept as pictures.")
@@ -50,10 +50,12 @@ class RevealParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def reveal(context: Context, parameters: RevealParameters) -> None:
-    """Render cover and messages from the cover's cameras: the cover is scored against its photos, and each message
-    against what the secret shows of the published container, for the message's own pictures the owner need not have.
-    An image is looked at in the view that hides it, where alone it is defined. Of a sealed container those Gaussians
-    that were not published with it are left out of the messages; the cover is what all of them show.
+    """Render cover and messages from the cover's cameras, and score them.
+
+    The cover is scored against its photos, each message against what the secret shows of the published container, since
+    the owner need not have the message's own pictures. An image is rendered in the view that hides it, the only one
+    where it is defined. For a sealed container, messages leave out Gaussians that are not among the published ones; the
+    cover shows all Gaussians. Raises `UserError` for a secret without messages.
     """
     torch.set_num_threads(parameters.threads)
     container, published, secret = (context.input(name) for name in ("container", "published", "secret"))
@@ -99,7 +101,7 @@ def _refuse_no_message(secret: Artifact) -> None:
 
 
 def _image(messages: Mapping[str, MessageViews], view: str) -> HiddenImage:
-    """The only message, of which one view was looked at."""
+    """The only message, as rendered in the one view that hides it."""
     [message] = messages.values()
     return HiddenImage(message.name, view, message.pictures[0])
 
@@ -107,7 +109,7 @@ def _image(messages: Mapping[str, MessageViews], view: str) -> HiddenImage:
 def _as_published(
     published: Artifact, secret: Artifact, cameras: Cameras, device: torch.device, progress: Callable[[int], None]
 ) -> dict[str, MessageViews]:
-    """What the secret shows of each message from these cameras, all of every picture counting."""
+    """What the secret shows of each message from these cameras; every pixel counts as covered."""
     gaussians, method = read_container(published, secret, device)
     size = (len(cameras), cameras.height, cameras.width)
     shown = {name: np.empty((*size, 3), np.uint8) for name in strings(secret, "messages")}
@@ -115,7 +117,7 @@ def _as_published(
         for name, pictures in shown.items():
             pictures[row] = tensor_to_picture(rendering.pictures[name])
         progress(row + 1)
-    everywhere = torch.ones(()).expand(size).numpy()  # one number in memory
+    everywhere = torch.ones(()).expand(size).numpy()  # a view of a single number
     no_points, no_colors = np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8)
     return {
         name: MessageViews(name, cameras.names, pictures, no_points, no_colors, everywhere)

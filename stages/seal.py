@@ -1,4 +1,4 @@
-"""`seal`: a container as it is published: its messages cannot be read off its Gaussians without the secret."""
+"""`seal`: a container as it is published: without the secret, its messages cannot be read from its Gaussians."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MESSAGES = "messages"
 
 
 class SealParameters(Parameters):
-    """Whose container it is, and whether at all."""
+    """The container's method, and whether to seal it."""
 
     method: MethodName = Field("gs_hider", description="The container's method.")
     sealed: bool = Field(True, description="Whether it is sealed; if not, it stays as it is: for comparisons.")
@@ -28,11 +28,11 @@ class SealParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def seal(context: Context, parameters: SealParameters) -> None:
-    """Encipher what the scene decoder does not read of each Gaussian; the secret has the key.
+    """Encrypt the part of each Gaussian's features that the scene decoder does not read; the secret gets the key.
 
-    The cover stays as it is. A container whose scene decoder reads all of its features (those of other methods than
-    ours, and ours of no more channels than it reads) cannot be sealed and is left as it is, as is one that hides
-    nothing.
+    The cover does not change. A container that hides nothing is left as it is. So is one whose scene decoder reads all
+    of its features, since it cannot be sealed: one of another method than ours, or of ours with no more channels than
+    the decoder reads.
     """
     container, secret = context.input("container"), context.input("secret")
     check_method(container, parameters.method)

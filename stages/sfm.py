@@ -1,4 +1,4 @@
-"""`sfm`: from a capture to a posed scene (structure from motion), its pictures undistorted, at training size."""
+"""`sfm`: structure from motion, from a capture to a posed scene with undistorted pictures at training size."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "O
 
 
 class SfmParameters(Parameters):
-    """Sizes are long sides, in pixels."""
+    """Settings of the reconstruction. Sizes are long sides, in pixels."""
 
     width: int = Field(192, ge=16, description="Long side of the training pictures; photos are never enlarged.")
     matching_size: int = Field(1600, ge=64, description="Long side at which photos are matched, at most.")
@@ -65,8 +65,10 @@ class SfmParameters(Parameters):
     remarks="stages.scene.remarks:photos_missing_or_cropped",
 )
 def sfm(context: Context, parameters: SfmParameters) -> None:
-    """Estimate cameras and points, or keep the poses that came with the photos, and the points with them; without
-    these, triangulate points.
+    """Estimate cameras and points, or keep the poses that came with the photos, and their points if they have any.
+
+    If poses are kept and have no points, points are triangulated. Raises `UserError` if poses or points are to be given
+    and none came with the photos.
     """
     artifact = context.input("capture")
     capture = read_capture(artifact)
@@ -119,14 +121,16 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
 
 
 def photos_without_points(scene: Scene, result: Reconstruction) -> tuple[str, ...]:
-    """The photos that see hardly any of the points: of given poses, those that may be wrong."""
+    """The photos that see hardly any of the points; if their poses were given, these may be wrong."""
     seen = zip(scene.cameras.names, result.points_seen, strict=True)
     return tuple(name for name, points in seen if points < FEWEST_POINTS)
 
 
 def with_views_held_out(scene: Scene, held_out: Sequence[str], log: Callable[[str], None]) -> Scene:
-    """The scene with the test views that its capture holds out, as far as they were placed; with every eighth, as it
-    is, where that would leave no view for tests or none to train on.
+    """The scene with the test views that its capture holds out, as far as they were placed.
+
+    If that leaves no view for testing, or none for training, the scene is returned as it is, with every eighth held
+    out.
     """
     names, given = scene.cameras.names, set(held_out)
     test_names = tuple(name for name in names if name in given)
@@ -138,7 +142,7 @@ def with_views_held_out(scene: Scene, held_out: Sequence[str], log: Callable[[st
 
 
 def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | None:
-    """The poses that are not to be estimated. Raises `UserError` where they are to be kept and none came."""
+    """The poses to keep, or None to estimate them. Raises `UserError` if poses must be given and none came."""
     if parameters.poses == "given" and capture.poses is None:
         raise UserError(
             "poses are to be given, but none came with the photos",
@@ -154,7 +158,7 @@ def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | N
 
 
 def points_to_keep(poses: KnownPoses | None, parameters: SfmParameters) -> KnownPoints | None:
-    """The points that are not to be triangulated. Raises `UserError` where they are to be kept and none came."""
+    """The points to keep, or None to triangulate them. Raises `UserError` if points must be given and too few came."""
     points = None if poses is None else poses.points
     count = 0 if points is None else len(points.positions)
     if parameters.points == "given" and count < FEWEST_POINTS:
@@ -169,7 +173,10 @@ def points_to_keep(poses: KnownPoses | None, parameters: SfmParameters) -> Known
 
 
 def errors_against_truth(capture: Capture, scene: Scene) -> dict[str, float]:
-    """The largest errors of estimated cameras of a synthetic capture: as a share of the rig's radius, in degrees."""
+    """Largest errors of estimated cameras of a synthetic capture: as a share of the rig's radius, and in degrees.
+
+    Empty for other captures, and with fewer than three cameras.
+    """
     if capture.poses is None or capture.poses.source != "synthetic" or len(scene.cameras) < 3:
         return {}
     true = Cameras(

@@ -1,4 +1,4 @@
-"""`steganalysis`: what StegExpose says of photos, of renders that hide something, and of renders that do not."""
+"""`steganalysis`: StegExpose's values for photos, for renders that hide something, and for renders that do not."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stages.scene.scene import read_scene
 
 
 class SteganalysisParameters(Parameters):
-    """Under which name the rows appear."""
+    """The method's name in the measurements."""
 
     method: MethodName = Field("gs_hider", description="The method that hides, whose rows these are.")
 
@@ -30,7 +30,7 @@ class SteganalysisParameters(Parameters):
     version=1,
 )
 def steganalysis(context: Context, parameters: SteganalysisParameters) -> None:
-    """A row for every detector and picture. Photos are the scene's, undistorted, at training size."""
+    """A row for every StegExpose detector and picture. Photos are the scene's, undistorted, at training size."""
     scene = read_scene(context.input("cover"))
     classes: dict[str, tuple[Views, tuple[str, ...]]] = {PHOTOS: (scene.pictures, scene.cameras.names)}
     for condition, given in ((HIDDEN, "hidden"), (CLEAN, "clean"), (CLEAN_AGAIN, "clean_again")):

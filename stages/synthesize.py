@@ -1,4 +1,4 @@
-"""`synthesize`: photos of a procedural scene, ray-traced by us; the true cameras come with them, to check SfM only."""
+"""`synthesize`: our ray-traced photos of a procedural scene; its true cameras come with them, only to check SfM."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stages.tracing.rig import orbit
 
 
 class SynthesizeParameters(Parameters):
-    """What is photographed, and how."""
+    """Which scene is photographed, and how."""
 
     scene: Literal["courtyard", "library", "reef", "workshop"] = Field(description="Which of the built-in scenes.")
     views: int = Field(48, ge=1, le=999, description="Photos, on one closed walk about the scene.")
@@ -36,7 +36,7 @@ class SynthesizeParameters(Parameters):
     modules=lambda parameters: [f"{SCENES}.{parameters.scene}"],
 )
 def synthesize(context: Context, parameters: SynthesizeParameters) -> None:
-    """Walk about the scene with a camera; processes share the photos among them."""
+    """Photograph a built-in scene from a closed path around it; processes share the photos among them."""
     size = (parameters.width, parameters.height)
     poses, intrinsics = orbit(parameters.views, *size, parameters.seed)
     names = [f"{view:03d}.png" for view in range(parameters.views)]
@@ -65,7 +65,7 @@ def synthesize(context: Context, parameters: SynthesizeParameters) -> None:
 
 
 def write_jobs(parameters: SynthesizeParameters, folder: Path) -> list[Path]:
-    """A file for each process, which says what it is to photograph: every so many-th view."""
+    """Write a file for each of P processes with the views that it is to photograph: every P-th one."""
     common = parameters.model_dump(exclude={"processes"})
     count = min(parameters.processes, parameters.views)
     jobs = [folder / f"photos-{number}.json" for number in range(count)]

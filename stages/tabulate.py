@@ -1,4 +1,4 @@
-"""`tabulate`: the scores of a batch on one page, a row for each of its items, failed ones included."""
+"""`tabulate`: the scores of a batch on one page, with a row for each of its items, including failed ones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PAGE_FILE, TABLE_FILE = "report.html", "figures.csv"
 
 
 class TabulateParameters(Parameters):
-    """What may be told to everyone."""
+    """What the public page may show."""
 
     public_columns: tuple[str, ...] = Field(
         (), description="The columns of the batch that name a scene on the public page; without any, it has a number."
@@ -30,10 +30,10 @@ class TabulateParameters(Parameters):
     version=1,
 )
 def tabulate(context: Context, parameters: TabulateParameters) -> None:
-    """The owner's page and table tell everything; the public page is made of the public scores that were made.
+    """Write the owner's page and table, which have everything, and a public page of those public scores that were made.
 
-    That something failed is not told to the public: it may be because of a message. `scenes` say how many of their
-    photos were placed, in the rows that come from them.
+    Failures are not public, since a message may be their cause. `scenes` say how many of their photos were placed, in
+    the rows made from them.
     """
     lineage = {record.name: record for record in context.lineage()}
     placed = read_placed(context.items("scenes"))

@@ -1,10 +1,10 @@
 """`time_frames`: how long one picture of the cover takes on one device, with and without its decoder.
 
-The message's decoder, which nobody runs who has what is published alone, is not timed; the paper's released code times
+The message decoder is not timed, since nobody can run it with only what is published; the paper's released code times
 both.
 
-The stage runs alone. Which device it ran on stands in the provenance; in the key is only what the parameter calls it,
-since the machine that plans a run need not be the one that does it.
+The stage runs alone. Its device is recorded in the provenance. The cache key has only the name that the parameter
+`device` gives it, since the machine that plans a run need not be the one that executes it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Draw = Callable[[Camera], Rendering]
 
 
 class TimeFramesParameters(Parameters):
-    """How often is measured; the median is reported."""
+    """How many frames are timed; the median is reported."""
 
     device: str = Field(
         "default", description="A name for the device: in a store that machines share, give each kind its own."
@@ -50,7 +50,7 @@ class TimeFramesParameters(Parameters):
     alone=True,
 )
 def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
-    """Time what anyone can render: the cover, decoded, and the feature map alone."""
+    """Time what anyone can render: the decoded cover, and the feature map alone."""
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
     check_method(container, parameters.method)
@@ -77,12 +77,12 @@ def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
 
 
 def feature_dim(gaussians: Gaussians) -> int:
-    """M of the container's features, or 3 where Gaussians carry colours."""
+    """M, the number of feature channels, or 3 if Gaussians have colours instead."""
     return gaussians[FEATURES].shape[1] if FEATURES in gaussians.parameters else 3
 
 
 def wait_for(rendering: Rendering) -> None:
-    """Until the GPU has drawn it: torch only queues what it does there."""
+    """Wait until the GPU has rendered it: torch only queues work there. Returns at once on the CPU."""
     if rendering.feature_map.is_cuda:
         torch.cuda.synchronize(rendering.feature_map.device)
 
@@ -90,7 +90,7 @@ def wait_for(rendering: Rendering) -> None:
 def median_seconds(
     draw: Draw, cameras: Sequence[Camera], warmup: int, frames: int, after_each: Callable[[], None] = lambda: None
 ) -> float:
-    """The median time to draw one picture, over `frames` of them after `warmup` untimed ones, camera after camera."""
+    """Median seconds to draw one picture: over `frames` of them, after `warmup` untimed ones, camera after camera."""
     seconds = []
     for frame in range(warmup + frames):
         start = time.perf_counter()

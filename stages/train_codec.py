@@ -1,4 +1,4 @@
-"""`train_codec`: a watermark encoder and decoder, trained on photos (E_w and D_w of the paper's appendix A)."""
+"""`train_codec`: train a watermark encoder and decoder on photos (E_w and D_w of the paper's appendix A)."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ from stages.training.network import train_network
 
 
 class TrainCodecParameters(Parameters):
-    """Size and training of the network. Shipped photos as far as they are installed: once they are, a codec without
-    them is made again."""
+    """Size and training of the network.
+
+    Shipped photos are used only if they are installed; once they are, a codec trained without them is trained again.
+    """
 
     blocks: int = Field(4, ge=1, description="Coupling blocks of the invertible network.")
     width: int = Field(32, ge=1, description="Channels between its convolutions.")
@@ -50,10 +52,10 @@ class TrainCodecParameters(Parameters):
     version=1,
 )
 def train_codec(context: Context, parameters: TrainCodecParameters) -> None:
-    """Train a codec to hide windows of photos, and the given watermarks, in windows of photos; then score it on others.
+    """Train a codec to hide windows of photos, and the given watermarks, in windows of photos; score it on others.
 
-    Every eighth photo of each capture is held out, and of the shipped ones `HELD_OUT`, which alone show things that no
-    photo of the training shows.
+    Every eighth photo of each capture is held out and, of the shipped photos, `HELD_OUT`; only these show things that
+    no training photo shows. Raises `UserError` without photos to train on.
     """
     torch.set_num_threads(parameters.threads)
     captures = [parted(read_photos(artifact)) for artifact in context.input_many("photos")]

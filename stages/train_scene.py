@@ -25,7 +25,7 @@ from stages.training.views import training_views
 
 
 class TrainSceneParameters(TrainingParameters):
-    """3DGS's parameters."""
+    """Parameters of 3DGS."""
 
     sh_degree: int = Field(3, ge=0, le=3, description="Highest degree of the spherical harmonics.")
     ssim_weight_cover: float = Field(0.2, ge=0, le=1, description="γ: SSIM's share of the loss.")

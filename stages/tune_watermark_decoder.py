@@ -1,4 +1,4 @@
-"""`tune_watermark_decoder`: D_w, tuned to tell renders of a container from other pictures (RTWS, second half)."""
+"""`tune_watermark_decoder`: tune D_w to tell renders of a container from other pictures (RTWS, second half)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from stages.training.network import train_network
 
 
 class TuneWatermarkDecoderParameters(Parameters):
-    """The paper's loss, and what may be added to it."""
+    """The paper's loss (Eq. 8), and what may be added to it."""
 
     method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     negatives: Literal["photos", "photos_and_clean_renders"] = Field(
@@ -91,11 +91,11 @@ class TuneWatermarkDecoderParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderParameters) -> None:
-    """Tune the decoder on the training views: the container's renders of them, their photos, and clean renders.
+    """Tune the decoder to show the watermark in the container's renders of training views, and black in their photos.
 
-    Other `photos` show black, too, where they are given; an imprint's decoder, which learnt from them, would forget.
-    Renders are taken as files hold them, in 8 bits. The decoder that comes out is the owner's alone: whoever has it can
-    change a picture until it shows nothing.
+    It can also learn to show black in clean renders (`negatives`) and in other `photos`; without these, the decoder of
+    an imprint, which learnt from them, would forget them. Renders are rounded to 8 bits, as in files. Keep the
+    resulting decoder secret: anyone who has it can alter a picture until it shows nothing.
     """
     torch.set_num_threads(parameters.threads)
     scene = read_scene(context.input("cover"))

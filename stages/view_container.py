@@ -1,4 +1,4 @@
-"""`view_container`: what files of a container show: the cover, and to who has the secret, the messages beside it."""
+"""`view_container`: what a container's files show: the cover and, to those with the secret, the messages beside it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from stages.scene.stored_cameras import read_cameras
 
 
 class ViewContainerParameters(Parameters):
-    """How much is shown."""
+    """Number and size of videos and pictures."""
 
     method: MethodName = Field("gs_hider", description="The container's method.")
     frames: int = Field(
@@ -64,8 +64,10 @@ class ViewContainerParameters(Parameters):
     modules=lambda parameters: [module_of(parameters.method)],
 )
 def view_container(context: Context, parameters: ViewContainerParameters) -> None:
-    """Render the cover along the published cameras and beside it each message. A picture that is hidden at one view is
-    shown from there alone: from elsewhere its decoder shows nothing of it.
+    """Render the cover, and each message beside it, along the published cameras.
+
+    An image hidden in one view is rendered only from there: from elsewhere, its decoder shows nothing of it. Raises
+    `UserError` if the bundles lack the cameras for this.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
@@ -92,7 +94,7 @@ def view_container(context: Context, parameters: ViewContainerParameters) -> Non
 
 
 def _path(artifact: Artifact, parameters: ViewContainerParameters) -> Cameras:
-    """Cameras of the video's frames, of even sides."""
+    """Cameras of the video's frames, with even sides. Raises `UserError` if the bundle has none."""
     cameras = read_cameras(artifact)
     if cameras is None:
         raise UserError(
@@ -109,7 +111,7 @@ def _path(artifact: Artifact, parameters: ViewContainerParameters) -> Cameras:
 def _image_camera(
     artifact: Artifact | None, secret: Artifact | None, parameters: ViewContainerParameters
 ) -> Cameras | None:
-    """The camera from which the secret shows a picture; None for a secret of scenes, and without one."""
+    """The camera from which the secret shows an image; None without a secret, and for a secret of scenes."""
     if secret is None or IMAGE_VIEW not in secret.attributes:
         return None
     cameras = read_cameras(artifact) if artifact else None
@@ -125,7 +127,7 @@ def _image_camera(
 
 
 def _shrunk(cameras: Cameras, long_side: int) -> Cameras:
-    """The same views in pictures whose long side is at most so many pixels."""
+    """The same views in pictures whose long side is at most `long_side` pixels."""
     factor = long_side / max(cameras.width, cameras.height)
     if factor >= 1:
         return cameras
@@ -137,7 +139,7 @@ def _shrunk(cameras: Cameras, long_side: int) -> Cameras:
 def _kept(
     filmed: Mapping[str, Sequence[Picture]], cameras: Cameras, parameters: ViewContainerParameters
 ) -> list[Comparison]:
-    """Of each title the pictures of some cameras, evenly."""
+    """Pictures of each title from a few evenly spread cameras."""
     rows = sample(len(cameras), parameters.pictures)
     names = tuple(cameras.names[row] for row in rows)
     comparisons = []
@@ -156,7 +158,7 @@ def _write(
     filmed: Mapping[str, Sequence[Picture]],
     pictures: Sequence[Comparison],
 ) -> None:
-    """All for whoever runs it; for the public the cover alone, and nothing of a private container."""
+    """Write everything for whoever runs it, and for the public the cover alone, unless the container is private."""
     rate = len(filmed[COVER]) / parameters.seconds
     large = {title: [enlarged(picture) for picture in pictures] for title, pictures in filmed.items()}
     videos = encoded(large, parameters.method, rate, context.stop_if_requested)

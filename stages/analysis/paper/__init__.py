@@ -1,1 +1,1 @@
-"""Our figures laid beside those that the paper prints, table by table."""
+"""Our figures beside those that the paper prints, table by table."""

@@ -1,4 +1,4 @@
-"""The ablations: λ, the feature dimension M and the number of layers, each varied alone."""
+"""Ablations of λ, the feature dimension M and the number of layers, each varied alone."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ ORDERS: tuple[tuple[Ablated, float, float, Subject], ...] = (
     ("feature_dim", 16, 8, "message"),
     ("feature_dim", 16, 32, "message"),
 )
-"""What the paper finds: with the first value the picture is better than with the second."""
+"""The paper's findings: with the first value, the picture is better than with the second."""
 
 
 def ablations(study: Study, tables: Published) -> Chapter:
-    """Runs of one method that differ from the paper's settings in one of them alone."""
+    """The chapter of runs that differ from their method's usual settings in at most one of them."""
     hiding = study.select(hides_one_scene)
     grids, shown = list[Grid](), list[Run]()
     for method in dict.fromkeys(run.method for run in hiding):
@@ -63,17 +63,17 @@ def ablations(study: Study, tables: Published) -> Chapter:
 
 
 def varied(runs: Sequence[Run], name: str) -> list[Run]:
-    """Those whose other settings are the usual ones."""
+    """The runs whose settings other than `name` are the usual ones."""
     return [run for run in runs if all(other == name for other, _ in run.settings)]
 
 
 def value_of(run: Run, name: Ablated, tables: Published) -> float | str:
-    """A setting of a run: its method's usual one where it states no other."""
+    """The value of a setting in a run; its method's usual one if the run states none."""
     return dict(run.settings).get(name, usual_settings(run.method, tables.setup)[name])
 
 
 def _grids(method: str, name: Ablated, runs: Sequence[Run], study: Study, tables: Published) -> tuple[Grid, ...]:
-    """Test views beside the paper's, the messages on legal views and covered pixels, and training views."""
+    """Test views beside the paper's, messages on legal views and covered pixels, and training views."""
     own = _by_value(runs, name, tables)
     grids = (
         _grid(method, name, "test", own, study, tables),
@@ -92,7 +92,7 @@ def _caption(method: str, name: Ablated) -> str:
 
 
 def _by_value(runs: Sequence[Run], name: Ablated, tables: Published) -> dict[float | str, list[Run]]:
-    """The runs of each value, numbers in their order."""
+    """The runs of each value: numbers in ascending order, then texts."""
     values = sorted({value_of(run, name, tables) for run in runs}, key=_order)
     return {value: [run for run in runs if value_of(run, name, tables) == value] for value in values}
 
@@ -108,7 +108,7 @@ def _written(value: float | str) -> str:
 def _grid(
     method: str, name: Ablated, split: str, own: Mapping[float | str, Sequence[Run]], study: Study, tables: Published
 ) -> Grid:
-    """A line for each value; on test views the paper's, which it has of GS-Hider."""
+    """A line for each value; for GS-Hider on test views, also the paper's."""
     is_theirs = method == GS_HIDER and split == "test"
     printed = {variant.value: variant for variant in tables.ablations[name]} if is_theirs else {}
     runs = [run for group in own.values() for run in group]

@@ -1,4 +1,4 @@
-"""Attacks as they were measured: what is left of the message over what is left of the cover, and figures of that."""
+"""Measured attacks as curves, the message's PSNR over the cover's, and figures derived from these curves."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from stages.analysis.paper.runs import Experiment
 from stages.imaging.metric_table import mean_of_known
 
 LEAST_LOSS = 0.05
-"""In dB of the cover: what costs it no more than this costs it nothing."""
+"""In dB: a loss of the cover up to this counts as none."""
 
 POINTS = 5
-"""Of a mean curve."""
+"""Number of points of a mean curve."""
 
 Reading = Literal["as found", "registered"]
-"""Of the message: by the secret alone, or after the owner has registered the container with what he published, and then
-whichever of the two shows more."""
+"""How the message is read: with the secret alone, or also after the owner has registered the container with the
+published one; of the two readings, the one that shows more counts."""
 
 
 @dataclass(frozen=True)
@@ -37,49 +37,48 @@ class Point:
 
 @dataclass(frozen=True)
 class Curve:
-    """One attack with one seed on one container: `points` in the order in which they were measured, by severity."""
+    """One attack with one seed on one container; `points` are in the order of measurement, by severity."""
 
     unattacked: Point
     points: tuple[Point, ...]
 
     @property
     def publishable(self) -> tuple[Point, ...]:
-        """The points but for those at which no picture of the cover could be rendered any more: NaN."""
+        """The points at which the cover can still be rendered; at the others, its PSNR is NaN."""
         return tuple(point for point in self.points if not math.isnan(point.cover))
 
     @property
     def reach(self) -> float:
-        """The largest loss of the cover, in dB; not negative."""
+        """The largest loss of the cover, in dB; 0 without points."""
         return max((self.loss(point) for point in self.publishable), default=0.0)
 
     @property
     def gain(self) -> float:
-        """The most that the message loses beyond what the cover does, in dB: what GSPure is scored by."""
+        """The largest excess of the message's loss over the cover's, in dB: GSPure's score; NaN without points."""
         return max(
             (self.unattacked.message - point.message - self.loss(point) for point in self.publishable),
             default=math.nan,
         )
 
     def read_as(self, other: Curve) -> Curve:
-        """With the messages of `other`, the same attack read otherwise; of the cover, what the attacker publishes."""
+        """This curve with the messages of `other`, another reading of the same attack; the covers are the same."""
         messages = {point.severity: point.message for point in other.points}
         read = (replace(point, message=messages[point.severity]) for point in self.points)
         return Curve(self.unattacked, tuple(read))
 
     def better_of(self, other: Curve) -> Curve:
-        """With the message of `other`, the same attack read otherwise, at each severity at which that shows more."""
+        """This curve with the message of `other`, another reading of the same attack, wherever it shows more."""
         both = zip(self.points, self.read_as(other).points, strict=True)
         return Curve(self.unattacked, tuple(max(pair, key=lambda point: point.message) for pair in both))
 
     def loss(self, point: Point) -> float:
-        """What the cover loses, in dB; an attack that improves it costs nothing."""
+        """The cover's loss at a point, in dB; 0 if the attack improved it."""
         return max(0.0, self.unattacked.cover - point.cover)
 
     def message_left(self, most: float) -> float:
-        """The message's PSNR, averaged over losses of the cover from 0 to `most` dB: the area under the curve, over its
-        width.
+        """The message's mean PSNR over losses of the cover from 0 to `most` dB: the curve's area over its width.
 
-        At every loss what `message_at` says. Of no more width than `LEAST_LOSS`, what is left for nothing.
+        At each loss it is `message_at`. If `most` does not exceed `LEAST_LOSS`, it is the message at no loss.
         """
         if most <= LEAST_LOSS:
             return self.message_at(0.0)
@@ -91,11 +90,11 @@ class Curve:
         return area / most
 
     def message_at(self, loss: float) -> float:
-        """The message's PSNR where the cover may lose so much, in dB.
+        """The message's PSNR if the attacker accepts this loss of the cover, in dB.
 
-        An attacker takes the point, of those that cost no more, that leaves least of the message; between points the
-        line. What kills the message and spares the cover is a vertical drop. Beyond the last point the curve goes on
-        level.
+        Of the points that cost no more, the attacker takes the one that leaves least of the message; points are joined
+        by lines. An attack that kills the message and spares the cover is a vertical drop. Beyond the last point, the
+        curve is level.
         """
         return next(
             _between(left, high, right, low, loss)
@@ -105,7 +104,7 @@ class Curve:
 
     @property
     def _line(self) -> list[tuple[float, float]]:
-        """Losses of the cover and what is left of the message, from 0 and what is left for nothing to infinity."""
+        """Pairs of the cover's loss and the message's PSNR, from loss 0, with what is left at no cost, to infinity."""
         free = (point.message for point in self.publishable if self.loss(point) <= LEAST_LOSS)
         lowest = min([self.unattacked.message, *free])
         line = [(0.0, lowest)]
@@ -117,13 +116,13 @@ class Curve:
 
 
 def _between(left: float, high: float, right: float, low: float, loss: float) -> float:
-    """On the line from (left, high) to (right, low); level where it has no end."""
+    """The line from (left, high) to (right, low) at `loss`; `low` if it is vertical or ends at infinity."""
     return low if math.isinf(right) or right == left else high + (low - high) * (loss - left) / (right - left)
 
 
 @dataclass(frozen=True)
 class MeanPoint:
-    """PSNR of cover and message, in dB, at the same loss of each cover; means."""
+    """Mean PSNR of cover and message, in dB, over curves at the same loss of each cover."""
 
     cover: float
     message: float
@@ -131,9 +130,9 @@ class MeanPoint:
 
 @dataclass(frozen=True)
 class MeanCurve:
-    """Several curves together: before the attack, and at losses of the cover that all of them reach, ascending.
+    """The mean of several curves: before the attack, and at ascending losses of the cover that all of them reach.
 
-    The first loss is 0: what is left for nothing.
+    The first loss is 0.
     """
 
     unattacked: MeanPoint
@@ -156,9 +155,9 @@ def curves(
 
 
 def readings(experiment: Experiment, attack: str, reading: Reading, is_floored: bool = True) -> tuple[Curve, ...]:
-    """A curve for each seed as the messages are read; where `is_floored` none worse than a picture of one colour.
+    """A curve for each seed in this reading; if `is_floored`, no message counts as worse than the best single colour.
 
-    Where nothing is to be registered, such as a render, the message is read as it was found.
+    If nothing can be registered, as after attacks on renders, messages are read as found.
     """
     floors = _floors(experiment) if is_floored else {}
     found = curves(experiment, attack, floors)
@@ -167,15 +166,15 @@ def readings(experiment: Experiment, attack: str, reading: Reading, is_floored: 
 
 
 def _floors(experiment: Experiment) -> dict[str | None, float]:
-    """The PSNR of a picture of one colour for each message; none of what was measured without."""
+    """PSNR of the best single colour for each message; empty if it was not measured."""
     rows = [row for row in experiment.rows if (row.quantity, row.condition) == (ONE_COLOUR, UNATTACKED)]
     return {row.message: row.value for row in rows}
 
 
 def most_to_lose(experiments: Iterable[Experiment]) -> Measured:
-    """How far messages are above a picture of one colour before any attack, in dB, by capture.
+    """How far messages exceed the best single colour before any attack, in dB, by capture.
 
-    Of messages that are none worse than such a picture nothing can be taken beyond this.
+    If messages count as no worse than that, no attacker can gain more.
     """
     found: dict[str, list[Spread]] = {}
     for experiment in experiments:
@@ -190,11 +189,11 @@ def _unattacked(experiment: Experiment, floors: Mapping[str | None, float]) -> P
 
 
 def average_curve(experiments: Iterable[Experiment], condition: str, read_as: str = "") -> MeanCurve | None:
-    """The mean over captures of the mean over seeds and trainings, at common losses of the cover. None without any.
+    """The mean over captures of the mean over seeds and trainings, at common losses of the cover; None without curves.
 
-    Severities differ from capture to capture where they were found by what they cost the cover, so that curves have no
-    points in common. `read_as`: the condition under which messages were read once more, such as after registration;
-    what was not is left out.
+    Severities that were calibrated by what they cost the cover differ between captures, so curves have no points in
+    common. `read_as` is the condition of another reading of the messages, such as after registration; experiments
+    without it are left out.
     """
     by_capture: dict[str, list[Curve]] = {}
     for experiment in experiments:
@@ -222,7 +221,7 @@ def average_curve(experiments: Iterable[Experiment], condition: str, read_as: st
 
 
 def severities(experiments: Iterable[Experiment], condition: str) -> tuple[float, ...]:
-    """All at which the attack was measured, ascending."""
+    """All severities at which the attack was measured, ascending."""
     found = (each.severity for experiment in experiments for each in experiment.rows if each.condition == condition)
     return tuple(sorted({severity for severity in found if severity is not None}))
 
@@ -234,7 +233,7 @@ def measured(
     figure: Callable[[Curve], float],
     is_floored: bool = True,
 ) -> Measured:
-    """A figure of curves by capture, with its spread over the attack's seeds; `is_floored` as in `readings`."""
+    """A figure of the curves by capture, with its spread over the attack's seeds; `is_floored` as in `readings`."""
     spreads: dict[str, list[Spread]] = {}
     for experiment in experiments:
         found = [figure(curve) for curve in readings(experiment, attack, reading, is_floored)]
@@ -247,7 +246,7 @@ def measured(
 def at_severity(
     experiments: Iterable[Experiment], condition: str, severity: float | None, message: bool, quantity: str
 ) -> Measured:
-    """A quantity of cover or messages under a condition by capture, with its spread over the attack's seeds."""
+    """A quantity of cover or messages under a condition, by capture, with its spread over the attack's seeds."""
     spreads: dict[str, list[Spread]] = {}
     for experiment in experiments:
         values: dict[int | None, list[float]] = {}
@@ -261,17 +260,20 @@ def at_severity(
 
 
 def _by_capture(spreads: Mapping[str, Sequence[Spread]]) -> Measured:
-    """Of several trainings of a capture the mean: how far they lie apart is no spread of an attack's seeds."""
+    """The mean over each capture's trainings; their differences do not count as spread of an attack's seeds."""
     return Measured({capture: together(each) for capture, each in spreads.items()})
 
 
 def spread(values: Sequence[float]) -> Spread:
-    """Over seeds of an attack on one container: however many there are, they are worth one training."""
+    """Mean and deviation over an attack's seeds on one container; worth one training, however many seeds there are."""
     return replace(spread_of(values), worth=1.0)
 
 
 def _point(rows: Sequence[Measurement], severity: float, floors: Mapping[str | None, float]) -> Point:
-    """The mean of the messages that views show anything of, each no worse than its floor in dB where it has one."""
+    """The mean PSNRs of cover and messages; messages count as no worse than their floor, in dB, if they have one.
+
+    Messages that no view shows anything of are left out.
+    """
     found: dict[str | None, list[float]] = {}
     for row in rows:
         if row.quantity == "psnr":

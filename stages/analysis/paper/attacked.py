@@ -1,4 +1,4 @@
-"""What attacks left of containers, by method: the figures that tables of robustness are made of."""
+"""Results of attacks on containers, by method: the figures of the robustness tables."""
 
 from __future__ import annotations
 
@@ -13,63 +13,63 @@ from stages.analysis.paper.measuring import Measured
 from stages.analysis.paper.runs import Experiment
 
 COMPARED = (OURS, GS_HIDER)
-"""The widths of curves are those that both of these reach."""
+"""Curves are compared up to the largest loss of the cover that the curves of both of these methods reach."""
 
 SEALED = "sealed"
-"""The setting of a container that is attacked as it is published; see `stages.seal`."""
+"""The setting of a container that is attacked as it is published, sealed; see `stages.seal`."""
 
 
 @dataclass(frozen=True)
 class Attacked:
-    """The experiments of attacks, as `runs.by_method` groups them, and the attacks that any of them measured."""
+    """Experiments with attacks, grouped as by `runs.by_method`, and the attacks that any of them measured."""
 
     by_method: Mapping[str, tuple[Experiment, ...]]
     attacks: tuple[AttackName, ...]
 
     @property
     def captures(self) -> tuple[str, ...]:
-        """All that any method was attacked on, in order."""
+        """All captures on which any method was attacked, in order."""
         return tuple(dict.fromkeys(each.capture for group in self.by_method.values() for each in group))
 
     @property
     def titles(self) -> tuple[str, ...]:
-        """Of the methods."""
+        """Titles of the methods."""
         return tuple(map(title_of, self.by_method))
 
     @property
     def ours(self) -> tuple[str, ...]:
-        """The methods, with their settings, that are ours."""
+        """The keys of `by_method` that are our method, with any settings."""
         return tuple(method for method, group in self.by_method.items() if group[0].method == OURS)
 
     @property
     def is_any_sealed(self) -> bool:
-        """Whether containers among them were sealed before they were attacked."""
+        """Whether any container was sealed before it was attacked."""
         return any(SEALED in dict(group[0].settings) for group in self.by_method.values())
 
     def width(self, attack: AttackName) -> float:
-        """Up to which loss of the cover the compared methods' curves reach, or all where neither is there; in dB."""
+        """The loss of the cover, in dB, that all curves of the compared methods reach, or of all if these have none."""
         methods = [method for method in COMPARED if self._curves(method, attack)] or list(self.by_method)
         reaches = [curve.reach for method in methods for curve in self._curves(method, attack)]
         return min(reaches, default=0.0)
 
     def message_left(self, method: str, attack: AttackName, reading: Reading) -> Measured:
-        """The area under the method's curve, over its width: the message's mean PSNR, in dB."""
+        """The message's mean PSNR, in dB: the area under the method's curve, over its width."""
         width = self.width(attack)
         return measured(self.by_method.get(method, ()), attack, reading, lambda curve: curve.message_left(width))
 
     def message_lost(self, method: str, attack: AttackName, reading: Reading) -> Measured:
-        """What `message_left` is under the message as it was before the attack, in dB."""
+        """The message's PSNR before the attack minus `message_left`, in dB."""
         width, experiments = self.width(attack), self.by_method.get(method, ())
         return measured(
             experiments, attack, reading, lambda curve: curve.unattacked.message - curve.message_left(width)
         )
 
     def gain(self, method: str, attack: AttackName, reading: Reading, is_floored: bool = True) -> Measured:
-        """What the attacker gains: the message's loss less the cover's, in dB; `is_floored` as in `readings`."""
+        """The attacker's gain, the message's loss minus the cover's, in dB; `is_floored` as in `readings`."""
         return measured(self.by_method.get(method, ()), attack, reading, lambda curve: curve.gain, is_floored)
 
     def most_to_lose(self, method: str) -> Measured:
-        """What no gain can exceed: how far the message was above a picture of one colour, in dB."""
+        """The upper bound of gains: how far the message exceeded the best single colour, in dB."""
         return most_to_lose(self.by_method.get(method, ()))
 
     def _curves(self, method: str, attack: AttackName) -> list[Curve]:

@@ -1,4 +1,4 @@
-"""How far a container's Gaussians differ from a clean one's, attribute by attribute, beside two clean ones."""
+"""How far the attributes of a container's Gaussians diverge from a clean one's, beside two clean ones."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CLASS_TITLES = {HIDDEN: "hides a message", CLEAN: "hides nothing", CLEAN_AGAIN: 
 
 
 def attributes_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
-    """A line for each method and attribute, a column for each capture; its second figure the same of two clean ones."""
+    """A line for each method and attribute, a column for each capture; notes have the figure of two clean ones."""
     lines = [
         Line((title_of(method), title), tuple(_cell(experiments, quantity, capture, form) for capture in captures))
         for method, experiments in by_method.items()
@@ -39,8 +39,9 @@ def attributes_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
 
 
 def widest_divergence(experiments: Sequence[Experiment]) -> str:
-    """The attribute whose histogram is farthest from a clean one's beyond what two clean ones differ, in words; empty
-    where that was not measured.
+    """In words, the attribute whose divergence from a clean container most exceeds that between two clean ones.
+
+    Empty if this was not measured.
     """
     found = []
     for experiment in experiments:
@@ -58,7 +59,7 @@ def widest_divergence(experiments: Sequence[Experiment]) -> str:
 
 
 def attribute_charts(by_method: ByMethod) -> Iterator[Chart]:
-    """Histograms of the first capture of each method."""
+    """Histograms of the first experiment of each method."""
     for method, (first, *_) in by_method.items():
         for attribute in CHARTED:
             quantity = of_attribute(HISTOGRAM, attribute)
@@ -72,7 +73,7 @@ def attribute_charts(by_method: ByMethod) -> Iterator[Chart]:
 
 
 def _quantities(experiments: Sequence[Experiment]) -> list[tuple[str, str, str]]:
-    """What was measured: its quantity, its title, and how a figure of it is written."""
+    """The measured quantities, each with its title and the format of its figures."""
     names = dict.fromkeys(row.quantity for experiment in experiments for row in experiment.rows)
     found = []
     for name in names:
@@ -89,7 +90,7 @@ def _quantities(experiments: Sequence[Experiment]) -> list[tuple[str, str, str]]
 
 
 def _cell(experiments: Sequence[Experiment], quantity: str, capture: str, form: str) -> Cell:
-    """The mean over the seeds of a capture."""
+    """The mean over a capture's experiments, with that of two clean containers as its note."""
     found: dict[str, list[float]] = {}
     for experiment in experiments:
         for row in experiment.rows:

@@ -1,4 +1,4 @@
-"""What one of the paper's tables becomes: our figures beside its own, and the relations that should hold."""
+"""A chapter: our figures beside those of one of the paper's tables, and the relations that should hold."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from stages.analysis.paper.runs import Run, Study, capture_title, method_title
 
 PICTURES = {"cover": "Cover", "message": "Message"}
 VIEWS = {"test": "test views", "train": "training views"}
-"""By splits."""
+"""Titles of the splits."""
 LPIPS = {"lpips_vgg": "VGG16", "lpips_alex": "AlexNet"}
-"""Quantities that take weights, of these networks: a table says so where they were not measured of test views."""
+"""Quantities that need weights, of these networks; tables say so if they were not measured on test views."""
 
 
 @dataclass(frozen=True)
 class Chapter:
-    """`runs` are those that it shows; `charts` stand under its tables."""
+    """A chapter of the page; `charts` are below its tables, `runs` are those that it shows."""
 
     title: str
     grids: tuple[Grid, ...]
@@ -39,16 +39,16 @@ Writer = Callable[[Study, Published], Chapter]
 
 
 def usual(runs: Iterable[Run]) -> tuple[Run, ...]:
-    """For each method its runs with the usual settings, or all where it has none of these."""
+    """The runs of each method with the usual settings, or all of its runs if it has none of these."""
     listed = list(runs)
     methods = {run.method for run in listed if not run.settings}
     return tuple(run for run in listed if run.method not in methods or not run.settings)
 
 
 def blocks(runs: Sequence[Run], methods: Collection[str] = ()) -> Iterator[tuple[str, str, tuple[Run, ...]]]:
-    """The method, the title and the runs of each kind, in the paper's order; of `methods` without runs, too.
+    """Yield method, title and runs of each kind, in the paper's order; those in `methods` even without runs.
 
-    The title is the method's alone where the settings are the usual ones.
+    The title is the method's alone if the settings are the usual ones.
     """
     present = {*methods, *(run.method for run in runs)}
     for method in [*(name for name in METHOD_TITLES if name in present), *sorted(present - METHOD_TITLES.keys())]:
@@ -66,13 +66,14 @@ def of_method(runs: Iterable[Run], method: str, figure: Figure) -> Measured:
 
 
 def title_of(method: str) -> str:
-    """The method as it is shown."""
+    """The method's title in tables."""
     return METHOD_TITLES.get(method, method)
 
 
 def noises(runs: Sequence[Run], study: Study, quantity: str = "psnr") -> dict[str, Noise]:
-    """From one seed to the next, of the cover and of the message: in these runs or in all of the study, whichever is
-    more. Where one method alone was repeated among these, its noise would stand for that of all.
+    """Noise of cover and message from one seed to the next: in these runs or in the whole study, whichever is larger.
+
+    If only one method was repeated among these runs, its noise would otherwise stand for that of all.
     """
     found = {}
     for picture, figure in (("cover", cover(quantity)), ("message", message(quantity))):
@@ -87,7 +88,7 @@ def _written_runs(noise: Noise) -> str:
 
 
 def noise_note(spreads: Mapping[str, Noise], quantity: str = "psnr", unit: str = " dB") -> str:
-    """The line under a table that says how large its noise is."""
+    """The line under a table that states the size of its noise."""
     told = [
         f"{write_figure(quantity, spread.deviation)}{unit} on the {picture} ({_written_runs(spread)})"
         for picture, spread in spreads.items()

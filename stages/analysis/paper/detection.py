@@ -1,4 +1,4 @@
-"""Areas under ROC curves from rows of detectors: which classes are compared, and how an area is written."""
+"""Areas under ROC curves from rows of detectors: which classes are compared, and how areas are written."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
 from stages.analysis.roc import Area, DetectorScores, bootstrap_area, bootstrap_excess, is_upside_down, two_sided
 
 UNNOTICED = 0.6
-"""A detector whose area is larger is right about more than six of ten pairs, and is not called blind."""
+"""A detector with a larger area ranks more than six of ten pairs correctly, and is not called blind."""
 
 
 ByMethod = Mapping[str, Sequence[Experiment]]
-"""Experiments by the method that hides, as `runs.by_method` groups them."""
+"""Experiments by the hiding method, as `runs.by_method` groups them."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two classes of pictures; `paired`: seen from the same cameras."""
+    """Two classes of pictures; `paired` if both are seen from the same cameras."""
 
     title: str
     positive: str
@@ -41,9 +41,9 @@ COMPARISONS = (AS_IN_THE_PAPER, RENDERING, HIDING, CHANCE)
 
 
 def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comparison) -> tuple[DetectorScores, ...]:
-    """What one kind of detector says of both classes, for each experiment that has them; a capture is a scene.
+    """A detector's scores of both classes, for each experiment that has both; each capture is a scene.
 
-    Rows of several trainings of one scene, told apart by their seed, are scores of their own.
+    Several trainings of one scene, whose rows differ in their seed, give separate scores.
     """
     return tuple(_scores_by_training(experiments, quantity, comparison).values())
 
@@ -51,7 +51,7 @@ def scores_of(experiments: Iterable[Experiment], quantity: str, comparison: Comp
 def _scores_by_training(
     experiments: Iterable[Experiment], quantity: str, comparison: Comparison
 ) -> dict[tuple[int, int | None], DetectorScores]:
-    """By the number of the experiment and the seed of its rows."""
+    """Scores by the position of the experiment and the seed of its rows."""
     found = {}
     for number, experiment in enumerate(experiments):
         rows = [row for row in experiment.rows if row.quantity == quantity]
@@ -67,21 +67,21 @@ def _scores_by_training(
 
 
 def area_of(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Area:
-    """The mean of the captures' two-sided areas, NaN without any.
+    """The mean over captures of the two-sided areas, with its interval; NaN without any.
 
-    Two-sided, capture by capture: of the detector or its opposite, whichever is the better there. What scores 0.22 on a
-    capture tells as much of it as what scores 0.78, and of two trainings that hide nothing neither comes first. So it
-    is of every detector and every comparison, and chance alone lifts all of them a little: an area is to be read beside
-    that of two that hide nothing. The seed of the interval follows from what it is of.
+    The two-sided area of a capture is that of the detector or of its inverse, whichever is larger there: an area of
+    0.22 reveals as much as one of 0.78, and of two trainings that hide nothing, neither comes first. This applies to
+    all detectors and comparisons. Chance alone raises such areas a little, so compare an area with that of two
+    trainings that hide nothing. The seed of the interval follows from the quantity and the comparison.
     """
     seed = zlib.crc32(f"{quantity}: {comparison.title}".encode())
     return bootstrap_area(two_sided(scores_of(experiments, quantity, comparison)), seed)
 
 
 def excess_of(experiments: Sequence[Experiment], quantity: str) -> Area:
-    """By how much the area of what hides is above that of two that hide nothing; NaN where neither has a control.
+    """How much the area for containers that hide exceeds that for two clean ones; NaN if no experiment has both.
 
-    Both share the clean renders, and all three classes the cameras: views are drawn of all three at once.
+    Both share the clean renders, and all three classes the cameras, so the same views of all three are resampled.
     """
     hiding, chance = (_scores_by_training(experiments, quantity, each) for each in (HIDING, CHANCE))
     both = [(own, chance[key]) for key, own in hiding.items() if key in chance]
@@ -91,12 +91,12 @@ def excess_of(experiments: Sequence[Experiment], quantity: str) -> Area:
 
 
 def is_inverted(capture: Sequence[Experiment], quantity: str, comparison: Comparison) -> bool:
-    """Whether the area of a capture is that of the detector's opposite."""
+    """Whether a capture's two-sided area is that of the detector's inverse."""
     return is_upside_down(scores_of(capture, quantity, comparison))
 
 
 def by_capture(experiments: Iterable[Experiment]) -> list[list[Experiment]]:
-    """The experiments of each capture."""
+    """The experiments, grouped by capture."""
     found: dict[str, list[Experiment]] = {}
     for each in experiments:
         found.setdefault(each.capture, []).append(each)
@@ -104,9 +104,9 @@ def by_capture(experiments: Iterable[Experiment]) -> list[list[Experiment]]:
 
 
 def area_cell(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> Cell:
-    """The area with its interval; an arrow where it is that of the opposite, and of how many of several captures.
+    """The area with its interval; an arrow marks that of the inverse detector, and on how many captures it is.
 
-    Empty where none was measured.
+    Empty if no area was measured.
     """
     shown = area_of(experiments, quantity, comparison)
     if math.isnan(shown.value):
@@ -116,7 +116,7 @@ def area_cell(experiments: Sequence[Experiment], quantity: str, comparison: Comp
 
 
 def excess_cell(experiments: Sequence[Experiment], quantity: str) -> Cell:
-    """How far what hides is above two that hide nothing, with the interval of that; empty where it was not measured."""
+    """`excess_of` with its interval; empty if it was not measured."""
     excess = excess_of(experiments, quantity)
     if math.isnan(excess.value):
         return Cell("")
@@ -132,9 +132,9 @@ def _arrow(experiments: Sequence[Experiment], quantity: str, comparison: Compari
 
 
 def verdict(experiments: Sequence[Experiment], quantity: str) -> str:
-    """In words, whether a detector tells what hides from what does not, beside two trainings that hide nothing.
+    """In words, whether a detector distinguishes containers that hide from clean ones, compared with two clean ones.
 
-    Of all captures together, and on how many by themselves where it is some and not all.
+    The verdict is on all captures together, and says on how many it holds by itself if these are some, but not all.
     """
     hiding, excess = area_of(experiments, quantity, HIDING), excess_of(experiments, quantity)
     if math.isnan(hiding.value):
@@ -157,6 +157,6 @@ def verdict(experiments: Sequence[Experiment], quantity: str) -> str:
 
 
 def _is_told_apart(capture: Sequence[Experiment], quantity: str) -> bool:
-    """By itself, and farther than two that hide nothing."""
+    """Whether the detector distinguishes the classes on this capture alone, and better than two clean ones."""
     area = area_of(capture, quantity, HIDING)
     return area.value > UNNOTICED and area.low > 0.5 and not excess_of(capture, quantity).low <= 0

@@ -1,4 +1,4 @@
-"""A chapter's charts in one SVG file, which the Markdown file shows: a repository shows no pages of HTML."""
+"""A chapter's charts in one SVG file, for the Markdown file: repositories do not display pages of HTML."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ TEMPLATES = templates_beside(__file__)
 
 COLUMNS, GAP = 3, 24
 ABOVE, TITLE_LINE, BELOW, LEGEND_LINE = 22, 18, 24, 18
-"""Over a chart the lines of its title and what is upward; under it what is across, and a line for each name."""
+"""Heights above a chart: of its vertical axis's name, and of each line of its title; below it: of its horizontal axis's
+name, and of each entry of its legend."""
 
 TITLE_LENGTH = 46
-"""Characters that fit over a chart, in whatever letters a browser has."""
+"""Characters that fit above a chart, whichever font a browser has."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A chart with the lines of its title, and the corner nearest the origin of the place that it has with all that is
-    written around it."""
+    """A chart, the lines of its title, and the upper left corner of the area that it takes with all its texts."""
 
     chart: Chart
     title: tuple[str, ...]
@@ -34,7 +34,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Drawing:
-    """Charts in rows of three, each row as high as its longest legend asks for; in the charts' units."""
+    """Charts in rows of three, each row as high as its longest legend requires; in the charts' units."""
 
     title: str
     panels: tuple[Panel, ...]
@@ -43,22 +43,22 @@ class Drawing:
     above: int
 
     def legend_at(self, line: int) -> int:
-        """Where the line of a legend stands, beneath the top of its panel."""
+        """The vertical position of a legend's line, from the top of its panel."""
         return self.above + _legend_beneath(line)
 
     @staticmethod
     def title_at(line: int) -> int:
-        """Where the line of a title stands, beneath the top of its panel."""
+        """The vertical position of a title's line, from the top of its panel."""
         return TITLE_LINE * (line + 1) - 2
 
 
 def drawing_file(title: str) -> str:
-    """The name of the file that holds the charts of a chapter with this title."""
+    """The name of the file with the charts of the chapter with this title."""
     return f"{re.sub(r'[^a-z0-9]+', '_', title.lower()).strip('_')}.svg"
 
 
 def write_drawing(title: str, charts: Sequence[Chart]) -> str:
-    """The charts as SVG, complete in itself; at least one."""
+    """The charts, at least one, as self-contained SVG."""
     titles = [tuple(wrap(chart.title, TITLE_LENGTH)) for chart in charts]
     above = ABOVE + TITLE_LINE * max(map(len, titles))
     panels, y = [], GAP
@@ -72,5 +72,5 @@ def write_drawing(title: str, charts: Sequence[Chart]) -> str:
 
 
 def _legend_beneath(line: int) -> int:
-    """Where the line of a legend stands, beneath the top of its chart."""
+    """The vertical position of a legend's line, from the top of its chart."""
     return HEIGHT + BELOW + LEGEND_LINE * line + LEGEND_LINE // 2

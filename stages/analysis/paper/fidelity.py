@@ -1,4 +1,4 @@
-"""Table 1, the appendix's other metrics, and what a message is worth where it fills the picture."""
+"""Table 1, the appendix's other metrics, and messages on legal views and covered pixels."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ from stages.analysis.probes import probed
 
 
 def fidelity(study: Study, tables: Published) -> Chapter:
-    """One scene hidden in another, by every method."""
+    """The chapter on one scene hidden in another, with every method."""
     runs = usual(study.select(lambda run: run.method == PLAIN or hides_one_scene(run)))
     grids = [_grid(quantity, "test", runs, study, tables) for quantity in PICTURE_QUANTITIES]
     shown = [Shown((title,), group) for _, title, group in blocks(runs)]
@@ -68,19 +68,19 @@ def fidelity(study: Study, tables: Published) -> Chapter:
 
 
 def hides_one_scene(run: Run) -> bool:
-    """Whether this is the paper's first experiment, and no probe of a decoder."""
+    """Whether the run hides one scene, as in the paper's first experiment, and is no probe of a decoder."""
     return len(run.messages) == 1 and not run.hides_image and probed(run.method) is None
 
 
 def size_note(runs: Sequence[Run]) -> str:
-    """What the sizes contain."""
+    """What the sizes include."""
     if any(math.isnan(total_bytes(run)) and not math.isnan(published_bytes(run)) for run in runs):
         return "Size: what is published; the message decoder is not in it."
     return "Size: all that is stored, both decoders included."
 
 
 def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: Published | None) -> Grid:
-    """Methods by cover and message, captures across: the paper's rows, where `tables` is given, under ours."""
+    """Cover and message of each method by capture; the paper's rows below ours, if `tables` is given."""
     captures = study.captures
     reference = of_method(runs, PLAIN, cover(quantity, split))
     scene = quantity == "psnr" and split == "test"
@@ -113,7 +113,7 @@ def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: 
 
 
 def _scene_cells(group: Sequence[Run], shown: bool) -> list[Cell]:
-    """The average size and number of Gaussians, beside the cover."""
+    """The average size and number of Gaussians, or empty cells unless `shown`."""
     if not shown:
         return [Cell(""), Cell("")]
     figures: tuple[tuple[str, Figure], ...] = (("container_bytes", size), ("gaussians", cover("gaussians", None)))
@@ -134,7 +134,7 @@ def _published_line(
 
 
 def _tiles(runs: Sequence[Run], tables: Published) -> tuple[Tile, ...]:
-    """Each method that hides, with what it loses on the cover."""
+    """Tiles with the PSNR of cover and message of each hiding method, and with its cover's loss compared with 3DGS."""
     plain = of_method(runs, PLAIN, cover("psnr"))
     tiles = []
     for method in (GS_HIDER, OURS):

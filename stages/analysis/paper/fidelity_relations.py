@@ -1,4 +1,4 @@
-"""What should be seen in Table 1: the paper's order, and that our own method is better by as much as the best rival."""
+"""What Table 1 should show: the paper's ranking, and that our method is better by as much as its best rival."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LARGEST_SHARE_OF_BYTES = 0.6
 
 
 def paper_relations(runs: Sequence[Run], study: Study, tables: Published) -> list[Relation]:
-    """The order of Table 1: GS-Hider above both baselines, not far under 3DGS, and smaller."""
+    """The ranking of Table 1: GS-Hider above both baselines, not far below 3DGS, and smaller."""
     spreads = noises(runs, study)
     pictures: tuple[tuple[Subject, Figure], ...] = (("cover", cover("psnr")), ("message", message("psnr")))
     found = []
@@ -59,7 +59,7 @@ def paper_relations(runs: Sequence[Run], study: Study, tables: Published) -> lis
 
 
 def own_relations(runs: Sequence[Run], study: Study, tables: Published) -> list[Relation]:
-    """Our own method against GS-Hider: at least what the rival gains over it, in no more bytes; and against 3DGS."""
+    """Our method compared with GS-Hider, with at least the rival's gain in no more bytes, and compared with 3DGS."""
     spreads, hider, rival = noises(runs, study), tables.fidelity[GS_HIDER], tables.rival
     gains: tuple[tuple[Subject, Figure, float], ...] = (
         ("cover", cover("psnr"), rival.cover - average(hider.cover)),

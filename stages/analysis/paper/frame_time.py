@@ -1,4 +1,4 @@
-"""The table of rendering times: a frame with its decoding, and the feature map alone."""
+"""The table of rendering times: a decoded frame, and the feature map alone."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NOTE = "The paper's on a GPU, at the sizes of 3DGS; these on the device and at t
 
 
 def frame_time(study: Study, tables: Published) -> Chapter:
-    """What one picture of the cover takes."""
+    """The chapter on the time that one picture of the cover takes."""
     runs, captures = study.timings, study.captures
     lines: list[Line] = []
     for method, title, group in _kinds(study, tables):
@@ -57,7 +57,7 @@ def frame_time(study: Study, tables: Published) -> Chapter:
 
 
 def _kinds(study: Study, tables: Published) -> Iterator[tuple[str, str, tuple[Run, ...]]]:
-    """As `blocks`, with containers that hide nothing under a title of their own."""
+    """As `blocks`, but with a title of their own for containers that hide nothing."""
     for method, title, group in blocks(study.timings, tables.seconds_per_frame):
         nothing = tuple(run for run in group if _hides_nothing(run, study))
         if len(nothing) < len(group) or not group:
@@ -67,7 +67,7 @@ def _kinds(study: Study, tables: Published) -> Iterator[tuple[str, str, tuple[Ru
 
 
 def _hides_nothing(timed: Run, study: Study) -> bool:
-    """Times name no message: only the score of the same training tells."""
+    """Whether a timed container hides nothing: timings name no message, so the scores of the same training tell."""
     training = (timed.capture, timed.method, timed.settings, timed.seed, timed.other)
     scored = study.select(lambda run: training == (run.capture, run.method, run.settings, run.seed, run.other))
     return timed.method != PLAIN and bool(scored) and not any(run.messages for run in scored)

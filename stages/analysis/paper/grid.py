@@ -1,4 +1,4 @@
-"""A table as the page, the Markdown file and the CSV file take it."""
+"""Tables, in the form that the page, the Markdown file and the CSV file are made from."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ HERE, PAPER = "here", "paper"
 AVERAGE, DIFFERENCE = "Average", "To 3DGS"
 NOT_MEASURED = "not measured"
 SCALES = {"bytes": 1e-6, "s": 1e3}
-"""From a unit to the one in which its figures are written: MB and ms."""
+"""Factors from units to those in which figures are written: MB and ms."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """What is written, and a note in smaller letters; `spread` is the figure behind it, with all its digits."""
+    """A text, a note in smaller letters, and in `spread` the figure behind them, unrounded."""
 
     text: str
     note: str = ""
@@ -33,7 +33,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Line:
-    """A row: its names, as many as the grid has headings for, and its cells; `published` where they are the paper's."""
+    """A row: its names, one for each of the grid's `names`, and its cells; `published` if they are the paper's."""
 
     names: tuple[str, ...]
     cells: tuple[Cell, ...]
@@ -42,7 +42,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Grid:
-    """`names` are the headings above the names of the lines, `headings` those above their cells."""
+    """A table: `names` are the headings above the names of the lines, `headings` those above their cells."""
 
     caption: str
     names: tuple[str, ...]
@@ -52,7 +52,7 @@ class Grid:
 
     @property
     def spans(self) -> tuple[int, ...]:
-        """Over how many lines the first name of each line extends; 0 where a line above has done so."""
+        """How many lines the first name of each line spans; 0 if it is covered by that of a line above."""
         if len(self.names) == 1:
             return (1,) * len(self.lines)
         groups = [len(list(group)) for _, group in groupby(self.lines, lambda line: line.names[0])]
@@ -60,7 +60,7 @@ class Grid:
 
     @property
     def worded(self) -> tuple[bool, ...]:
-        """Which columns of cells hold words and no figure: they begin at the left, as words do."""
+        """Which columns of cells contain words and no figures; these are aligned left."""
         columns = [[line.cells[column].text[:1] for line in self.lines] for column in range(len(self.headings))]
         return tuple(
             any(map(str.isalpha, column)) and all(first.isalpha() or first in ("", MISSING) for first in column)
@@ -69,7 +69,7 @@ class Grid:
 
 
 def figure_cell(quantity: str, spread: Spread, note: str = "") -> Cell:
-    """A figure as its quantity is written; with its standard deviation where there is one that can be written."""
+    """A figure as its quantity is written, with its standard deviation if that is known and does not round to zero."""
     text = write_figure(quantity, spread.mean)
     if not math.isnan(spread.deviation):
         deviation = write_figure(quantity, spread.deviation)
@@ -89,7 +89,7 @@ def as_written(quantity: str, spread: Spread) -> Spread:
 
 
 def published_cell(quantity: str, value: float, note: str = "") -> Cell:
-    """A figure of the paper with the paper's digits.
+    """A figure of the paper with the paper's digits; `MISSING` for NaN.
 
     >>> published_cell("psnr", 27.205).text, published_cell("seconds_per_frame", 0.0222).text
     ('27.205', '22.2')
@@ -125,12 +125,12 @@ def signed(quantity: str, difference: float) -> str:
 
 
 def average_cell(quantity: str, measured: Measured, captures: Collection[str], note: str = "") -> Cell:
-    """The average, with its deviation if it has one; it says so where it is of fewer captures than other lines'."""
+    """The average, with its deviation if known; the note says if it is over fewer captures than there are."""
     return figure_cell(quantity, measured.average, ", ".join(filter(None, (note, some_of(measured, captures)))))
 
 
 def some_of(measured: Measured, captures: Collection[str]) -> str:
-    """Of how many captures a figure is, where it is not of all of them, and of any.
+    """The number of captures that a figure is over, if that is not all of them, nor none; else empty.
 
     >>> some_of(Measured({"fox": Spread(1.0)}), ["fox", "kitchen"])
     'of 1'
@@ -142,9 +142,9 @@ def some_of(measured: Measured, captures: Collection[str]) -> str:
 def measured_cells(
     quantity: str, measured: Measured, reference: Measured | None, captures: Sequence[str], expected: bool = False
 ) -> list[Cell]:
-    """A cell for each capture, the average, and the difference to the reference; their notes are differences, too.
+    """A cell for each capture, the average, and its difference from the reference; notes have differences, too.
 
-    What was `expected`, and is not there, is said to be not measured.
+    If a figure was `expected` but measured on no capture, the average's cell says so.
     """
     if expected and not measured.by_capture:
         return [*(Cell(MISSING) for _ in captures), Cell(NOT_MEASURED), Cell("")]
@@ -168,7 +168,7 @@ def measured_cells(
 def published_cells(
     quantity: str, row: Row | None, reference: Row | None, captures: Sequence[str], tables: Published
 ) -> list[Cell]:
-    """The same of a row of the paper: its captures that are among ours, and its average over all nine."""
+    """`measured_cells` of a row of the paper: its figures for our captures, and its average over all nine."""
 
     difference = average(row) - average(reference)
 
@@ -184,12 +184,12 @@ def published_cells(
 
 
 def headings(captures: Iterable[str]) -> tuple[str, ...]:
-    """Above `measured_cells`."""
+    """The headings above `measured_cells`."""
     return (*map(capture_title, captures), AVERAGE, DIFFERENCE)
 
 
 def without_empty_columns(grid: Grid) -> Grid:
-    """The grid without columns in which nothing is written, and without lines of which nothing was measured."""
+    """The grid without columns that have no text, and without lines in which nothing was measured."""
     lines = [line for line in grid.lines if any(cell.text not in ("", MISSING) for cell in line.cells)]
     kept = [
         index
@@ -206,7 +206,7 @@ def without_empty_columns(grid: Grid) -> Grid:
 
 
 def write_csv(grids: Iterable[Grid]) -> str:
-    """Every figure for other programs, a line each: the table, the names of its line, its column, all its digits."""
+    """Every figure as CSV, one per line, with six significant digits, for other programs."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["table", "line", "figures", "column", "value", "deviation", "n", "note"])

@@ -1,4 +1,4 @@
-"""The same page as a Markdown file, to stand in the repository."""
+"""The page as a Markdown file, to be kept in the repository."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from stages.analysis.paper.grid import Cell, Grid
 from stages.analysis.paper.page import TablesPage
 
 SPECIAL = re.compile(r"([\\`*_\[\]<>|#&~$]|:(?=//)|(?<=www)\.)")
-"""What GitHub's Markdown makes markup, formulas or links of."""
+"""What GitHub's Markdown turns into markup, formulas or links."""
 
 
 def write_markdown(page: TablesPage) -> str:
-    """Title, command, tables, relations, remarks, definitions and sources; names are text and never markup.
+    """Title, command, tables, relations, remarks, definitions and sources; names are text, never markup.
 
-    Charts are shown as `drawing_file` calls their file, beside this one.
+    Charts are shown from files beside this one, with the names that `drawing_file` gives.
     """
     parts = [f"# {_text(page.title)}", _text(page.summary)]
     if page.command:
@@ -57,5 +57,5 @@ def _row(texts: Sequence[str] | Iterable[str]) -> str:
 
 
 def _text(text: str) -> str:
-    """One line of text, in which nothing means anything to Markdown, and no address of a page is made a link."""
+    """One line of text, in which nothing is Markdown's markup, and no web address becomes a link."""
     return SPECIAL.sub(r"\\\1", " ".join(text.split()))

@@ -1,4 +1,4 @@
-"""Figures of runs: the mean of what differs in the seed alone, its spread, and how large the noise is."""
+"""Figures of runs: the mean over runs that differ only in the seed, its spread, and the noise from seed to seed."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from stages.analysis.page.tables import Column, mean_of
 from stages.analysis.paper.runs import Run
 
 Figure = Callable[[Run], float]
-"""What is read off a run; NaN where it was not measured."""
+"""Reads a figure off a run; NaN if it was not measured."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """The mean of `count` values and their standard deviation, NaN for fewer than two values; without any, both.
+    """The mean of `count` values, NaN for none, and their standard deviation, NaN for fewer than two.
 
-    `worth`: its variance from one seed to the next is that of a single run over this. Two runs' mean is worth two, the
-    difference of two runs a half.
+    `worth` is the variance of a single run from one seed to the next, divided by that of this mean: 2 for the mean of
+    two runs, 1/2 for the difference of two runs.
     """
 
     mean: float
@@ -32,11 +32,11 @@ class Spread:
 CONFIDENCE = 0.95
 
 UNKNOWN = Spread(math.nan)
-"""What was not measured."""
+"""The spread of a figure that was not measured."""
 
 
 def spread_of(values: Sequence[float]) -> Spread:
-    """The mean and the sample standard deviation of runs that differ in the seed; UNKNOWN without any."""
+    """The mean and the sample standard deviation of runs that differ only in the seed; UNKNOWN without any."""
     if not values:
         return UNKNOWN
     middle, count = mean(values), len(values)
@@ -45,9 +45,9 @@ def spread_of(values: Sequence[float]) -> Spread:
 
 
 def together(spreads: Sequence[Spread]) -> Spread:
-    """The mean of several; its deviation, that of this mean, is known where that of each is. UNKNOWN without any.
+    """The mean of several spreads; it has a deviation if each of them has one. UNKNOWN without any.
 
-    `count` is the least of theirs: so many values, or more, each of them is the mean of.
+    `count` is the smallest of theirs: each of them is the mean of at least that many values.
     """
     if len(spreads) == 1:
         return spreads[0]
@@ -60,13 +60,13 @@ def together(spreads: Sequence[Spread]) -> Spread:
 
 @dataclass(frozen=True)
 class Measured:
-    """One figure of runs of one kind, by capture."""
+    """A figure of runs of one kind, by capture."""
 
     by_capture: Mapping[str, Spread]
 
     @property
     def average(self) -> Spread:
-        """The mean over the captures, as `together` makes it."""
+        """The mean over the captures, as by `together`."""
         return together([*self.by_capture.values()])
 
     def on(self, capture: str) -> float:
@@ -75,7 +75,7 @@ class Measured:
 
     @property
     def certain(self) -> Measured:
-        """The same figures, as of what no seed changes."""
+        """The same figures with infinite `worth`, for what does not depend on the seed."""
         return Measured({capture: replace(each, worth=math.inf) for capture, each in self.by_capture.items()})
 
     def minus(self, other: Measured) -> Measured:
@@ -83,11 +83,11 @@ class Measured:
         return self.with_other(other, lambda own, others: own - others)
 
     def over(self, other: Measured) -> Measured:
-        """The ratio on each capture that both have."""
+        """The ratio on each capture that both have, unless `other` is 0 there."""
         return self.with_other(other, lambda own, others: own / others if others else math.nan)
 
     def with_other(self, other: Measured, combine: Callable[[float, float], float]) -> Measured:
-        """What becomes of both figures on each capture that both have; worth what a difference of both is."""
+        """Both figures combined on each capture that both have, unless that is NaN; `worth` as of a difference."""
         found = {}
         for capture in [each for each in self.by_capture if each in other.by_capture]:
             own = self.by_capture[capture]
@@ -99,18 +99,19 @@ class Measured:
 
 
 UNMEASURED = Measured({})
-"""What was measured on no capture."""
+"""A figure that was measured on no capture."""
 
 
 @dataclass(frozen=True)
 class MeasuredErrors(Measured):
-    """PSNRs, in dB, whose average is that of the mean squared error: a capture without any error, whose PSNR is
-    infinite, does not make the average so.
+    """PSNRs in dB that are averaged as mean squared errors.
+
+    So a capture without any error, whose PSNR is infinite, does not make the average infinite.
     """
 
     @property
     def average(self) -> Spread:
-        """Without a deviation; of a single capture its own, UNKNOWN without any."""
+        """The PSNR of the mean error, without a deviation; of a single capture its own spread; UNKNOWN without any."""
         whole = super().average
         if len(self.by_capture) < 2:
             return whole
@@ -119,10 +120,10 @@ class MeasuredErrors(Measured):
 
 
 def measure(runs: Iterable[Run], figure: Figure) -> Measured:
-    """The figure of runs of one kind on each capture where it was measured.
+    """A figure of runs of one kind, on each capture where it was measured.
 
-    The spread is that of runs that differ in the seed alone; runs that differ in something else, such as the message,
-    are averaged, and have none. Runs that differ in nothing that is known of them, not even the seed, count as one.
+    The spread is over runs that differ only in the seed. Runs that also differ in something else, such as the message,
+    are averaged, without a deviation. Runs that differ in nothing known, not even in the seed, count as one.
     """
     values: dict[str, dict[tuple[str, ...], dict[str, list[float]]]] = {}
     for run in runs:
@@ -134,15 +135,15 @@ def measure(runs: Iterable[Run], figure: Figure) -> Measured:
 
 
 def _by_seed(values: Mapping[str, Sequence[float]]) -> list[float]:
-    """A value for each seed."""
+    """The mean for each seed."""
     return [mean(own) for own in values.values()]
 
 
 @dataclass(frozen=True)
 class Noise:
-    """The standard deviation from one seed to the next, NaN if none is known, and what it is known from.
+    """The standard deviation from one seed to the next, NaN if unknown, estimated from `count` runs on `captures`.
 
-    `freedom`: its degrees of freedom, infinite where it is not estimated; of `count` runs, on these captures.
+    `freedom` are its degrees of freedom, infinitely many if it is not an estimate.
     """
 
     deviation: float = math.nan
@@ -152,20 +153,20 @@ class Noise:
 
     @property
     def reach(self) -> float:
-        """How far a single run may well lie from the mean of many: in 95 % of cases nearer, by Student's t.
+        """The distance from the mean of many runs that a single run does not exceed in 95 % of cases, by Student's t.
 
-        Few runs may tell a deviation that is far too small, and t counts on it: 1.96 deviations of which all is known,
-        2.2 by ten degrees of freedom, 4.3 by two. NaN where no deviation is known.
+        A deviation estimated from few runs may be far too small, which t takes into account: 1.96 deviations if it is
+        exact, 2.2 with ten degrees of freedom, 4.3 with two. NaN if no deviation is known.
         """
         return self.deviation * float(student.ppf((1 + CONFIDENCE) / 2, self.freedom))
 
 
 NO_NOISE = Noise()
-"""What no runs tell."""
+"""Unknown noise."""
 
 
 def noise(runs: Iterable[Run], figure: Figure) -> Noise:
-    """From one seed to the next, pooled over all runs that others differ from in their seed alone."""
+    """Noise from one seed to the next, pooled over all groups of runs that differ only in the seed."""
     groups: dict[tuple[str, object, object], dict[str, list[float]]] = {}
     for run in runs:
         value = figure(run)
@@ -192,8 +193,9 @@ def cover(quantity: str, split: str | None = "test") -> Figure:
 
 
 def message(quantity: str, split: str = "test", only_legal: bool = False, number: int | None = None) -> Figure:
-    """The mean of a quantity over a message's views, or its legal ones; of several messages the mean, or where a number
-    is given, from 0, of the message with this number alone.
+    """The mean of a quantity over a message's views, or only its legal ones.
+
+    For several messages, it is the mean over them, or only that of the message at `number`, from 0.
     """
     return lambda run: mean(
         value
@@ -203,7 +205,7 @@ def message(quantity: str, split: str = "test", only_legal: bool = False, number
 
 
 def messages_of(run: Run, number: int | None = None) -> tuple[str, ...]:
-    """The names of all of a run's messages, or of the one with a number."""
+    """The names of all of a run's messages, or only of the one at `number`; empty if there is none."""
     return run.messages if number is None else run.messages[number : number + 1]
 
 
@@ -213,17 +215,17 @@ def of_message(run: Run, name: str, quantity: str, split: str = "test", only_leg
 
 
 def total_bytes(run: Run) -> float:
-    """All that is stored, the message decoder included: the paper's size. NaN where that is not told."""
+    """Bytes of everything that is stored, including the message decoder: the paper's size. NaN if not stated."""
     return cover("total_bytes", None)(run)
 
 
 def published_bytes(run: Run) -> float:
-    """What is published: the container with the scene decoder."""
+    """Bytes of what is published: the container with the scene decoder."""
     return cover("container_bytes", None)(run)
 
 
 def size(run: Run) -> float:
-    """All that is stored, or what is published where that alone is told."""
+    """Bytes of everything that is stored or, if only that is stated, of what is published."""
     total = total_bytes(run)
     return published_bytes(run) if math.isnan(total) else total
 

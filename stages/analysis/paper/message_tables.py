@@ -1,4 +1,4 @@
-"""Messages on legal views and over the pixels that they cover: a table that several chapters have."""
+"""Messages on legal views and over the pixels that they cover: a table that several chapters share."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CAPTION = "legal views and covered pixels, test views"
 
 @dataclass(frozen=True)
 class Column:
-    """A quantity over the views of a split, or over the legal ones among them."""
+    """A quantity over all views of a split, or only over the legal ones."""
 
     quantity: str
     split: str = "test"
@@ -37,7 +37,7 @@ COLUMNS: Mapping[str, Column] = {
 
 @dataclass(frozen=True)
 class Shown:
-    """Runs of one kind under the names of their line; of their messages all, or the one with a number from 0."""
+    """Runs of one kind, and the names of their line; over all their messages, or only the one at `number`, from 0."""
 
     names: tuple[str, ...]
     runs: Sequence[Run]
@@ -45,7 +45,7 @@ class Shown:
 
 
 def messages_grid(caption: str, names: tuple[str, ...], shown: Iterable[Shown]) -> Grid:
-    """A line for each of `shown` and each of its captures, beside the floor of a picture of one colour."""
+    """A line for each of `shown` and each of its captures, with the floor that the best single colour sets."""
     lines = []
     for each in shown:
         for capture in dict.fromkeys(run.capture for run in each.runs):
@@ -65,11 +65,11 @@ def _cell(runs: Sequence[Run], column: Column, number: int | None) -> Cell:
 
 
 def _one_of_each(runs: Sequence[Run]) -> list[Run]:
-    """Which views are legal no seed changes, another message does."""
+    """One run for each message: which views are legal depends on the message, not on the seed."""
     return [*{run.other: run for run in reversed(runs)}.values()][::-1]
 
 
 def _legal(run: Run, number: int | None) -> list[float]:
-    """For each test view 1 where it is legal, and 0 where it is not."""
+    """For each test view, 1 if it is legal, else 0."""
     names = messages_of(run, number)
     return [row.value for row in run.rows if (row.quantity, row.split) == ("legal", "test") and row.message in names]

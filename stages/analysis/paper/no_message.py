@@ -1,4 +1,4 @@
-"""The no-message table: what features and a decoder cost beside spherical harmonics, when nothing is hidden."""
+"""The no-message table: the cost of features and decoder compared with spherical harmonics, if nothing is hidden."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MOST_LOST_WITHOUT_A_MESSAGE = 0.7
 
 
 def no_message(study: Study, tables: Published) -> Chapter:
-    """Runs that hide nothing: with the paper's M and decoder, and with larger ones where there are any."""
+    """The chapter of runs that hide nothing: with the paper's M and decoder, and with larger ones, if there are any."""
     runs = study.select(lambda run: not run.messages and not run.hides_image and "iterations" not in dict(run.settings))
     lines: list[Line] = []
     references = {quantity: of_method(usual(runs), PLAIN, cover(quantity)) for quantity in PICTURE_QUANTITIES}

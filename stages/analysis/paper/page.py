@@ -1,4 +1,4 @@
-"""The page as the template and the Markdown file take it."""
+"""The page as the HTML template and the Markdown file take it."""
 
 from __future__ import annotations
 
@@ -52,15 +52,15 @@ PAPER_TITLES = {
     "frame_time": ("Rendering time",),
     "single_image": ("Single image",),
 }
-"""How `published.rows_of` calls the paper's tables that ours stand beside."""
+"""For each of our tables, the paper's tables that it stands beside, as `published.rows_of` names them."""
 DEFINED = ("psnr", "ssim", "lpips_vgg", "lpips_alex", "legal", "psnr_covered", "ssim_covered", "psnr_constant")
 
 
 @dataclass(frozen=True)
 class TablesPage:
-    """What is empty is left out, but for a chapter, which says `nothing`.
+    """A page of chapters. What is empty is left out, but an empty chapter says `nothing`.
 
-    `relations` is None where none is asked for; `remarks` stand under all tables, `sources` at the end.
+    `relations` is None if there are none to show; `remarks` are below all tables, `sources` at the end.
     """
 
     title: str
@@ -76,13 +76,13 @@ class TablesPage:
 
     @property
     def grids(self) -> tuple[Grid, ...]:
-        """Every table of figures, in order."""
+        """Every table of figures, in order, with the relations last."""
         grids = [grid for chapter in self.chapters for grid in chapter.grids]
         return (*grids, *([self.relations] if self.relations else []))
 
 
 def owner_page(study: Study, wanted: Sequence[str], tables: Published, title: str, command: str) -> TablesPage:
-    """The tables that are `wanted`, in this order, beside the paper's, and the relations between their figures."""
+    """The `wanted` tables, in this order, beside the paper's, and the relations between their figures."""
     chapters = [WRITERS[name](study, tables) for name in wanted]
     titled = [(chapter.title, relation) for chapter in chapters for relation in chapter.relations]
     captures = ", ".join(map(capture_title, study.captures)) or "no capture"
@@ -104,7 +104,7 @@ def owner_page(study: Study, wanted: Sequence[str], tables: Published, title: st
 
 
 def public_page(study: Study, private: Study, names_captures: bool) -> TablesPage:
-    """Figures of the scenes alone; the `private` study tells which runs are of one kind."""
+    """Only figures of the scenes; the `private` study serves to tell which runs are of one kind."""
     public = public_study(study, names_captures)
     return TablesPage(
         "Gaussian splatting scenes",
@@ -120,7 +120,7 @@ def public_page(study: Study, private: Study, names_captures: bool) -> TablesPag
 
 
 def write_page(page: TablesPage) -> str:
-    """The page as HTML, complete in itself."""
+    """The page as self-contained HTML."""
     return fill("tables.html", page, TEMPLATES)
 
 

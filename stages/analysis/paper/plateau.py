@@ -1,4 +1,4 @@
-"""Whether each training is long enough: what the same with more iterations gains."""
+"""Is each training long enough? What more iterations gain."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from stages.analysis.paper.runs import Run, Study
 
 FIGURES: dict[Subject, Figure] = {"cover": cover("psnr"), "message": message("psnr")}
 MOST_GAINED = {PLAIN: 0.3, GS_HIDER: 0.1, OURS: 0.1}
-"""By each doubling of the iterations, in dB."""
+"""Upper bounds on the gain by each doubling of the iterations, in dB."""
 
 
 def plateau(study: Study, tables: Published) -> Chapter:
-    """Methods that were trained for several numbers of iterations."""
+    """The chapter of methods that were trained for several numbers of iterations."""
     chosen = varied(study.select(lambda run: run.method == PLAIN or hides_one_scene(run)), "iterations")
     longer = {run.method for run in chosen if run.settings}
     runs = tuple(run for run in chosen if run.method in longer)
@@ -63,7 +63,7 @@ def _gains(runs: Sequence[Run], study: Study) -> Iterator[Relation]:
 
 
 def _beyond(runs: Sequence[Run], study: Study, tables: Published) -> Iterator[Relation]:
-    """Our own method beside GS-Hider wherever both were trained for more than the usual iterations."""
+    """Our method compared with GS-Hider wherever both were trained for more than the usual iterations."""
     for count, group in _by_count(runs, study).items():
         if count > (study.iterations or 0) and {OURS, GS_HIDER} <= {run.method for run in group}:
             for relation in own_relations(group, study, tables):
@@ -71,7 +71,7 @@ def _beyond(runs: Sequence[Run], study: Study, tables: Published) -> Iterator[Re
 
 
 def _by_count(runs: Iterable[Run], study: Study) -> dict[float, list[Run]]:
-    """Runs by how many iterations they have, ascending."""
+    """Runs by their number of iterations, ascending."""
     groups: dict[float, list[Run]] = {}
     for run in sorted(runs, key=lambda run: _iterations(run, study)):
         groups.setdefault(_iterations(run, study), []).append(run)
@@ -79,6 +79,6 @@ def _by_count(runs: Iterable[Run], study: Study) -> dict[float, list[Run]]:
 
 
 def _iterations(run: Run, study: Study) -> float:
-    """How many a run has: the usual ones where it states no other."""
+    """The number of iterations of a run; the usual one if it states none."""
     value = dict(run.settings).get("iterations", study.iterations)
     return value if isinstance(value, float) else 0.0

@@ -1,4 +1,4 @@
-"""Whether the message is decoded, or known to the decoder by heart: what it shows of features that hold no message."""
+"""Does the decoder decode the message, or has it memorised it? What it shows for features that hold no message."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from stages.analysis.paper.runs import Run, Study, settings_title
 from stages.analysis.probes import OWN, PROBES, probed
 
 MOST_OVER_ONE_COLOUR = 1.0
-"""In dB: features without a message may show no more of it than this above the best picture of one colour."""
+"""In dB: features without a message may show it at most this much better than the best single colour does."""
 
 
 def probes(study: Study, tables: Published) -> Chapter:
-    """The rows of `probe_decoder`: a block for each method, a line for each probe."""
+    """The chapter on the rows of `probe_decoder`: a block for each method, a line for each probe."""
     lines, relations, shown = [], [], []
     for title, runs in _by_title(study).items():
         found = {probe: measure(group, message("psnr_covered")) for probe, group in runs.items()}
@@ -44,7 +44,7 @@ def probes(study: Study, tables: Published) -> Chapter:
 
 
 def _by_title(study: Study) -> dict[str, dict[str, list[Run]]]:
-    """The runs of each probe, by the method's title with its unusual settings: methods in the paper's order first."""
+    """The runs of each probe, by the title of the method with its unusual settings, in the paper's order of methods."""
     found = [(*named, run) for run in study.runs if (named := probed(run.method)) is not None]
     order = [*METHOD_TITLES, *sorted({method for method, _, _ in found} - METHOD_TITLES.keys())]
     groups: dict[str, dict[str, list[Run]]] = {}

@@ -1,4 +1,4 @@
-"""The paper's table "Robustness analysis under different pruning methods", with our figures beside."""
+"""The paper's table "Robustness analysis under different pruning methods", with our figures beside it."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ PRUNINGS: Mapping[str, tuple[str, AttackName]] = {
     "random": ("Random", "random_pruning"),
 }
 COLUMNS = ((False, "psnr"), (False, "ssim"), (False, "lpips_vgg"), (True, "psnr"), (True, "ssim"))
-"""Whether it is the message's, and the quantity."""
+"""Whether the figure is the message's, and its quantity."""
 
 UNCHANGED = 0.05
 """In dB: sequential pruning of 15 % "changes nothing" if neither picture loses more."""
 
 MOST_LOST_AT_RANDOM = {False: 2.9, True: 1.6}
-"""In dB, of cover and message, with 25 % of the Gaussians pruned at random."""
+"""In dB, of cover (False) and message (True), with 25 % of the Gaussians pruned at random."""
 
 Groups = Mapping[str, Sequence[Experiment]]
 
 
 def pruning_table(by_method: Groups, tables: Published) -> Grid:
-    """Averages over captures and seeds; the paper's are over its nine captures, by GS-Hider."""
+    """Averages over captures and seeds, beside the paper's over its nine captures, which are GS-Hider's."""
     lines = _lines("Nothing pruned", by_method, UNATTACKED, None)
     full = tables.all_metrics
     unpruned = (average(full["message" if message else "cover"].get(published_name(name))) for message, name in COLUMNS)
@@ -55,7 +55,7 @@ def pruning_table(by_method: Groups, tables: Published) -> Grid:
 
 
 def pruning_relations(by_method: Groups, tables: Published) -> list[Relation]:
-    """The paper's findings, of its own method and of ours, sealed or not."""
+    """The paper's findings, for its own method and for ours, sealed or not."""
     found = []
     methods = [method for method, group in by_method.items() if group[0].method in (GS_HIDER, OURS)]
     unpruned = {False: average(tables.fidelity[GS_HIDER].cover), True: average(tables.fidelity[GS_HIDER].message)}
@@ -84,9 +84,9 @@ def pruning_relations(by_method: Groups, tables: Published) -> list[Relation]:
 def _addition(
     method: str, experiments: Sequence[Experiment], tables: Published, unpruned: float, message: bool
 ) -> Relation:
-    """What pruning a quarter at random adds to the error, as a PSNR: no more than it adds in the paper.
+    """The error that pruning a quarter at random adds, as a PSNR: it should add no more than in the paper.
 
-    The better a picture was, the more decibels the same addition costs it.
+    The better a picture was, the more decibels the same added error costs it.
     """
     variant = next(each for each in tables.pruning["random"] if each.value == 25)
     published = added_psnr(unpruned, _of(variant, message, "psnr"))
@@ -105,9 +105,9 @@ def _addition(
 
 
 def added_psnr(before: float, after: float) -> float:
-    """-10 log10 of the squared error that was added, where one of `before` dB became one of `after`.
+    """The PSNR of the error that was added between a picture with PSNR `before` and the same with PSNR `after`, in dB.
 
-    As if what was added did not depend on what was there. Infinity where nothing was added, NaN where one is not known.
+    Squared errors are assumed to add up, as if independent. Infinite if nothing was added, NaN if either PSNR is NaN.
     """
     added = 10 ** (-after / 10) - 10 ** (-before / 10)
     return math.inf if added <= 0 else -10 * math.log10(added)

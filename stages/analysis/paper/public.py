@@ -1,4 +1,4 @@
-"""What everybody may see of the same runs: scenes compared with their photos, in words that fit any splatted scene."""
+"""The public version of the same runs: scenes compared with their photos, in words that fit any splatted scene."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stages.analysis.paper.sources import HOW_TO_LOOK, sources_grid
 
 
 def public_study(study: Study, names_captures: bool) -> Study:
-    """Rows that anyone could measure; captures have numbers unless their names may be told."""
+    """Only rows that anyone could measure; captures are numbered unless their names may be published."""
     numbers = {capture: str(number) for number, capture in enumerate(study.captures, start=1)}
 
     def public(runs: Sequence[Run]) -> tuple[Run, ...]:
@@ -33,9 +33,9 @@ def public_study(study: Study, names_captures: bool) -> Study:
 
 
 def public_chapter(study: Study, private: Study) -> Chapter:
-    """Each kind of run is a scene with a number, beside plain 3DGS.
+    """Each kind of run as a numbered scene, beside plain 3DGS.
 
-    The `private` study alone knows what was hidden, and so which runs are of one kind: nothing else is taken from it.
+    Only the `private` study knows what was hidden, and so which runs are of one kind; nothing else is taken from it.
     """
     lines = [
         Line((title, label(quantity)), tuple(measured_cells(quantity, measured, None, study.captures)))
@@ -49,7 +49,7 @@ def public_chapter(study: Study, private: Study) -> Chapter:
 
 
 def public_sources(study: Study, private: Study) -> Grid | None:
-    """What the figures of `public_chapter` were read from, by its titles: names in the workflow may tell a message."""
+    """The artifacts behind `public_chapter`, under its titles: names in the workflow may reveal a message."""
     rows = [
         (title, capture_title(run.capture), run.digest)
         for title, group in _scenes(study, private).items()
@@ -59,7 +59,7 @@ def public_sources(study: Study, private: Study) -> Grid | None:
 
 
 def _scenes(study: Study, private: Study) -> dict[str, list[Run]]:
-    """The runs of each scene by its title, plain 3DGS first."""
+    """The runs of each scene, by its title, with plain 3DGS first."""
     kinds = {(run.method, run.stage): run.kind for run in private.runs}
     groups: dict[str, list[Run]] = {}
     for run in study.runs:
@@ -70,7 +70,7 @@ def _scenes(study: Study, private: Study) -> dict[str, list[Run]]:
 
 
 def _figures(group: Sequence[Run], study: Study) -> dict[str, Measured]:
-    """Every quantity of a scene."""
+    """Every quantity of a scene, by its name."""
     return {
         **{quantity: measure(group, cover(quantity)) for quantity in PICTURE_QUANTITIES},
         **{quantity: measure(group, cover(quantity, None)) for quantity in ("container_bytes", "gaussians")},
@@ -79,6 +79,6 @@ def _figures(group: Sequence[Run], study: Study) -> dict[str, Measured]:
 
 
 def _timed(group: Sequence[Run], study: Study) -> list[Run]:
-    """The times of a scene where no other scene's method and settings are the same."""
+    """The timings of a scene; none if another scene has the same method and settings."""
     alike = [run for run in study.runs if run.kind == group[0].kind]
     return [run for run in study.timings if run.kind == group[0].kind and len(alike) == len(group)]

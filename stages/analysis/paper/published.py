@@ -1,4 +1,4 @@
-"""What the paper's tables say, read from `published.yaml`, and where they contradict themselves."""
+"""The paper's tables, read from `published.yaml`, and where they contradict themselves."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ TEXT = FILE.read_text(encoding="utf-8")
 CAPTURES = 9
 
 PUBLISHED_AS = {"lpips_vgg": "lpips"}
-"""The paper's name of a quantity, where it is not ours: its LPIPS, of a network that it does not name, may be VGG's."""
+"""The paper's names of quantities, if they differ from ours. Which network its LPIPS uses is not stated; it may be VGG.
+"""
 
 Subject = Literal["cover", "message"]
 Ablated = Literal["lambda_message", "feature_dim", "layers"]
@@ -36,11 +37,11 @@ def _complete(row: tuple[float, ...]) -> tuple[float, ...]:
 
 
 Row = Annotated[tuple[float, ...], AfterValidator(_complete)]
-"""A figure for each capture, in the paper's order, and the average as printed."""
+"""A figure for each capture, in the paper's order, followed by the average as printed."""
 
 
 class Fidelity(_Model):
-    """PSNR of a method, and the size of all that it stores where the table says it."""
+    """PSNR of a method, and the size of everything that it stores, if the table has it."""
 
     cover: Row
     message: Row | None = None
@@ -48,7 +49,7 @@ class Fidelity(_Model):
 
 
 class Variant(_Model):
-    """Averages over all captures for one value of what is varied."""
+    """Averages over all captures for one value of the setting that is varied."""
 
     value: float
     cover: Figures
@@ -56,7 +57,7 @@ class Variant(_Model):
 
 
 class Rival(_Model):
-    """The averages of the best method that was published since, on the paper's captures."""
+    """The averages of the best method published since, on the paper's captures."""
 
     name: str
     cover: float
@@ -64,7 +65,7 @@ class Rival(_Model):
 
 
 class Published(_Model):
-    """All tables; quantities are psnr, ssim and lpips, of which the paper does not name the network."""
+    """All tables. Quantities are psnr, ssim and lpips; the paper does not name the network of the last."""
 
     captures: tuple[str, ...]
     messages: Mapping[str, str]
@@ -81,7 +82,7 @@ class Published(_Model):
     purification: Figures
 
     def figure(self, row: Row | None, capture: str) -> float:
-        """What a row says of a capture, NaN where the paper has no such row or no such capture."""
+        """A row's figure for a capture; NaN without a row, or if the paper does not have the capture."""
         name = Path(capture).name.casefold()
         return row[self.captures.index(name)] if row is not None and name in self.captures else math.nan
 
@@ -92,7 +93,10 @@ def average(row: Row | None) -> float:
 
 
 def row_of(tables: Published, method: str, subject: Subject, quantity: str) -> Row | None:
-    """The row of a method that hides one scene: PSNR of every method, all metrics of GS-Hider; None for all else."""
+    """The paper's row for a method that hides one scene; None if it has none.
+
+    It gives the PSNR of every method, and all metrics of GS-Hider.
+    """
     if quantity == "psnr" and method in tables.fidelity:
         entry = tables.fidelity[method]
         return entry.cover if subject == "cover" else entry.message
@@ -102,17 +106,17 @@ def row_of(tables: Published, method: str, subject: Subject, quantity: str) -> R
 
 
 def published_name(quantity: str) -> str:
-    """What the paper calls a quantity of ours."""
+    """The paper's name of one of our quantities."""
     return PUBLISHED_AS.get(quantity, quantity)
 
 
 def read_published() -> Published:
-    """The paper's tables."""
+    """Read the paper's tables."""
     return Published.model_validate(YAML(typ="safe", pure=True).load(TEXT))
 
 
 def rows_of(tables: Published) -> Iterator[tuple[str, Row]]:
-    """Every row with an average, named after the table that it stands in."""
+    """Every row with an average, named after the table that it is in."""
     for title, table in (("Fidelity", tables.fidelity), ("Single image", tables.single_image)):
         for method, entry in table.items():
             yield f"{title}, {method}, cover", entry.cover

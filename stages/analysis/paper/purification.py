@@ -1,4 +1,4 @@
-"""Pruning by weights in views beside GSPure's figures, and what a floor under messages does to gains."""
+"""View-weight pruning beside GSPure's figures, and the effect of a floor under messages on gains."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NOT_REPRODUCED = (
 
 
 def purification(attacked: Attacked, tables: Published) -> Grid:
-    """Gains of both attacks, with the floor and without, and what the floor leaves to gain."""
+    """Gains of both attacks, with and without the floor, and the largest gain that the floor allows."""
     ours = []
     for method in attacked.by_method:
         floored, raw = (
@@ -53,7 +53,7 @@ def purification(attacked: Attacked, tables: Published) -> Grid:
 
 
 def floor_notes(attacked: Attacked) -> Iterator[str]:
-    """Why gains are bounded, and who has nothing to lose to begin with; none of what was measured without floors."""
+    """Why gains are bounded, and which methods have nothing to lose at first; none if floors were not measured."""
     if any(attacked.most_to_lose(method).by_capture for method in attacked.by_method):
         yield (
             "A message that reads worse than a picture of one colour counts as one: no gain exceeds what the message "

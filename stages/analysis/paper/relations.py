@@ -1,4 +1,4 @@
-"""Relations that the paper's tables show, or that this project asks for: ours, the paper's, and whether they hold."""
+"""Relations that the paper's tables show, or that this project requires: our figure, the paper's, and the verdict."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from stages.analysis.paper.runs import capture_title
 
 @dataclass(frozen=True)
 class Relation:
-    """A difference in dB, a ratio, or a figure in dB, which is to lie on one side of `bound`.
+    """A difference in dB, a ratio, or a figure in dB that should be on one side of `bound`.
 
-    `published` is the same of the paper, or of whom `source` names, NaN where it gives no figure; `noise` that of a
-    single run from one seed to the next: that of the average follows from how many runs it is made of.
+    `published` is the paper's figure, or that of the `source`; NaN if there is none. `noise` is that of a single run
+    from one seed to the next; the noise of the average follows from the number of runs it is made of.
     """
 
     text: str
@@ -31,7 +31,7 @@ class Relation:
     source: str = ""
 
     def holds(self, value: float) -> bool:
-        """Whether a value lies on the side of the bound that is asked for."""
+        """Whether a value is on the required side of the bound."""
         return {
             "more than": value > self.bound,
             "at least": value >= self.bound,
@@ -45,21 +45,21 @@ class Relation:
         return self.measured.average.mean
 
     def figure(self, capture: str | None) -> float:
-        """On one capture, or of all for None; NaN where it was not measured."""
+        """The figure on one capture, or the average for None; NaN if it was not measured."""
         return self.value if capture is None else self.measured.on(capture)
 
     def beside(self, capture: str | None) -> str:
-        """What is written beside that figure in smaller letters."""
+        """A note beside that figure; none here."""
         return ""
 
     @property
     def captures_that_agree(self) -> int:
-        """On how many captures it holds by itself."""
+        """The number of captures on which it holds by itself."""
         return sum(self.holds(spread.mean) for spread in self.measured.by_capture.values())
 
     @property
     def is_found(self) -> bool:
-        """Whether it holds on average, and on half of the captures at least: one of many can carry an average."""
+        """Whether it holds on average and on at least half of the captures: a single capture can carry an average."""
         return self.holds(self.value) and 2 * self.captures_that_agree >= len(self.measured.by_capture)
 
     @property
@@ -69,7 +69,7 @@ class Relation:
 
     @property
     def verdict(self) -> str:
-        """Whether it holds on average over the captures, and on how many of them."""
+        """In words, whether it holds on average over the captures, and on how many of them."""
         captures, count = len(self.measured.by_capture), self.captures_that_agree
         if not captures:
             return "not measured"
@@ -83,11 +83,11 @@ class Relation:
 
 @dataclass(frozen=True)
 class OnEachCapture(Relation):
-    """What asks for security: who is found out on one capture is not secure, whatever the average is."""
+    """A requirement of security: what is found out on one capture is not secure, whatever the average is."""
 
     @property
     def is_found(self) -> bool:
-        """Whether it holds on each capture."""
+        """Whether it holds on every capture, of which there must be at least one."""
         return 0 < self.captures_that_agree == len(self.measured.by_capture)
 
     @property
@@ -100,22 +100,21 @@ class OnEachCapture(Relation):
 
 @dataclass(frozen=True)
 class TwiceCounted(Relation):
-    """A relation of rates that are counted by picture, in `measured`, and again by scene, where that was measured.
+    """A relation of rates, counted by picture (`measured`) and by scene (`by_scene`), that must hold by both counts.
 
-    Pictures of one scene resemble each other, and few scenes say little, however many pictures they have: it holds
-    where it does by both counts.
+    Pictures of one scene resemble each other, so few scenes say little, however many pictures they have.
     """
 
     by_scene: Measured = UNMEASURED
 
     @property
     def is_found(self) -> bool:
-        """By both counts."""
+        """Whether it holds by both counts."""
         return all(count.is_found for count in self._counts)
 
     @property
     def verdict(self) -> str:
-        """Of either count, where they differ."""
+        """The verdicts by both counts, or only one if they are the same."""
         by_picture, by_scene = (count.verdict for count in self._counts)
         return by_picture if by_picture == by_scene else f"by picture: {by_picture}; by scene: {by_scene}"
 
@@ -133,7 +132,7 @@ class TwiceCounted(Relation):
 
 
 def relations_grid(relations: Sequence[tuple[str, Relation]], captures: Sequence[str]) -> Grid:
-    """A line for each relation, in order, under the title of what it is about."""
+    """A line for each relation, in order, under the title of its subject."""
     return Grid(
         "Relations on test views",
         ("About", "Relation"),
@@ -159,7 +158,7 @@ def _cell(relation: Relation, capture: str | None) -> Cell:
 
 
 def _published(relation: Relation) -> str:
-    """With the paper's digits; nothing where it gives no figure."""
+    """The figure with the paper's digits; for NaN, `MISSING`, or nothing if the relation has a `source`."""
     if math.isnan(relation.published):
         return "" if relation.source else MISSING
     if relation.kind == "ratio":

@@ -22,7 +22,7 @@ from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Experiment, Study, by_method
 
 WRITTEN = 0.005
-"""dB: differences below it are not seen in the tables."""
+"""In dB: smaller differences are not visible in the tables."""
 
 POINT_HEADINGS = tuple(f"Point {number}" for number in range(1, POINTS + 1))
 
@@ -39,7 +39,7 @@ READINGS: Mapping[Reading, str] = {
     "as found": "as found",
     "registered": "after the owner has registered it with what he published",
 }
-"""The container; in captions."""
+"""How captions describe the container that is read."""
 
 REGISTERED_NOTE = (
     "The owner, who is not told the attack, looks for a motion of the world and a map of the features that bring the "
@@ -55,7 +55,7 @@ SEALED_NOTE = (
 
 
 def robustness(study: Study, tables: Published) -> Chapter:
-    """The measurements of `attack`."""
+    """The chapter on the measurements of `attack`."""
     attacked = _attacked(study)
     if not attacked.by_method:
         return Chapter("Robustness", ())
@@ -123,7 +123,7 @@ def _notes(attacked: Attacked, reading: Reading) -> Iterator[str]:
 
 
 def _lost_by_ours(attacked: Attacked, reading: Reading) -> list[str]:
-    """Under how many attacks our message loses more of itself than GS-Hider's, by more than is written."""
+    """In words, under how many attacks our message loses more than GS-Hider's, by more than tables show."""
     found = []
     for method in attacked.ours:
         lost = [
@@ -137,19 +137,19 @@ def _lost_by_ours(attacked: Attacked, reading: Reading) -> list[str]:
 
 
 def _unattacked(experiments: Sequence[Experiment]) -> Measured:
-    """The message before any attack, counted as it is after them: never worse than a picture of one colour."""
+    """The message before any attack, counted as after attacks: no worse than the best single colour."""
     return measured(experiments, UNATTACKED, "as found", lambda curve: curve.unattacked.message)
 
 
 def _cell(attack: AttackName, method: str, figure: Measured, captures: Collection[str], note: str = "") -> Cell:
-    """A figure, or why there is none."""
+    """A figure's average, or the reason why there is none."""
     if not figure.by_capture:
         return Cell(ATTACKS[attack].needs if _is_spared(attack, method) else MISSING)
     return average_cell("psnr", figure, captures, note)
 
 
 def _is_spared(attack: AttackName, method: str) -> bool:
-    """Whether containers of the method have nothing that the attack could touch."""
+    """Whether the method's containers have nothing that the attack acts on."""
     if attack in ("jpeg", "resizing"):
         return method != DECODER
     if attack == "stripping":
@@ -206,7 +206,7 @@ def _sentence(attack: AttackName) -> str:
 
 
 def _points(attacked: Attacked) -> Grid:
-    """All that is drawn."""
+    """The table of everything that is drawn."""
     lines = []
     for attack in attacked.attacks:
         for method, group in attacked.by_method.items():
@@ -233,7 +233,7 @@ def _points(attacked: Attacked) -> Grid:
 
 
 def _registered_points(attacked: Attacked) -> Grid:
-    """All that was read after registration, better or worse than before."""
+    """The table of everything that was read after registration, better or worse than before."""
     lines = []
     for attack in attacked.attacks:
         for method, group in attacked.by_method.items():
@@ -255,13 +255,13 @@ def _registered_points(attacked: Attacked) -> Grid:
 
 
 def _title(attacked: Attacked, method: str, attack: AttackName) -> str:
-    """The method's, which says so where its curve is not of all captures."""
+    """The method's title, with the number of captures if its curve is not over all of them."""
     some = some_of(attacked.message_left(method, attack, "as found"), attacked.captures)
     return f"{title_of(method)} ({some})" if some else title_of(method)
 
 
 def _range(found: Sequence[float]) -> str:
-    """From the least to the most."""
+    """The smallest and the largest severity, as text."""
     ends = dict.fromkeys(f"{severity:.3g}" for severity in (*found[:1], *found[-1:]))
     return " to ".join(ends)
 
@@ -271,15 +271,13 @@ def _filled(cells: Sequence[Cell]) -> tuple[Cell, ...]:
 
 
 def _relations(attacked: Attacked, reading: Reading) -> list[Relation]:
-    """Ours, sealed or not, is not worse than GS-Hider in the area under any curve by more than seeds spread."""
+    """For each attack: our method's area, sealed or not, is below GS-Hider's by no more than the seeds' spread."""
     found = (_not_worse(attacked, method, attack, reading) for attack in attacked.attacks for method in attacked.ours)
     return [relation for relation in found if relation.measured.by_capture]
 
 
 def _not_worse(attacked: Attacked, method: str, attack: AttackName, reading: Reading) -> Relation:
-    """What stands under a relation is the average over the captures that both have, and so is the spread: that of the
-    average.
-    """
+    """The relation for one attack; its bound is the deviation of the average over the captures that both have."""
     ours, hider = (attacked.message_left(each, attack, reading) for each in (method, GS_HIDER))
     difference = ours.minus(hider)
     deviations = [area.by_capture[each].deviation for area in (ours, hider) for each in difference.by_capture]

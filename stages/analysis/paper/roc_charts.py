@@ -1,4 +1,4 @@
-"""ROC curves as charts: as in the paper's figure, and beside it what tells rendering, hiding and chance apart."""
+"""ROC curves as charts: as in the paper's figure, and others that separate rendering, hiding and chance."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from stages.analysis.roc import roc_curve
 from stages.analysis.stegexpose.fusion import FUSION
 
 MOST_POINTS = 120
-"""Of a curve in a chart: more cannot be seen."""
+"""Largest number of points of a curve in a chart: more cannot be seen."""
 
 
 def roc_charts(by_method: ByMethod, captures: Sequence[str]) -> Iterator[Chart]:
-    """StegExpose's as in the paper's figure, and against clean renders: by capture, and of several captures pooled.
+    """StegExpose's curves, as in the paper's figure and against clean renders, by capture and pooled over several.
 
-    As it scores: under the diagonal its opposite is better, which is what tables then score.
+    They are of its scores as they are: below the diagonal its inverse is better, which tables then score.
     """
     groups: Mapping[str, Sequence[str]] = {capture_title(capture): [capture] for capture in captures}
     if len(captures) > 1:

@@ -1,4 +1,4 @@
-"""The table of copyrights that are read off renders (RTWS), and what its PSNR alone hides."""
+"""Watermarks detected in renders (RTWS): the paper's table, and what its PSNR alone does not show."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ from stages.analysis.watermark_trials import (
 )
 
 BEFORE, CONTROL, AFTER = "before", "control", "after"
-"""What names of stages begin with that score containers before and after they were fine-tuned, and those that were
+"""Beginnings of the names of stages that score containers before and after fine-tuning, and containers that were
 fine-tuned as long without the watermark."""
 
 MOST_LOST_ON_THE_COVER, MOST_LOST_ON_THE_MESSAGE, LEAST_OF_THE_WATERMARK = 0.6, 2.0, 35.0
@@ -63,10 +63,10 @@ MOST_FALSE_POSITIVES, LEAST_DETECTED = 0.1, 99.0  # percent
 TO_CONTROL = "what was trained as long without it"
 AT_99 = " at 99 % detection"
 BOUNDS = ((BOUND_AT_99, BOUND_BY_SCENE_AT_99, AT_99), (BOUND, BOUND_BY_SCENE, ""))
-"""By picture and by scene, and at which threshold."""
+"""Quantities by picture and by scene, and the threshold that they are for."""
 
 SAME_CONTAINER = {"clean": PAPERS}
-"""Variants that differ from another in the decoder alone: what became of the image is scored once."""
+"""Variants that differ from another only in the decoder: the image of their container is scored once."""
 
 CONTROL_NOTE = (
     "Trained on without it: as long as RTWS fine-tunes, on the views as they are. What these steps gain hides what the "
@@ -112,7 +112,7 @@ NOTES = {IMPRINTED: IMPRINT_NOTE, GRAINED: OWNERS_NOTE}
 
 
 def rtws(study: Study, tables: Published) -> Chapter:
-    """Runs of stages whose names begin with `before` and `after`, and what `detect_watermark` measured."""
+    """The chapter on `detect_watermark`, and on runs of stages named `before...`, `control...` and `after...`."""
     before, control, after = (_images(study.runs, word) for word in (BEFORE, CONTROL, AFTER))
     detections: dict[Key, list[Experiment]] = {}
     for each in study.experiments:
@@ -137,14 +137,14 @@ def rtws(study: Study, tables: Published) -> Chapter:
 
 
 def _measured(each: Experiment) -> tuple[object, ...]:
-    """Equal for what is one measurement: rows of a workflow that differ in what it does not depend on share one."""
+    """Identifies a measurement: rows of a workflow that differ only in what it does not depend on share one."""
     return each.capture, each.seed, each.rows
 
 
 def _images(runs: Iterable[Run], word: str) -> dict[Key, list[Run]]:
-    """Runs of stages whose names begin with the word, by method and variant, which is among what their items state.
+    """Runs of stages whose names begin with `word`, by method and by the variant that their items state.
 
-    They tell what became of the hidden image. The cover is scored beside the watermark.
+    They score the hidden image; `detect_watermark` scores the cover, beside the watermark.
     """
     groups: dict[Key, list[Run]] = {}
     for run in runs:
@@ -156,7 +156,7 @@ def _images(runs: Iterable[Run], word: str) -> dict[Key, list[Run]]:
 
 
 def _earlier(before: Mapping[Key, Sequence[Run]], key: Key) -> list[Run]:
-    """Of the method, whatever was made of its container afterwards."""
+    """The runs of the method, whichever variant was made from its container afterwards."""
     return [run for (method, _), runs in before.items() if method == key[0] for run in runs]
 
 
@@ -225,7 +225,7 @@ def _published(tables: Published, row: str) -> tuple[Cell, ...]:
 
 
 def _negatives(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
-    """What the decoder shows of each kind of picture, and how often it is wrong."""
+    """What the decoder shows for each kind of picture, and its false positives."""
     lines = []
     for key, group in detections.items():
         for experiment in group:
@@ -281,12 +281,12 @@ def _rates(rows: Sequence[Measurement], condition: str) -> tuple[Cell, ...]:
 
 
 def _bound(bound: float) -> Cell:
-    """Of a rate; what was not measured is said."""
+    """An upper bound on a rate; `MISSING` for NaN."""
     return Cell(MISSING if math.isnan(bound) else f"{bound:.2g}", "", Spread(bound))
 
 
 def _at_99(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
-    """False positives of the sums by the threshold of 99 % detection, and the renders that it finds."""
+    """False positives in the totals at the threshold of 99 % detection, and the share of renders that reach it."""
     lines = []
     for key, group in detections.items():
         for experiment in group:
@@ -349,7 +349,7 @@ def _relations(
     detections: Mapping[Key, Sequence[Experiment]],
     tables: Published,
 ) -> Iterator[Relation]:
-    """The bars of this project; the paper gives no false positives."""
+    """The requirements of this project; the paper gives no false positives."""
     paper = tables.traceable_watermark
     for key, group in detections.items():
         title, is_paper = title_of_key(key), key == (GS_HIDER, PAPERS)

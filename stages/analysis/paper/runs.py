@@ -1,4 +1,4 @@
-"""What was measured: a run for each training that was scored or timed, told apart by what its item says of it."""
+"""What was measured: a run for each training that was scored or timed, identified by what its item states."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ SETTINGS = {
     "gaussians": "at most {} Gaussians",
     "sealed": "sealed",
 }
-"""Columns of items that tell runs of one method apart, and how a line of a table is called after them."""
+"""Columns of items that distinguish runs of one method, and how the titles of lines show their values."""
 
 SETTINGS_OF_PLAIN = ("iterations", "gaussians")
-"""Plain 3DGS has no setting of hiding."""
+"""The settings of plain 3DGS, none of which concerns hiding."""
 
 DECODER_WIDTH = 64.0
-"""The usual width of decoders, in channels, which the paper does not say."""
+"""The usual width of decoders, in channels; the paper does not state it."""
 
 Settings = tuple[tuple[str, float | str], ...]
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Which columns of the items name the capture, the method and the seed."""
+    """The item columns that name the capture, the method and the seed."""
 
     capture: str = "capture"
     method: str = "method"
@@ -49,10 +49,10 @@ class Columns:
 class Run:
     """One training, as scored or as timed.
 
-    `settings` are those that its item states and that are not the usual ones, in the order of `SETTINGS`, and then such
-    values as alone tell it from another run (`telling`); `other` is whatever else the item states, such as the message:
-    runs that differ in their seed alone have the same. `stage` is the name, in the workflow, of the stage that measured
-    it, `digest` that of the artifact that says what it measured.
+    `settings` are those that its item states and that are not the usual ones, in the order of `SETTINGS`, and then
+    other values that alone distinguish it from another run (`telling`). `other` is everything else that the item
+    states, such as the message; runs that differ only in their seed have the same. `stage` names the stage in the
+    workflow that measured it, `digest` is that of the artifact with its rows.
     """
 
     capture: str
@@ -71,7 +71,7 @@ class Run:
 
     @property
     def hides_image(self) -> bool:
-        """Whether the message is an image that one view hides."""
+        """Whether the message is an image hidden in one view."""
         return bool(self.hiding_views)
 
     @property
@@ -81,14 +81,15 @@ class Run:
 
     @property
     def kind(self) -> tuple[str, Settings, tuple[str, ...] | int]:
-        """What runs have in common that differ in capture and seed alone: an image is known by its name."""
+        """What runs that differ only in capture and seed have in common; images count by name, scenes by number."""
         return self.method, self.settings, self.messages if self.hides_image else len(self.messages)
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """What one item measured under conditions, such as attacks: `capture`, `method`, `settings`, `seed` and `stage` as
-    in `Run`, `values` whatever its item states.
+    """What one item measured under conditions, such as attacks.
+
+    `capture`, `method`, `settings`, `seed` and `stage` are as in `Run`; `values` is all that its item states.
     """
 
     capture: str
@@ -104,9 +105,9 @@ class Experiment:
 class Study:
     """Everything that the tables are made of; `failures` are items that were not made, each with its cause.
 
-    `iterations` are the usual ones: the fewest that any item states, so that longer runs show how near these are to
-    their plateau; None where no item states any. `sources` are the names in the workflow, each with the digest of its
-    artifact, of all that any of it was read from.
+    `iterations` is the usual number: the fewest that any item states, so that longer runs show how near these are to
+    their plateau; None if no item states any. `sources` has the name in the workflow and the digest of each artifact
+    that was read.
     """
 
     runs: tuple[Run, ...]
@@ -123,7 +124,7 @@ class Study:
         return tuple(dict.fromkeys(each.capture for each in measured))
 
     def select(self, wanted: Callable[[Run], bool]) -> tuple[Run, ...]:
-        """The scored runs that `wanted` is true of, in order."""
+        """The scored runs for which `wanted` is true, in order."""
         return tuple(run for run in self.runs if wanted(run))
 
 
@@ -134,12 +135,11 @@ def read_study(
     setup: Mapping[str, float],
     experiments: Iterable[Item] = (),
 ) -> Study:
-    """The runs and experiments behind labelled items; `setup` holds the usual settings, those of the paper.
+    """The runs and experiments of labelled items; `setup` holds the usual settings, those of the paper.
 
-    Of the bound on Gaussians the usual one is the largest that items of the same capture state.
-
-    A training that was scored several times, such as the plain 3DGS beside every method, counts once.
-    Raises UserError where some items lack the column of captures that others have.
+    The usual bound on Gaussians is the largest that items of the same capture state. A training that was scored several
+    times, such as the plain 3DGS beside every method, counts once. Raises `UserError` if only some items have the
+    column of captures.
     """
     scores, timings, experiments = tuple(scores), tuple(timings), tuple(experiments)
     items = (*scores, *timings, *experiments)
@@ -154,7 +154,7 @@ def read_study(
 
     scored = _distinct(run for item in scores for run in _runs_of(item, columns, usual_of(item)))
     timed = _distinct(run for item in timings for run in _runs_of(item, columns, usual_of(item)))
-    names = _telling(timed) | _telling(scored)  # times name no message, so that less tells them apart
+    names = _telling(timed) | _telling(scored)  # timings name no message, so fewer values distinguish them
     tried = [experiment for item in experiments for experiment in _experiments_of(item, columns, usual_of(item))]
     return Study(
         tuple(_with_settings(run, names[run.method]) for run in scored),
@@ -167,13 +167,13 @@ def read_study(
 
 
 def _stated(items: Iterable[Item], name: str) -> list[float]:
-    """The numbers that items state of a setting."""
+    """All numbers that items state for a setting."""
     values = [_value(item.values[name]) for item in items if item.values.get(name) is not None]
     return [value for value in values if isinstance(value, float)]
 
 
 def by_kind(runs: Iterable[Run]) -> dict[tuple[object, ...], tuple[Run, ...]]:
-    """Runs that differ in capture and seed alone, together: methods in the paper's order, others after them."""
+    """Runs grouped by `Run.kind`: the paper's methods first, in its order, then others."""
     order = list(METHOD_TITLES)
     groups: dict[tuple[object, ...], list[Run]] = {}
     for run in sorted(runs, key=lambda run: order.index(run.method) if run.method in order else len(order)):
@@ -182,10 +182,10 @@ def by_kind(runs: Iterable[Run]) -> dict[tuple[object, ...], tuple[Run, ...]]:
 
 
 def by_method(experiments: Iterable[Experiment]) -> dict[str, tuple[Experiment, ...]]:
-    """Experiments that differ in capture and seed alone, together: methods in the paper's order, others after them.
+    """Experiments that differ only in capture and seed, grouped: the paper's methods first, in its order.
 
-    The key is the method where its settings are the usual ones, or all that there are of it; of others it is the title,
-    so that a container with another λ is not taken for one more seed.
+    The key is the method if its settings are the usual ones, or the only ones measured. Otherwise it is the title, so
+    that a container with another λ is not taken for one more seed.
     """
     listed = list(experiments)
     order = [*METHOD_TITLES, *sorted({each.method for each in listed} - METHOD_TITLES.keys())]
@@ -210,7 +210,7 @@ def method_title(run: Run) -> str:
 
 
 def settings_title(method: str, settings: Settings) -> str:
-    """The method's title, with settings."""
+    """The method's title, followed by the settings."""
     title = METHOD_TITLES.get(method, method)
     return ", ".join([title, *(_title_of_setting(name).format(_written(value)) for name, value in settings)])
 
@@ -220,7 +220,7 @@ def _title_of_setting(name: str) -> str:
 
 
 def capture_title(capture: str) -> str:
-    """The last part of a capture's name, which may be a path."""
+    """The last component of a capture's name, which may be a path; "Capture" without a name."""
     return Path(capture).name or "Capture"
 
 
@@ -237,7 +237,7 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
     by_method: dict[str, list[MetricRow]] = {}
     for row in rows:
         method = row.method or first
-        if method != PLAIN or row.message is None:  # of plain 3DGS, messages are only a control
+        if method != PLAIN or row.message is None:  # messages of plain 3DGS are only a control
             by_method.setdefault(method, []).append(row)
     capture, seed = (item.values.get(column) for column in (columns.capture, columns.seed))
     other = tuple(f"{name}={value}" for name, value in sorted(others(item.values, _known(columns)).items()))
@@ -257,7 +257,7 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
 
 
 def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[Experiment]:
-    """One for each method that the rows name."""
+    """One experiment for each method that the item's rows name."""
     if item.artifact is None:
         return []
     by_method: dict[str, list[Measurement]] = {}
@@ -279,20 +279,20 @@ def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) ->
 
 
 def usual_settings(method: str, setup: Mapping[str, float]) -> Mapping[str, float]:
-    """A method's usual settings, also of its probes: those of the paper, and what our own takes by itself."""
+    """The usual settings of a method, or of a probe of it: the paper's, or for our method its own presets."""
     probe = probed(method)
     own = {**PRESETS, **SCENE_PRESETS} if (probe[0] if probe else method) == OURS else {}
     return {**setup, "decoder_width": DECODER_WIDTH, **{name: own[name] for name in SETTINGS if name in own}}
 
 
 def _usual_of_pictures(rows: Sequence[MetricRow], usual: Mapping[str, float]) -> Mapping[str, float]:
-    """A hidden image has a λ of its own."""
+    """The usual settings for these rows: a hidden image has its own λ."""
     hides_image = any(row.quantity == "hides_image" for row in rows)
     return {**usual, "lambda_message": usual["lambda_image"]} if hides_image else usual
 
 
 def _settings(item: Item, method: str, usual: Mapping[str, float]) -> Settings:
-    """What is stated and unusual; whatever is stated where nothing says what is usual."""
+    """The settings that the item states and that are not the usual ones, or have no usual value."""
     names = list(SETTINGS) if method != PLAIN else SETTINGS_OF_PLAIN
     given = {name: item.values.get(name) for name in names}
     stated = {name: _value(value) for name, value in given.items() if value is not None and value is not False}
@@ -304,7 +304,7 @@ def _value(value: object) -> float | str:
 
 
 def _distinct(runs: Iterable[Run]) -> tuple[Run, ...]:
-    """Each run once: one whose rows another of the same kind and capture has, too, is the same training again."""
+    """Each training once: a run is dropped if one of the same capture, method and settings has all of its rows."""
     kept: list[Run] = []
     for run in runs:
         alike = [
@@ -324,7 +324,7 @@ def _known(columns: Columns) -> set[str]:
 
 
 def _telling(runs: Sequence[Run]) -> dict[str, set[str]]:
-    """By method, what tells runs apart that differ in nothing else."""
+    """By method, the names of the values in which runs differ that are alike in everything else."""
     return telling((run.method, (run.capture, run.kind, run.seed), told(_stated_by(run))) for run in runs)
 
 
@@ -333,15 +333,15 @@ def _stated_by(run: Run) -> dict[str, str]:
 
 
 def _with_settings(run: Run, names: set[str]) -> Run:
-    """With these of what else its item states among its settings."""
+    """The run, with its other values of these names moved to its settings."""
     other = tuple(text for text in run.other if text.split("=", 1)[0] not in names)
     return replace(run, settings=(*run.settings, *_among(told(_stated_by(run)), names)), other=other)
 
 
 def _told_apart(experiments: Sequence[Experiment], columns: Columns) -> tuple[Experiment, ...]:
-    """The experiments, with what tells them apart among their settings.
+    """The experiments, with the values that distinguish them among their settings.
 
-    Those of several stages are different measurements of one container.
+    Experiments of different stages are different measurements of one container.
     """
     stated = [told(others(each.values, _known(columns))) for each in experiments]
     names = telling(
@@ -359,7 +359,7 @@ def _among(stated: Told, names: set[str]) -> Settings:
 
 
 def _scored(run: Run) -> set[tuple[MetricRow, bool]]:
-    """Its rows, and whether they were measured: NaN alone is not equal to itself."""
+    """The run's rows, each with whether it was measured; for unmeasured ones, 0 replaces NaN, which equals nothing."""
     return {(replace(row, value=0.0), False) if math.isnan(row.value) else (row, True) for row in run.rows}
 
 

@@ -22,7 +22,7 @@ from stages.analysis.secrecy.conditions import OPEN, SURROGATE
 
 
 def secrecy(study: Study, tables: Published) -> Chapter:
-    """The measurements of `probe_secrecy`: containers of one method and M are one line, over captures and seeds."""
+    """The chapter on `probe_secrecy`: containers of one method and M share a line, over captures and seeds."""
     found = kinds(study)
     if not found:
         return Chapter("Secrecy of the message", ())
@@ -42,7 +42,10 @@ def secrecy(study: Study, tables: Published) -> Chapter:
 
 
 def _chart(title: str, quantity: str, upward: str, found: Found) -> Chart | None:
-    """A line for each kind of container; at 0 public attributes, or the best blind reading in true colours."""
+    """A line for each kind of container, over the share of leaked views.
+
+    At share 0 it begins with public attributes, or with the best blind reading if `quantity` is in true colours.
+    """
     series = []
     for kind, experiments in found.items():
         if figure(experiments, quantity, OPEN).count:
@@ -60,7 +63,7 @@ def _chart(title: str, quantity: str, upward: str, found: Found) -> Chart | None
 
 
 def _size_chart(share: float, found: Found) -> Chart | None:
-    """How far a surrogate stays behind the owner's decoder, over M; None where M does not vary."""
+    """A surrogate's PSNR minus that of the owner's decoder, over M; None if M does not vary."""
     series = []
     for method in dict.fromkeys(kind.method for kind in found):
         for name, sizes in by_size(method, found).items():

@@ -1,4 +1,4 @@
-"""Figures of secrecy as the tables take them: read off the measurements of `probe_secrecy`, container by container."""
+"""Figures of the secrecy tables, from the measurements of `probe_secrecy`, by kind of container."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ HARMONICS = ("sh", "decoder")
 
 @dataclass(frozen=True)
 class Kind:
-    """Containers that differ in capture and seed alone: `feature_dim` is M, None for a method without features;
-    `settings` are the others that are not the usual ones.
+    """Containers that differ only in capture and seed.
+
+    `feature_dim` is M, None for a method without features; `settings` are the other unusual ones.
     """
 
     method: str
@@ -31,7 +32,7 @@ class Kind:
 
     @property
     def title(self) -> str:
-        """The method as it is shown, and M.
+        """The method's title with M and the other settings.
 
         >>> Kind("gs_hider", 8.0).title, Kind("sh", None).title
         ('GS-Hider, M = 8', '3DGS+SH')
@@ -47,7 +48,7 @@ Found = Mapping[Kind, Sequence[Experiment]]
 
 
 def kinds(study: Study) -> Found:
-    """The experiments that measured secrecy: methods in the paper's order, the smallest M first."""
+    """The experiments that measured secrecy, by kind: methods in the paper's order, the smallest M first."""
     order = list(METHOD_TITLES)
     found: dict[Kind, list[Experiment]] = {}
     for experiment in study.experiments:
@@ -66,7 +67,7 @@ def kinds(study: Study) -> Found:
 
 
 def by_size(method: str, found: Found) -> dict[str, dict[float, Sequence[Experiment]]]:
-    """The experiments of a method by M, of containers that differ in nothing else together, by their title."""
+    """A method's experiments by M, for each group of containers that differ in nothing else, by the group's title."""
     groups: dict[str, dict[float, Sequence[Experiment]]] = {}
     for kind, experiments in found.items():
         if kind.method == method and kind.feature_dim is not None:
@@ -77,7 +78,7 @@ def by_size(method: str, found: Found) -> dict[str, dict[float, Sequence[Experim
 def rows_of(
     experiments: Iterable[Experiment], quantity: str, condition: str, severity: float | None = None
 ) -> list[Measurement]:
-    """The measurements of a quantity under a condition, of a severity where one is given."""
+    """The measurements of a quantity under a condition, and only at `severity` if it is given."""
     return [
         row
         for experiment in experiments
@@ -87,25 +88,25 @@ def rows_of(
 
 
 def by_seed(rows: Sequence[Measurement]) -> Spread:
-    """The mean, and the standard deviation from one seed, of decoders or of surrogates, to the next."""
+    """The mean and the standard deviation over the seeds of decoders or of surrogates; UNKNOWN without any."""
     return spread_of([value for value in _means_by_seed(rows) if not math.isnan(value)])
 
 
 def _means_by_seed(rows: Sequence[Measurement]) -> list[float]:
-    """Over views and messages; NaN where nothing was measured."""
+    """For each seed, the mean over views and messages; NaN if nothing was measured."""
     seeds = dict.fromkeys(row.seed for row in rows)
     return [mean_of_known(row.value for row in rows if row.seed == seed) for seed in seeds]
 
 
 def figure(experiments: Sequence[Experiment], quantity: str, condition: str, severity: float | None = None) -> Spread:
-    """The mean over the captures, each of which counts alike, however many test views it has."""
+    """The mean over captures, which have equal weights, however many test views they have."""
     return measured(experiments, quantity, condition, severity).average
 
 
 def measured(
     experiments: Sequence[Experiment], quantity: str, condition: str, severity: float | None = None
 ) -> Measured:
-    """The figure of each capture where it was measured, with its spread over seeds."""
+    """The figure on each capture where it was measured, with its spread over seeds."""
     found = {}
     for capture in dict.fromkeys(experiment.capture for experiment in experiments):
         own = [experiment for experiment in experiments if experiment.capture == capture]
@@ -116,7 +117,7 @@ def measured(
 
 
 def best_decoder(experiments: Sequence[Experiment], condition: str) -> Measured:
-    """On each capture the one of several wrong decoders that shows most of the message; none where there is but one."""
+    """On each capture, the figure of the wrong decoder that shows most of the message, if there is more than one."""
     found = {}
     for capture in dict.fromkeys(each.capture for each in experiments):
         rows = rows_of([each for each in experiments if each.capture == capture], "psnr_covered", condition)
@@ -127,7 +128,7 @@ def best_decoder(experiments: Sequence[Experiment], condition: str) -> Measured:
 
 
 def noise_of(*kinds: Measured) -> Noise:
-    """From one seed to the next, pooled over the captures of all kinds; not known where one has a single seed."""
+    """Noise from one seed to the next, pooled over the captures of all kinds; NaN if one of them has a single seed."""
     spreads = [spread for kind in kinds for spread in kind.by_capture.values()]
     if not spreads:
         return NO_NOISE
@@ -136,8 +137,9 @@ def noise_of(*kinds: Measured) -> Noise:
 
 
 def behind_owner(experiments: Sequence[Experiment], share: float) -> Measured:
-    """How far a surrogate with this share of the views stays behind the owner's decoder, in dB; that one is the same
-    whatever a surrogate's seed is.
+    """PSNR of a surrogate with this share of the views minus that of the owner's decoder, in dB.
+
+    The owner's decoder does not depend on a surrogate's seed.
     """
     surrogate = measured(experiments, "psnr_covered", SURROGATE, share)
     return surrogate.minus(measured(experiments, "psnr_covered", OWNER).certain)
@@ -150,9 +152,9 @@ def shares(experiments: Sequence[Experiment]) -> tuple[float, ...]:
 
 
 def best_surrogate(experiments: Sequence[Experiment], share: float) -> str:
-    """The condition of the surrogate that shows most of the message, of those that had this share of the views.
+    """The condition of the surrogate that shows most of the message, among those with this share of the views.
 
-    An attacker with so many views can hold some back, and so tell which it is.
+    An attacker can find out which it is by holding back some of these views.
     """
     scores = {each: figure(experiments, "psnr_covered", each, share).mean for each in SURROGATES}
     known = {each: score for each, score in scores.items() if not math.isnan(score)}
@@ -160,9 +162,9 @@ def best_surrogate(experiments: Sequence[Experiment], share: float) -> str:
 
 
 def best_blind(experiments: Sequence[Experiment]) -> str | None:
-    """The condition of the blind reading that shows most of the message in true colours; None where there is none.
+    """The condition of the blind reading that shows most of the message in true colours; None if there is none.
 
-    Which it is, only the owner can tell: this is the most that a blind reader could have picked.
+    Only the owner can tell which it is: this is the most that a blind reader could have picked.
     """
     conditions = blind_conditions(experiments)
     scores = {each: figure(experiments, "psnr_coloured", each).mean for each in conditions}
@@ -170,19 +172,19 @@ def best_blind(experiments: Sequence[Experiment]) -> str | None:
 
 
 def blind_conditions(experiments: Sequence[Experiment]) -> tuple[str, ...]:
-    """The conditions of blind readings, in the order measured; not those of the control that hides nothing."""
+    """The conditions of blind readings, in order of measurement, without those of the control that hides nothing."""
     conditions = dict.fromkeys(row.condition for experiment in experiments for row in experiment.rows)
     prefix, control = BLIND.format(""), NOTHING_HIDDEN.format("")
     return tuple(each for each in conditions if each.startswith(prefix) and not each.endswith(control))
 
 
 def captures_of(experiments: Iterable[Experiment]) -> str:
-    """Their names, for a caption."""
+    """The names of the captures, for a caption."""
     return ", ".join(dict.fromkeys(capture_title(experiment.capture) for experiment in experiments))
 
 
 def all_shares(found: Found) -> list[float]:
-    """The shares that any of them was measured with, and 0, ascending."""
+    """The shares of leaked views that any of them was measured with, and 0, ascending."""
     return sorted({0.0, *(share for each in found.values() for share in shares(each))})
 
 

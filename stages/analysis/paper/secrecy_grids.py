@@ -1,4 +1,4 @@
-"""The tables of secrecy: decoders that are not the owner's, attackers with some views, and the feature map as it is."""
+"""The tables of secrecy: wrong decoders, attackers with some views, and the feature map as it is."""
 
 from __future__ import annotations
 
@@ -47,10 +47,11 @@ from stages.analysis.secrecy.conditions import (
 )
 
 CORRELATION = "residual_correlation"
-"""As which quantity a correlation is written."""
+"""The quantity in whose format correlations are written."""
 
 
 def wrong_grid(found: Found) -> Grid:
+    """A line for each reader of each kind of container: the owner's decoder, public attributes, and wrong decoders."""
     lines = []
     for kind, experiments in found.items():
         floor = figure(experiments, "psnr_constant", OWNER).mean
@@ -92,7 +93,7 @@ def wrong_grid(found: Found) -> Grid:
 
 
 def surrogate_grid(found: Found) -> Grid:
-    """A line for each way to read, a column for each share of the views that leaked."""
+    """A line for each way of reading, a column for each share of leaked views."""
     every = [share for share in all_shares(found) if share > 0]
     lines = [line for kind, experiments in found.items() for line in _surrogate_lines(kind, experiments, every)]
     return without_empty_columns(
@@ -168,6 +169,7 @@ def _share_heading(share: float, found: Found) -> str:
 
 
 def feature_map_grid(found: Found) -> Grid:
+    """A line for each reading of the feature map: its correlations with cover, message, and controls."""
     lines = []
     for kind, experiments in found.items():
         for line in LINES:

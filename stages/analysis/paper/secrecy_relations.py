@@ -1,4 +1,4 @@
-"""What secrecy asks for, and what the paper says of small M: each with its verdict, flattering or not."""
+"""What secrecy requires, and what the paper says of small M, each with its verdict, flattering or not."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from stages.analysis.paper.secrecy_figures import (
 from stages.analysis.secrecy.conditions import COVER_ITSELF, OPEN, OTHER_START, OWNER, RANDOM, SURROGATE
 
 MOST_OVER_ONE_COLOUR = 1.0
-"""In dB: whoever lacks the secret may show no more of the message than this above what needs no container: the best
-picture of one colour."""
+"""In dB: how much better a reader without the secret may show the message than the best single colour does, which needs
+no container."""
 
 READERS = ((RANDOM, "the best random decoder"), (OTHER_START, "the best decoder started with another key"))
 
 
 def secrecy_relations(found: Found) -> list[Relation]:
-    """Of every kind of container what wrong decoders, surrogates and blind readings show; and whether small M leaks."""
+    """What wrong decoders, surrogates and blind readings show of each kind of container, and whether small M leaks."""
     relations = []
     for kind, experiments in found.items():
         relations += _of_kind(kind, experiments)
@@ -69,14 +69,14 @@ def _over_one_colour(
 
 
 def _blind_relation(kind: Kind, experiments: Sequence[Experiment], blind: str) -> Relation:
-    """Against the cover itself, as both are given the true colours."""
+    """The best blind reading compared with the cover itself, both in true colours."""
     shown, control = (measured(experiments, "psnr_coloured", condition) for condition in (blind, COVER_ITSELF))
     text = f"{kind.title}: message over the cover taken for it, both in true colours, the best blind reading"
     return OnEachCapture(text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(control))
 
 
 def _small_features(method: str, found: Found) -> list[Relation]:
-    """The smallest M against the largest: how far a surrogate stays behind the owner's decoder of the same container.
+    """The smallest M compared with the largest: how far a surrogate is behind the owner's decoder of its container.
 
     The paper says that small M "may result in hidden messages being more easily leaked", and gives no figure.
     """

@@ -10,7 +10,7 @@ from stages.analysis.paper.secrecy_figures import Found, Kind, best_surrogate, b
 from stages.analysis.secrecy.conditions import BLIND, COVER_ITSELF, NOTHING_HIDDEN, OPEN, OWN_START, OWNER
 
 RECOGNISABLE = 0.1
-"""Multiple correlation with the message beyond that with the message of other views: more is more than chance."""
+"""The multiple correlation with the message is more than chance if it exceeds that of the control by more than this."""
 
 
 def words_on(found: Found) -> list[str]:
@@ -27,7 +27,7 @@ def _sentence(kind: Kind, experiments: Sequence[Experiment]) -> str:
 
 
 def _of_the_container_alone(experiments: Sequence[Experiment]) -> list[str]:
-    """By the blind reading that is farthest beyond its controls: it need not be the one of the most decibels."""
+    """Words on the blind reading that most exceeds its controls; it need not be the one with the most decibels."""
     readings = [(*_beside_chance(experiments, each), each) for each in blind_conditions(experiments)]
     known = [reading for reading in readings if not math.isnan(reading[0] - reading[1])]
     if not known:
@@ -43,7 +43,7 @@ def _of_the_container_alone(experiments: Sequence[Experiment]) -> list[str]:
 
 
 def _beside_chance(experiments: Sequence[Experiment], blind: str) -> tuple[float, float]:
-    """A blind reading's correlation with the message, and the largest of its controls; NaN where there is none."""
+    """A blind reading's correlation with the message, and the largest of its controls; NaN without any."""
     related, others = _related(experiments, blind, None)
     chances = [figure(experiments, "correlation", each).mean for each in (NOTHING_HIDDEN.format(blind), COVER_ITSELF)]
     return related, max((each for each in (others, *chances) if not math.isnan(each)), default=math.nan)
@@ -74,6 +74,6 @@ def _of_the_seed(experiments: Sequence[Experiment]) -> list[str]:
 
 
 def _related(experiments: Sequence[Experiment], condition: str, share: float | None) -> tuple[float, float]:
-    """The correlation with the message, and its control: that with other views', or the cover's if there is none."""
+    """The correlation with the message and, as its control, with other views' messages, or else the cover's."""
     own, others = (figure(experiments, name, condition, share).mean for name in ("correlation", "correlation_others"))
     return own, figure(experiments, "correlation", COVER_ITSELF).mean if math.isnan(others) else others

@@ -1,4 +1,4 @@
-"""Several scenes hidden in one: what each further one costs. The paper shows pictures of it, and no figures."""
+"""Several scenes hidden in one: what each further one costs. The paper shows pictures of this, but gives no figures."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from stages.analysis.paper.runs import Run, Study, by_kind
 
 
 def several_messages(study: Study, tables: Published) -> Chapter:
-    """Scenes that hide one message, and more; of each method the fewest first, whichever was made first."""
+    """The chapter of scenes that hide one message and more; for each method, the fewest messages first."""
     hiding = study.select(lambda run: bool(run.messages) and not run.hides_image)
     many = {run.method for run in hiding if len(run.messages) > 1}
     chosen = [run for run in hiding if run.method in many] + list(study.select(lambda run: run.method == PLAIN))
@@ -52,7 +52,7 @@ def several_messages(study: Study, tables: Published) -> Chapter:
 
 
 Kind = tuple[str, str, Sequence[Run]]
-"""A method, the title of its runs with one number of messages, and these."""
+"""A method, the title of its runs with one number of messages, and these runs."""
 
 
 def _title(title: str, runs: Sequence[Run]) -> str:
@@ -61,7 +61,7 @@ def _title(title: str, runs: Sequence[Run]) -> str:
 
 
 def _grid(quantity: str, split: str, kinds: Sequence[Kind], study: Study) -> Grid:
-    """Cover and messages by captures, with the size where a table is the first."""
+    """Cover and messages by capture; the first table also has the size."""
     runs = [run for _, _, group in kinds for run in group]
     scene = (quantity, split) == ("psnr", "test")
     plain = of_method(runs, PLAIN, cover(quantity, split))
@@ -89,7 +89,7 @@ def _grid(quantity: str, split: str, kinds: Sequence[Kind], study: Study) -> Gri
 
 
 def _pictures(runs: Sequence[Run]) -> dict[int | None, str]:
-    """The cover and each message, by their numbers; a message by its name, too, where that is one in all runs."""
+    """Titles of the cover (None) and of each message by number, with its name if that is the same in all runs."""
     pictures: dict[int | None, str] = {None: PICTURES["cover"]}
     for number in range(len(runs[0].messages)):
         names = {run.messages[number] for run in runs}
@@ -98,7 +98,7 @@ def _pictures(runs: Sequence[Run]) -> dict[int | None, str]:
 
 
 def _size(runs: Sequence[Run], scene: bool, is_cover: bool) -> list[Cell]:
-    """The average size, beside the cover of the table that tells of scenes."""
+    """For the first table, the average size in the cover's line, and an empty cell in others; else no cell."""
     if not scene:
         return []
     return [figure_cell("container_bytes", Spread(measure(runs, size).average.mean)) if is_cover else Cell("")]

@@ -1,4 +1,4 @@
-"""The table of a single image, which one view hides: what it costs the cover, there and elsewhere."""
+"""The table of a single image, hidden in one view: what it costs the cover there and in other views."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ NOTE = (
 
 
 def single_image(study: Study, tables: Published) -> Chapter:
-    """One image, or several of them one at a time, hidden at one view each."""
+    """The chapter on one image, or several images one at a time, each hidden in one view."""
     runs = usual(study.select(lambda run: run.method == PLAIN or run.hides_image))
     grids = [_grid(quantity, runs, study, tables) for quantity in PICTURE_QUANTITIES]
     return Chapter(
@@ -56,7 +56,10 @@ def single_image(study: Study, tables: Published) -> Chapter:
 
 
 def _grid(quantity: str, runs: Sequence[Run], study: Study, tables: Published) -> Grid:
-    """The cover on test and training views, there and elsewhere, and the image; the paper's rows under the PSNR."""
+    """The image, and the cover on test and training views, in the hiding view and elsewhere.
+
+    Below the PSNR are the paper's rows.
+    """
     figures: dict[str, Figure] = {
         COVER: cover(quantity),
         TRAINING: cover(quantity, "train"),
@@ -90,12 +93,12 @@ def _grid(quantity: str, runs: Sequence[Run], study: Study, tables: Published) -
 
 
 def cover_where_it_hides(quantity: str) -> Figure:
-    """The cover's figure at the very view that hides the image; NaN where none does."""
+    """The cover's figure in the view that hides the image; NaN if none does."""
     return lambda run: mean_value([row for row in _cover_rows(run, quantity) if row.view in run.hiding_views])
 
 
 def cover_elsewhere(quantity: str) -> Figure:
-    """The cover's figure at the other training views; NaN where no view hides an image."""
+    """The cover's mean figure in the other training views; NaN if no view hides an image."""
 
     def elsewhere(run: Run) -> float:
         others = [row for row in _cover_rows(run, quantity) if row.view not in run.hiding_views]
@@ -105,7 +108,7 @@ def cover_elsewhere(quantity: str) -> Figure:
 
 
 def image_figure(quantity: str) -> Figure:
-    """The image's figure at the view that hides it."""
+    """The image's figure in the view that hides it; NaN if none does."""
 
     def figure(run: Run) -> float:
         hidden = [row for row in run.rows if row.quantity == quantity and row.message is not None]
@@ -118,7 +121,7 @@ image_psnr = image_figure("psnr")
 
 
 def lost_where_it_hides(run: Run) -> float:
-    """The cover's PSNR at the view that hides the image, to that at the other training views."""
+    """The cover's PSNR in the view that hides the image minus that in the other training views, in dB."""
     return cover_where_it_hides("psnr")(run) - cover_elsewhere("psnr")(run)
 
 

@@ -1,4 +1,4 @@
-"""Where the figures of a page come from: the artifacts that it was read from, each with the digest that finds it."""
+"""Where the figures of a page come from: the artifacts it was made from, each with the digest that finds it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from stages.analysis.paper.grid import Grid, Line
 from stages.analysis.paper.runs import Study
 
 DIGITS = 12
-"""Of a digest: as many as the engine's own messages show."""
+"""Number of digits of a digest that are shown, as in the engine's own messages."""
 
 HOW_TO_LOOK = (
     "`python -m pipeline show DIGEST --all`, with digits from here in place of DIGEST, shows what was measured, to the "
@@ -20,7 +20,7 @@ HOW_THE_OWNER_LOOKS = (
 
 
 def sources_grid(names: Sequence[str], rows: Iterable[Sequence[str]], note: str) -> Grid | None:
-    """A line for each row, which is what is called by `names` and a digest; None without any."""
+    """A line for each row; its values, the last a digest, are named by `names` and "Artifact". None without rows."""
     lines = dict.fromkeys((*row[:-1], row[-1][:DIGITS]) for row in rows)
     if not lines:
         return None
@@ -30,5 +30,5 @@ def sources_grid(names: Sequence[str], rows: Iterable[Sequence[str]], note: str)
 
 
 def owner_sources(study: Study) -> Grid | None:
-    """Everything that the study was read from, as the workflow calls it."""
+    """Every artifact that the study was read from, by its name in the workflow."""
     return sources_grid(("Item",), study.sources, HOW_THE_OWNER_LOOKS)

@@ -1,4 +1,4 @@
-"""What detectors find: StegExpose as in the paper and beside clean renders, a learned detector, the attributes."""
+"""What detectors find: StegExpose as in the paper and against clean renders, a learned detector, and attributes."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from stages.analysis.paper.steganalysis_tables import (
 from stages.analysis.stegexpose.fusion import FUSION
 
 DEVIATIONS = 2 * 1.96
-"""How many standard deviations wide a 95 % interval is."""
+"""Width of a 95 % interval, in standard deviations."""
 
 
 def steganalysis(study: Study, tables: Published) -> Chapter:
-    """From the rows of `steganalysis`, `detect_hidden` and `compare_attributes`."""
+    """The chapter on the rows of `steganalysis`, `detect_hidden` and `compare_attributes`."""
     by_stegexpose = _by_method(study, FUSION)
     by_learning = _by_method(study, TRAINING_SCENES)
     by_attributes = _by_method(study, GAUSSIANS)
@@ -57,7 +57,7 @@ def steganalysis(study: Study, tables: Published) -> Chapter:
 
 
 def _by_method(study: Study, quantity: str) -> ByMethod:
-    """The experiments that measured a quantity."""
+    """The experiments that measured a quantity, by method."""
     return by_method(each for each in study.experiments if any(row.quantity == quantity for row in each.rows))
 
 
@@ -80,5 +80,5 @@ def _relations(experiments_of: ByMethod, quantity: str, detector: str) -> Iterat
 
 
 def _of_one(deviations: Sequence[float]) -> Noise:
-    """What each capture's deviation would be if they were all alike, and that of the average as it is with these."""
+    """The root mean square of the deviations: if each had this value, that of the average would be the same."""
     return Noise(math.hypot(*deviations) / math.sqrt(len(deviations)), math.inf)

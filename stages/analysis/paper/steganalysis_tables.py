@@ -1,4 +1,4 @@
-"""Tables of what detectors find: in words, by method and capture, by detector, and of how many pictures."""
+"""Tables of what detectors find: in words, by method and capture, by detector, and the numbers of pictures."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ CLASS_TITLES = {
 
 
 EXCESS = "the former of these two above the latter"
-"""The line under renders that hide and two that hide nothing."""
+"""Title of the line below renders that hide and two that hide nothing."""
 
 AREA_NOTE = (
     "0.5: no better than chance; 1: always right. ↓: the detector gives the first class less, and its opposite is "
@@ -59,11 +59,11 @@ AREA_NOTE = (
     "views (and captures, under All together: of as few as here that says little), of differences the same views of "
     "all."
 )
-"""Of two-sided areas, wherever they stand."""
+"""The note below every table of two-sided areas."""
 
 
 def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: ByMethod) -> Grid:
-    """What is not secure, in words."""
+    """In words, whether detectors distinguish what each method hides."""
 
     def file(method: str) -> Cell:
         rows = [row for each in by_attributes.get(method, []) for row in each.rows if row.quantity == ONLY_THERE]
@@ -101,6 +101,7 @@ def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: 
 
 
 def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
+    """Areas of StegExpose's fusion for each method and comparison, by capture and over all."""
     return Grid(
         "StegExpose's fusion: area under the ROC curve, two-sided",
         ("Method", "Told apart"),
@@ -122,7 +123,7 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
 
 
 def _finding(method: str, experiments: Sequence[Experiment]) -> str:
-    """What a method's areas say in words."""
+    """In words, what a method's areas show."""
     photos, rendering = (area_of(experiments, FUSION, comparison) for comparison in (AS_IN_THE_PAPER, RENDERING))
     is_alike = all(
         is_inverted(own, FUSION, AS_IN_THE_PAPER) == is_inverted(own, FUSION, RENDERING)
@@ -145,7 +146,7 @@ def _lines(
     comparisons: Sequence[Comparison],
     captures: Sequence[str],
 ) -> Iterator[Line]:
-    """What was compared, on each capture and on all together, and how far what hides is above two that do not."""
+    """A line for each comparison, by capture and over all, and one for the excess over two that hide nothing."""
     groups = [*([each for each in experiments if each.capture == capture] for capture in captures), experiments]
     for comparison in comparisons:
         if scores_of(experiments, quantity, comparison):
@@ -156,6 +157,7 @@ def _lines(
 
 
 def detectors_grid(by_method: ByMethod) -> Grid:
+    """Areas of each of StegExpose's detectors over all captures, and the share of pictures without a value."""
     shown = (AS_IN_THE_PAPER, HIDING, CHANCE)
     return Grid(
         "StegExpose's detectors by themselves, all captures together: area under the ROC curve, two-sided",
@@ -180,6 +182,7 @@ def _missing(experiments: Sequence[Experiment], detector: str) -> Cell:
 
 
 def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
+    """Areas of the learned detectors for each method and comparison, by capture and over all."""
     rows = [row for experiments in by_method.values() for each in experiments for row in each.rows]
     counts = sorted({int(row.value) for row in rows if row.quantity == TRAINING_SCENES and row.value > 0})
     return Grid(
@@ -207,7 +210,7 @@ def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
 
 
 def _seen_of_each(rows: Sequence[Measurement]) -> str:
-    """What a detector saw of a scene that it learnt from: a pair, or as many as differ in seed or message."""
+    """What a detector saw of each scene it learnt from: one pair, or several that differ in seed or message."""
     scenes, pairs = (
         sum(row.value for row in rows if row.quantity == name) for name in (TRAINING_SCENES, TRAINING_PAIRS)
     )
@@ -219,6 +222,8 @@ def _seen_of_each(rows: Sequence[Measurement]) -> str:
 
 
 def counts_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
+    """The number of pictures of each class, by capture."""
+
     def most(condition: str, capture: str) -> int:
         counts = [
             sum((row.quantity, row.condition) == (FUSION, condition) for row in each.rows)

@@ -1,4 +1,4 @@
-"""What items state besides the columns that tables know, and which of it tells measurements apart."""
+"""What items state besides the columns that tables know, and which of these values distinguish measurements."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ Told = Mapping[str, float | str]
 
 
 def others(values: Mapping[str, object], known: Collection[str]) -> dict[str, object]:
-    """What an item states but for the columns `known`; what a mapping holds, such as the settings of one's own method,
-    by names such as `own.levels`.
+    """What an item states besides the `known` columns.
+
+    Entries of a mapping, such as the settings of a method of your own, have names such as `own.levels`.
     """
     found: dict[str, object] = {}
     for name, value in values.items():
@@ -23,7 +24,7 @@ def others(values: Mapping[str, object], known: Collection[str]) -> dict[str, ob
 
 
 def told(stated: Mapping[str, object]) -> dict[str, float | str]:
-    """Of `others` that which may be a setting: numbers but for seeds, and all that is in a mapping.
+    """Those of `others` that may be settings: numbers, and all entries of mappings, except for seeds.
 
     >>> told({"levels": 2, "message": "reef", "clean_seed": 3, "own.mode": "fast"})
     {'levels': 2.0, 'own.mode': 'fast'}
@@ -34,9 +35,9 @@ def told(stated: Mapping[str, object]) -> dict[str, float | str]:
 
 
 def telling(alike: Iterable[tuple[str, object, Told]]) -> dict[str, set[str]]:
-    """By method, the names of the values in which alone some differ that have the same method and key.
+    """For each method, the names of the values in which measurements of the same key differ.
 
-    Tables would average them otherwise. Such a value may be a setting of a method of one's own.
+    Tables would average over these measurements otherwise. Such a value may be a setting of a method of your own.
     """
     groups: dict[tuple[str, object], list[Told]] = {}
     for method, key, own in alike:

@@ -1,4 +1,4 @@
-"""What is read off measurements of watermarks: how containers and decoders are called, and means by capture."""
+"""Figures from measurements of watermarks: titles of containers and decoders, and means by capture."""
 
 from __future__ import annotations
 
@@ -20,44 +20,44 @@ VARIANTS = {
     IMPRINTED: "imprint",
     GRAINED: "grain, read by its owner",
 }
-"""How a container and its decoder came about, by the items' column `variant`, or by their stage's name."""
+"""How a container and its decoder were made, by the items' column `variant`, or by the name of their stage."""
 
 STAGES = {"_imprint": IMPRINTED, "_grain": GRAINED}
-"""What names of stages end with that score what is ours, where one container serves all rows of a capture."""
+"""Endings of the names of stages that score our own variants, for which one container serves all rows of a capture."""
 
 Key = tuple[str, str]
 """Method and variant."""
 
 EXACT = 99.0
-"""dB that a watermark counts as which is shown to the last bit: infinity has no mean."""
+"""The PSNR, in dB, that stands for an exactly shown watermark: infinity has no mean."""
 
 
 def variant_of(stage: str, stated: str) -> str:
-    """The variant that a stage's name tells, or the one that its item states."""
+    """The variant that the stage's name implies, or else the one that its item states."""
     name = stage.split("[")[0]
     return next((variant for ending, variant in STAGES.items() if name.endswith(ending)), stated)
 
 
 def title_of_key(key: Key) -> str:
-    """In tables."""
+    """The title of a method and variant in tables."""
     method, variant = key
     return f"{title_of(method)}, {VARIANTS.get(variant, variant)}"
 
 
 def value_of(rows: Iterable[Measurement], quantity: str, condition: str, severity: float | None = None) -> float:
-    """The mean over what was measured so, PSNR of `EXACT` at most; NaN for nothing."""
+    """The mean over the matching rows, where PSNR_W counts as at most `EXACT`; NaN without any."""
     wanted = (quantity, condition, severity)
     values = [row.value for row in rows if (row.quantity, row.condition, row.severity) == wanted]
     return mean(min(value, EXACT) if quantity == PSNR_WATERMARK else value for value in values)
 
 
 def percent_cell(share: float) -> Cell:
-    """A share as it is written; what was not measured is said."""
+    """A share in percent; `MISSING` for NaN."""
     return Cell(MISSING if math.isnan(share) else f"{100 * share:.1f} %", "", Spread(share))
 
 
 def figures_by_capture(detections: Iterable[Experiment], quantity: str, condition: str) -> Measured:
-    """The mean over the seeds of each capture."""
+    """The mean over the experiments of each capture."""
     found: dict[str, list[float]] = {}
     for each in detections:
         value = value_of(each.rows, quantity, condition)

@@ -1,4 +1,4 @@
-"""The table of what watermarks survive: renders that are found after distortions, and what is taken for them then."""
+"""The table of what watermarks survive: renders detected after distortions, and false positives after the same ones."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ALARMS_NOTE = (
 
 
 def survival(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
-    """The share that is found after each distortion, and, where it was measured, that of other scenes taken for it."""
+    """The share of renders detected after each distortion and, if measured, the false positives in other scenes."""
     tried = {key for key, group in detections.items() if any(map(_has_distorted_negatives, group))}
     headings: list[str] = []
     for key in detections:
@@ -58,7 +58,7 @@ def survival(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
 
 
 def _conditions(detections: Mapping[Key, Sequence[Experiment]]) -> list[tuple[str, str, float | None]]:
-    """Their titles, names and severities."""
+    """Title, name and severity of each condition."""
     conditions: list[tuple[str, str, float | None]] = [(CLEAN_CHANNEL, CLEAN_CHANNEL, None)]
     conditions += [(f"{WORDING[each.name]} {each.severity:g}", each.name, each.severity) for each in DISTORTIONS]
     attacked = dict.fromkeys(
@@ -76,7 +76,7 @@ def _has_distorted_negatives(experiment: Experiment) -> bool:
 
 
 def _alarms(group: Iterable[Experiment], name: str, severity: float | None) -> Cell:
-    """The share of other scenes' pictures that is taken for the watermark after a distortion, of all captures."""
+    """The share of false positives among other scenes' pictures after a distortion, over all captures."""
     quantities, condition = (NEGATIVES_DISTORTED, FALSE_POSITIVES_DISTORTED), name
     if name == CLEAN_CHANNEL:
         quantities, condition = (TRIALS, FALSE_POSITIVES), OTHER_SCENES
