@@ -13,6 +13,9 @@ from opencl.reference import rasterize_reference
 from tests.opencl.discontinuities import find_discontinuities
 
 DEFAULT = RasterSettings()
+FAINT = RasterSettings(alpha_minimum=1e-7)
+"""With rims so faint that it hardly matters on which side of the threshold a pixel falls. Every further settings would
+be compiled anew: seconds for each schedule and precision."""
 
 
 @dataclass(frozen=True)

@@ -147,6 +147,7 @@ def no_peer_installed(monkeypatch):
     monkeypatch.setattr(implementations.importlib.util, "find_spec", lambda name: None)
 
 
+@pytest.mark.slow  # in processes of their own; the others here measure in this one
 @pytest.mark.usefixtures("no_peer_installed")
 def test_the_command_prints_tables(capsys):
     assert main(["bench", "--workload", TINY, "--repetitions", "1"]) == 0

@@ -7,7 +7,7 @@ import torch
 
 from opencl.contract import RasterSettings
 from opencl.rasterizer import rasterize
-from tests.opencl.scenes import gradients, make_scene, one_gaussian
+from tests.opencl.scenes import FAINT, gradients, make_scene, one_gaussian
 
 pytestmark = pytest.mark.usefixtures("both_schedules")
 
@@ -37,7 +37,7 @@ def test_gradcheck(feature_dim, size):
         seed=feature_dim,
         size=0.5,
         opacity=(0.1, 0.6),
-        settings=RasterSettings(alpha_minimum=1e-7),
+        settings=FAINT,
     )
     leaves = [tensor.requires_grad_() for tensor in (*scene.gaussians, scene.background)]
     assert torch.autograd.gradcheck(lambda *values: _projected(scene, *values), leaves, eps=1e-6, atol=1e-6, rtol=1e-5)
@@ -83,8 +83,7 @@ def test_gradients_where_the_linearisation_is_clamped(clamp_about):
 
 def test_float32_gradients_are_the_reference_s_in_the_mean():
     scene = make_scene(count=200, feature_dim=16, width=64, height=48, size=0.2)
-    settings = RasterSettings(alpha_minimum=1e-6)  # rims so faint that it does not matter on which side a pixel falls
-    scene = type(scene)(**{**vars(scene), "settings": settings})
+    scene = type(scene)(**{**vars(scene), "settings": FAINT})
     expected = _gradients_of(scene, "draw_reference")
     found = _gradients_of(scene.to(torch.float32), "draw")
     for name, one, other in zip((*NAMES, "means2d"), found, expected, strict=True):

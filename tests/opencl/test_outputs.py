@@ -8,14 +8,13 @@ import pytest
 import torch
 
 import opencl.blending
-from opencl.contract import RasterSettings
 from opencl.rasterizer import rasterize
 from opencl.reference import rasterize_reference
-from tests.opencl.scenes import gradients, make_scene
+from tests.opencl.scenes import FAINT, gradients, make_scene
 
 pytestmark = pytest.mark.usefixtures("both_schedules")
 
-ANTIALIASED = RasterSettings(antialiased=True)
+ANTIALIASED = replace(FAINT, antialiased=True)
 
 
 @pytest.mark.parametrize("size", [0.02, 0.4])
@@ -34,11 +33,8 @@ def test_antialiasing_keeps_the_light_of_a_gaussian_that_moves_away():
         scene.means.copy_((in_camera - pose[:3, 3]) @ pose[:3, :3])
         return scene.draw().alphas.sum().item() * distance**2
 
-    plain = RasterSettings(alpha_minimum=1e-6)
-    assert light(20, replace(plain, antialiased=True)) == pytest.approx(
-        light(5, replace(plain, antialiased=True)), rel=0.05
-    )
-    assert light(20, plain) > 2 * light(5, plain)
+    assert light(20, ANTIALIASED) == pytest.approx(light(5, ANTIALIASED), rel=0.05)
+    assert light(20, FAINT) > 2 * light(5, FAINT)
 
 
 def test_gradients_of_antialiased_gaussians():
@@ -49,12 +45,11 @@ def test_gradients_of_antialiased_gaussians():
 
 
 def test_gradcheck_of_antialiased_gaussians():
-    settings = RasterSettings(antialiased=True, alpha_minimum=1e-7)
-    scene = make_scene(4, 2, 12, 9, seed=3, size=0.1, opacity=(0.1, 0.6), settings=settings)
+    scene = make_scene(4, 3, 12, 9, seed=3, size=0.1, opacity=(0.1, 0.6), settings=ANTIALIASED)
     leaves = [tensor.requires_grad_() for tensor in scene.gaussians]
 
     def total(*gaussians):
-        output = rasterize(*gaussians, *scene.camera, scene.background, settings)
+        output = rasterize(*gaussians, *scene.camera, scene.background, ANTIALIASED)
         weights = torch.arange(output.features.numel(), dtype=torch.float64).reshape(output.features.shape)
         return (output.features * (1 + weights).sin()).sum()
 

@@ -36,7 +36,7 @@ def other_pocl(tmp_path):
 @pytest.mark.parametrize(
     ("name", "without"),
     [
-        ("test_rasterizer", "gpu"),  # whose kernels no CPU runs but in tests
+        pytest.param("test_rasterizer", "gpu", marks=pytest.mark.slow),  # no CPU runs GPUs' kernels but in tests
         ("test_pixel_decoder", "threads"),
         ("test_separation", "threads"),
         pytest.param("test_convolution", "threads", marks=pytest.mark.slow),

@@ -114,7 +114,7 @@ def test_opaque_layers_stop_and_background_shows_through(opacity):
 
 
 def test_many_channels_are_blended_in_passes():
-    scene = make_scene(count=20, feature_dim=150)
+    scene = make_scene(count=20, feature_dim=134)
     torch.testing.assert_close(scene.draw().features, scene.draw_reference().features, rtol=1e-12, atol=1e-13)
 
 

@@ -7,9 +7,8 @@ import math
 import pytest
 import torch
 
-from opencl.contract import RasterSettings
 from tests.opencl.runtimes import SCHEDULES, backend_of, draw_on, draw_with_gradients
-from tests.opencl.scenes import gradients, make_scene, near_a_threshold, one_gaussian
+from tests.opencl.scenes import FAINT, gradients, make_scene, near_a_threshold, one_gaussian
 
 NAMES = ("means", "quats", "scales", "opacities", "features", "background", "means2d")
 SIZES = [(1, 1), (1, 40), (40, 1), (17, 16), (16, 17), (15, 33)]
@@ -181,8 +180,7 @@ def test_gradients_at_the_clamp_in_float32(backend):
 
 def test_a_crowd_in_one_tile_all_of_them_seen(backend):
     count = 300_000 if backend.schedule == "cpu" else 70_000  # by the GPU's, on a CPU, half a minute
-    settings = RasterSettings(alpha_minimum=1e-9)
-    crowd = make_scene(count, 1, 16, 16, size=0.3, opacity=(1e-6, 2e-6), dtype=torch.float32, settings=settings)
+    crowd = make_scene(count, 1, 16, 16, size=0.3, opacity=(1e-6, 2e-6), dtype=torch.float32, settings=FAINT)
     crowd.means.mul_(0.05)  # all of them around the camera's axis, at depths that differ
     crowd.means[:, 2] += torch.linspace(2, 3, count)
     output, found = draw_with_gradients(backend, crowd)
