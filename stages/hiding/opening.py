@@ -139,7 +139,7 @@ def _refuse_changed(gaussians: Gaussians, secret: Artifact) -> None:
 
 def _refuse_another_seal(seal: Seal, secret: Artifact) -> None:
     """Refuse Gaussians that were sealed with another key or with other features: a seal depends on all of them."""
-    agreeing = _agreeing(seal, secret)
+    agreeing = _agreeing(seal, secret) if SIGNS in secret.attributes else 1.0  # the first seals' secrets have none
     if agreeing < SAME_SEAL:
         raise UserError(
             "the secret is of another sealing of the same Gaussians",

@@ -23,7 +23,7 @@ from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.coupled import FEATURES
 from stages.hiding.expected import FACTS
 from stages.hiding.opening import _seal_of, opener, read_container, refuse_sealed
-from stages.hiding.sealing import SEAL
+from stages.hiding.sealing import SEAL, SIGNS
 from stages.hiding.storage import read_gaussians, read_method, write_container
 from stages.import_container import ImportContainerParameters, import_container
 from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
@@ -160,6 +160,15 @@ def test_features_that_were_rounded_are_still_opened(tmp_path: Path, hidden: Mad
         write_container(writer, Gaussians(gaussians.parameters | rounded), read_method(closed["container"]))
     opened, _ = read_container(load(tmp_path / "rounded"), closed["secret"])
     assert (opened[FEATURES].sigmoid() - features(hidden["container"])).abs().mean() < 0.1
+
+
+def test_a_secret_from_before_there_were_signs_still_opens(tmp_path: Path, hidden: Made, closed: Made) -> None:
+    with create(tmp_path / "earlier", "secret", private=True) as writer:
+        for name in closed["secret"].names:
+            writer.write(name, closed["secret"].read(name))
+        writer.attributes |= {name: value for name, value in closed["secret"].attributes.items() if name != SIGNS}
+    opened, _ = read_container(closed["container"], load(tmp_path / "earlier"))
+    torch.testing.assert_close(opened[FEATURES].sigmoid(), features(hidden["container"]), rtol=0, atol=2e-4)
 
 
 def of_a_stranger(folder: Path, closed: Made) -> Artifact:
