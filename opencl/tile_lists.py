@@ -20,11 +20,11 @@ class TileLists:
     """Start of each tile's entries, followed by their total number. Entries beyond that belong to no tile."""
     entries: Int[Tensor, " E"]
     """The Gaussian of each entry."""
-    slots: Int[Tensor, " E"]
+    slots: Int[Tensor, " slots"]
     """Position of each entry in an order in which the entries of a Gaussian are consecutive."""
-    tile_counts: Int[Tensor, " N"]
+    tile_counts: Int[Tensor, " counted"]
     """Number of entries of each Gaussian."""
-    first_slots: Int[Tensor, " N"]
+    first_slots: Int[Tensor, " counted"]
     """First slot of each Gaussian, undefined without entries. Empty, like the two above, if not for gradients."""
 
     @property

@@ -19,7 +19,7 @@ def harmonics_count(degree: int) -> int:
     return (degree + 1) ** 2
 
 
-def harmonics(directions: Float[Tensor, "N 3"], degree: int) -> Float[Tensor, "N K"]:
+def harmonics(directions: Float[Tensor, "*batch 3"], degree: int) -> Float[Tensor, "*batch K"]:
     """Values of the real harmonics, K = (degree + 1)², at unit `directions`, with the Condon-Shortley signs of 3DGS.
 
     Raises `ValueError` for a degree outside 0..3.
