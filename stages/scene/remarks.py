@@ -15,17 +15,17 @@ from stages.scene.message_views import LEGAL_COVERAGE
 from stages.scene.plurals import agreeing, counted
 
 HARDLY_SEEN = (
-    f"The message fills less than {100 * LEGAL_COVERAGE:.0f} % of every test view: none counts as legal, and its "
-    "figures say little."
+    f"The message fills less than {100 * LEGAL_COVERAGE:.0f} % of every test view, so none counts as legal and its "
+    "figures mean little."
 )
-CHOOSE_ANOTHER = "Choose one that was photographed from all the sides from which the cover's cameras look."
+CHOOSE_ANOTHER = "Choose a message photographed from every side from which the cover's cameras look."
 WORTH_A_WORD = 0.8
 """If the pictures show at least this fraction of most photos, no remark is made."""
 UNSURE_SHARE = 0.2
-RIG = "Those of several folders, such as the cameras of a rig, are taken where no photo lies beside the folders."
+RIG = "Photos in several folders, such as those of a rig, are used only if no photo lies beside the folders."
 OVERLAP = (
-    "More overlap between photos places more, or a larger matching_size, or matching: exhaustive where they were not "
-    "taken on one way."
+    "To place more, take photos with more overlap, or set a larger matching_size, or matching: exhaustive if they were "
+    "not taken along one path."
 )
 
 
@@ -36,13 +36,13 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
     )
     remarks = []
     if finished.facts.get("own_photos"):
-        remarks.append(Remark(agreeing(kept, f"No pictures given: your own {kept} photo[s] [is|are] tried.")))
+        remarks.append(Remark(agreeing(kept, f"No pictures given: your own {kept} photo[s] [is|are] used instead.")))
     if unseen:
         remarks.append(
             Remark(
-                f"{agreeing(kept, f'{kept} picture[s] [is|are] looked at')}. "
-                f"{agreeing(unseen, f'{unseen} other file[s] of the folder and of those below it [is|are] not')}: only "
-                "pictures directly in it count, of formats that are read. The log names some."
+                f"{agreeing(kept, f'{kept} picture[s] [is|are] examined')}. "
+                f"{agreeing(unseen, f'{unseen} other file[s] in the folder and its subfolders [is|are] not')}: only "
+                "pictures directly in the folder and in a readable format count. The log names some."
             )
         )
     broken = _recorded(finished.facts, "unreadable")
@@ -59,13 +59,16 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
         remarks.append(Remark(f"{kept} of {kept + left} photos came with a pose; {others}."))
     thrown_away = int(str(finished.facts.get("without_photo", 0)))
     if thrown_away:
-        poses = agreeing(thrown_away, "pose[s] [is of a photo that is|are of photos that are] not there, and left out")
+        poses = agreeing(thrown_away, "pose[s] [was|were] left out because [its photo is|their photos are] missing")
         remarks.append(Remark(f"{thrown_away} {poses}; the log names some."))
     if elsewhere:
         remarks.append(
             Remark(
-                agreeing(elsewhere, f"{elsewhere} more photo[s] [was|were] left out, which [lies|lie] in the folder ")
-                + "itself or in another in it; the log says where."
+                agreeing(
+                    elsewhere,
+                    f"{elsewhere} more photo[s], in the folder itself or in another of its subfolders, [was|were] left "
+                    "out; the log says where.",
+                )
             )
         )
     below, masked, copies = (int(str(finished.facts.get(fact, 0))) for fact in ("below", "masked", "copies"))
@@ -74,13 +77,13 @@ def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
             Remark(
                 agreeing(
                     copies,
-                    f"{copies} of {kept + copies} photos [is a copy of another|are copies of others], to the last "
-                    "byte, and [is|are] left out; the log names [it|them].",
+                    f"{copies} of {kept + copies} photos [is an exact copy of another|are exact copies of others] and "
+                    "[was|were] left out; the log names [it|them].",
                 )
             )
         )
     if below:
-        taken = agreeing(kept + left, f"the {kept + left} that [was|were] taken")
+        taken = agreeing(kept + left, f"the {kept + left} that [was|were] used")
         beside = agreeing(below, f"{below} photo[s] [lies|lie] in folders beside {taken}, and [was|were] left out.")
         remarks.append(Remark(f"{beside} {RIG}" if below > kept + left else f"{beside} The log names the folders."))
     if masked:
@@ -119,9 +122,9 @@ def poses_unsure(finished: Finished) -> tuple[Remark, ...]:
         Remark(
             agreeing(
                 len(unsure),
-                f"{len(unsure)} of {counted(len(names), 'photo')} [sees|see] hardly a point that "
-                "[its given pose explains: this|their given poses explain: these] may be wrong, or there is nothing to "
-                "match. With poses=estimate the stage finds its own.",
+                f"{len(unsure)} of {counted(len(names), 'photo')} [sees|see] hardly any points that fit "
+                "[its given pose: this|their given poses: these] may be wrong, or there is nothing to match. With "
+                "poses=estimate the stage estimates its own.",
             ),
             f"These are {', '.join(unsure)}",
         ),
@@ -138,8 +141,8 @@ def photos_placed(finished: Finished) -> Remark:
     folded, cropping = (_recorded(finished.facts, why) for why in ("folded", "cropping"))
     details = [
         f"Not placed: {', '.join(missing)}",
-        *([f"for their lenses: {', '.join(folded)}"] if folded else []),
-        *([f"held the other way or zoomed: {', '.join(cropping)}"] if cropping else []),
+        *([f"because of their lenses: {', '.join(folded)}"] if folded else []),
+        *([f"taken in the other orientation or zoomed: {', '.join(cropping)}"] if cropping else []),
     ]
     others = agreeing(len(missing), "the other[s]")
     return Remark(f"{share}; the log names {others}. {why_not_placed(finished.facts)}", "; ".join(details))
@@ -158,8 +161,8 @@ def why_not_placed(facts: Mapping[str, object]) -> str:
         said.append(
             agreeing(
                 cropping,
-                f"{cropping} of them [was|were] held the other way (upright or wide) or zoomed, and [was|were] left "
-                "out: all others would have been cropped to what [it shows|they show].",
+                f"{cropping} of them [was|were] taken in the other orientation (portrait or landscape) or zoomed, and "
+                "[was|were] left out: all others would have been cropped to what [it shows|they show].",
             )
         )
     return " ".join(said) or OVERLAP
@@ -185,10 +188,10 @@ def photos_cropped(finished: Finished) -> tuple[Remark, ...]:
             f"{said} The log names {len(narrowest)} of {len(names)} "
             + agreeing(
                 len(narrowest),
-                "that [was|were] held the other way (upright or wide) or zoomed; without [it|them] the pictures show "
-                "more.",
+                "that [was|were] taken in the other orientation (portrait or landscape) or zoomed; without [it|them] "
+                "the pictures would show more.",
             ),
-            f"They show least: {', '.join(narrowest)}",
+            f"These show least: {', '.join(narrowest)}",
         ),
     )
 
@@ -199,7 +202,7 @@ def told_of_cropping(facts: Mapping[str, object]) -> str:
     most = shares[(len(shares) - 1) // 2] if shares else 1.0
     if most >= WORTH_A_WORD:
         return ""
-    return f"The pictures show {100 * most:.0f} % of most photos: all are cropped to what every photo shows."
+    return f"The pictures show {100 * most:.0f} % of most photos: all are cropped to what every photo has in view."
 
 
 def _shares_shown(facts: Mapping[str, object]) -> list[float]:

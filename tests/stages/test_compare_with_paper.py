@@ -56,7 +56,7 @@ def table(text: str, caption: str) -> dict[tuple[str, ...], dict[str, str]]:
     rows = text[text.index(f"**{caption}**") :].split("\n\n")[1].splitlines()
     cells = [[cell.strip() for cell in row.strip("|").split(" | ")] for row in rows]
     alignment = [*rows[1].strip("|").split("|"), "---:"]
-    worded = [cells[0].index(heading) for heading in ("Asked for", "Average") if heading in cells[0]]
+    worded = [cells[0].index(heading) for heading in ("Required", "Average") if heading in cells[0]]
     names = min([alignment.index("---:"), *worded])
     found, method = {}, ""
     for line in cells[2:]:
@@ -91,7 +91,7 @@ def test_ours_and_the_papers_stand_under_each_other(everything: dict[str, Artifa
         "bonsai": "23.10 (-1.25)",
         "kitchen": "21.55 (-1.25)",
         "Average": "23.43",
-        "To 3DGS": "-1.25",
+        "vs. 3DGS": "-1.25",
     }
     assert paper == {
         "Size (MB)": "411.356",
@@ -100,7 +100,7 @@ def test_ours_and_the_papers_stand_under_each_other(everything: dict[str, Artifa
         "bonsai": "29.643 (-2.337)",
         "kitchen": "29.447 (-0.870)",
         "Average": "25.817",
-        "To 3DGS": "-1.388",
+        "vs. 3DGS": "-1.388",
     }
     assert [names[0] for names in found if names[1:] == ("Cover", "here")] == [
         *("3DGS", "3DGS+SH", "3DGS+Decoder", "GS-Hider", "Homogeneous GS-Hider")
@@ -124,47 +124,47 @@ def test_ours_and_the_papers_stand_under_each_other(everything: dict[str, Artifa
 def test_other_tables(everything: dict[str, Artifact]) -> None:
     text = markdown(everything)
     bare = table(text, "Nothing hidden, test views")
-    assert bare["GS-Hider", "PSNR (dB)", "here"]["To 3DGS"] == "-0.62"
+    assert bare["GS-Hider", "PSNR (dB)", "here"]["vs. 3DGS"] == "-0.62"
     assert bare["GS-Hider", "PSNR (dB)", "paper"]["Average"] == "26.525"
-    assert bare["GS-Hider, M = 32, 7 layers", "PSNR (dB)", "here"]["To 3DGS"] == "-0.37"
-    times = table(text, "Time a frame (ms)")
+    assert bare["GS-Hider, M = 32, 7 layers", "PSNR (dB)", "here"]["vs. 3DGS"] == "-0.37"
+    times = table(text, "Time per frame (ms)")
     assert times["GS-Hider", "Frame", "paper"]["Average"] == "22.2"
     assert times["Homogeneous GS-Hider", "Feature map", "here"]["fox"] == "7.3 (+6.0)"
     assert times["GS-Hider, M = 32, 7 layers, without a message", "Frame", "here"]["fox"] == "35.0 (+31.0)"
-    assert "Measured, and in none of these tables" not in text
-    image = table(text, "One image at one view: PSNR (dB)")
+    assert "Measured, but not in any of these tables" not in text
+    image = table(text, "One image in one view: PSNR (dB)")
     assert image["3DGS+Decoder", "Cover, the view that hides it · boat", "here"]["fox"] == "12.10"
     assert image["3DGS+Decoder", "Cover, other training views · boat", "here"]["fox"] == "21.60"
     assert image["GS-Hider", "Image · mark", "here"]["Average"] == "44.12"
     assert image["GS-Hider", "Image", "paper"]["Average"] == "42.532"
     several = table(text, "Several messages, test views: PSNR (dB)")
     assert several["GS-Hider, 4 messages", "Message 4 · courtyard", "here"]["kitchen"] == "20.60"
-    assert several["GS-Hider, 2 messages", "Cover", "here"]["To 3DGS"] == "-2.27"
-    assert several["GS-Hider, 1 message", "Cover", "here"]["To 3DGS"] == "-1.25"
+    assert several["GS-Hider, 2 messages", "Cover", "here"]["vs. 3DGS"] == "-2.27"
+    assert several["GS-Hider, 1 message", "Cover", "here"]["vs. 3DGS"] == "-1.25"
     weights = table(text, "GS-Hider: λ, test views")
     assert weights["0.25", "here"]["Message PSNR (dB)"] == "21.15"
     assert weights["1", "paper"]["Message SSIM"] == "0.847"
     assert table(text, "GS-Hider: Layers, test views")["3", "here"]["Message PSNR (dB)"] == "23.25"
     longer = table(text, "More iterations, test views: PSNR (dB)")
-    assert longer["3DGS", "Cover", "6,000", "here"]["To the fewest iterations"] == "+0.15"
+    assert longer["3DGS", "Cover", "6,000", "here"]["vs. fewest iterations"] == "+0.15"
 
 
 def test_relations_are_computed(everything: dict[str, Artifact]) -> None:
     found = table(markdown(everything), "Relations on test views")
-    hiding, image = "One scene hidden in another", "An image hidden at one view"
+    hiding, image = "One scene hidden in another", "An image hidden in one view"
     above = found[hiding, "GS-Hider above 3DGS+SH on the cover"]
     assert (above["Average"], above["Paper"], above["Verdict"]) == ("+1.05 dB", "+1.128 dB", "holds")
     assert found[hiding, "Homogeneous GS-Hider above 3DGS on the cover"]["Verdict"] == "does not hold"
-    size = found[hiding, "GS-Hider's bytes, decoders included, over those of 3DGS"]
-    assert (size["Asked for"], size["Average"], size["Paper"]) == ("at most 0.60", "0.56", "0.517")
-    rival = found[hiding, "Homogeneous GS-Hider above GS-Hider on the message, as the rival is"]
+    size = found[hiding, "GS-Hider's bytes, including decoders, over those of 3DGS"]
+    assert (size["Required"], size["Average"], size["Paper"]) == ("at most 0.60", "0.56", "0.517")
+    rival = found[hiding, "Homogeneous GS-Hider above GS-Hider on the message by the rival's margin"]
     assert (rival["Paper"], rival["Verdict"]) == ("+1.341 dB (Splats in Splats)", "holds")
     assert found[image, "GS-Hider: the image"]["Average"] == "44.12 dB"
     assert found["Ablations", "M = 16 above 32 on the cover"]["Verdict"] == "does not hold, within noise"
     assert found["Ablations", "λ = 0.25 above 0.5 on the cover"]["Paper"] == "+0.339 dB"
     longer = "At the plateau"
-    assert found[longer, "3DGS: what 6,000 iterations gain over 3,000 on the cover"]["Average"] == "+0.15 dB"
-    beyond = "Homogeneous GS-Hider above GS-Hider on the cover, as the rival is, after 6,000 iterations"
+    assert found[longer, "3DGS: gain of 6,000 iterations over 3,000 on the cover"]["Average"] == "+0.15 dB"
+    beyond = "Homogeneous GS-Hider above GS-Hider on the cover by the rival's margin, after 6,000 iterations"
     assert beyond in {relation for title, relation in found if title == longer}
     holding = sum(line["Verdict"].startswith("holds") for line in found.values())
     assert f"{holding} of {len(found)}" in everything["owner"].file("report.html").read_text()
@@ -183,7 +183,7 @@ def test_a_relation_that_turns_is_told(tmp_path: Path) -> None:
     found = table(markdown(compared(tmp_path, items)), "Relations on test views")
     hiding = "One scene hidden in another"
     assert found[hiding, "GS-Hider above 3DGS+SH on the cover"]["Verdict"] == "does not hold"
-    assert found[hiding, "GS-Hider not far under 3DGS on the cover"]["Average"] == "-3.25 dB"
+    assert found[hiding, "GS-Hider not far below 3DGS on the cover"]["Average"] == "-3.25 dB"
     assert found[hiding, "GS-Hider above 3DGS+SH on the message"]["Verdict"] == "holds"
 
 
@@ -191,11 +191,11 @@ def test_the_owner_is_told_of_failures_noise_and_the_command(everything: dict[st
     text = markdown(everything)
     assert f"\n    {COMMAND}\n" in text
     assert "Not made: late: hide: no memory \\<b\\>" in text
-    assert "differs by 0.05 dB on the cover (15 runs on fox) and 0.08 dB on the message (12 runs on fox)" in text
+    assert "next: 0.05 dB on the cover (15 runs on fox) and 0.08 dB on the message (12 runs on fox)" in text
     assert "the mean of its row is 25.178" in text
     page = everything["owner"].file("report.html").read_text()
     assert "no memory &lt;b&gt;" in page
-    assert "clamped to [0, 1] first" in page
+    assert "colours clamped to [0, 1]" in page
 
 
 def test_the_page_is_whole_and_fetches_nothing(everything: dict[str, Artifact]) -> None:
@@ -220,7 +220,7 @@ def test_the_public_learns_of_no_message(everything: dict[str, Artifact]) -> Non
     found = table(markdown(everything, "public"), "Test views")
     assert found["3DGS", "PSNR (dB)"]["1"] == "26.90 ± 0.05 (n = 3)"
     assert found["Scene 3", "PSNR (dB)"]["2"] == "23.10"
-    assert found["Scene 4", "Time a frame (ms)"]["1"] == "22.0"
+    assert found["Scene 4", "Time per frame (ms)"]["1"] == "22.0"
     assert not [row for row in found.values() if "n = 2" in str(row)], "what differs in its message is another scene"
 
 
@@ -273,8 +273,8 @@ def test_sizes_without_the_message_decoder_are_said_to_be(tmp_path: Path) -> Non
     item = Item("fox", {"capture": "fox", "method": "gs_hider"}, "scores[fox]", metrics(tmp_path, "fox", rows))
     text = markdown(compared(tmp_path, [item]))
     assert table(text, "PSNR (dB), test views")["GS-Hider", "Cover", "here"]["Size (MB)"] == "2.82"
-    assert "the message decoder is not in it" in text
-    assert "How large the noise is was not measured" in text
+    assert "what is published, without the message decoder" in text
+    assert "The noise was not measured here" in text
 
 
 def test_columns_may_have_other_names(tmp_path: Path) -> None:

@@ -185,7 +185,7 @@ def test_the_public_page_shows_the_scene(inputs: dict, tmp_path: Path) -> None:
         "courtyard",
     ):
         assert expected in text, expected
-    assert "Nothing of it is public." not in text
+    assert "None of it is public." not in text
     assert shows(text, COVER.truth[0])
     assert shows(text, COVER.rendered[0])
     assert shows(text, PLAIN.rendered[0])
@@ -199,7 +199,7 @@ def test_an_artifact_that_is_private_is_not_read_for_the_public_page(inputs: dic
     assert not embedded_pictures(text)
     assert not embedded_videos(text)
     assert "Moving camera" not in text
-    assert "Nothing of it is public." in text
+    assert "None of it is public." in text
     assert "31.25" in text_of(made["owner"])
 
 
@@ -241,8 +241,8 @@ def test_a_hidden_image_is_told_of_at_its_view(inputs: dict, tmp_path: Path) -> 
     ]
     given = {**inputs, "scores": (metrics(tmp_path / "image", rows, True),)}
     top = top_of(text_of(pages(given, tmp_path / "made")["owner"]))
-    assert f"the cover reaches 31.25 dB, {PLANTED} 43.21 dB at the view that hides it." in top
-    assert f'<span class="label">{PLANTED}, at its view</span> <strong>43.21 dB</strong>' in top
+    assert f"the cover reaches 31.25 dB, {PLANTED} 43.21 dB in the view that hides it." in top
+    assert f'<span class="label">{PLANTED}, in its view</span> <strong>43.21 dB</strong>' in top
 
 
 def top_of(text: str) -> str:

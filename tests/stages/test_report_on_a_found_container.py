@@ -39,13 +39,13 @@ def recovered(path: Path, verdict: str, **others: float) -> dict[str, tuple[Arti
         (
             IS_YOURS,
             {},
-            "This is your container: it has 98.1 % of the Gaussians that you published, which are 99.8 % of its own. "
+            "This is your container: it has 98.1 % of the Gaussians you published, and they are 99.8 % of its own. "
             "It was turned by 12.0 degrees, moved by 3.5.",
         ),
         (
             IS_YOURS,
             {"degrees": 0, "shift": 0, "feature_change": 0.2},
-            "of its own. It lies where you left it, and its features were changed. So are those of another container",
+            "of its own. It lies where you left it, and its features were changed. Another container that you made",
         ),
         (
             IS_YOURS,
@@ -55,8 +55,8 @@ def recovered(path: Path, verdict: str, **others: float) -> dict[str, tuple[Arti
         (
             MAY_BE_YOURS,
             {"matched": 0.031, "found_again": 0.042, "scale": 2.5},
-            "This may be your container, a part of it, or one of the same photos: 3.1 % of its Gaussians lie where "
-            "4.2 % of those that you published do. It was turned by 12.0 degrees, moved by 3.5, scaled by 2.5.",
+            "This may be your container, a part of it, or one made from the same photos: 3.1 % of its Gaussians "
+            "lie where 4.2 % of those you published lie. It was turned by 12.0 degrees, moved by 3.5, scaled by 2.5.",
         ),
     ],
 )
@@ -75,5 +75,5 @@ def test_whose_a_found_container_is_stands_at_the_top(
 
 def test_figures_of_another_stage_are_refused(tmp_path: Path) -> None:
     scores = {"scores": (metrics(tmp_path / "scores", PUBLIC_ROWS, True),)}
-    with pytest.raises(UserError, match=r"do not say whose a container is; found psnr, .*stage that uses recover"):
+    with pytest.raises(UserError, match=r"do not say whose container it is; found psnr, .*stage that uses recover"):
         pages({**scores, **recovered(tmp_path / "figures", "psnr")}, tmp_path / "made")

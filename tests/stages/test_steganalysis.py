@@ -173,10 +173,10 @@ def test_trainings_of_one_scene_are_one_scene_to_learn_from(tmp_path: Path) -> N
     counts = {row.quantity: row.value for row in rows if row.quantity in (TRAINING_SCENES, TRAINING_PAIRS)}
     assert counts == {TRAINING_SCENES: 2, TRAINING_PAIRS: 3}
     text = written(tmp_path / "several", [measured(tmp_path / "fox", rows, "fox", "gs_hider")], ())
-    assert "from 2 other scene(s), of each of which it saw one or more containers and as many clean trainings:" in text
+    assert "on 2 other scene(s), with one or more containers and as many clean trainings of each:" in text
     one = [row for row in rows if row.quantity != TRAINING_PAIRS]
     text = written(tmp_path / "single", [measured(tmp_path / "as_before", one, "fox", "gs_hider")], ())
-    assert "from 2 other scene(s), of each of which it saw one container and one clean training:" in text
+    assert "on 2 other scene(s), with one container and one clean training of each:" in text
 
 
 def test_renders_are_collected_where_they_stay() -> None:
@@ -230,7 +230,7 @@ def measured(folder: Path, rows: Sequence[Measurement], capture: str, method: st
     return Item(method, {"cover": capture, "method": method}, "stegexpose", load(folder / "measurements"))
 
 
-def written(folder: Path, given: Sequence[Item], captures: Sequence[str] = ("All together", "fox")) -> str:
+def written(folder: Path, given: Sequence[Item], captures: Sequence[str] = ("All captures", "fox")) -> str:
     parameters = CompareWithPaperParameters(tables=("steganalysis",), capture_column="cover")
     made = run_stage(
         compare_with_paper,
@@ -275,14 +275,15 @@ def test_the_page_tells_rendering_from_hiding(tmp_path: Path) -> None:
     ]
     given += [measured(tmp_path / "more" / str(n), each, "fox", "sh") for n, each in enumerate((learnt, attributes))]
     text = written(tmp_path / "out", given)
-    assert "what is seen is mostly that they are renders. Renders with and without a message: not told apart" in text
-    assert "what is seen is more than rendering. Renders with and without a message: told apart" in text
-    assert "| 3DGS+SH | not measured | told apart | not measured | attributes that no clean one has: 2 |" in text
+    verdict = "Renders with and without a message:"
+    assert f"what is detected is mostly that they are renders. {verdict} not distinguished" in text
+    assert f"what is detected is more than rendering. {verdict} distinguished" in text
+    assert "| 3DGS+SH | not measured | distinguished | not measured | attributes that no clean file has: 2 |" in text
     assert "|  | renders | two that hide nothing, against each other | 0.50 (0.50 to 0.50)" in text
     assert "1.500 (0.900)" in text
     lines = [line for line in text.splitlines() if "renders that hide, against photos" in line]
     assert "1.00 (1.00 to 1.00) | 1.00 (1.00 to 1.00) | 1.00 (1.00 to 1.00)" in lines[0]
     assert "1.00 (1.00 to 1.00 ↓)" in lines[1]
-    assert "3DGS+Decoder: two-sided area by which StegExpose tells what hides from what does not" in text
+    assert "3DGS+Decoder: two-sided area of StegExpose, renders that hide against renders that do not" in text
     assert "does not hold" in text
     assert "40 | 40" in text

@@ -118,7 +118,7 @@ def test_what_was_stolen_shows_its_owner_the_message(tmp_path: Path, store: Path
     assert MESSAGE in owner
     assert MESSAGE not in public
     assert (
-        "This is your container: it has 85.0 % of the Gaussians that you published, which are 100.0 % of its own. "
+        "This is your container: it has 85.0 % of the Gaussians you published, and they are 100.0 % of its own. "
         "It was turned by 90.0"
     ) in owner
     assert "your container" not in public

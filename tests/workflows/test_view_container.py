@@ -47,7 +47,7 @@ def test_the_public_folder_shows_the_cover(store: Path, given: Path) -> None:
     for name in ("owner", "public"):
         assert page(made, name).count("<video") == 1
         assert page(made, name).count("<img") == 6
-    assert "as anyone sees it who has its files" in page(made, "owner")
+    assert "as anyone with its files sees it" in page(made, "owner")
     assert "photos" not in page(made, "public")
 
 
@@ -55,7 +55,7 @@ def test_a_friend_sees_the_message_beside_it(store: Path, given: Path) -> None:
     folders = [f"--set=bundle={given / 'bundle'}", f"--set=container.secret={given / 'secret_bundle'}"]
     made = run(WORKFLOW, store, *folders)
     owner, public = page(made, "owner"), page(made, "public")
-    assert f"what your secret shows in it: {MESSAGE}." in owner
+    assert f"what your secret reveals in it: {MESSAGE}." in owner
     assert owner.count("<img") == 12
     assert MESSAGE not in public
     assert public.count("<img") == 6

@@ -81,7 +81,7 @@ def owner_page(results: Sequence[Result], workflow: str) -> BatchPage:
         *_tile("3DGS of the cover alone", made, OWNER_FIGURES, Figure(REFERENCE, OWNER_FIGURES[0].column)),
     )
     names = tuple(dict.fromkeys(name for result in results for name in result.values))
-    note = "Time: of all stages behind a row; what rows share counts in each."
+    note = "Time: all stages behind a row together; stages shared by several rows count in each."
     return _page(workflow, f"{told}.", tiles, names, results, OWNER_FIGURES, OWNER_SUBJECTS, note)
 
 
@@ -91,7 +91,7 @@ def public_page(results: Sequence[Result], columns: Sequence[str]) -> BatchPage:
         Result({"Scene": _scene_name(result, columns, number)}, result.figures, math.nan)
         for number, result in enumerate((result for result in results if result.made), start=1)
     ]
-    summary = "Scenes of 3D Gaussians, compared with photos that they were not fitted to."
+    summary = "Scenes of 3D Gaussians, compared with held-out photos."
     tiles = (
         Tile("Scenes", str(len(made)), ""),
         *_tile("Test views", made, PUBLIC_FIGURES, PUBLIC_FIGURES[0]),

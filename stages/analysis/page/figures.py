@@ -12,7 +12,7 @@ MISSING = "–"
 WORDING: Mapping[str, tuple[str, str]] = {
     "psnr": (
         "PSNR",
-        "-10 log10 of the mean squared error over the whole picture, whose colours are clamped to [0, 1] first.",
+        "-10 log10 of the mean squared error over the whole picture, with colours clamped to [0, 1].",
     ),
     "ssim": (
         "SSIM",
@@ -20,34 +20,34 @@ WORDING: Mapping[str, tuple[str, str]] = {
     ),
     "lpips_vgg": (
         "LPIPS",
-        "Learned perceptual distance, version 0.1, between features of VGG16, colours from -1 to 1 as it is defined. "
-        "The script of 3DGS gives it colours from 0 to 1, which comes to up to a tenth more or less.",
+        "Learned perceptual distance, version 0.1, between features of VGG16, with colours from -1 to 1 as LPIPS is "
+        "defined. The script of 3DGS passes colours from 0 to 1, which raises or lowers it by up to a tenth.",
     ),
     "lpips_alex": ("LPIPS (AlexNet)", "Learned perceptual distance, version 0.1, between features of AlexNet."),
-    "psnr_covered": ("PSNR, covered", "PSNR over those pixels only that the message fills."),
-    "ssim_covered": ("SSIM, covered", "SSIM averaged over those pixels only that the message fills."),
+    "psnr_covered": ("PSNR, covered", "PSNR over only the pixels that the message fills."),
+    "ssim_covered": ("SSIM, covered", "SSIM averaged over only the pixels that the message fills."),
     "psnr_constant": (
         "One colour",
-        "PSNR, over the same covered pixels, of the best picture of one colour: the floor.",
+        "PSNR of the best single-colour picture over the same covered pixels: the floor.",
     ),
     "coverage": ("Coverage", "How much of the picture the message fills, from 0 to 1."),
     "legal": ("Legal", "1 where the message fills enough of the picture to be scored, otherwise 0."),
     "hides_image": ("Hides the image", "1 for the view that hides the image."),
-    "container_bytes": ("Size", "All that is published, uncompressed."),
-    "total_bytes": ("Size in all", "All that is published and the secret decoder, uncompressed."),
+    "container_bytes": ("Size", "Everything that is published, uncompressed."),
+    "total_bytes": ("Total size", "Everything that is published plus the secret decoder, uncompressed."),
     "gaussians": ("Gaussians", "How many Gaussians the scene has."),
-    "seconds_per_frame": ("Time a frame", "Wall-clock time to render one picture, decoding included."),
+    "seconds_per_frame": ("Time per frame", "Wall-clock time to render one picture, decoding included."),
     "seconds_per_feature_map": (
-        "Time a feature map",
+        "Time per feature map",
         "Wall-clock time to blend one feature map, before it is decoded.",
     ),
     "residual_correlation": (
         "Residual and message",
-        "Correlation, without sign, of the cover's error with the message of that view.",
+        "Absolute correlation of the cover's error with the message in that view.",
     ),
     "residual_correlation_others": (
         "Residual and others",
-        "The same with the message of the other test views: what chance gives.",
+        "The same with the message in the other test views: the level of chance.",
     ),
     "loss": ("Loss", "The training objective, averaged since the previous point of the curve."),
 }

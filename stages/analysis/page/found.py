@@ -39,7 +39,7 @@ def _read(artifact: Artifact) -> Found:
     figures = {row.quantity: row.value for row in read_measurements(artifact)}
     if not {IS_YOURS, MAY_BE_YOURS} & figures.keys() or not figures.keys() >= set(MEASURED):
         raise UserError(
-            "figures that do not say whose a container is",
+            "figures that do not say whose container it is",
             where=str(artifact.path),
             found=", ".join(figures) or "none",
             expected=f"{IS_YOURS} or {MAY_BE_YOURS}, {', '.join(MEASURED)}",

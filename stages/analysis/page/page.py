@@ -87,7 +87,8 @@ class Page:
     def about_pictures(self) -> str:
         """A note on the pictures if some are shown at a reduced size; otherwise empty."""
         shrunk = (
-            f"Shown at most {LONGEST_SIDE} pixels long. Figures are of whole pictures, which `show --pictures` writes."
+            f"Shown at most {LONGEST_SIDE} pixels long. Figures are for full-size pictures; `show --pictures` writes "
+            "them."
         )
         return shrunk if are_shrunk(self.galleries) else ""
 
@@ -133,13 +134,13 @@ def public_page(material: Material, views: int) -> Page:
     gallery = None if pictures is None else pictures.without_names
     tiles = (*scene_tiles(material, "Scene"), *public_placed_tiles(material))
     held = bool(material.scores) or any(each.has_truth for each in material.pictures)
-    compared = f"A scene of 3D Gaussians{', compared with photos that it was not fitted to' if held else ''}."
+    compared = f"A scene of 3D Gaussians{', compared with held-out photos' if held else ''}."
     return _page(
         material,
         [gallery],
         films,
         title="A Gaussian splatting scene",
-        summary=compared if gallery or films or tiles else "Nothing of it is public.",
+        summary=compared if gallery or films or tiles else "None of it is public.",
         notices=(),
         tiles=tiles,
         command="",
@@ -187,7 +188,7 @@ def _page(
 def _remark(rows: Sequence[MetricRow]) -> str:
     if not rows or any(row.quantity.startswith("lpips") and not math.isnan(row.value) for row in rows):
         return ""
-    return f"LPIPS was not measured. Where its weights are missing: {HOW_TO_INSTALL}"
+    return f"LPIPS was not measured. If its weights are missing: {HOW_TO_INSTALL}"
 
 
 def _chart(title: str, curves: Sequence[MetricRow], quantity: str, logarithmic: bool = False) -> Chart | None:

@@ -13,8 +13,8 @@ from stages.analysis.page.tables import Column, mean_of, rows_about
 from stages.scene.remarks import CHOOSE_ANOTHER, HARDLY_SEEN, told_of_cropping, told_of_unread, why_not_placed
 
 OTHERS_OF_YOURS = (
-    "So are those of another container that you made of the same splats, such as one with a grain: if you published "
-    "several, look at it beside the files of each."
+    "Another container that you made from the same splats, such as one with a grain, would look the same: if you "
+    "published several, compare it with the files of each."
 )
 """A hint for owners: compared with the wrong one of several containers, the message seems to be destroyed."""
 
@@ -46,7 +46,7 @@ def _message_psnr(material: Material, message: str) -> str:
     there = _image_psnr(material, message)
     if math.isnan(there):
         return _test_psnr(material, message)
-    return f"{write_figure('psnr', there)} dB at the view that hides it"
+    return f"{write_figure('psnr', there)} dB in the view that hides it"
 
 
 def _image_psnr(material: Material, message: str) -> float:
@@ -62,18 +62,18 @@ def _shown_summary(material: Material) -> str:
         return "Nothing was measured."
     messages = [each.title for each in material.pictures if each.role == "message"]
     if not messages:
-        return "A Gaussian splatting scene, as anyone sees it who has its files."
-    return f"A Gaussian splatting scene, and what your secret shows in it: {', '.join(messages)}."
+        return "A Gaussian splatting scene as anyone with its files sees it."
+    return f"A Gaussian splatting scene, and what your secret reveals in it: {', '.join(messages)}."
 
 
 def owner_verdict(found: Found) -> str:
     """Whose container was found, and what was done to it, in plain words."""
     again, own = f"{100 * found.found_again:.1f} %", f"{100 * found.matched:.1f} %"
-    whose = f"This is your container: it has {again} of the Gaussians that you published, which are {own} of its own."
+    whose = f"This is your container: it has {again} of the Gaussians you published, and they are {own} of its own."
     if not found.is_yours:
         whose = (
-            "This may be your container, a part of it, or one of the same photos: "
-            f"{own} of its Gaussians lie where {again} of those that you published do."
+            "This may be your container, a part of it, or one made from the same photos: "
+            f"{own} of its Gaussians lie where {again} of those you published lie."
         )
     done = (
         "mirrored" if found.mirrored else "",
@@ -99,7 +99,7 @@ def scene_tiles(material: Material, name: str) -> tuple[Tile, ...]:
         *_tile(f"{name}, test views", "psnr", mean_of(rows, Column("psnr", "test")), " dB", others),
         *_tile("SSIM, test views", "ssim", mean_of(rows, Column("ssim", "test")), note=_size(material)),
         *_tile("Published size", "container_bytes", mean_of(rows, Column("container_bytes")), " MB", count),
-        *_tile("Time a frame", "seconds_per_frame", mean_of(rows, Column("seconds_per_frame")), " ms"),
+        *_tile("Time per frame", "seconds_per_frame", mean_of(rows, Column("seconds_per_frame")), " ms"),
     )
 
 
@@ -113,7 +113,7 @@ def message_tiles(material: Material) -> tuple[Tile, ...]:
     """Each message's PSNR over its covered pixels, beside the best single colour; an image's in the view hiding it."""
     tiles: list[Tile] = []
     for message in material.messages:
-        tiles += _tile(f"{message}, at its view", "psnr", _image_psnr(material, message), " dB")
+        tiles += _tile(f"{message}, in its view", "psnr", _image_psnr(material, message), " dB")
         rows = rows_about(material.scores, material.methods[0], message)
         covered = mean_of(rows, Column("psnr_covered", "test"))
         constant = write_figure("psnr_constant", mean_of(rows, Column("psnr_constant", "test")))
@@ -146,13 +146,13 @@ def owner_notices(material: Material) -> tuple[str, ...]:
     facts = {record.name: record.facts for record in material.lineage}
     return (
         *(
-            f"{placed.stage}: {placed.registered} of {placed.total} photos could be placed; what the others alone show "
+            f"{placed.stage}: {placed.registered} of {placed.total} photos could be placed; what only the others show "
             f"is missing. The log of {placed.stage} names them. {why_not_placed(facts.get(placed.stage, {}))}"
             for placed in material.placed
             if placed.left_out
         ),
         *(
-            f"{record.name}: {said} The log of {record.name} names which to leave out."
+            f"{record.name}: {said} The log of {record.name} names the photos to leave out."
             for record in material.lineage
             if (said := told_of_cropping(record.facts))
         ),

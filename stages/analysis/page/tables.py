@@ -39,19 +39,19 @@ LEGAL_COLUMNS = (
     *(Column(quantity, "test", "Legal test views", only_legal=True) for quantity in PICTURE_QUANTITIES),
 )
 LEAKAGE_COLUMNS = tuple(
-    Column(quantity, "test", "Cover's error and the message: correlation", heading)
+    Column(quantity, "test", "Correlation of the cover's error with the message", heading)
     for quantity, heading in LEAKAGE_QUANTITIES.items()
 )
-FOUND_GROUPS = (("What was done and undone", 5), ("Gaussians", 4))
+FOUND_GROUPS = (("Changes, now undone", 5), ("Gaussians", 4))
 FOUND_HEADINGS = (
-    *("Mirrored", "Turn (degrees)", "Shift", "Scale", "Features"),
-    *("Published", "Found", "Matched (%)", "Again (%)"),
+    *("Mirrored", "Rotation (degrees)", "Shift", "Scale", "Features"),
+    *("Published", "Found", "Matched (%)", "Found again (%)"),
 )
 FOUND_WORDING = (
     ("Shift", "How far the centre was moved, in units of the published scene."),
-    ("Features", "By how much features in [0, 1] were changed back, root mean square."),
-    ("Matched", "How many of the found Gaussians are published ones, by place once moved back, or by shape."),
-    ("Again", "How many of the published Gaussians were found there."),
+    ("Features", "How much features in [0, 1] were changed back, root mean square."),
+    ("Matched", "How many of the found Gaussians are published ones, by position once moved back, or by shape."),
+    ("Found again", "How many of the published Gaussians are in the found container."),
 )
 
 
@@ -108,7 +108,7 @@ def tables_of(material: Material) -> tuple[Table, ...]:
         _table("Cover" if messages else "Scene", cover, COVER_COLUMNS),
         _table("Messages on test views", hidden, (*message_columns("test", "Whole pictures"), *LEGAL_COLUMNS)),
         _table("Messages on training views", hidden, message_columns("train", "Whole pictures")),
-        _table("Trace of the messages in the cover, test views", hidden, LEAKAGE_COLUMNS),
+        _table("Traces of the messages in the cover, test views", hidden, LEAKAGE_COLUMNS),
     )
     return (*_found_tables(material.found), *(table for table in tables if table is not None))
 

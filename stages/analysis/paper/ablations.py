@@ -119,10 +119,10 @@ def _grid(
         lines.append(Line((_written(value), HERE), cells))
         if isinstance(value, float | int) and value in printed:
             lines.append(_published_line(_written(value), printed[value]))
-    note = f"Averages over {len(captures)} captures, or as many as a figure says"
+    note = f"Averages over {len(captures)} captures, or as many as stated"
     if len(captures) == 1:
         note = "Averages over 1 capture"
-    notes = (f"{note}; the paper's over nine.", noise_note(noises(runs, study))) if split == "test" else (f"{note}.",)
+    notes = (f"{note}; the paper's: over nine.", noise_note(noises(runs, study))) if split == "test" else (f"{note}.",)
     return without_empty_columns(
         Grid(
             f"{_caption(method, name)}, {VIEWS[split]}",

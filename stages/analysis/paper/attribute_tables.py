@@ -25,14 +25,14 @@ def attributes_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
         for quantity, title, form in _quantities(experiments)
     ]
     return Grid(
-        "Gaussians of the container beside those of a clean one: Jensen-Shannon divergence of histograms (bits)",
+        "The container's Gaussians compared with a clean one's: Jensen-Shannon divergence of histograms (bits)",
         ("Method", "Attribute"),
         tuple(map(capture_title, captures)),
         tuple(lines),
         (
-            "0: alike; 1: no value in common. Second figures: two clean containers that differ in their seed alone. "
-            "Nobody who finds a container has its clean twin: a divergence says that there is something to learn, not "
-            "that it was learnt. An attribute that only the container has needs no statistics: its name stands in the "
+            "0: identical; 1: no value in common. Second figures: two clean containers that differ only in their seed. "
+            "Nobody who finds a container has its clean twin: a divergence means that there is something to learn, not "
+            "that it was learnt. An attribute that only the container has needs no statistics: its name is in the "
             "published file.",
         ),
     )
@@ -55,7 +55,7 @@ def widest_divergence(experiments: Sequence[Experiment]) -> str:
     if not found:
         return ""
     _, title, hidden, clean = max(found)
-    return f"{title}: {hidden:.3f} bits from a clean one's, two clean ones {clean:.3f}"
+    return f"{title}: {hidden:.3f} bits from a clean one; between two clean ones, {clean:.3f}"
 
 
 def attribute_charts(by_method: ByMethod) -> Iterator[Chart]:
@@ -67,7 +67,7 @@ def attribute_charts(by_method: ByMethod) -> Iterator[Chart]:
                 Series(title, _histogram(first, quantity, condition)) for condition, title in CLASS_TITLES.items()
             ]
             title = f"{title_of(method)}, {capture_title(first.capture)}: {attribute}"
-            chart = line_chart(title, series, from_zero=False, axes=(attribute, "share of the values in a bin"))
+            chart = line_chart(title, series, from_zero=False, axes=(attribute, "share of values in each bin"))
             if chart is not None:
                 yield chart
 
@@ -82,7 +82,7 @@ def _quantities(experiments: Sequence[Experiment]) -> list[tuple[str, str, str]]
             DIVERGENCE: attribute,
             CHANNELS: f"{attribute}, channel by channel",
             GAUSSIANS: "number of Gaussians, as a ratio",
-            ONLY_THERE: "attributes that only it has",
+            ONLY_THERE: "attributes that the clean one lacks",
         }.get(quantity)
         if title is not None:
             found.append((name, title, "{:.0f}" if quantity == ONLY_THERE else "{:.3f}"))

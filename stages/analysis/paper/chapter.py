@@ -96,7 +96,7 @@ def noise_note(spreads: Mapping[str, Noise], quantity: str = "psnr", unit: str =
     ]
     if not told:
         return (
-            "How large the noise is was not measured here: no two runs differ in their seed alone. Table 1 "
-            "(fidelity.yaml) has three seeds."
+            "The noise was not measured here: no two runs differ only in their seed. Table 1 (fidelity.yaml) has three "
+            "seeds."
         )
-    return f"One seed to the next differs by {' and '.join(told)}, as a standard deviation."
+    return f"Standard deviation from one seed to the next: {' and '.join(told)}."

@@ -143,17 +143,17 @@ def verdict(experiments: Sequence[Experiment], quantity: str) -> str:
     told = [own for own in captures if _is_told_apart(own, quantity)]
     some = f"on {len(told)} of {len(captures)} captures" if 0 < len(told) < len(captures) else ""
     if hiding.low > 0.5 and not excess.low <= 0:
-        words = "told apart" if hiding.value > UNNOTICED else "hardly told apart"
-        words += f" (by itself {some})" if some else ""
+        words = "distinguished" if hiding.value > UNNOTICED else "barely distinguished"
+        words += f" (individually {some})" if some else ""
     elif some:
-        words = f"told apart {some} alone"
+        words = f"distinguished only {some}"
     elif hiding.low > 0.5:
-        return "told apart, but not surely farther than two that hide nothing"
+        return "distinguished, but not significantly better than two that hide nothing"
     else:
-        return "not told apart"
+        return "not distinguished"
     ways = {is_inverted(own, quantity, HIDING) for own in told}
     words += ", in opposite directions" if len(ways) > 1 else ""
-    return words + (", how far chance does it was not measured" if math.isnan(excess.value) else "")
+    return words + (", but the level of chance was not measured" if math.isnan(excess.value) else "")
 
 
 def _is_told_apart(capture: Sequence[Experiment], quantity: str) -> bool:

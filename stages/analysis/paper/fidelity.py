@@ -75,8 +75,8 @@ def hides_one_scene(run: Run) -> bool:
 def size_note(runs: Sequence[Run]) -> str:
     """What the sizes include."""
     if any(math.isnan(total_bytes(run)) and not math.isnan(published_bytes(run)) for run in runs):
-        return "Size: what is published; the message decoder is not in it."
-    return "Size: all that is stored, both decoders included."
+        return "Size: what is published, without the message decoder."
+    return "Size: everything that is stored, including both decoders."
 
 
 def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: Published | None) -> Grid:
@@ -142,7 +142,7 @@ def _tiles(runs: Sequence[Run], tables: Published) -> tuple[Tile, ...]:
         if not measured.by_capture:
             continue
         lost = signed("psnr", measured.minus(plain).average.mean)
-        note = [f"{lost} dB to 3DGS"] if lost else []
+        note = [f"{lost} dB vs. 3DGS"] if lost else []
         if method in tables.fidelity:
             difference = average(tables.fidelity[method].cover) - average(tables.fidelity[PLAIN].cover)
             note.append(f"the paper {signed('psnr', difference)}")

@@ -39,7 +39,7 @@ def paper_relations(runs: Sequence[Run], study: Study, tables: Published) -> lis
     return [
         *found,
         Relation(
-            f"{title_of(GS_HIDER)} not far under 3DGS on the cover",
+            f"{title_of(GS_HIDER)} not far below 3DGS on the cover",
             "difference",
             "at least",
             -MOST_LOST_ON_THE_COVER,
@@ -48,7 +48,7 @@ def paper_relations(runs: Sequence[Run], study: Study, tables: Published) -> lis
             spreads["cover"],
         ),
         Relation(
-            f"{title_of(GS_HIDER)}'s bytes, decoders included, over those of 3DGS",
+            f"{title_of(GS_HIDER)}'s bytes, including decoders, over those of 3DGS",
             "ratio",
             "at most",
             LARGEST_SHARE_OF_BYTES,
@@ -69,7 +69,7 @@ def own_relations(runs: Sequence[Run], study: Study, tables: Published) -> list[
     return [
         *(
             Relation(
-                f"{name} above {title_of(GS_HIDER)} on the {subject}, as the rival is",
+                f"{name} above {title_of(GS_HIDER)} on the {subject} by the rival's margin",
                 "difference",
                 "at least",
                 gain,

@@ -24,7 +24,7 @@ from stages.analysis.paper.runs import Run, Study
 
 PARTS = {"seconds_per_frame": "Frame", "seconds_per_feature_map": "Feature map"}
 SLOWEST = 1.2
-NOTE = "The paper's on a GPU, at the sizes of 3DGS; these on the device and at the size of this workflow."
+NOTE = "The paper's times are on a GPU at the sizes of 3DGS; these are on this workflow's device at its size."
 
 
 def frame_time(study: Study, tables: Published) -> Chapter:
@@ -43,10 +43,10 @@ def frame_time(study: Study, tables: Published) -> Chapter:
                 lines.append(
                     Line((title, part, PAPER), tuple(published_cells(quantity, row, None, captures, tables)), True)
                 )
-    grid = Grid("Time a frame (ms)", ("Method", "Part", "Figures"), headings(captures), tuple(lines), (NOTE,))
+    grid = Grid("Time per frame (ms)", ("Method", "Part", "Figures"), headings(captures), tuple(lines), (NOTE,))
     frame, as_usual = cover("seconds_per_frame", None), usual([run for run in runs if not _hides_nothing(run, study)])
     relation = Relation(
-        f"{title_of(OURS)}'s time a frame over that of {title_of(GS_HIDER)}",
+        f"{title_of(OURS)}'s time per frame over that of {title_of(GS_HIDER)}",
         "ratio",
         "at most",
         SLOWEST,

@@ -14,9 +14,10 @@ from stages.analysis.paper.measuring import UNKNOWN, Measured, Spread
 from stages.analysis.paper.published import Published, Row, average
 from stages.analysis.paper.runs import capture_title
 from stages.imaging.metric_table import QUANTITIES
+from stages.scene.plurals import counted
 
 HERE, PAPER = "here", "paper"
-AVERAGE, DIFFERENCE = "Average", "To 3DGS"
+AVERAGE, DIFFERENCE = "Average", "vs. 3DGS"
 NOT_MEASURED = "not measured"
 SCALES = {"bytes": 1e-6, "s": 1e3}
 """Factors from units to those in which figures are written: MB and ms."""
@@ -133,10 +134,10 @@ def some_of(measured: Measured, captures: Collection[str]) -> str:
     """The number of captures that a figure is over, if that is not all of them, nor none; else empty.
 
     >>> some_of(Measured({"fox": Spread(1.0)}), ["fox", "kitchen"])
-    'of 1'
+    'on 1 capture'
     """
     lacking = [capture for capture in captures if capture not in measured.by_capture]
-    return f"of {len(measured.by_capture)}" if lacking and measured.by_capture else ""
+    return f"on {counted(len(measured.by_capture), 'capture')}" if lacking and measured.by_capture else ""
 
 
 def measured_cells(

@@ -27,8 +27,8 @@ def write_markdown(page: TablesPage) -> str:
         if chapter.charts:
             parts.append(f"![{_text(chapter.title)}]({drawing_file(chapter.title)})")
     if page.relations:
-        parts += ["## What should be seen", *_grid(page.relations)]
-    parts += ["## To read this", *map(_text, page.remarks)]
+        parts += ["## What should hold", *_grid(page.relations)]
+    parts += ["## How to read this", *map(_text, page.remarks)]
     parts.append("\n".join(f"- {_text(name)}: {_text(definition)}" for name, definition in page.definitions))
     if page.sources:
         parts += ["## Where the figures come from", *_grid(page.sources)]

@@ -72,7 +72,7 @@ def _relations(runs: tuple[Run, ...], study: Study, tables: Published) -> tuple[
     larger = of_method([run for run in runs if _is_larger(run, tables)], GS_HIDER, cover("psnr"))
     return (
         Relation(
-            f"{name} without a message not far under 3DGS",
+            f"{name} without a message not far below 3DGS",
             "difference",
             "at least",
             -MOST_LOST_WITHOUT_A_MESSAGE,
@@ -81,13 +81,13 @@ def _relations(runs: tuple[Run, ...], study: Study, tables: Published) -> tuple[
             noise,
         ),
         Relation(
-            f"{name} without a message: larger features and decoder approach 3DGS",
+            f"{name} without a message: larger features and decoder come closer to 3DGS",
             "difference",
             "more than",
             0.0,
             larger.minus(bare),
             noise=noise,
-            source="said",
+            source="stated",
         ),
     )
 

@@ -72,7 +72,7 @@ class TablesPage:
     definitions: tuple[tuple[str, str], ...]
     command: str
     sources: Grid | None
-    nothing: str = "Nothing of this was measured."
+    nothing: str = "None of this was measured."
 
     @property
     def grids(self) -> tuple[Grid, ...]:
@@ -87,9 +87,9 @@ def owner_page(study: Study, wanted: Sequence[str], tables: Published, title: st
     titled = [(chapter.title, relation) for chapter in chapters for relation in chapter.relations]
     captures = ", ".join(map(capture_title, study.captures)) or "no capture"
     return TablesPage(
-        f"{title}, beside the paper",
-        f"Measured on {captures}, beside what the GS-Hider paper prints for nine captures of Mip-NeRF 360. Captures, "
-        "picture sizes and iterations differ: differences between methods can be compared, absolute figures cannot.",
+        f"{title}, compared with the paper",
+        f"Measured on {captures}, next to the GS-Hider paper's figures for nine captures of Mip-NeRF 360. Captures, "
+        "picture sizes and iterations differ: compare differences between methods, not absolute figures.",
         (
             *_relations_tile(relation for _, relation in titled),
             *(tile for chapter in chapters for tile in chapter.tiles),
@@ -108,7 +108,7 @@ def public_page(study: Study, private: Study, names_captures: bool) -> TablesPag
     public = public_study(study, names_captures)
     return TablesPage(
         "Gaussian splatting scenes",
-        "Scenes of 3D Gaussians, compared with photos that they were not fitted to.",
+        "Scenes of 3D Gaussians, compared with held-out photos.",
         (),
         (public_chapter(public, private),),
         None,
@@ -134,16 +134,16 @@ def _relations_tile(relations: Iterable[Relation]) -> list[Tile]:
 
 def _remarks(study: Study, chapters: Sequence[Chapter], wanted: Sequence[str], tables: Published) -> list[str]:
     remarks = [
-        "Second figures under a capture are differences to what the last column names. Average: over the captures that "
-        "are shown; the paper's over all nine of its own. ±: standard deviation of n runs that differ in their seed "
-        "alone; of an average, that of the average, each capture having n runs.",
-        "Within noise: so near to what is asked for that other seeds could well change the verdict. What is compared "
-        "lies, in 95 % of cases, no farther from its mean than this (Student's t, by the standard deviation from one "
-        "seed to the next, how many runs told it, and how many are compared). The deviation is pooled over the "
-        "methods, of a table's runs or of all, whichever is more, and taken to be the same on captures where no seeds "
-        "were repeated, which need not be so. Where the tables tell no noise, none is known. Of areas under a "
-        "curve the deviation follows from their 95 % intervals, over views and detectors: how far another training "
-        "would differ they do not know.",
+        "Second figures under a capture are differences from what the last column names. Average: over the captures "
+        "shown; the paper's is over all nine of its own. ±: standard deviation of n runs that differ only in their "
+        "seed; for an average, that of the average, with n runs on each capture.",
+        "Within noise: so close to the required value that other seeds could well change the verdict. In 95 % of "
+        "cases, what is compared lies within this distance of its mean (Student's t, from the standard deviation "
+        "between seeds, the number of runs that it is estimated from, and the number of runs compared). The deviation "
+        "is pooled over methods, for a table's runs or for all runs, whichever is larger, and assumed to be the same "
+        "on captures where no seeds were repeated, which need not be so. Where the tables state no noise, none is "
+        "known. For areas under a curve, the deviation follows from their 95 % intervals over views and detectors, "
+        "which do not cover how much another training would differ.",
         *(
             f"The paper's average of {name!r} is {average:g}; the mean of its row is {mean:.5g}."
             for name, average, mean in wrong_averages(tables)
@@ -155,11 +155,11 @@ def _remarks(study: Study, chapters: Sequence[Chapter], wanted: Sequence[str], t
     if "ssim" in measured and lacking:
         networks = " and ".join(lacking)
         remarks.append(
-            f"LPIPS ({networks}) was not measured. Where a workflow asks for it, weights are missing: {HOW_TO_INSTALL}"
+            f"LPIPS ({networks}) was not measured. If the workflow asks for it, weights are missing: {HOW_TO_INSTALL}"
         )
     shown = {run for chapter in chapters for run in chapter.runs}
     left = [run for run in (*study.runs, *study.timings) if run not in shown]
     if left:
         named = dict.fromkeys(f"{capture_title(run.capture)}: {method_title(run)}" for run in left)
-        remarks.append(f"Measured, and in none of these tables: {'; '.join(named)}.")
+        remarks.append(f"Measured, but not in any of these tables: {'; '.join(named)}.")
     return [*remarks, *dict.fromkeys(f"Not made: {label}: {cause}" for label, cause in study.failures)]

@@ -38,7 +38,7 @@ def plateau(study: Study, tables: Published) -> Chapter:
     grid = Grid(
         "More iterations, test views: PSNR (dB)",
         ("Method", "Picture", "Iterations", "Figures"),
-        (*headings(study.captures)[:-1], "To the fewest iterations"),
+        (*headings(study.captures)[:-1], "vs. fewest iterations"),
         tuple(lines),
         (noise_note(noises(runs, study)),),
     )
@@ -57,8 +57,8 @@ def _gains(runs: Sequence[Run], study: Study) -> Iterator[Relation]:
             for count, once in by_count.items():
                 if 2 * count in by_count:
                     gained = measure(by_count[2 * count], figure).minus(measure(once, figure))
-                    more = f"{2 * count:,.0f} iterations gain over {count:,.0f}"
-                    text = f"{title_of(method)}: what {more} on the {subject}"
+                    more = f"gain of {2 * count:,.0f} iterations over {count:,.0f}"
+                    text = f"{title_of(method)}: {more} on the {subject}"
                     yield Relation(text, "difference", "less than", most, gained, noise=spreads[subject])
 
 

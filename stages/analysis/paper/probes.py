@@ -28,18 +28,18 @@ def probes(study: Study, tables: Published) -> Chapter:
             for probe, figure in found.items()
         ]
         cells = tuple(measured_cells("psnr", floor, None, study.captures))
-        lines.append(Line((title, "one colour, the best", HERE), cells))
+        lines.append(Line((title, "the best single colour", HERE), cells))
         relations += [_relation(title, probe, figure, floor) for probe, figure in found.items() if probe != OWN]
         shown += [run for group in runs.values() for run in group]
     grid = Grid(
         "What the message decoder shows, test views: PSNR over the message's pixels (dB)",
         ("Method", "Features", "Figures"),
-        (*headings(study.captures)[:-1], "To one colour"),
+        (*headings(study.captures)[:-1], "vs. one colour"),
         tuple(lines),
-        ("The geometry is the container's own, and the decoder the secret one. The paper gives no figures.",),
+        ("The geometry is the container's own, and the decoder is the secret one. The paper gives no figures.",),
     )
     return Chapter(
-        "Is the message decoded, or known by heart?", (without_empty_columns(grid),), tuple(relations), tuple(shown)
+        "Is the message decoded, or memorised?", (without_empty_columns(grid),), tuple(relations), tuple(shown)
     )
 
 

@@ -45,11 +45,11 @@ def pruning_table(by_method: Groups, tables: Published) -> Grid:
             lines += _lines(name, by_method, attack, variant.value / 100)
             lines.append(_published_line(name, [_of(variant, message, quantity) for message, quantity in COLUMNS]))
     notes = [
-        "Averages over captures, of fewer where it says so, and over seeds of what is pruned at random (LPIPS: one); "
-        "the paper's names no network."
+        "Averages over captures (fewer where stated) and over seeds of random pruning (LPIPS: one seed); the paper "
+        "does not name the network of its LPIPS."
     ]
     if not at_severity(_all(by_method), UNATTACKED, None, False, "lpips_vgg").by_capture:
-        notes.append(f"LPIPS (VGG16) was not measured. Where its weights are missing: {HOW_TO_INSTALL}")
+        notes.append(f"LPIPS (VGG16) was not measured. If its weights are missing: {HOW_TO_INSTALL}")
     headings = tuple(f"{'Message' if message else 'Cover'}: {label(quantity)}" for message, quantity in COLUMNS)
     return Grid("Pruned Gaussians, test views", ("Pruning", "Method", "Figures"), headings, tuple(lines), tuple(notes))
 
@@ -94,7 +94,7 @@ def _addition(
     after = at_severity(experiments, PRUNINGS["random"][1], 0.25, message, "psnr")
     picture = "message" if message else "cover"
     return Relation(
-        f"{title_of(method)}, 25 % at random: PSNR of the {picture} by the error that pruning adds, alone",
+        f"{title_of(method)}, 25 % at random: PSNR of the error that pruning adds to the {picture}",
         "figure",
         "at least",
         published,

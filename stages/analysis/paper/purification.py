@@ -15,10 +15,9 @@ from stages.analysis.paper.runs import capture_title
 VIEW_WEIGHTS: tuple[AttackName, AttackName] = ("view_weight_pruning", "view_weight_clustering")
 
 NOT_REPRODUCED = (
-    "GSPure (AAAI 2026) itself was not reproduced. It is known here by its idea alone: Gaussians are clustered by "
-    "their weight in views, and clusters that serve the message are pruned. The weights, the clusters and their order "
-    "are our own, and so are captures and sizes of pictures: what GSPure would do here is not known. Less is better "
-    "for the owner."
+    "GSPure (AAAI 2026) itself was not reproduced. Only its idea is used: Gaussians are clustered by their weight in "
+    "views, and clusters that serve the message are pruned. The weights, the clusters and their order are our own, as "
+    "are captures and picture sizes: how GSPure would perform here is not known. Lower is better for the owner."
 )
 
 
@@ -39,15 +38,15 @@ def purification(attacked: Attacked, tables: Published) -> Grid:
         for name, value in tables.purification.items()
     ]
     return Grid(
-        "View-weight pruning: the message's loss less the cover's (dB)",
+        "View-weight pruning: the message's loss minus the cover's (dB)",
         ("Method", "Figures"),
-        ("One by one", "By clusters", "All there is to lose", "One by one, no floor", "By clusters, no floor"),
+        ("One by one", "By clusters", "Most it can lose", "One by one, no floor", "By clusters, no floor"),
         (*ours, *theirs) if ours else (),
         (
             NOT_REPRODUCED,
             *floor_notes(attacked),
-            "No floor: of messages as they read, however much worse than a picture of one colour. GSPure's, of which "
-            "no floor is known, stand beside these.",
+            "No floor: messages count as read, however much worse than a single-colour picture. GSPure's figures, for "
+            "which no floor is known, are shown with these.",
         ),
     )
 
@@ -56,14 +55,14 @@ def floor_notes(attacked: Attacked) -> Iterator[str]:
     """Why gains are bounded, and which methods have nothing to lose at first; none if floors were not measured."""
     if any(attacked.most_to_lose(method).by_capture for method in attacked.by_method):
         yield (
-            "A message that reads worse than a picture of one colour counts as one: no gain exceeds what the message "
-            "was above that, all there is to lose."
+            "A message that reads worse than the best single-colour picture counts as that picture: no gain exceeds "
+            "the message's initial lead over it, the most it can lose."
         )
     for method in attacked.by_method:
         most = attacked.most_to_lose(method).by_capture
         bare = [capture_title(capture) for capture, spread in most.items() if spread.mean <= 0]
         if bare:
             yield (
-                f"{title_of(method)} shows no more than one colour on {', '.join(bare)} before any attack: there it "
-                "has nothing to lose, which lowers its averages."
+                f"{title_of(method)} shows no more than one colour on {', '.join(bare)} even before any attack: it has "
+                "nothing to lose there, which lowers its averages."
             )

@@ -73,12 +73,12 @@ class Relation:
         captures, count = len(self.measured.by_capture), self.captures_that_agree
         if not captures:
             return "not measured"
-        on_average = "holds on average alone" if self.holds(self.value) else "does not hold"
+        on_average = "holds only on average" if self.holds(self.value) else "does not hold"
         words = ", ".join(["holds" if self.is_found else on_average, *(["within noise"] if self.within_noise else [])])
         if not 0 < count < captures:
             return words
         some = f"on {count} of {captures} captures"
-        return f"{words}, {some}" if self.is_found else f"{words} (by itself {some})"
+        return f"{words}, {some}" if self.is_found else f"{words} (individually {some})"
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def relations_grid(relations: Sequence[tuple[str, Relation]], captures: Sequence
     return Grid(
         "Relations on test views",
         ("About", "Relation"),
-        ("Asked for", *map(capture_title, captures), AVERAGE, "Paper", "Verdict"),
+        ("Required", *map(capture_title, captures), AVERAGE, "Paper", "Verdict"),
         tuple(
             Line(
                 (title, each.text),

@@ -27,30 +27,30 @@ WRITTEN = 0.005
 POINT_HEADINGS = tuple(f"Point {number}" for number in range(1, POINTS + 1))
 
 CURVE_NOTE = (
-    "At each loss of the cover an attacker takes the severity, of those that cost the cover no more, that leaves least "
-    "of the message. So an attack that kills the message and spares the cover is a vertical drop, and counts over the "
-    "whole width. What costs the cover up to 0.05 dB costs nothing. The width is the largest loss of the cover that "
-    "the curves of GS-Hider and of ours both reach; where that is nothing, what is left for nothing. A message that "
-    "reads worse than the best picture of one colour is gone, and an owner who sees it says so: it counts as such a "
-    "picture. ±: over n seeds of the attack; of several captures, that of their mean."
+    "At each loss of the cover, the attacker takes, among the severities that cost the cover no more, the one that "
+    "leaves least of the message. So an attack that destroys the message and spares the cover is a vertical drop, and "
+    "counts over the whole width. A loss of the cover of up to 0.05 dB counts as none. The width is the largest loss "
+    "of the cover that the curves of GS-Hider and of ours both reach; if that is none, the figure is what is left at "
+    "no cost. A message that reads worse than the best single-colour picture is gone, and an owner who sees it says "
+    "so: it counts as such a picture. ±: over n seeds of the attack; for several captures, that of their mean."
 )
 
 READINGS: Mapping[Reading, str] = {
     "as found": "as found",
-    "registered": "after the owner has registered it with what he published",
+    "registered": "after registration with the published container",
 }
 """How captions describe the container that is read."""
 
 REGISTERED_NOTE = (
-    "The owner, who is not told the attack, looks for a motion of the world and a map of the features that bring the "
-    "found container back to the published one, undoes both, and reads once more. At every point he keeps the better "
-    "of both readings: he knows what he hid. Of renders nothing can be registered."
+    "The owner, who does not know the attack, searches for a motion of the world and a map of the features that bring "
+    "the found container back to the published one, undoes both, and reads again. At every point the better of the two "
+    "readings counts, since the owner knows what was hidden. Renders cannot be registered."
 )
 
 SEALED_NOTE = (
-    "Sealed: attacked as it is published. The owner opens what is left of it beside what was published, before "
-    "registration, too: of several Gaussians that are one, such as clones, one counts. Nobody opens the others' "
-    "containers so."
+    "Sealed: attacked as it is published. The owner opens what is left of it by means of what was published, even "
+    "before registration: of several Gaussians that were one, such as clones, only one counts. The other methods' "
+    "containers are not opened in this way."
 )
 
 
@@ -100,14 +100,14 @@ def _areas(attacked: Attacked, reading: Reading, sources: str) -> Grid:
         lines.append(Line((ATTACKS[attack].title,), (*cells, Cell(f"{width:.2f} dB", "", Spread(width)))))
     cells = [average_cell("psnr", _unattacked(group), attacked.captures) for group in attacked.by_method.values()]
     return Grid(
-        f"What is left of the message {READINGS[reading]}: PSNR (dB), averaged over the cover's loss",
+        f"What is left of the message, {READINGS[reading]}: PSNR (dB), averaged over the cover's loss",
         ("Attack",),
-        (*attacked.titles, "Cover's loss, up to"),
-        (Line(("Nothing",), (*cells, Cell(""))), *lines),
+        (*attacked.titles, "Cover's loss up to"),
+        (Line(("No attack",), (*cells, Cell(""))), *lines),
         (
             CURVE_NOTE,
-            "Second figures: to what was read before the attack. Who begins with a better message can lose more of it "
-            "and still have more left.",
+            "Second figures: difference from what was read before the attack. A method that starts with a better "
+            "message can lose more of it and still have more left.",
             *_lost_by_ours(attacked, reading),
             *_notes(attacked, reading),
             f"All figures: means over test views, from the measurements of {sources}.",
@@ -132,7 +132,9 @@ def _lost_by_ours(attacked: Attacked, reading: Reading) -> list[str]:
         excess = [ours.minus(hider).average.mean for ours, hider in lost if ours.minus(hider).by_capture]
         count = f"{sum(each > WRITTEN for each in excess)} of {len(excess)}"
         if excess:
-            found.append(f"Of what it was, {title_of(method)} loses more than {title_of(GS_HIDER)} under {count}.")
+            found.append(
+                f"{title_of(method)} loses more of its message than {title_of(GS_HIDER)} under {count} attacks."
+            )
     return found
 
 
@@ -176,13 +178,13 @@ def _gains(attacked: Attacked, reading: Reading) -> Grid:
         if attack is not None and gain > 0
     ]
     return Grid(
-        f"What attackers gain {READINGS[reading]}: the message's loss less the cover's, at its best severity (dB)",
+        f"What attackers gain, {READINGS[reading]}: the message's loss minus the cover's, at the best severity (dB)",
         ("Attack",),
         attacked.titles,
-        (Line(("All there is to lose",), caps), *lines),
+        (Line(("Most it can lose",), caps), *lines),
         (
             *weakest,
-            "Above 0 the message suffers more than the cover; below, an attacker loses the cover first.",
+            "Above 0, the message suffers more than the cover; below, the attacker loses the cover first.",
             *floor_notes(attacked),
             *_notes(attacked, reading),
         ),
@@ -226,8 +228,8 @@ def _points(attacked: Attacked) -> Grid:
         tuple(lines),
         (
             "Means over captures and seeds at the same losses of each cover, from none to the largest that all of them "
-            "reach, by the lines that areas are under, which join what was measured. Messages as they read, even where "
-            f"that is worse than one colour. Severities: {meanings}.",
+            "reach, interpolated along the lines that bound the areas, which join the measured points. Messages count "
+            f"as read, even where that is worse than one colour. Severities: {meanings}.",
         ),
     )
 
@@ -246,11 +248,11 @@ def _registered_points(attacked: Attacked) -> Grid:
                 ]
                 lines.append(Line((ATTACKS[attack].title, _title(attacked, method, attack)), _filled(cells)))
     return Grid(
-        f"The message at every point {READINGS['registered']}: PSNR (dB)",
+        f"The message at every point, {READINGS['registered']}: PSNR (dB)",
         ("Attack", "Method"),
         POINT_HEADINGS,
         tuple(lines),
-        ("As it was read, worse readings included, at the points above; second figures are those as found.",),
+        ("As read at the points above, including readings that got worse; second figures are those as found.",),
     )
 
 
@@ -284,7 +286,7 @@ def _not_worse(attacked: Attacked, method: str, attack: AttackName, reading: Rea
     known = [deviation for deviation in deviations if not math.isnan(deviation)]
     allowed = math.hypot(*known) / len(difference.by_capture) if known else 0.0
     return Relation(
-        f"{title_of(method)} not under {title_of(GS_HIDER)} by more than the spread, {reading}: {_sentence(attack)}",
+        f"{title_of(method)} not below {title_of(GS_HIDER)} by more than the spread, {reading}: {_sentence(attack)}",
         "difference",
         "at least",
         -allowed,
@@ -296,8 +298,8 @@ def _tiles(attacked: Attacked, reading: Reading) -> tuple[Tile, ...]:
     attack, gain = _weakest(attacked, OURS, reading)
     if attack is None or gain <= 0:
         return ()
-    explained = f"{_sentence(attack)}: message loss less cover loss"
-    return (Tile(f"Our weakest attack, {reading}", f"{gain:.2f} dB", explained),)
+    explained = f"{_sentence(attack)}: message loss minus cover loss"
+    return (Tile(f"Our weakest point, {reading}", f"{gain:.2f} dB", explained),)
 
 
 def _chart(attacked: Attacked, attack: AttackName) -> Chart | None:

@@ -23,7 +23,7 @@ def roc_charts(by_method: ByMethod, captures: Sequence[str]) -> Iterator[Chart]:
     """
     groups: Mapping[str, Sequence[str]] = {capture_title(capture): [capture] for capture in captures}
     if len(captures) > 1:
-        groups = {"All together": captures, **groups}
+        groups = {"All captures": captures, **groups}
     for comparison in COMPARISONS:
         controls_once = list(groups.items())[:1] if comparison in (RENDERING, CHANCE) else groups.items()
         for title, among in controls_once:

@@ -60,7 +60,7 @@ fine-tuned as long without the watermark."""
 MOST_LOST_ON_THE_COVER, MOST_LOST_ON_THE_MESSAGE, LEAST_OF_THE_WATERMARK = 0.6, 2.0, 35.0
 MOST_FALSE_POSITIVES, LEAST_DETECTED = 0.1, 99.0  # percent
 
-TO_CONTROL = "what was trained as long without it"
+TO_CONTROL = "training as long without it"
 AT_99 = " at 99 % detection"
 BOUNDS = ((BOUND_AT_99, BOUND_BY_SCENE_AT_99, AT_99), (BOUND, BOUND_BY_SCENE, ""))
 """Quantities by picture and by scene, and the threshold that they are for."""
@@ -69,44 +69,43 @@ SAME_CONTAINER = {"clean": PAPERS}
 """Variants that differ from another only in the decoder: the image of their container is scored once."""
 
 CONTROL_NOTE = (
-    "Trained on without it: as long as RTWS fine-tunes, on the views as they are. What these steps gain hides what the "
-    "watermark costs."
+    "Trained further without it: for as long as RTWS fine-tunes, on the unmarked views. What these steps gain masks "
+    "what the watermark costs."
 )
 HELD_NOTE = (
-    "A decoder holds the watermark: its tuning starts from the picture's own coefficients, by which a codec that has "
-    "learnt nothing shows it on a plain photo at 153 dB. So this PSNR tells how firmly a decoder opens for marked "
-    "renders, and nothing of how much of the picture these carry."
+    "The decoder itself holds the watermark: its tuning starts from the picture's own coefficients, with which even an "
+    "untrained codec shows it on a plain photo at 153 dB. So this PSNR says how firmly a decoder responds to marked "
+    "renders, and nothing about how much of the picture they carry."
 )
 OWNERS_NOTE = (
-    "Grain is read by an owner who has the container from before and knows how the coins fell: he finds the camera of "
-    "a picture and asks how much better the picture follows his coins than other throws. Of pictures without the grain "
-    "that is chance, whatever they show: its rate of false alarms follows from the coins, and the bounds above, which "
-    "know nothing of that, say only how many pictures were tried. A picture that shows too little of the scene for its "
-    "camera to be found says nothing."
+    "Grain is read by an owner who has the container from before and knows the coin tosses: the owner finds a "
+    "picture's camera and tests how much better the picture follows these tosses than others. For pictures without "
+    "the grain that is chance, whatever they show: the false-positive rate follows from the coins, and the bounds "
+    "above, which do not use that, only reflect how many pictures were tried. A picture that shows too little of the "
+    "scene for its camera to be found gives no answer."
 )
 IMPRINT_NOTE = (
-    "An imprint: features and decoder tuned together, through renders, until those show the watermark and photos, "
-    "renders from before and other photos do not; then the decoder alone, by whole pictures."
+    "Imprint: features and decoder are tuned together, through renders, until renders show the watermark and photos, "
+    "renders from before and other photos do not; then the decoder alone, on whole pictures."
 )
 LEARNT_NOTE = (
-    "Of other scenes no decoder has seen anything, neither photos nor renders: their rate of false positives is what "
-    "is asked for. Test photos of the cover are new to decoders, too, but the scene is not; and renders from before, "
-    "by new cameras, are of the very container that decoders may have learnt to show black for. Photos with noise are "
-    "counted in neither sum."
+    "No decoder has seen anything of the other scenes, neither photos nor renders: their rate of false positives is "
+    "the one required. Test photos of the cover are new to decoders, too, but the scene is not; and renders from "
+    "before, by new cameras, are of the very container for which decoders may have learnt to show black. Noisy photos "
+    "count in neither total."
 )
 BOUND_NOTE = (
-    "Upper bounds are one-sided, at 95 %. Over pictures: Clopper and Pearson's, as if thousands of pictures of few "
-    "scenes were independent, which they are not: every source gives as many, so that a stranger's photos and renders, "
-    "which are one scene, may be most of them. Over scenes: the same for how many scenes have a false positive; of S "
-    "scenes and none wrong it cannot be under 1 - 0.05^(1/S), whatever is measured: 95 % of one scene, under 0.1 % of "
-    "2,995 and more."
+    "Upper bounds are one-sided, at 95 %. By picture: Clopper-Pearson, as if thousands of pictures of few scenes were "
+    "independent, which they are not: every source gives the same number, so a stranger's photos and renders, which "
+    "are one scene, may be most of them. By scene: the same for the number of scenes with a false positive; with S "
+    "scenes and none wrong it cannot be below 1 - 0.05^(1/S), whatever is measured: 95 % for one scene, below 0.1 % "
+    "only for 2,995 or more."
 )
 AT_99_NOTE = (
-    "The usual point of a ROC curve, for pictures as they were rendered: the threshold is what 99 % of every other new "
-    "camera's renders reach, however high that is, and found are so many of the rest, test views and new cameras. (–: "
-    "measured when all of these set the threshold, so that 99 % were found by construction.) Distorted renders seldom "
-    "reach such a one; the threshold that they are judged by is that of the other tables. A grain's owner has one of "
-    "his own."
+    "The usual point of a ROC curve, for undistorted renders: the threshold is what 99 % of the renders by every "
+    "second new camera reach, however high that is; detected is the share of the rest, test views and new cameras. (–: "
+    "measured when all of these set the threshold, so that 99 % were detected by construction.) Distorted renders "
+    "seldom reach such a threshold, and are judged by that of the other tables. A grain's owner has a separate one."
 )
 NOTES = {IMPRINTED: IMPRINT_NOTE, GRAINED: OWNERS_NOTE}
 
@@ -129,7 +128,7 @@ def rtws(study: Study, tables: Published) -> Chapter:
         _codec(study.experiments),
     ]
     return Chapter(
-        "A copyright read off renders",
+        "A copyright mark read from renders",
         tuple(grid for grid in grids if grid.lines),
         tuple(_relations(before, control, after, detections, tables)),
         tuple(run for group in (before, control, after) for runs in group.values() for run in runs),
@@ -191,7 +190,7 @@ def _fidelity(
         if cover.by_capture and key[0] not in controlled:
             controlled.add(key[0])
             figures = (cover, measure(_earlier(control, key), image_psnr), Measured({}))
-            lines.append(Line((f"{title_of(key[0])}, trained on without it", HERE), _decibels(figures)))
+            lines.append(Line((f"{title_of(key[0])}, trained further without it", HERE), _decibels(figures)))
         figures = (
             figures_by_capture(group, "psnr", COVER_AFTER),
             measure(_later(after, key), image_psnr),
@@ -206,9 +205,9 @@ def _fidelity(
         ("Cover", "Image", "Watermark"),
         tuple(lines),
         (
-            "Cover and watermark: test views. The image: the one view that hides it. The paper: nine captures. A "
-            f"watermark that is shown to the last bit counts as {EXACT:g} dB. Grain carries no picture: what its owner "
-            "is shown is his own, as bright as he may be sure, and has no place in this column.",
+            "Cover and watermark: test views. Image: the one view that hides it. Paper: nine captures. A watermark "
+            f"that is shown exactly counts as {EXACT:g} dB. Grain carries no picture: its owner is shown the "
+            "original, as bright as the detection is certain, which has no place in this column.",
             HELD_NOTE,
             *([CONTROL_NOTE] if controlled else []),
         ),
@@ -240,11 +239,11 @@ def _negatives(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
         "What the decoder shows, and how often it is wrong",
         ("Decoder", "Capture", "Pictures"),
         (
-            "To the watermark (dB)",
-            "To black (dB)",
+            "vs. watermark (dB)",
+            "vs. black (dB)",
             "Brightness",
             "Pictures",
-            "Taken for it",
+            "False positives",
             "Bound, pictures",
             "Bound, scenes",
         ),
@@ -302,11 +301,11 @@ def _at_99(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
         ("Decoder", "Capture"),
         (
             "Threshold",
-            "Renders found",
-            "Other scenes, taken for it",
+            "Renders detected",
+            "Other scenes: false positives",
             "Other scenes: bound, pictures",
             "Other scenes: bound, scenes",
-            "The cover without it, taken for it",
+            "The cover without it: false positives",
             "The cover: bound, pictures",
             "The cover: bound, scenes",
         ),
@@ -335,7 +334,7 @@ def _codec(experiments: Iterable[Experiment]) -> Grid:
         for condition in dict.fromkeys(row.condition for row in rows)
     ]
     return Grid(
-        "The codec by itself, on photos that it was not trained on: PSNR (dB)",
+        "The codec by itself, on held-out photos: PSNR (dB)",
         ("Hidden in",),
         ("Watermarked picture", "Watermark, from 8 bits"),
         tuple(lines),
@@ -365,7 +364,7 @@ def _relations(
                 if losses[picture].by_capture:
                     is_published = is_paper and condition == COVER_BEFORE
                     published = paper["with"][picture] - paper["without"][picture] if is_published else math.nan
-                    text = f"{title}: {picture}, to {to}"
+                    text = f"{title}: {picture}, vs. {to}"
                     yield Relation(text, "difference", "at least", -most, losses[picture], published)
         if key[1] != GRAINED:
             published = paper["with"]["watermark"] if is_paper else math.nan
@@ -374,13 +373,13 @@ def _relations(
         for quantity, where in ((DETECTED, ""), (DETECTED_AT_99, AT_99)):
             detected = _percents(group, quantity, CLEAN_CHANNEL)
             if detected.by_capture:
-                text = f"{title}: renders that are found{where}, in %"
+                text = f"{title}: renders detected{where}, in %"
                 yield Relation(text, "ratio", "at least", LEAST_DETECTED, detected)
         for by_picture, by_scene, where in BOUNDS:
             for condition, of in ((OTHER_SCENES, "other scenes"), (OWN_SCENE, "the cover without it")):
                 bound, of_scenes = (_percents(group, quantity, condition) for quantity in (by_picture, by_scene))
                 if bound.by_capture:
-                    text = f"{title}: upper bound of false positives{where}, {of}, in %"
+                    text = f"{title}: upper bound on false positives{where}, {of}, in %"
                     yield TwiceCounted(text, "ratio", "less than", MOST_FALSE_POSITIVES, bound, by_scene=of_scenes)
 
 

@@ -28,7 +28,7 @@ def secrecy(study: Study, tables: Published) -> Chapter:
         return Chapter("Secrecy of the message", ())
     grids = (wrong_grid(found), surrogate_grid(found), feature_map_grid(found))
     charts = (
-        _chart("The message as surrogates show it", "psnr_covered", "PSNR over its pixels (dB)", found),
+        _chart("The message as shown by surrogates", "psnr_covered", "PSNR over its pixels (dB)", found),
         _chart("The same in true colours", "psnr_coloured", "PSNR over its pixels (dB)", found),
         _chart("Correlation with the message", "correlation", "Multiple correlation", found),
         *(_size_chart(share, found) for share in all_shares(found) if share > 0),
@@ -71,4 +71,4 @@ def _size_chart(share: float, found: Found) -> Chart | None:
             if len(points) > 1:
                 series.append(Series(name, points))
     title = f"Does small M leak more? A surrogate with {share:.0%} of the views"
-    return line_chart(title, series, axes=("M", "dB to the owner's decoder")) if series else None
+    return line_chart(title, series, axes=("M", "dB vs. the owner's decoder")) if series else None

@@ -78,16 +78,15 @@ def wrong_grid(found: Found) -> Grid:
     return Grid(
         f"Decoders that are not the owner's, {captures_of(all_of(found))}, test views: the message over its pixels",
         ("Container", "Reader", "Figures"),
-        ("PSNR (dB)", "To one colour", "Best of them", "Correlation", "With other views"),
+        ("PSNR (dB)", "vs. one colour", "Best of them", "Correlation", "With other views"),
         tuple(lines),
         (
             "± is over decoders. Correlation: the multiple correlation of the message's luminance with the three "
-            "channels that are shown; beside it, as the control, the same with the message of the other test views. A "
-            "decoder that shows the message in negative has a low PSNR and a high correlation. The paper shows what "
-            'one random decoder makes of it, and finds it "completely unable to reconstruct the hidden scene"; it '
-            "gives no figure.",
-            "That a random decoder shows nothing says little: it shows nothing of any picture. The surrogates below "
-            "say how much the secret is worth.",
+            "channels shown; next to it, as the control, the same with the message in the other test views. A decoder "
+            "that shows the message as a negative has a low PSNR but a high correlation. The paper shows the output of "
+            'one random decoder and finds it "completely unable to reconstruct the hidden scene"; it gives no figure.',
+            "That a random decoder shows nothing proves little: it shows nothing of any picture. The surrogates below "
+            "show how much the secret is worth.",
         ),
     )
 
@@ -103,17 +102,16 @@ def surrogate_grid(found: Found) -> Grid:
             ("0 %", *(_share_heading(share, found) for share in every), "Owner", "One colour"),
             tuple(lines),
             (
-                "PSNR over the message's pixels. ± is over the views that leaked and first weights. In true colours: "
-                "what could be made out if somebody told which colour is which, by an affine map of the reading's "
-                "three channels; r is the multiple correlation with the message's luminance, and in brackets that with "
-                "the message of other views, the control. At 0 % nobody has a picture: there stands the best of "
-                "several ways to look at three channels of the feature map; of 3DGS+SH, what anyone renders from the "
-                "published attributes. Under one colour stands, in true colours, the cover itself. The paper gives no "
-                "figures.",
-                "Painted onto Gaussians: colours are sought with which those that the cover hardly shows give the "
-                "views that leaked, and how much of each is the message's; nothing of what is stored in their features "
-                "is read.",
-                "Surrogates learn more with more steps: what stands here is what a few minutes of one core buy.",
+                "PSNR over the message's pixels. ± is over the leaked views and initial weights. In true colours: what "
+                "could be made out if someone revealed which colour is which, by an affine map of the reading's three "
+                "channels; r is the multiple correlation with the message's luminance, in brackets that with the "
+                "message in other views, the control. At 0 % the attacker has no picture: the figure is the best of "
+                "several ways to view three channels of the feature map; for 3DGS+SH, what anyone can render from the "
+                "published attributes. In true colours, the column for one colour has the cover itself. The paper "
+                "gives no figures.",
+                "Painted onto Gaussians: colours of the Gaussians that the cover hardly shows are fitted to the leaked "
+                "views, as is the share of each that is the message's; nothing stored in their features is read.",
+                "Surrogates learn more with more steps: these figures are for a few minutes on one core.",
                 *words_on(found),
             ),
         )
@@ -186,16 +184,17 @@ def feature_map_grid(found: Found) -> Grid:
     columns = ("Cover", "Message", "Other views' message", "Nothing hidden")
     return without_empty_columns(
         Grid(
-            f"What the feature map shows as it is, {captures_of(all_of(found))}, test views: correlations without sign",
+            f"What the feature map shows as it is, {captures_of(all_of(found))}, test views: absolute correlations",
             ("Container", "Channels"),
             (*columns, *(f"{name}, edges" for name in columns)),
             tuple(lines),
             (
-                f"Of luminances, and of the lengths of their gradients; of {CHANNELS}, {COMPONENTS} and {ALL} the "
-                "multiple correlation: that with the best linear prediction. Other views' message: the control that "
-                "tells a trace of this view's message from what all its views have in common. Nothing hidden: the same "
-                "channels of a container of the same method, cover and seed without a message, with the "
-                "message's pictures: what chance comes to. Of blind readings it is the multiple correlation, too.",
+                f"Between luminances and, for edges, the lengths of their gradients; for {CHANNELS}, {COMPONENTS} and "
+                f"{ALL}, the multiple correlation: that with the best linear prediction. Other views' message: the "
+                "control that distinguishes a trace of this view's message from what all its views have in common. "
+                "Nothing hidden: the same channels of a container of the same method, cover and seed without a "
+                "message, correlated with the message's pictures: the level of chance. Blind readings, too, have the "
+                "multiple correlation.",
                 'The paper shows three channels and finds "no traces of the hidden information"; it gives no figure.',
             ),
         )

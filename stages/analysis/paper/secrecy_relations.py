@@ -71,7 +71,7 @@ def _over_one_colour(
 def _blind_relation(kind: Kind, experiments: Sequence[Experiment], blind: str) -> Relation:
     """The best blind reading compared with the cover itself, both in true colours."""
     shown, control = (measured(experiments, "psnr_coloured", condition) for condition in (blind, COVER_ITSELF))
-    text = f"{kind.title}: message over the cover taken for it, both in true colours, the best blind reading"
+    text = f"{kind.title}: message over the cover itself, both in true colours, the best blind reading"
     return OnEachCapture(text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(control))
 
 
@@ -88,7 +88,7 @@ def _of_sizes(title: str, own: Mapping[float, Sequence[Experiment]]) -> list[Rel
     small, large = own[min(own)], own[max(own)]
     return [
         Relation(
-            f"{title}: M = {min(own):g} leaks more than {max(own):g}, by the surrogate's loss on the owner's decoder, "
+            f"{title}: M = {min(own):g} leaks more than {max(own):g}, by the surrogate's gap to the owner's decoder, "
             f"{share:.0%} of the views",
             "difference",
             "more than",

@@ -37,7 +37,7 @@ def _of_the_container_alone(experiments: Sequence[Experiment]) -> list[str]:
         return []
     way = blind.removeprefix(BLIND.format(""))
     return [
-        f"whoever has the container alone: three channels of its feature map, by {way!r}, show the message "
+        f"anyone with just the container: three channels of its feature map (reading {way!r}) show the message "
         f"(r = {related:.2f}, control {chance:.2f}) to a reader who has seen nothing of it"
     ]
 
@@ -58,8 +58,11 @@ def _of_surrogates(experiments: Sequence[Experiment]) -> list[str]:
         related, others = _related(experiments, best, share)
         if related - others > RECOGNISABLE:
             way = max(shown - floor, 0.0) / (owner - floor) if owner > floor else 0.0
-            parts.append(f"with {share:.0%} of them {way:.0%} of the way (r = {related:.2f}, control {others:.2f})")
-    start = "whoever has views of the message: from one colour to the owner's decoder, in dB, the best surrogate goes "
+            parts.append(f"{way:.0%} with {share:.0%} of them (r = {related:.2f}, control {others:.2f})")
+    start = (
+        "anyone with views of the message: of the way from one colour to the owner's decoder, in dB, the best "
+        "surrogate covers "
+    )
     return [start + ", ".join(parts)] if parts else []
 
 
@@ -68,7 +71,7 @@ def _of_the_seed(experiments: Sequence[Experiment]) -> list[str]:
     if not related - others > RECOGNISABLE:
         return []
     return [
-        "whoever guesses the seed of a training without a key: what its decoder started with shows the message, "
+        "anyone who guesses the seed of a training without a key: the decoder's initial weights show the message, "
         f"untrained and without a single view of it (r = {related:.2f}, control {others:.2f})"
     ]
 

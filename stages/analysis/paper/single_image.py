@@ -38,8 +38,8 @@ THERE, ELSEWHERE = "Cover, the view that hides it", "Cover, other training views
 LEAST_OF_THE_IMAGE = 40.0
 MOST_LOST_ON_THE_COVER = 0.8
 NOTE = (
-    "Cover: test views, unless others are named; training views with the one that hides the image. The image: at that "
-    "one view. The paper's image is Boat.png."
+    "Cover: test views unless stated otherwise; training views include the one that hides the image. Image: in that "
+    "view only. The paper's image is Boat.png."
 )
 
 
@@ -48,7 +48,7 @@ def single_image(study: Study, tables: Published) -> Chapter:
     runs = usual(study.select(lambda run: run.method == PLAIN or run.hides_image))
     grids = [_grid(quantity, runs, study, tables) for quantity in PICTURE_QUANTITIES]
     return Chapter(
-        "An image hidden at one view",
+        "An image hidden in one view",
         tuple(grid for grid in grids if grid.lines),
         _relations(runs, study, tables),
         runs,
@@ -83,7 +83,7 @@ def _grid(quantity: str, runs: Sequence[Run], study: Study, tables: Published) -
     noise = {"cover": noises(runs, study, quantity)["cover"]}
     return without_empty_columns(
         Grid(
-            f"One image at one view: {label(quantity)}",
+            f"One image in one view: {label(quantity)}",
             ("Method", "Picture", "Figures"),
             headings(captures),
             tuple(lines),
@@ -159,7 +159,7 @@ def _relations(runs: Sequence[Run], study: Study, tables: Published) -> tuple[Re
             f"{name}: the image", "figure", "at least", LEAST_OF_THE_IMAGE, images, average(hider.message), of_image
         ),
         Relation(
-            f"{name} not far under 3DGS on the cover",
+            f"{name} not far below 3DGS on the cover",
             "difference",
             "at least",
             -MOST_LOST_ON_THE_COVER,
@@ -186,7 +186,7 @@ def _relations(runs: Sequence[Run], study: Study, tables: Published) -> tuple[Re
             of_image,
         ),
         Relation(
-            f"{rival} overfits: its cover at the view that hides the image, to its other training views",
+            f"{rival} overfits: its cover in the view that hides the image, vs. its other training views",
             "difference",
             "less than",
             0.0,
@@ -195,7 +195,7 @@ def _relations(runs: Sequence[Run], study: Study, tables: Published) -> tuple[Re
             source="shown",
         ),
         Relation(
-            f"{name} is immune: the same, less than {rival} loses there",
+            f"{name} is immune: its cover loses less in that view than that of {rival}",
             "difference",
             "more than",
             0.0,

@@ -11,11 +11,11 @@ DIGITS = 12
 """Number of digits of a digest that are shown, as in the engine's own messages."""
 
 HOW_TO_LOOK = (
-    "`python -m pipeline show DIGEST --all`, with digits from here in place of DIGEST, shows what was measured, to the "
-    "last figure, and how it was made, in the store that holds it."
+    "`python -m pipeline show DIGEST --all`, with digits from here in place of DIGEST, shows everything that was "
+    "measured and how it was made, in the store that holds it."
 )
 HOW_THE_OWNER_LOOKS = (
-    f"Items are called as in the run that made this page. {HOW_TO_LOOK.replace('--all', '--all --reveal')}"
+    f"Items are named as in the run that made this page. {HOW_TO_LOOK.replace('--all', '--all --reveal')}"
 )
 
 

@@ -70,7 +70,7 @@ def _relations(experiments_of: ByMethod, quantity: str, detector: str) -> Iterat
                 areas[capture] = area
         if areas:
             yield OnEachCapture(
-                f"{title_of(method)}: two-sided area by which {detector} tells what hides from what does not",
+                f"{title_of(method)}: two-sided area of {detector}, renders that hide against renders that do not",
                 "ratio",
                 "at most",
                 UNNOTICED,

@@ -48,16 +48,15 @@ CLASS_TITLES = {
 }
 
 
-EXCESS = "the former of these two above the latter"
+EXCESS = "the first of these two minus the second"
 """Title of the line below renders that hide and two that hide nothing."""
 
 AREA_NOTE = (
-    "0.5: no better than chance; 1: always right. ↓: the detector gives the first class less, and its opposite is "
-    "scored, on each capture by itself. All together: the mean of the captures' areas as they stand, and so it is of "
-    "two that hide nothing, neither of which comes first. Chance lifts such areas a little above 0.5: each is to be "
-    "read beside that of two that hide nothing. Second figures: the 95 % interval, by drawing runs of neighbouring "
-    "views (and captures, under All together: of as few as here that says little), of differences the same views of "
-    "all."
+    "0.5: no better than chance; 1: always right. ↓: the detector scores the first class lower, so its inverse is "
+    "used, on each capture separately. All captures: the mean of the captures' areas as shown, also for two that hide "
+    "nothing, neither of which comes first. Chance raises such areas a little above 0.5: compare each with that of two "
+    "that hide nothing. Second figures: the 95 % interval from a bootstrap over runs of neighbouring views (and, under "
+    "All captures, over captures: with as few as here, that says little); differences draw the same views of all."
 )
 """The note below every table of two-sided areas."""
 
@@ -70,12 +69,12 @@ def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: 
         own = {row.value for row in rows if row.condition == HIDDEN}
         if not own:
             return Cell("not measured")
-        names = f"attributes that no clean one has: {max(own):.0f}" if max(own) else "no attribute of its own"
+        names = f"attributes that no clean file has: {max(own):.0f}" if max(own) else "no attribute of its own"
         return Cell(names, widest_divergence(by_attributes[method]))
 
     methods = dict.fromkeys((*by_stegexpose, *by_learning, *by_attributes))
     return Grid(
-        "Is what hides told from what does not?",
+        "Is the presence of a message detected?",
         ("Method",),
         ("StegExpose", *(f"A learned detector, on {seen}" for seen in LEARNED.values()), "The published file"),
         tuple(
@@ -90,12 +89,12 @@ def summary_grid(by_stegexpose: ByMethod, by_learning: ByMethod, by_attributes: 
             for method in methods
         ),
         (
-            "By the areas below. Told apart: the 95 % interval of all together does not reach down to chance, nor "
-            f"that of what it is above two that hide nothing to 0; hardly, where the area is at most {UNNOTICED:g}. "
-            "Not surely farther than two that hide nothing: this difference reaches 0. By itself on some captures, or "
-            f"on these alone: there both hold, and the area is above {UNNOTICED:g}. In opposite directions: on some "
-            "captures it is the detector's opposite that tells, and who does not know where cannot use it. What no "
-            "detector here finds may be found by others.",
+            "By the areas below. Distinguished: the 95 % interval over all captures stays above chance, and that of "
+            f"its excess over two that hide nothing stays above 0; barely, if the area is at most {UNNOTICED:g}. "
+            "Not significantly better than two that hide nothing: the interval of this excess reaches 0. Individually "
+            f"on some captures, or only on these: both hold there, and the area is above {UNNOTICED:g}. In opposite "
+            "directions: on some captures it is the detector's inverse that works, which is of no use to anyone who "
+            "does not know where. What no detector here finds may be found by others.",
         ),
     )
 
@@ -104,8 +103,8 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
     """Areas of StegExpose's fusion for each method and comparison, by capture and over all."""
     return Grid(
         "StegExpose's fusion: area under the ROC curve, two-sided",
-        ("Method", "Told apart"),
-        (*map(capture_title, captures), "All together"),
+        ("Method", "Compared"),
+        (*map(capture_title, captures), "All captures"),
         tuple(
             line
             for method, experiments in by_method.items()
@@ -113,11 +112,11 @@ def areas_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
         ),
         (
             AREA_NOTE,
-            "The curves of all captures together pool them, as the paper's figure does; they are this fusion's as it "
-            "scores: under the diagonal its opposite is better.",
+            "The curves of all captures pool them, as the paper's figure does; they are of the fusion's scores as they "
+            "are: below the diagonal, its inverse is better.",
             *(_finding(method, experiments) for method, experiments in by_method.items()),
-            "The GS-Hider paper compares renders with photos only, and prints a figure without values. KeySS (ICLR "
-            "2026) reports 0.45 of itself in the same way, two-sided 0.55.",
+            "The GS-Hider paper compares renders with photos only, and prints a plot without values. KeySS (ICLR 2026) "
+            "reports 0.45 for itself, measured in the same way; two-sided, that is 0.55.",
         ),
     )
 
@@ -133,8 +132,8 @@ def _finding(method: str, experiments: Sequence[Experiment]) -> str:
     is_rendering = is_alike and rendering.value > photos.value - 0.05
     seen = "mostly that they are renders" if is_rendering else "more than rendering"
     return (
-        f"{title_of(method)}: renders are told from photos by {photos.value:.2f}, and by {rendering.value:.2f} where "
-        f"nothing is hidden: what is seen is {seen}. Renders with and without a message: "
+        f"{title_of(method)}: renders against photos have an area of {photos.value:.2f}, and of {rendering.value:.2f} "
+        f"where nothing is hidden: what is detected is {seen}. Renders with and without a message: "
         f"{verdict(experiments, FUSION)}."
     )
 
@@ -160,7 +159,7 @@ def detectors_grid(by_method: ByMethod) -> Grid:
     """Areas of each of StegExpose's detectors over all captures, and the share of pictures without a value."""
     shown = (AS_IN_THE_PAPER, HIDING, CHANCE)
     return Grid(
-        "StegExpose's detectors by themselves, all captures together: area under the ROC curve, two-sided",
+        "StegExpose's individual detectors, all captures: area under the ROC curve, two-sided",
         ("Method", "Detector"),
         (*(comparison.title for comparison in shown), "Pictures without a value"),
         tuple(
@@ -187,8 +186,8 @@ def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
     counts = sorted({int(row.value) for row in rows if row.quantity == TRAINING_SCENES and row.value > 0})
     return Grid(
         "A network on noise residuals, trained on the other scenes: area under the ROC curve, two-sided",
-        ("Method", "Looks at", "Told apart"),
-        (*map(capture_title, captures), "All together"),
+        ("Method", "Looks at", "Compared"),
+        (*map(capture_title, captures), "All captures"),
         tuple(
             line
             for method, experiments in by_method.items()
@@ -197,14 +196,14 @@ def learned_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
         ),
         (
             *((AREA_NOTE,) if counts else ()),
-            f"Each detector knows the method, and learnt from {' or '.join(map(str, counts))} other scene(s), of each "
-            f"of which it saw {_seen_of_each(rows)}: it may have learnt what sets these few apart, be it "
-            "the message where they hide the same one, and one that saw hundreds would do better. Of detectors that "
-            "differ in their seed the mean counts. An area near 0.5 is no proof of security; one that is far from it, "
-            "and farther than that of two clean trainings, is proof of the opposite. Where its opposite is scored (↓), "
-            "what it learnt elsewhere is the other way round here."
+            f"Each detector knows the method, and was trained on {' or '.join(map(str, counts))} other scene(s), with "
+            f"{_seen_of_each(rows)} of each: it may have learnt whatever distinguishes these few, such as the message "
+            "where they hide the same one; one trained on hundreds would do better. For detectors that differ only in "
+            "their seed, the mean counts. An area near 0.5 is no proof of security; one far from it, and farther than "
+            "that of two clean trainings, proves the opposite. Where the inverse is used (↓), what the detector learnt "
+            "elsewhere is reversed here."
             if counts
-            else "Not measured: it takes renders of two captures at least, one to learn from and one to be tested on.",
+            else "Not measured: this needs renders of at least two captures, one to train on and one to test on.",
         ),
     )
 
@@ -243,9 +242,9 @@ def counts_grid(by_method: ByMethod, captures: Sequence[str]) -> Grid:
             for condition, title in CLASS_TITLES.items()
         ),
         (
-            "Renders are from new cameras along the rig, photos all that were registered, undistorted and at the size "
-            "of the renders. Whatever their numbers, both classes and all scenes weigh alike: the paper mixes in equal "
-            "proportions.",
-            f"What every detector says of every picture: the measurements of {', '.join(stages)}.",
+            "Renders are from new cameras along the rig; photos are all that were registered, undistorted and at the "
+            "size of the renders. Whatever their numbers, both classes and all scenes have equal weight: the paper "
+            "mixes them in equal proportions.",
+            f"Every detector's score of every picture: see the measurements of {', '.join(stages)}.",
         ),
     )

@@ -16,7 +16,7 @@ from stages.analysis.watermark_trials import PSNR_WATERMARK
 PAPERS, GRAINED, IMPRINTED = "paper", "grain", "imprint"
 VARIANTS = {
     PAPERS: "RTWS",
-    "clean": "RTWS, clean renders black, too",
+    "clean": "RTWS, clean renders also black",
     IMPRINTED: "imprint",
     GRAINED: "grain, read by its owner",
 }

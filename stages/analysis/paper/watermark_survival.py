@@ -22,15 +22,15 @@ from stages.analysis.watermark_trials import (
 from stages.imaging.distortions import DISTORTIONS, WORDING
 
 SURVIVAL_NOTE = (
-    "Test views and new cameras along the rig. Of decoders at the threshold that 99 % of other new cameras reach, but "
-    "at 0.9 of the watermark at most, so that distorted renders may reach it, too; of grain at its owner's, which by "
-    "chance one picture in 1.6 million reaches (smaller and cropped ones, which get two looks, one in 815,000). Sigmas "
-    "are true."
+    "Test views and new cameras along the rig. For decoders, at the threshold that 99 % of other new cameras reach, "
+    "but at most 0.9 of the watermark, so that distorted renders can reach it, too; for grain, at its owner's, which "
+    "one picture in 1.6 million reaches by chance (of smaller and cropped ones, which get two looks, one in 815,000). "
+    "Sigmas are true standard deviations."
 )
 ALARMS_NOTE = (
-    "Taken for it: pictures of other scenes, by the same threshold; in the first line all of them, as they are, and "
-    "below a part of them, drawn at random, after each distortion. So few say little: where none of 300 is wrong, the "
-    "rate is under 1 %, at 95 %. (–: not measured.)"
+    "False positives: pictures of other scenes, at the same threshold; in the first line all of them, undistorted, and "
+    "below a random sample of them after each distortion. So few say little: if none of 300 is wrong, the rate is "
+    "below 1 %, at 95 % confidence. (–: not measured.)"
 )
 
 
@@ -39,7 +39,7 @@ def survival(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
     tried = {key for key, group in detections.items() if any(map(_has_distorted_negatives, group))}
     headings: list[str] = []
     for key in detections:
-        headings += [title_of_key(key), *([f"{title_of_key(key)}: taken for it"] if key in tried else [])]
+        headings += [title_of_key(key), *([f"{title_of_key(key)}: false positives"] if key in tried else [])]
     lines = []
     for title, name, severity in _conditions(detections):
         cells: list[Cell] = []
@@ -49,7 +49,7 @@ def survival(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
                 cells.append(_alarms(group, name, severity))
         lines.append(Line((title,), tuple(cells)))
     return Grid(
-        "Renders that are found",
+        "Renders detected",
         ("Distortion",),
         tuple(headings),
         tuple(lines) if detections else (),

@@ -41,7 +41,7 @@ def test_photos_that_no_lens_took(tmp_path: Path) -> None:
     (remark,) = photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene}, folded=["c.jpg"]))
     assert remark.text.startswith("1 of 3 photos placed; the log names the others. 1 of them fits no real lens")
     assert "overlap" not in remark.text
-    assert remark.details == "Not placed: a.jpg, c.jpg; for their lenses: c.jpg"
+    assert remark.details == "Not placed: a.jpg, c.jpg; because of their lenses: c.jpg"
 
 
 def test_photos_that_would_have_cropped_all_others_are_told(tmp_path: Path) -> None:
@@ -50,9 +50,10 @@ def test_photos_that_would_have_cropped_all_others_are_told(tmp_path: Path) -> N
     facts = {"folded": ["b.jpg"], "cropping": ["c.jpg"]}
     (remark,) = photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene}, **facts))
     assert "1 of them fits no real lens, and was left out" in remark.text
-    assert "1 of them was held the other way (upright or wide) or zoomed, and was left out: all others" in remark.text
-    assert remark.text.endswith("cropped to what it shows.")
-    assert remark.details == ("Not placed: b.jpg, c.jpg; for their lenses: b.jpg; held the other way or zoomed: c.jpg")
+    assert "1 of them was taken in the other orientation (portrait or landscape) or zoomed, and was" in remark.text
+    assert remark.text.endswith("left out: all others would have been cropped to what it shows.")
+    because = "because of their lenses: b.jpg; taken in the other orientation or zoomed: c.jpg"
+    assert remark.details == f"Not placed: b.jpg, c.jpg; {because}"
 
 
 def test_where_all_are_placed_that_is_said_as_what_was_wished(tmp_path: Path) -> None:
@@ -82,7 +83,7 @@ def test_pictures_that_one_photo_crops(tmp_path: Path, shares: list[float], said
         assert said in remark.text
         assert "1 of 3" in remark.text
         assert ".jpg" not in remark.text
-        assert remark.details == "They show least: b.jpg"
+        assert remark.details == "These show least: b.jpg"
 
 
 @pytest.mark.parametrize(("left", "said"), [(0, ()), (10, ("15 of 25 photos came with a pose; the others",))])
@@ -94,47 +95,45 @@ def test_photos_without_poses(left: int, said: tuple[str, ...]) -> None:
 
 def test_poses_without_photos() -> None:
     (remark,) = photos_left_out(finished({}, {}, photos=22, without_photo=2))
-    assert remark.text == "2 poses are of photos that are not there, and left out; the log names some."
+    assert remark.text == "2 poses were left out because their photos are missing; the log names some."
 
 
 def test_photos_in_another_place() -> None:
     (remark,) = photos_left_out(finished({}, {}, photos=22, without_pose=0, left_out=1))
-    assert remark.text.startswith("1 more photo was left out, which lies in the folder itself")
+    assert remark.text.startswith("1 more photo, in the folder itself or in another of its subfolders, was left out")
 
 
 def test_photos_in_folders_beside_and_masks() -> None:
     below, masked = photos_left_out(finished({}, {}, photos=3, below=400, masked=2))
-    assert below.text.startswith("400 photos lie in folders beside the 3 that were taken")
-    assert "cameras of a rig" in below.text
+    assert below.text.startswith("400 photos lie in folders beside the 3 that were used")
+    assert "those of a rig" in below.text
     assert masked.text.startswith("2 frames name masks, which are not used")
     (few,) = photos_left_out(finished({}, {}, photos=12, below=6))
-    assert few.text.startswith("6 photos lie in folders beside the 12 that were taken, and were left out.")
+    assert few.text.startswith("6 photos lie in folders beside the 12 that were used, and were left out.")
     assert "rig" not in few.text
 
 
 def test_pictures_that_are_not_read() -> None:
     (remark,) = photos_left_out(finished({}, {}, photos=8, copies=8))
-    assert remark.text.startswith("8 of 16 photos are copies of others")
+    assert remark.text.startswith("8 of 16 photos are exact copies of others and were left out")
     (remark,) = photos_left_out(finished({}, {}, photos=3, unread={".heic": 30, ".dng": 1}))
     assert remark.text == "31 pictures (.heic, .dng) cannot be read and were left out; convert them to JPEG."
     assert photos_left_out(finished({}, {}, photos=3, unread={})) == ()
     (remark,) = photos_left_out(finished({}, {}, photos=3, unread={".heic": 1}))
     assert remark.text == "1 picture (.heic) cannot be read and was left out; convert it to JPEG."
     (remark,) = photos_left_out(finished({}, {}, photos=8, copies=1))
-    assert remark.text.startswith(
-        "1 of 9 photos is a copy of another, to the last byte, and is left out; the log names it"
-    )
+    assert remark.text == "1 of 9 photos is an exact copy of another and was left out; the log names it."
 
 
 def test_files_of_a_folder_of_any_pictures_that_were_not_looked_at() -> None:
     (remark,) = photos_left_out(finished({}, {}, photos=3, not_looked_at=4))
-    assert remark.text.startswith("3 pictures are looked at. 4 other files")
+    assert remark.text.startswith("3 pictures are examined. 4 other files")
     assert photos_left_out(finished({}, {}, photos=3, not_looked_at=0)) == ()
 
 
-def test_where_no_pictures_are_given_it_is_said_that_the_photos_are_tried() -> None:
+def test_where_no_pictures_are_given_it_is_said_that_the_photos_are_used() -> None:
     (remark,) = photos_left_out(finished({}, {}, photos=30, not_looked_at=0, own_photos=True))
-    assert remark.text == "No pictures given: your own 30 photos are tried."
+    assert remark.text == "No pictures given: your own 30 photos are used instead."
 
 
 def test_pictures_of_a_folder_of_any_that_cannot_be_read() -> None:

@@ -27,7 +27,7 @@ def test_figures_have_the_digits_that_mean_something(quantity: str, value: float
 def test_labels_name_the_unit_that_is_written() -> None:
     assert label("psnr") == "PSNR (dB)"
     assert label("container_bytes") == "Size (MB)"
-    assert label("seconds_per_frame") == "Time a frame (ms)"
+    assert label("seconds_per_frame") == "Time per frame (ms)"
     assert label("ssim") == "SSIM"
 
 

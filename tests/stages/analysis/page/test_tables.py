@@ -98,5 +98,5 @@ def test_a_control_without_messages_of_its_own_stands_only_in_the_table_of_trace
     lines = {table.caption: [name for name, _ in table.lines] for table in tables}
     assert lines == {
         "Messages on test views": ["reef · ours"],
-        "Trace of the messages in the cover, test views": ["reef · ours", "reef · plain"],
+        "Traces of the messages in the cover, test views": ["reef · ours", "reef · plain"],
     }

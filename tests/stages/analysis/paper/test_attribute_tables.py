@@ -21,7 +21,7 @@ def experiment(*measured: list[Measurement]) -> Experiment:
 def test_what_two_clean_trainings_differ_by_is_not_held_against_a_container() -> None:
     scales, features = of_attribute(DIVERGENCE, "log_scales"), of_attribute(CHANNELS, "raw_features")
     told = widest_divergence([experiment(rows(scales, 0.09, 0.01), rows(features, 0.43, 0.42))])
-    assert told == "log_scales: 0.090 bits from a clean one's, two clean ones 0.010"
+    assert told == "log_scales: 0.090 bits from a clean one; between two clean ones, 0.010"
 
 
 def test_without_the_control_nothing_is_said() -> None:

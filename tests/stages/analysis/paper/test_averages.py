@@ -64,7 +64,7 @@ def test_an_ablation_of_which_a_row_failed_says_of_how_many_captures_its_average
     written = {names[0]: line["Cover PSNR (dB)"] for names, line in found.items()}
     assert [(value, cell.text, cell.note) for value, cell in written.items()] == [
         ("0.5", "25.00", ""),
-        ("1", "29.00", "of 1"),
+        ("1", "29.00", "on 1 capture"),
     ]
 
 
@@ -77,17 +77,17 @@ def test_attacks_of_which_a_row_failed_say_of_how_many_captures_their_averages_a
     )
     chapter = robustness(Study((), experiments=tried), read_published())
     pruned = cells(chapter, "Pruned Gaussians")
-    assert pruned["Nothing pruned", theirs, "here"]["Cover: PSNR (dB)"].note == "of 1"
+    assert pruned["Nothing pruned", theirs, "here"]["Cover: PSNR (dB)"].note == "on 1 capture"
     assert pruned["Nothing pruned", ours, "here"]["Cover: PSNR (dB)"].note == ""
     for caption, line in (
-        ("What is left of the message as found", "Nothing"),
-        ("What is left of the message as found", "Random pruning"),
-        ("What attackers gain as found", "Random pruning"),
+        ("What is left of the message, as found", "No attack"),
+        ("What is left of the message, as found", "Random pruning"),
+        ("What attackers gain, as found", "Random pruning"),
     ):
         found = cells(chapter, caption)[(line,)]
-        assert "of 1" in found[theirs].note
-        assert "of 1" not in found[ours].note
-    assert ("Random pruning", f"{theirs} (of 1) · Cover") in cells(chapter, "The points of the curves")
+        assert "on 1 capture" in found[theirs].note
+        assert "on 1 capture" not in found[ours].note
+    assert ("Random pruning", f"{theirs} (on 1 capture) · Cover") in cells(chapter, "The points of the curves")
     [bar] = [each for each in chapter.relations if "by more than the spread, as found" in each.text]
     assert bar.measured.by_capture.keys() == {"fox"}
     assert bar.bound == pytest.approx(0, abs=1e-9), "kitchen's seeds spread, and are not what is compared"

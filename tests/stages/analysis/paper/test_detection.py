@@ -39,11 +39,11 @@ def _above(share: float) -> np.ndarray:
 def test_controls_on_both_sides_of_chance_are_as_far_from_it() -> None:
     controls = [seen("fox", 0.7, 0.75), seen("bonsai", 0.7, 0.25)]
     assert area_of(controls, LOGIT, CHANCE).value == pytest.approx(0.75)
-    assert verdict(controls, LOGIT) == "told apart, but not surely farther than two that hide nothing"
+    assert verdict(controls, LOGIT) == "distinguished, but not significantly better than two that hide nothing"
 
 
 def test_controls_near_chance_do_not_excuse() -> None:
-    assert verdict([seen("fox", 0.95, 0.55), seen("bonsai", 0.95, 0.45)], LOGIT) == "told apart"
+    assert verdict([seen("fox", 0.95, 0.55), seen("bonsai", 0.95, 0.45)], LOGIT) == "distinguished"
 
 
 def scored(hiding: np.ndarray, chance: np.ndarray, clean: np.ndarray) -> Experiment:
@@ -59,7 +59,7 @@ def test_a_control_is_as_unsure_as_what_it_is_a_control_for() -> None:
     hiding, chance = (area_of(unsure, LOGIT, each) for each in (HIDING, CHANCE))
     assert 0.5 < chance.value < hiding.low
     assert excess_of(unsure, LOGIT).low < 0 < excess_of(unsure, LOGIT).value
-    assert verdict(unsure, LOGIT) == "told apart, but not surely farther than two that hide nothing"
+    assert verdict(unsure, LOGIT) == "distinguished, but not significantly better than two that hide nothing"
 
 
 def test_what_both_share_is_drawn_once() -> None:
@@ -70,7 +70,7 @@ def test_what_both_share_is_drawn_once() -> None:
     assert hiding.low < chance.value
     assert excess.value == pytest.approx(hiding.value - chance.value)
     assert excess.low > 0
-    assert verdict(sure, LOGIT) == "told apart"
+    assert verdict(sure, LOGIT) == "distinguished"
     assert excess_cell(sure, LOGIT).text == f"{excess.value:+.2f}"
     assert excess_cell([seen("fox", 0.95, None)], LOGIT).text == ""
 
@@ -78,20 +78,20 @@ def test_what_both_share_is_drawn_once() -> None:
 def test_chance_that_was_not_measured_is_said() -> None:
     unknown = [seen("fox", 0.95, None)]
     assert math.isnan(area_of(unknown, LOGIT, CHANCE).value)
-    assert verdict(unknown, LOGIT) == "told apart, how far chance does it was not measured"
+    assert verdict(unknown, LOGIT) == "distinguished, but the level of chance was not measured"
     assert verdict([], LOGIT) == "not measured"
-    assert verdict([seen("fox", 0.5, 0.5)], LOGIT) == "not told apart"
+    assert verdict([seen("fox", 0.5, 0.5)], LOGIT) == "not distinguished"
 
 
 def test_what_is_told_on_some_captures_alone_is_said() -> None:
     """Whichever way; a capture counts that is farther than two that hide nothing."""
     both_ways = [seen("fox", 0.95, 0.5), seen("bonsai", 0.05, 0.5), seen("kitchen", 0.5, 0.5)]
-    assert verdict(both_ways, LOGIT) == "told apart on 2 of 3 captures alone, in opposite directions"
-    assert verdict(both_ways[:2], LOGIT) == "told apart, in opposite directions"
+    assert verdict(both_ways, LOGIT) == "distinguished only on 2 of 3 captures, in opposite directions"
+    assert verdict(both_ways[:2], LOGIT) == "distinguished, in opposite directions"
     mostly = [seen("fox", 0.95, 0.5), seen("bonsai", 0.95, 0.5), seen("kitchen", 0.6, 0.52)]
-    assert verdict(mostly, LOGIT) == "told apart (by itself on 2 of 3 captures)"
+    assert verdict(mostly, LOGIT) == "distinguished (individually on 2 of 3 captures)"
     one = [seen("fox", 0.75, 0.9), seen("bonsai", 0.2, 0.5)]
-    assert verdict(one, LOGIT) == "told apart on 1 of 2 captures alone"
+    assert verdict(one, LOGIT) == "distinguished only on 1 of 2 captures"
 
 
 @pytest.mark.parametrize("quantity", [FUSION, LOGIT])
@@ -108,14 +108,14 @@ def test_directions_do_not_cancel_and_controls_are_averaged_as_what_they_are_con
     chapter = steganalysis(Study((), experiments=tuple(given)), read_published())
     [relation] = chapter.relations
     assert relation.value == pytest.approx((0.65 + 0.78) / 2, abs=0.01)
-    [grid] = [grid for grid in chapter.grids if "All together" in grid.headings]
+    [grid] = [grid for grid in chapter.grids if "All captures" in grid.headings]
     assert AREA_NOTE in grid.notes
     lines = {line.names[-1]: line.cells[-1] for line in grid.lines}
     assert lines[HIDING.title].spread.mean == relation.value
     assert lines[HIDING.title].note.endswith("↓ on 1 of 2")
     assert lines[CHANCE.title].spread.mean == pytest.approx((0.69 + 0.55) / 2, abs=0.01)
     assert lines[EXCESS].spread.mean == pytest.approx((0.65 + 0.78 - 0.69 - 0.55) / 2, abs=0.01)
-    told = "told apart on 1 of 2 captures alone"
+    told = "distinguished only on 1 of 2 captures"
     assert told in [cell.text for cell in chapter.grids[0].lines[0].cells]
     assert quantity != FUSION or any(f"with and without a message: {told}." in note for note in grid.notes)
     assert relation.verdict.startswith("does not hold")

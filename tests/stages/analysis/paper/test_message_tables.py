@@ -74,13 +74,13 @@ def test_an_image_is_shown_with_the_covers_training_views_and_every_metric() -> 
     rows = image_rows("fox", "gs_hider", "boat")
     rows.append(MetricRow("ssim", 0.99, "", HIDING_VIEW, "train", "boat", None, "gs_hider"))
     chapter = single_image(Study((run("gs_hider", rows), run("plain", rows))), read_published())
-    decibels = table(chapter, "One image at one view: PSNR (dB)")
+    decibels = table(chapter, "One image in one view: PSNR (dB)")
     assert decibels["GS-Hider", "Cover, training views · boat", "here"]["fox"] == "26.77"
     assert decibels["3DGS", "Cover, training views", "here"]["fox"] == "27.35"
-    similar = table(chapter, "One image at one view: SSIM")
+    similar = table(chapter, "One image in one view: SSIM")
     assert similar["GS-Hider", "Image · boat", "here"]["fox"] == "0.990"
     assert similar["GS-Hider", "Cover, the view that hides it · boat", "here"]["fox"] == "0.881"
-    perceptual = table(chapter, "One image at one view: LPIPS")
+    perceptual = table(chapter, "One image in one view: LPIPS")
     assert [names[1] for names in perceptual] == ["Cover", "Cover · boat", "Image · boat"]
     assert perceptual["GS-Hider", "Image · boat", "here"]["Average"] == "not measured"
     assert not [names for names in similar if "paper" in names]

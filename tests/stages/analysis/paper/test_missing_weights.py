@@ -45,7 +45,7 @@ def without(quantity: str, *runs: Run) -> Study:
         (
             single_image,
             [run("gs_hider", IMAGE)],
-            "One image at one view: {}",
+            "One image in one view: {}",
             ("GS-Hider", "Cover · boat", "here"),
             "Average",
         ),

@@ -21,7 +21,7 @@ from stages.analysis.paper.runs import Experiment, Study
 BEFORE = {"homogeneous": (32.0, 25.0), "gs_hider": (30.0, 24.0), "sh": (31.0, 22.0)}
 SEEDS = (0, 1, 2)
 FLOOR = 13.0
-FOUND, REGISTERED = "as found", "after the owner has registered it with what he published"
+FOUND, REGISTERED = "as found", "after registration with the published container"
 
 
 def rows(
@@ -94,40 +94,40 @@ def test_the_papers_prunings_stand_beside_ours(chapter: Chapter) -> None:
 
 
 def test_areas_are_over_what_both_reach(chapter: Chapter) -> None:
-    found = written(chapter, f"What is left of the message {FOUND}")
+    found = written(chapter, f"What is left of the message, {FOUND}")
     pruned = found[("Random pruning",)]
-    assert pruned["Cover's loss, up to"] == "2.60 dB"
+    assert pruned["Cover's loss up to"] == "2.60 dB"
     assert pruned["GS-Hider"] == "23.35"
     assert "±" in pruned["Homogeneous GS-Hider"]
     unread = found[("Unread directions removed",)]
-    assert unread["Cover's loss, up to"] == "0.00 dB"
+    assert unread["Cover's loss up to"] == "0.00 dB"
     assert unread["Homogeneous GS-Hider"] == "17.00"
     assert float(unread["GS-Hider"]) > 23.9
     assert unread["3DGS+SH"] == ATTACKS["unread_directions"].needs
 
 
 def test_what_a_message_loses_stands_beside_what_is_left_of_it(chapter: Chapter) -> None:
-    [grid] = [grid for grid in chapter.grids if grid.caption.startswith(f"What is left of the message {FOUND}")]
+    [grid] = [grid for grid in chapter.grids if grid.caption.startswith(f"What is left of the message, {FOUND}")]
     [unread] = [line for line in grid.lines if line.names == ("Unread directions removed",)]
     ours = dict(zip(grid.headings, unread.cells, strict=True))["Homogeneous GS-Hider"]
     assert (ours.text, ours.note) == ("17.00", "-8.00")
-    assert any("loses more than GS-Hider under 2 of 5" in note for note in grid.notes), grid.notes
+    assert any("loses more of its message than GS-Hider under 2 of 5" in note for note in grid.notes), grid.notes
 
 
 def test_the_owner_keeps_the_better_of_both_readings(chapter: Chapter) -> None:
-    found = written(chapter, f"What is left of the message {FOUND}")
-    registered = written(chapter, f"What is left of the message {REGISTERED}")
+    found = written(chapter, f"What is left of the message, {FOUND}")
+    registered = written(chapter, f"What is left of the message, {REGISTERED}")
     assert registered["Unread directions removed",]["Homogeneous GS-Hider"] == "21.00"
     assert registered["Channels permuted, scene decoder with them",]["Homogeneous GS-Hider"] == "24.90"
-    same = ("Random pruning", "Sequential pruning", "View-weight pruning", "Nothing")
+    same = ("Random pruning", "Sequential pruning", "View-weight pruning", "No attack")
     assert all(registered[name,] == found[name,] for name in same), "no worse reading counts"
 
 
 def test_a_message_that_is_gone_counts_as_one_colour(chapter: Chapter) -> None:
     permuted = ("Channels permuted, scene decoder with them",)
-    left = written(chapter, f"What is left of the message {FOUND}")[permuted]
+    left = written(chapter, f"What is left of the message, {FOUND}")[permuted]
     assert (left["Homogeneous GS-Hider"], left["GS-Hider"]) == ("13.00", "13.00")
-    assert written(chapter, f"What attackers gain {FOUND}")[permuted]["Homogeneous GS-Hider"] == "12.00"
+    assert written(chapter, f"What attackers gain, {FOUND}")[permuted]["Homogeneous GS-Hider"] == "12.00"
     points = written(chapter, "The points of the curves")
     raw = points["Channels permuted, scene decoder with them", "Homogeneous GS-Hider · Message"]
     assert raw["Point 1"] == "5.00"
@@ -138,7 +138,7 @@ def test_the_weakest_attack_is_named_with_its_reason(chapter: Chapter) -> None:
     found, registered = chapter.tiles
     assert (found.value, registered.value) == ("12.00 dB", "5.00 dB")
     for reading, weakest in ((FOUND, "channels permuted"), (REGISTERED, "view-weight pruning")):
-        [grid] = [grid for grid in chapter.grids if grid.caption.startswith(f"What attackers gain {reading}")]
+        [grid] = [grid for grid in chapter.grids if grid.caption.startswith(f"What attackers gain, {reading}")]
         assert any(f"Homogeneous GS-Hider is weakest under {weakest}" in note for note in grid.notes)
 
 
@@ -146,7 +146,7 @@ def test_bars(chapter: Chapter) -> None:
     verdicts = {relation.text: relation.verdict for relation in chapter.relations}
     assert verdicts["GS-Hider, 15 % sequential: change of the cover"] == "holds"
     assert verdicts["GS-Hider, 25 % at random: change of the message"] == "holds"
-    ours = "Homogeneous GS-Hider not under GS-Hider by more than the spread, "
+    ours = "Homogeneous GS-Hider not below GS-Hider by more than the spread, "
     assert verdicts[f"{ours}as found: random pruning"] == "holds"
     assert verdicts[f"{ours}as found: unread directions removed"] == "does not hold"
     assert verdicts[f"{ours}registered: unread directions removed"] == "does not hold"
@@ -181,9 +181,9 @@ def test_a_container_of_another_weight_is_no_seed(study: Study) -> None:
     other = replace(experiment("fox", "homogeneous"), settings=(("lambda_message", 0.3),))
     found = written(
         robustness(replace(study, experiments=(*study.experiments, other)), read_published()),
-        f"What is left of the message {FOUND}",
+        f"What is left of the message, {FOUND}",
     )
-    before = written(robustness(study, read_published()), f"What is left of the message {FOUND}")
+    before = written(robustness(study, read_published()), f"What is left of the message, {FOUND}")
     for attack, cells in before.items():
         assert {name: found[attack][name] for name in cells} == cells
         assert "Homogeneous GS-Hider, λ = 0.3" in found[attack]
@@ -194,12 +194,12 @@ def test_a_sealed_container_stands_beside_the_same_unsealed_and_is_held_to_the_s
         replace(experiment(capture, "homogeneous"), settings=(("sealed", "True"),)) for capture in ("fox", "bonsai")
     )
     chapter = robustness(replace(study, experiments=(*study.experiments, *sealed)), read_published())
-    for caption in ("Pruned Gaussians", f"What is left of the message {FOUND}", f"What attackers gain {FOUND}"):
+    for caption in ("Pruned Gaussians", f"What is left of the message, {FOUND}", f"What attackers gain, {FOUND}"):
         [grid] = [grid for grid in chapter.grids if grid.caption.startswith(caption)]
         shown = {*grid.headings, *(name for line in grid.lines for name in line.names)}
         assert {"Homogeneous GS-Hider", "Homogeneous GS-Hider, sealed"} <= shown
     [note] = {note for grid in chapter.grids for note in grid.notes if note.startswith("Sealed:")}
-    assert "opens what is left of it beside what was published" in note
+    assert "opens what is left of it by means of what was published" in note
     texts = [relation.text for relation in chapter.relations]
     of_sealed = [text for text in texts if text.startswith("Homogeneous GS-Hider, sealed")]
     assert [text.replace(", sealed", "") for text in of_sealed] == [
@@ -233,18 +233,18 @@ def test_what_a_floor_leaves_to_gain_is_said_and_gains_without_it_stand_beside()
     assert beside == {
         "One by one": "4.50",
         "By clusters": "4.50",
-        "All there is to lose": "5.50",
+        "Most it can lose": "5.50",
         "One by one, no floor": "19.00",
         "By clusters, no floor": "19.00",
     }
-    assert written(chapter, f"What attackers gain {FOUND}")["All there is to lose",]["GS-Hider"] == "5.50"
+    assert written(chapter, f"What attackers gain, {FOUND}")["Most it can lose",]["GS-Hider"] == "5.50"
     for grid in chapter.grids:
         if grid.caption.startswith(("View-weight pruning", "What attackers gain")):
             assert any("GS-Hider shows no more than one colour on bonsai" in note for note in grid.notes)
 
 
 def test_readings_after_registration_are_there_as_they_were_made(chapter: Chapter) -> None:
-    found = written(chapter, f"The message at every point {REGISTERED}")
+    found = written(chapter, f"The message at every point, {REGISTERED}")
     assert found["Unread directions removed", "GS-Hider"]["Point 5"] == "20.00"
     assert found["Random pruning", "3DGS+SH"]["Point 5"] == "19.70"
     assert found["Channels permuted, scene decoder with them", "GS-Hider"]["Point 2"] == "", "it costs no cover"
@@ -282,5 +282,5 @@ def test_a_message_that_reads_worse_than_one_colour_counts_as_one_before_attacks
     whole = experiment("fox", "sh")
     rows_above = [replace(row, value=22.5) if row.quantity == ONE_COLOUR else row for row in whole.rows]
     study = Study((), experiments=(replace(whole, rows=tuple(rows_above)),))
-    found = written(robustness(study, read_published()), f"What is left of the message {FOUND}")
-    assert found["Nothing",]["3DGS+SH"] == "22.50"
+    found = written(robustness(study, read_published()), f"What is left of the message, {FOUND}")
+    assert found["No attack",]["3DGS+SH"] == "22.50"

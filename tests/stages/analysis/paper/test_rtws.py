@@ -92,26 +92,26 @@ def test_ours_stands_beside_the_papers(chapter: Chapter) -> None:
     assert found["GS-Hider, before", "paper"] == ("26.440", "42.532", "–")
     assert found["GS-Hider, RTWS", "here"] == ("26.50", "39.00", "38.00")
     assert found["GS-Hider, RTWS", "paper"] == ("25.915", "40.513", "39.927")
-    assert found["GS-Hider, RTWS, clean renders black, too", "here"][1] == "39.00"
+    assert found["GS-Hider, RTWS, clean renders also black", "here"][1] == "39.00"
     assert found["3DGS, RTWS", "here"] == ("26.50", "–", "38.00")
 
 
 def test_the_watermarks_psnr_is_said_to_be_that_of_a_gate(chapter: Chapter) -> None:
     notes = " ".join(chapter.grids[0].notes)
-    assert "A decoder holds the watermark" in notes
-    assert "nothing of how much of the picture these carry" in notes
+    assert "The decoder itself holds the watermark" in notes
+    assert "nothing about how much of the picture they carry" in notes
 
 
 def test_a_good_psnr_does_not_hide_false_positives(chapter: Chapter) -> None:
     verdicts = {relation.text: relation.verdict for relation in chapter.relations}
     assert verdicts["GS-Hider, RTWS: watermark"] == "holds"
     for of in ("other scenes", "the cover without it"):
-        bound = f"upper bound of false positives, {of}, in %"
+        bound = f"upper bound on false positives, {of}, in %"
         assert verdicts[f"GS-Hider, RTWS: {bound}"] == "does not hold"
-        kept = f"GS-Hider, RTWS, clean renders black, too: {bound}"
+        kept = f"GS-Hider, RTWS, clean renders also black: {bound}"
         assert verdicts[kept] == "by picture: holds; by scene: does not hold", "three scenes say little"
-    assert verdicts["GS-Hider, RTWS: message, to before"] == "does not hold"
-    assert verdicts["GS-Hider, RTWS: cover, to before"] == "holds"
+    assert verdicts["GS-Hider, RTWS: message, vs. before"] == "does not hold"
+    assert verdicts["GS-Hider, RTWS: cover, vs. before"] == "holds"
 
 
 def test_every_distortion_and_the_codec_have_a_line(chapter: Chapter) -> None:
@@ -131,7 +131,7 @@ def test_the_bar_of_false_positives_holds_where_pictures_and_scenes_are_under_it
         more = [] if by_scene is None else [Measurement(BOUND_BY_SCENE_AT_99, by_scene, OTHER_SCENES)]
         study = Study((), experiments=(replace(found, rows=(*found.rows, *at_99, *more)),))
         page = owner_page(study, ["rtws"], read_published(), "", "")
-        text = "GS-Hider, RTWS: upper bound of false positives at 99 % detection, other scenes, in %"
+        text = "GS-Hider, RTWS: upper bound on false positives at 99 % detection, other scenes, in %"
         assert page.relations is not None
         [line] = [line for line in page.relations.lines if line.names[1] == text]
         written.append((line.cells[1].text, line.cells[1].note))
@@ -159,7 +159,7 @@ def test_a_decoder_that_is_surer_of_its_renders_than_of_anything_else_is_right_a
     [grid] = [grid for grid in chapter.grids if grid.caption.startswith("At 99 %")]
     assert [cell.text for cell in grid.lines[0].cells] == ["0.9986", "–", "0", "0.00075", "–", "9", "0.003", "–"]
     verdicts = {relation.text: relation.verdict for relation in chapter.relations}
-    bound = "GS-Hider, RTWS: upper bound of false positives"
+    bound = "GS-Hider, RTWS: upper bound on false positives"
     assert verdicts[f"{bound} at 99 % detection, other scenes, in %"].startswith("by picture: holds")
     assert "by picture: does not hold" in verdicts[f"{bound} at 99 % detection, the cover without it, in %"]
     assert verdicts[f"{bound}, other scenes, in %"] == "does not hold"
@@ -171,10 +171,10 @@ def test_renders_that_the_threshold_of_99_percent_finds_are_held_to_the_bar() ->
     at_99 = (Measurement(THRESHOLD_AT_99, 0.9986, CLEAN_CHANNEL), Measurement(DETECTED_AT_99, 0.97, CLEAN_CHANNEL))
     chapter = rtws(Study((), experiments=(replace(found, rows=(*found.rows, *at_99)),)), read_published())
     [grid] = [grid for grid in chapter.grids if grid.caption.startswith("At 99 %")]
-    assert (grid.headings[1], grid.lines[0].cells[1].text) == ("Renders found", "97.0 %")
+    assert (grid.headings[1], grid.lines[0].cells[1].text) == ("Renders detected", "97.0 %")
     verdicts = {relation.text: relation.verdict for relation in chapter.relations}
-    assert verdicts["GS-Hider, RTWS: renders that are found, in %"] == "holds"
-    assert verdicts["GS-Hider, RTWS: renders that are found at 99 % detection, in %"] == "does not hold"
+    assert verdicts["GS-Hider, RTWS: renders detected, in %"] == "holds"
+    assert verdicts["GS-Hider, RTWS: renders detected at 99 % detection, in %"] == "does not hold"
 
 
 def test_seeds_of_a_capture_are_averaged() -> None:
@@ -230,8 +230,8 @@ def test_what_is_taken_for_it_after_a_distortion_stands_beside_what_is_found() -
     earlier = detection("paper", "plain", 0)
     experiments = (*measured, earlier, replace(found, capture="kitchen"))
     chapter = rtws(Study((), experiments=experiments), read_published())
-    [grid] = [grid for grid in chapter.grids if grid.caption == "Renders that are found"]
-    assert grid.headings == ("GS-Hider, RTWS", "GS-Hider, RTWS: taken for it", "3DGS, RTWS")
+    [grid] = [grid for grid in chapter.grids if grid.caption == "Renders detected"]
+    assert grid.headings == ("GS-Hider, RTWS", "GS-Hider, RTWS: false positives", "3DGS, RTWS")
     assert [(cell.text, cell.note) for cell in (line.cells[1] for line in grid.lines[:3])] == [
         ("0.00 %", "0 of 12,000"),
         ("2.00 %", "12 of 600"),
@@ -239,7 +239,7 @@ def test_what_is_taken_for_it_after_a_distortion_stands_beside_what_is_found() -
     ]
     assert len(grid.notes) == 2
     grids = rtws(Study((), experiments=(earlier,)), read_published()).grids
-    [before] = [grid for grid in grids if grid.caption == "Renders that are found"]
+    [before] = [grid for grid in grids if grid.caption == "Renders detected"]
     assert (before.headings, len(before.notes)) == (("3DGS, RTWS",), 1)
 
 
@@ -249,11 +249,11 @@ def test_the_cost_is_taken_against_a_container_that_was_trained_as_long_without_
     grain = replace(found, stage="detection_grain[fox]")
     runs = (scored("before", 38.0, "paper"), scored("control", 42.0, "paper"), scored("after", 39.0, "paper"))
     chapter = rtws(Study(runs, experiments=(controlled, grain)), read_published())
-    assert dict(figures(chapter))["GS-Hider, trained on without it", "here"] == ("28.00", "42.00", "–")
+    assert dict(figures(chapter))["GS-Hider, trained further without it", "here"] == ("28.00", "42.00", "–")
     verdicts = {relation.text: relation.verdict for relation in chapter.relations}
     for picture in ("cover", "message"):
-        assert verdicts[f"GS-Hider, RTWS: {picture}, to before"] == "holds"
-        assert verdicts[f"GS-Hider, RTWS: {picture}, to what was trained as long without it"] == "does not hold"
+        assert verdicts[f"GS-Hider, RTWS: {picture}, vs. before"] == "holds"
+        assert verdicts[f"GS-Hider, RTWS: {picture}, vs. training as long without it"] == "does not hold"
     assert not any("grain" in text and "as long" in text for text in verdicts), "nothing is trained for it"
 
 

@@ -128,13 +128,13 @@ def test_wrong_decoders_stand_beside_the_owners(made: dict[str, Artifact]) -> No
     assert next(iter(found)) == ("3DGS+SH", OWNER, "here")
     assert found["GS-Hider, M = 8", RANDOM, "here"] == {
         "PSNR (dB)": "7.00 ± 1.00 (n = 3)",
-        "To one colour": "-8.00",
+        "vs. one colour": "-8.00",
         "Best of them": "8.00",
         "Correlation": "0.300 (n = 3)",
         "With other views": "0.250",
     }
     assert found["GS-Hider, M = 8", RANDOM, "paper"]["PSNR (dB)"] == "a picture only"
-    assert found["GS-Hider, M = 32", OWNER, "here"]["To one colour"] == "+10.00"
+    assert found["GS-Hider, M = 32", OWNER, "here"]["vs. one colour"] == "+10.00"
 
 
 def test_surrogates_are_a_curve_over_what_leaked(made: dict[str, Artifact]) -> None:
@@ -146,7 +146,7 @@ def test_surrogates_are_a_curve_over_what_leaked(made: dict[str, Artifact]) -> N
     assert coloured["0 %"] == "12.50 (r = 0.50 (0.25))"
     assert found["3DGS+SH", "decoder, trained"]["0 %"] == "18.00"
     page = made["owner"].file("report.html").read_text(encoding="utf-8")
-    for title in ("The message as surrogates show it", "Correlation with the message"):
+    for title in ("The message as shown by surrogates", "Correlation with the message"):
         assert title in page
     for share in ("1%", "20%"):
         assert f"Does small M leak more? A surrogate with {share} of the views" in page
@@ -160,10 +160,10 @@ def test_verdicts_can_fail(made: dict[str, Artifact]) -> None:
     assert verdicts[f"GS-Hider, M = 8: {over}, the best random decoder"] == "holds"
     assert verdicts[f"GS-Hider, M = 8: {over}, the best surrogate with 20% of the views"] == "does not hold"
     assert verdicts[f"GS-Hider, M = 32: {over}, the best surrogate with 1% of the views"] == "holds, within noise"
-    small = "GS-Hider: M = 8 leaks more than 32, by the surrogate's loss on the owner's decoder, 20% of the views"
+    small = "GS-Hider: M = 8 leaks more than 32, by the surrogate's gap to the owner's decoder, 20% of the views"
     assert found[small]["Average"] == "+4.00 dB"
     assert verdicts[small] == "holds"
-    blind = "GS-Hider, M = 8: message over the cover taken for it, both in true colours, the best blind reading"
+    blind = "GS-Hider, M = 8: message over the cover itself, both in true colours, the best blind reading"
     assert found[blind]["fox"] == "+2.50 dB"
 
 
@@ -175,7 +175,7 @@ def test_noise_of_small_features_is_that_of_surrogates_alone(tmp_path: Path, apa
         item(tmp_path, "gs_hider", 8, rows_of(8, 2.0 + apart)),
     )
     page = compared(tmp_path, *items)
-    small = "GS-Hider: M = 8 leaks more than 32, by the surrogate's loss on the owner's decoder, 20% of the views"
+    small = "GS-Hider: M = 8 leaks more than 32, by the surrogate's gap to the owner's decoder, 20% of the views"
     found = {names[1]: cells for names, cells in table(markdown(page), "Relations on test views").items()}
     assert found[small]["Average"] == f"+{apart:.2f} dB"
     assert found[small]["Verdict"] == verdict
@@ -184,10 +184,10 @@ def test_noise_of_small_features_is_that_of_surrogates_alone(tmp_path: Path, apa
 def test_what_is_not_secure_is_said_in_words(made: dict[str, Artifact]) -> None:
     text = markdown(made)
     assert "3DGS+SH keeps nothing secret: the published file alone shows the message at 18.00 dB." in text
-    assert "with 20% of them 60% of the way (r = 0.80, control 0.25)" in text
-    assert "whoever has the container alone: three channels" in text
+    assert "60% with 20% of them (r = 0.80, control 0.25)" in text
+    assert "anyone with just the container: three channels" in text
     assert "show the message (r = 0.50, control 0.31)" in text
-    assert "whoever guesses the seed of a training without a key" in text
+    assert "anyone who guesses the seed of a training without a key" in text
 
 
 def test_of_surrogates_the_one_that_shows_most_is_judged(tmp_path: Path) -> None:
@@ -197,7 +197,7 @@ def test_of_surrogates_the_one_that_shows_most_is_judged(tmp_path: Path) -> None
         rows += reading(PAINTED, FLOOR + 7.0, 0.9, 0.2, seed)
     page = compared(tmp_path, item(tmp_path, "homogeneous", 8, rows))
     text = markdown(page)
-    assert "with 20% of them 70% of the way (r = 0.90, control 0.25)" in text
+    assert "70% with 20% of them (r = 0.90, control 0.25)" in text
     found = {names[1]: cells for names, cells in table(text, "Relations on test views").items()}
     [relation] = [cells for name, cells in found.items() if "the best surrogate with 20%" in name]
     assert (relation["fox"], relation["Verdict"]) == ("+7.00 dB", "does not hold")
@@ -213,8 +213,8 @@ def test_with_a_single_test_view_other_controls_are_enough(tmp_path: Path) -> No
     made = compared(tmp_path, each)
     text = markdown(made)
     assert "show the message (r = 0.49, control 0.30)" in text
-    assert "with 20% of them 60% of the way (r = 0.79, control 0.29)" in text
-    assert "whoever guesses the seed of a training without a key" in text
+    assert "60% with 20% of them (r = 0.79, control 0.29)" in text
+    assert "anyone who guesses the seed of a training without a key" in text
 
 
 def test_captures_count_alike_however_many_views_they_have(tmp_path: Path) -> None:
@@ -251,7 +251,7 @@ def test_the_reading_that_is_farthest_beyond_chance_is_told_of(tmp_path: Path) -
     rows = reading(OWNER, OWNERS, 0.95) + reading(COVER_ITSELF, 9.0, 0.3)
     rows += reading(BLIND.format(CHANNELS), 12.0, 0.32, 0.0) + reading(BLIND.format(IGNORED), 11.5, 0.8, 0.0)
     text = markdown(compared(tmp_path, item(tmp_path, "gs_hider", 16, rows)))
-    assert f"by {IGNORED!r}, show the message (r = 0.80, control 0.30)" in text
+    assert f"(reading {IGNORED!r}) show the message (r = 0.80, control 0.30)" in text
 
 
 def test_containers_of_another_weight_have_lines_of_their_own(tmp_path: Path) -> None:
@@ -273,7 +273,7 @@ def test_containers_of_another_weight_have_lines_of_their_own(tmp_path: Path) ->
 
 
 def test_the_feature_map_has_its_controls(made: dict[str, Artifact]) -> None:
-    caption = "What the feature map shows as it is, fox, test views: correlations without sign"
+    caption = "What the feature map shows as it is, fox, test views: absolute correlations"
     found = table(markdown(made), caption)
     assert found["GS-Hider, M = 8", "channel 1"]["Message"] == "0.325"
     assert found["GS-Hider, M = 8", BLIND.format(IGNORED)] == {
@@ -292,4 +292,4 @@ def test_every_figure_has_its_digits_and_nothing_is_public(made: dict[str, Artif
 
 def test_without_measurements_nothing_is_shown(tmp_path: Path) -> None:
     page = run_stage(compare_with_paper, CompareWithPaperParameters(tables=("secrecy",)), {}, tmp_path)["owner"]
-    assert "Nothing of this was measured." in page.file("tables.md").read_text(encoding="utf-8")
+    assert "None of this was measured." in page.file("tables.md").read_text(encoding="utf-8")

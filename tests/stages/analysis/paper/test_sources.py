@@ -96,7 +96,7 @@ def test_the_owners_page_names_every_artifact(items: dict[str, tuple[Item, ...]]
 def test_a_page_names_the_stages_of_its_own_workflow(made: dict[str, Artifact]) -> None:
     """And not those that a file of figures was once put together by."""
     text = made["owner"].file("tables.md").read_text(encoding="utf-8").replace("\\", "")
-    assert "What every detector says of every picture: the measurements of own_detector." in text
+    assert "score of every picture: see the measurements of own_detector." in text
 
 
 def test_the_public_page_names_public_artifacts_by_its_own_words(
