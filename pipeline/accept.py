@@ -25,7 +25,7 @@ from pipeline.record import Record
 from pipeline.stage import output_is_private
 from pipeline.store import Store
 
-GONE = "it has no result that is whole in the store"
+GONE = "it has no complete result in the store"
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def _remedy(graph: Graph, steps: Mapping[str, Step], refused: Sequence[Refusal])
     first = to_accept_first(graph, steps, [refusal.name for refusal in refused]) if waiting else []
     if first:
         return f"Only code changed upstream: accept {first[0]} first."
-    return "Only a change of code can be accepted; anything else has to run."
+    return "Only a code change can be accepted; for any other change, run the stage."
 
 
 def keep(found: Sequence[Acceptance], graph: Graph, store: Store) -> None:
@@ -156,17 +156,17 @@ def _misfits(node: Node, record: Record | None, store: Store, digests: Mapping[S
     """How the result differs from what the stage would make now: other outputs, kinds or privacy."""
     declared, made = node.declaration.outputs, record.outputs if record else {}
     if declared.keys() != made.keys():
-        yield f"its outputs are {', '.join(declared) or 'none'} now; its result has {', '.join(made) or 'none'}"
+        yield f"its outputs are now {', '.join(declared) or 'none'}; its result has {', '.join(made) or 'none'}"
         return
     given = [digests[source] for sources in node.sources.values() for source in sources]
     from_input = any(store.artifact(digest).private for digest in given if digest)
     for name, output in declared.items():
         artifact = store.artifact(made[name])
         if artifact.kind != output.kind:
-            yield f"its output {name} is of kind {output.kind} now; its result is of kind {artifact.kind}"
+            yield f"its output {name} is now of kind {output.kind}; its result is of kind {artifact.kind}"
         if artifact.private != output_is_private(output, from_input, node.private):
             now, then = ("public", "private") if artifact.private else ("private", "public")
-            yield f"its output {name} is {now} now; its result is {then}"
+            yield f"its output {name} is now {now}; its result is {then}"
 
 
 def _reasons_against(step: Step, record: Record | None) -> list[str]:
@@ -174,7 +174,7 @@ def _reasons_against(step: Step, record: Record | None) -> list[str]:
         return [GONE]
     if step.key is None:
         waits = [change.text for change in step.changes if change.part == "input"]
-        return waits or ["what it takes is not made yet"]
+        return waits or ["its inputs have not been made yet"]
     return _unacceptable(step)
 
 

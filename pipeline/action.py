@@ -151,7 +151,7 @@ def _perform(job: Job, tell: Tell) -> Outcome:
             lock.acquire(timeout=LOOK_EVERY)
         except Timeout:
             if not waits:
-                tell(Noted(f"{job.name} waits for another run that is doing the same"))
+                tell(Noted(f"{job.name} is waiting for another run that is doing the same work"))
             waits = True
             continue
         try:
@@ -335,10 +335,10 @@ class _Action:
         name, before = self.job.name, self.unsaved
         self.unsaved = f"its checkpoint could not be written: {problem}" if problem else ""
         if self.unsaved and not before:
-            risk = "What it has done since the last one is lost if it stops before that succeeds"
-            tell(Noted(f"{name}: {self.unsaved}. {risk}: look after the disk of {self.store.root} now."))
+            risk = "If it stops before one can be written, its work since the last one is lost"
+            tell(Noted(f"{name}: {self.unsaved}. {risk}: check the disk that holds {self.store.root} now."))
         elif before and not self.unsaved:
-            tell(Noted(f"{name}: its checkpoints are written again"))
+            tell(Noted(f"{name}: its checkpoints can be written again"))
 
     def stop_requested(self) -> bool:
         moment = time.monotonic()

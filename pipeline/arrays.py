@@ -76,16 +76,16 @@ def _check_description(where: Path, record: ArrayRecord) -> None:
         found = {name: value for name, value in found.items() if name not in OPTIONAL or value != OPTIONAL[name]}
         same = json.dumps(found, sort_keys=True) == json.dumps(_description(record, found), sort_keys=True)
     except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
-        raise CorruptArtifact(f"{where / DESCRIPTION}: describes no array ({error})") from error
+        raise CorruptArtifact(f"{where / DESCRIPTION}: does not describe an array ({error})") from error
     if not same:
-        raise CorruptArtifact(f"{where / DESCRIPTION}: does not describe the array of the manifest as we write it")
+        raise CorruptArtifact(f"{where / DESCRIPTION}: not what we would write for this array")
 
 
 def _description(record: ArrayRecord, found: Any) -> dict[str, Any]:
     """What our writer would say of this array, except for the compression level found, which only has to be valid."""
     level = found["codecs"][1]["configuration"]["level"]
     if type(level) is not int or not 1 <= level <= HARDEST:
-        raise ValueError(f"packed by level {level!r}; expected 1 to {HARDEST}")
+        raise ValueError(f"compression level {level!r}; expected 1 to {HARDEST}")
     little = {"name": "bytes", "configuration": {"endian": "little"}}
     in_bytes = {"name": "bytes"} if int(record.dtype[2:]) == 1 and found["codecs"][0] != little else little
     return {
@@ -117,7 +117,7 @@ def _check_chunk(path: Path, expected: int) -> None:
             head = file.read(14)
             stated, start = _frame(head)
             if stated != expected or _end_of_frame(file, start) != os.fstat(file.fileno()).st_size:
-                raise CorruptArtifact(f"{path}: does not unfold into the {expected} bytes of a chunk")
+                raise CorruptArtifact(f"{path}: does not decompress to the {expected} bytes of a chunk")
     except OSError as error:
         raise CorruptArtifact(f"{path}: missing") from error
 

@@ -141,7 +141,7 @@ class Artifact:
         def read(part: object) -> np.ndarray:
             values = self._part(name, array, part)
             if not (self.path / MANIFEST).is_file():  # another run has set it aside: zarr returned zeros
-                raise CorruptArtifact(f"{self.path}: gone while array {name!r} was read")
+                raise CorruptArtifact(f"{self.path}: disappeared while array {name!r} was being read")
             return values
 
         return read
@@ -270,7 +270,7 @@ class ArtifactWriter:
         """
         check_name(name)
         if name.split("/")[0] in (MANIFEST, ARRAYS):
-            raise ArtifactError(f"{name!r} is a name of the engine's own; choose another")
+            raise ArtifactError(f"{name!r} is reserved for the engine; choose another name")
         path = self.path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         return path

@@ -28,7 +28,7 @@ PAGE = 1000  # objects in one response or request, at most
 DENIED = ("AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMatch", "ExpiredToken", "InvalidToken", "403")
 MISSING = ("NoSuchKey", "404")
 TAKEN = ("PreconditionFailed", "412")
-CREDENTIALS = "AWS's own: AWS_PROFILE, or AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or ~/.aws"
+CREDENTIALS = "standard AWS credentials: AWS_PROFILE, or AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or ~/.aws"
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Bucket:
 
     def __init__(self, address: str) -> None:
         if "@" in address:
-            raise CommandError("an address holds no credentials", where="--store", expected=CREDENTIALS)
+            raise CommandError("an address must not contain credentials", where="--store", expected=CREDENTIALS)
         match = ADDRESS.fullmatch(address)
         if not match:
             raise CommandError("not the address of a store", where=address, expected="a folder or s3://BUCKET/PREFIX")
@@ -226,7 +226,7 @@ def _told(error: Exception, address: str) -> Exception | None:
 
     code = _code(error)
     if code == "NoSuchBucket":
-        return RemoteError("there is no such bucket", where=address, remedy="Make it, or correct --store.")
+        return RemoteError("there is no such bucket", where=address, remedy="Create it, or correct --store.")
     if code in DENIED or (code and isinstance(error, PermissionError)):
         return _denied(address, code)
     kind = type(error).__name__
@@ -236,7 +236,7 @@ def _told(error: Exception, address: str) -> Exception | None:
         return Unreachable("the server refused a request", where=address, found=code, remedy="Try again later.")
     broken: tuple[type[Exception], ...] = (BrokenConnection, HTTPClientError, NoConnection, ConnectionError)
     if isinstance(error, (*broken, TimeoutError)):
-        remedy = "Check the network and AWS_ENDPOINT_URL, and try again; what is done is kept."
+        remedy = "Check the network and AWS_ENDPOINT_URL, and try again; completed work is kept."
         return Unreachable("the server cannot be reached", where=address, found=kind, remedy=remedy)
     if isinstance(error, BotoCoreError):
         return RemoteError("cannot use the bucket", where=address, found=kind, expected=CREDENTIALS)
@@ -244,5 +244,5 @@ def _told(error: Exception, address: str) -> Exception | None:
 
 
 def _denied(address: str, code: object) -> RemoteError:
-    remedy = "Check whose credentials are used (AWS_PROFILE) and what the bucket lets them do."
+    remedy = "Check which credentials are used (AWS_PROFILE) and what the bucket allows them to do."
     return RemoteError("access denied", where=address, found=code or None, remedy=remedy)

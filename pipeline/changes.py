@@ -101,7 +101,7 @@ def _code(old: str, new: str, known: Known) -> Iterator[Change]:
             about = _listed(definitions) or "the order of its definitions"
             yield Change("code", name, f"code changed: {name} ({about})", details={"definitions": definitions})
     for words, names in (
-        ("joined", sorted(after.keys() - before.keys())),
+        ("newly used", sorted(after.keys() - before.keys())),
         ("no longer used", sorted(before.keys() - after.keys())),
     ):
         if names:
@@ -159,13 +159,13 @@ def _inputs(node: Node, old: Mapping[str, Any], new: Mapping[str, Any]) -> Itera
         for source, was, now in zip(node.sources[name], before, after, strict=True):
             details = {"source": source.node, "output": source.output}
             if now is None:
-                without = ", which it was made without" if was == FAILED else ""
+                without = ", which the last result was made without" if was == FAILED else ""
                 yield Change("input", name, f"input {name} waits for {source.node}{without}", was, None, details)
             elif was != now and FAILED in (was, now):
-                text = f"input {name}: {source.node} {'failed' if now == FAILED else 'had failed, and is made'}"
+                text = f"input {name}: {source.node} {'failed' if now == FAILED else 'had failed, but now succeeded'}"
                 yield Change("input", name, text, was, now, details)
             elif was != now:
-                text = f"input {name}: {source.node} made another {source.output} ({was[:8]} → {now[:8]})"
+                text = f"input {name}: the {source.output} of {source.node} changed ({was[:8]} → {now[:8]})"
                 yield Change("input", name, text, was, now, details)
 
 
@@ -187,7 +187,7 @@ def _item(name: str, was: Sequence[Any], now: Sequence[Any]) -> Change | None:
     if was[1] != now[1]:
         return Change("item", name, f"input {name}: the values of {now[0]} changed", was[1], now[1])
     if was[2] and now[2] and was[2] != now[2]:
-        text = f"input {name}: {now[0]} failed otherwise: {_shown(was[2])} → {_shown(now[2])}"
+        text = f"input {name}: {now[0]} failed differently: {_shown(was[2])} → {_shown(now[2])}"
         return Change("item", name, text, was[2], now[2])
     return None
 

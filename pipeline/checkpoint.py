@@ -169,7 +169,7 @@ class Checkpoints:
         artifact = load(path)
         attributes: Mapping[str, Any] = artifact.attributes
         if attributes["format"] != FORMAT:
-            raise ValueError(f"it is of format {attributes['format']}, this program reads {FORMAT}")
+            raise ValueError(f"its format is {attributes['format']}; this program reads {FORMAT}")
         artifact.verify()
         checkpoint = Checkpoint(attributes["written"], State(_read_packed(artifact), attributes["values"]))
         self._compare(attributes["made_with"])
@@ -204,8 +204,8 @@ def wished_seconds() -> float | None:
             "not a number of seconds",
             where=EVERY_VARIABLE,
             found=text,
-            expected="such as 600, or 0 for a checkpoint at every chance",
-            remedy=f"Unset it to have one about every {EVERY:.0f} seconds.",
+            expected="a number such as 600, or 0 for a checkpoint at every opportunity",
+            remedy=f"Unset it to write one about every {EVERY:.0f} seconds.",
         )
     return seconds
 

@@ -57,14 +57,14 @@ app = typer.Typer(
     help="""Runs workflows of stages, keeps every result, and repeats only what changed.
 
     \b
-    python -m pipeline run workflows/hide_multi.yaml                  do it, or what is missing of it
+    python -m pipeline run workflows/hide_multi.yaml                  run it, or the part that is missing
     python -m pipeline status workflows/hide_multi.yaml               what is done, and what would run
     python -m pipeline explain workflows/hide_multi.yaml hide         why a stage would run
     python -m pipeline show hide_multi/sealed.container               what came out, and how it was made
     python -m pipeline show hide_multi/cover.scene --pictures seen    its pictures as PNG files
-    python -m pipeline gc --dry-run                                   what nobody needs any more
+    python -m pipeline gc --dry-run                                   what is no longer needed
 
-    `COMMAND --help` shows more. The same program is called gs-hider: `gs-hider --install-completion` teaches your shell
+    `COMMAND --help` shows more. The program is also called gs-hider: `gs-hider --install-completion` teaches your shell
     to complete workflows, stages, settings and results.
     """,
     context_settings={"max_content_width": 120},
@@ -92,11 +92,11 @@ def run(
     settings: Settings = None,
     vars_files: VarsFiles = None,
     store: StoreAddress = "store",
-    workers: Annotated[int, typer.Option("--workers", min=1, metavar="N", help="Stages at the same time.")] = min(
+    workers: Annotated[int, typer.Option("--workers", min=1, metavar="N", help="Number of parallel stages.")] = min(
         2, os.cpu_count() or 1
     ),
     scheduler: Annotated[
-        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="A dask scheduler that runs already.")
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="A dask scheduler that is already running.")
     ] = None,
     resources: Annotated[
         str,
@@ -104,15 +104,15 @@ def run(
             "--resources",
             metavar="LIST",
             envvar="GS_HIDER_RESOURCES",
-            help="What this machine has, such as 'gpu=1 memory=16GiB'; workers of a scheduler say so themselves.",
+            help="What this machine has, such as 'gpu=1 memory=16GiB'; workers of a scheduler state their own.",
         ),
     ] = "",
-    serial: Annotated[bool, typer.Option("--serial", help="One stage at a time in this process.")] = False,
+    serial: Annotated[bool, typer.Option("--serial", help="Runs one stage at a time, in this process.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only says what would be done, and why.")] = False,
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Runs a workflow: takes what is in the store from there, and does the rest.
+    """Runs a workflow: reuses the results that are in the store, and makes the rest.
 
     \b
     python -m pipeline run workflows/hide_multi.yaml
@@ -143,10 +143,10 @@ def run(
         ready = partial(_made_ready, make_executor, graph, project.store, serial or not scheduler)
         summary = _run(project, graph, ready, not serial, as_json)
         if summary.interrupted:
-            say(f"Interrupted; what is done is kept. To go on: {command_line()}")
+            say(f"Interrupted; completed work is kept. To continue: {command_line()}")
             raise typer.Exit(130)
         if summary.counts.get("failed"):
-            say(f"What is done is kept. After a repair, go on with: {command_line()}")
+            say(f"Completed work is kept. Once the cause is fixed, continue with: {command_line()}")
             raise typer.Exit(1)
 
 
@@ -159,7 +159,7 @@ def status(
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Says for every stage whether its result is in the store, and if not, why, or that a run is making it right now.
+    """Shows whether the result of each stage is in the store and, if not, why, or that a run is making it right now.
 
     \b
     python -m pipeline status workflows/hide_multi.yaml
@@ -185,15 +185,15 @@ def explain(
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Says why a stage would run again, down to the changes that cause it, or what its result was made of.
+    """Says why a stage would run again, down to the changes that cause it, or what its result was made from.
 
     \b
     python -m pipeline explain workflows/hide_multi.yaml hide
       hide: cached
-        made 2026-03-01T10:00:00+00:00 in 4 min 10 s, by commit 3f2c…, in run hide_multi/20260301T100000.…
+        made 2026-03-01T10:00:00+00:00 in 4 min 10 s, at commit 3f2c…, in run hide_multi/20260301T100000.…
         …
     python -m pipeline explain workflows/hide_multi.yaml scores --set hide.lambda_message=1.0
-      scores: to run if what it takes comes out differently
+      scores: to run if its inputs turn out different
         input container waits for hide
         because hide: parameter lambda_message: 0.3 → 1.0
     """
@@ -261,10 +261,10 @@ def accept(
             else:
                 print(refusal)
         if not found:
-            say(f"{stage}: cached, there is nothing to accept")
+            say(f"{stage}: cached; there is nothing to accept")
         if not dry_run:
             for name in still_to_accept(project.graph, project.store):
-                say(f"{name} has changed code, too: {command_line_with(context, stage=name)}")
+                say(f"the code of {name} changed, too: {command_line_with(context, stage=name)}")
 
 
 @app.command()
@@ -274,12 +274,12 @@ def graph(
     vars_files: VarsFiles = None,
     store: StoreAddress = "store",
     svg: Annotated[
-        Path | None, typer.Option("--svg", metavar="FILE", help="Draws the graph into a file.", show_default=False)
+        Path | None, typer.Option("--svg", metavar="FILE", help="Draws the graph to an SVG file.", show_default=False)
     ] = None,
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Shows the stages of a workflow and which stages each of them takes from.
+    """Shows the stages of a workflow and the stages from which each takes its inputs.
 
     \b
     python -m pipeline graph workflows/hide_multi.yaml --svg hide_multi.svg
@@ -295,7 +295,7 @@ def graph(
         if svg:
             steps = make_plan(project.graph, project.store)
             svg.write_text(draw([box(node, steps[node.name]) for node in nodes]))
-            say(f"Drawn into {svg}")
+            say(f"Drawn to {svg}")
             return
         width = max((len(node.name) for node in nodes), default=0)
         for node in nodes:
@@ -319,7 +319,7 @@ def _run(
     display = make_display(graph.workflow, len(graph.nodes), json=as_json)
     with display, beside_others(project.store, graph.workflow) as others:
         if others:
-            display(Noted(f"another run of {graph.workflow} is going on: {MIXED}"))
+            display(Noted(f"another run of {graph.workflow} is in progress: {MIXED}"))
         make = partial(make_executor, display)
         work = Run(graph, project.store, project.package, project.package_folder, make, captures, display.__call__)
         summary = work.run()

@@ -114,7 +114,7 @@ class DaskExecutor:
         where = f"--scheduler {self._address}"
         if self._address is not None and ":" not in self._address:  # dask would try for a minute, and print a traceback
             self._ends.close()
-            raise CommandError("no address of a dask scheduler", where=where, expected="HOST:PORT")
+            raise CommandError("not the address of a dask scheduler", where=where, expected="HOST:PORT")
         try:
             client = Client(cluster, timeout="20s", set_as_default=False)
         except (OSError, ValueError) as error:
@@ -127,7 +127,7 @@ class DaskExecutor:
             self._ends.close()
             found = f"{type(error).__name__}: {error}"
             if self._address is None:
-                raise CommandError("a worker on this machine cannot begin", found=found) from error
+                raise CommandError("a worker on this machine cannot start", found=found) from error
             raise CommandError(
                 "the workers cannot load this program",
                 where=where,
@@ -216,9 +216,9 @@ class DaskExecutor:
     def _remedy(self, needs: Resources) -> str:
         listed = " ".join(f"{name}={value:.15g}" for name, value in needs.items())
         if self._address is None:
-            return f"If it has: --resources '{listed}'. Or change 'resources' of the stage in the workflow."
+            return f"If it has more: --resources '{listed}'. Otherwise change the stage's 'resources' in the workflow."
         stated = f" --resources '{listed}'" if listed else ""
-        return f"Start one that has: dask worker {self._address} --nthreads 1{stated}"
+        return f"Start one with: dask worker {self._address} --nthreads 1{stated}"
 
     def _look(self) -> None:
         """Asks the scheduler once a second which workers there are; what a vanished worker was doing is lost."""
@@ -274,7 +274,7 @@ class DaskExecutor:
 
     def _result(self, given: Given) -> Any:
         if given.future.status in ("cancelled", "lost"):
-            return Lost("the connection to the dask scheduler broke off")
+            return Lost("the connection to the dask scheduler was lost")
         try:
             return given.future.result(timeout=ANSWER)
         except (KilledWorker, TimeoutError):

@@ -18,11 +18,11 @@ def show(
     pictures: Annotated[
         Path | None,
         typer.Option(
-            "--pictures", metavar="FOLDER", help="Also writes its pictures there, as PNG.", show_default=False
+            "--pictures", metavar="FOLDER", help="Also writes its pictures to this folder, as PNG.", show_default=False
         ),
     ] = None,
     limit: Annotated[
-        int, typer.Option("--limit", min=1, metavar="N", help="At most so many pictures, evenly drawn from all.")
+        int, typer.Option("--limit", min=1, metavar="N", help="At most this many pictures, spread evenly over all.")
     ] = 16,
     everything: Annotated[bool, typer.Option("--all", help="Every row, line, file and picture.")] = False,
     reveal: Reveal = False,
@@ -61,15 +61,16 @@ def show(
             if pictures:
                 with written_to(pictures):
                     paths, number = write_pictures(found, pictures, None if everything else limit)
-                of = f" of {number}; --all or --limit N writes more" if len(paths) < number else ""
-                say(f"{len(paths)} pictures{of}, in {near(pictures.absolute())}" if number else "It holds no pictures.")
+                of, more = (f" of {number}", "; --all or --limit N writes more") if len(paths) < number else ("", "")
+                words = f"{len(paths)}{of} pictures, in {near(pictures.absolute())}{more}"
+                say(words if number else "It contains no pictures.")
 
 
 def export(
     artifact: ArtifactName,
-    target: Annotated[Path, typer.Argument(metavar="TARGET", help="Where to; nothing may be there.")],
+    target: Annotated[Path, typer.Argument(metavar="TARGET", help="Where to copy it; must not exist yet.")],
     store: StoreAddress = "store",
-    zipped: Annotated[bool, typer.Option("--zip", help="One .zip file; so does a TARGET that ends in .zip.")] = False,
+    zipped: Annotated[bool, typer.Option("--zip", help="One .zip file; implied if TARGET ends in .zip.")] = False,
     reveal: Reveal = False,
 ) -> None:
     """Copies an artifact out of the store, checking every byte: to a folder, or to one .zip file of the same layout.

@@ -63,10 +63,10 @@ def gc(
     store: StoreAddress = "store",
     dry_run: DryRun = False,
     keep_last: Annotated[
-        int, typer.Option("--keep-last", min=1, metavar="N", help="Runs whose results are kept, of each workflow.")
+        int, typer.Option("--keep-last", min=1, metavar="N", help="Keeps the results of this many runs per workflow.")
     ] = 3,
     older_than: Annotated[
-        float, typer.Option("--older-than", min=0, metavar="DAYS", help="Keeps all results that are younger.")
+        float, typer.Option("--older-than", min=0, metavar="DAYS", help="Keeps all results that are younger than this.")
     ] = 0.0,
     forget: Annotated[
         list[str] | None,
@@ -79,7 +79,7 @@ def gc(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Deletes the results that nobody needs any more, and says which.
+    """Deletes the results that are no longer needed, and lists them.
 
     \b
     python -m pipeline gc --dry-run
@@ -117,7 +117,7 @@ def pin(
     stages: StageNames = None,
     name: Annotated[
         str | None,
-        typer.Option("--name", metavar="NAME", help="What to call it.", show_default="the workflow's name"),
+        typer.Option("--name", metavar="NAME", help="The name of the pin.", show_default="the workflow's name"),
     ] = None,
     settings: Settings = None,
     vars_files: VarsFiles = None,
@@ -147,25 +147,25 @@ def pin(
             lacking = [step.name for step in steps.values() if step.state != "cached"]
             if lacking:
                 raise CommandError(
-                    f"not all of this is in the store: {', '.join(lacking)}",
+                    f"some of these results are not in the store: {', '.join(lacking)}",
                     where=workflow,
                     remedy=_before_pinning(to_accept_first(graph, steps, lacking)),
                 )
             chosen = name or ".".join([graph.workflow, *(stages or [])])
             keys = {step.name: step.key for step in steps.values() if step.key}
             project.store.pins.add(chosen, Pin(graph.workflow, now(), keys))
-        say(f"{len(keys)} results are pinned as {chosen}; `unpin {chosen}` lets them go")
+        say(f"{len(keys)} results are pinned as {chosen}; `unpin {chosen}` releases them")
 
 
 def _before_pinning(to_accept: Sequence[str]) -> str:
     """What to do before pinning: after a code change, a run may make results other than those that are to be kept."""
     if to_accept:
-        return f"Only code changed, of {', '.join(to_accept)}: `accept` keeps these results, and a run may make others."
-    return "Run it first, or name the stages that are to be pinned."
+        return f"Only code changed, in {', '.join(to_accept)}: `accept` keeps these results; a run may make others."
+    return "Run it first, or name the stages to pin."
 
 
 def unpin(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="A name of `pins`.", autocompletion=complete_pin)],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A name that `pins` lists.", autocompletion=complete_pin)],
     store: StoreAddress = "store",
 ) -> None:
     """Removes a pin: the next `gc` deletes its results unless something else needs them.

@@ -97,11 +97,11 @@ def _broken_off(what: str, status: int, log: Path, remedy: str | None) -> UserEr
     lines = log.read_text(errors="replace").strip().splitlines()
     lines = [line for line in lines if not line.lstrip().startswith("@")]  # without the stack dump of a crash
     if any(line.startswith(TRACEBACK) for line in lines) and not lines[-1].startswith("MemoryError"):
-        return UserError(f"{what} broke off", found=lines[-1].removeprefix("ValueError: "))
+        return UserError(f"{what} failed", found=lines[-1].removeprefix("ValueError: "))
     return UserError(
-        f"{what} broke off",
+        f"{what} failed",
         found=f"exit status {status}: {' | '.join(lines[-3:]) or 'no message'}",
-        expected="exit status 0; -9 is a process killed, mostly for want of memory",
+        expected="exit status 0; -9 means that it was killed, usually for lack of memory",
         remedy=remedy,
     )
 

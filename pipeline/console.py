@@ -47,7 +47,7 @@ VarsFiles = Annotated[
     typer.Option(
         "--vars",
         metavar="FILE",
-        help="Sets the vars that a YAML file maps to values; later files win, --set wins over all. Repeatable.",
+        help="Sets vars from a YAML file; later files override earlier ones, --set overrides all. Repeatable.",
         autocompletion=complete_vars,
     ),
 ]
@@ -61,20 +61,20 @@ StoreAddress = Annotated[
     ),
 ]
 Package = Annotated[str, typer.Option("--stages", metavar="PACKAGE", help="The package whose modules are the stages.")]
-Json = Annotated[bool, typer.Option("--json", help="Prints one JSON object a line.")]
+Json = Annotated[bool, typer.Option("--json", help="Prints one JSON object per line.")]
 ArtifactName = Annotated[
     str,
     typer.Argument(
         metavar="ARTIFACT",
-        help="WORKFLOW/STAGE.OUTPUT as in the store's folder `latest` (or STAGE.OUTPUT, or STAGE, where that leaves no "
-        "choice), at least 6 characters of a digest, or the path of an artifact.",
+        help="WORKFLOW/STAGE.OUTPUT as in the store's folder `latest` (or STAGE.OUTPUT, or STAGE, where that is "
+        "unambiguous), at least 6 characters of a digest, or the path of an artifact.",
         show_default=False,
         autocompletion=complete_artifact,
     ),
 ]
 Reveal = Annotated[
     bool,
-    typer.Option("--reveal", help="Shows what is private, and writes it into public places, too."),
+    typer.Option("--reveal", help="Shows private contents, and allows writing them to public places."),
 ]
 
 
@@ -99,7 +99,7 @@ def reported(store: Path | str) -> Iterator[None]:
         say(words_of(error, store if "://" in str(store) else from_home(store)))
         raise typer.Exit(1) from None
     except KeyboardInterrupt:
-        say(f"Interrupted at once; finished stages are kept. To go on: {command_line()}")
+        say(f"Interrupted immediately; finished stages are kept. To continue: {command_line()}")
         raise typer.Exit(130) from None
 
 

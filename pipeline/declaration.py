@@ -245,10 +245,10 @@ def check_completed(declared: Stage, parameters: Parameters, planned: Mapping[st
     for name, value in planned.items():
         if here.get(name) != value:
             raise UserError(
-                f"this machine would take the parameter {name!r} for something else than the one that planned the run",
+                f"the parameter {name!r} has a different value on this machine than where the run was planned",
                 found=json.dumps(here.get(name)),
                 expected=json.dumps(value),
-                remedy="Install here what is installed there, and run again.",
+                remedy="Install the same software on both machines, and run again.",
             )
 
 
@@ -314,7 +314,7 @@ def _refusal(model: type[Parameters], detail: Any) -> Refusal:
     name = ".".join(str(step) for step in path)
     if detail["type"] == "extra_forbidden":
         allowed = list(model.model_fields) if len(path) == 1 else []
-        listed = f"; allowed are {', '.join(allowed) or 'none'}" if len(path) == 1 else ""
+        listed = f"; allowed: {', '.join(allowed) or 'none'}" if len(path) == 1 else ""
         return Refusal(path, f"unknown parameter {name!r}{listed}{nearest(name, allowed)}")
     if detail["type"] == "missing":
         field = model.model_fields.get(name)

@@ -97,9 +97,9 @@ def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
         return _words_of_too_large(error.filename or store)
     if error.errno == errno.EROFS and not _elsewhere(error.filename, store):
         return (
-            f"{store}: the store cannot be written; found a read-only file system. Have that disk made writable, or "
-            "copy the store to one that is, and say where with --store or in $GS_HIDER_STORE; `status`, `show`, "
-            "`export` and `verify` can do with it as it is."
+            f"{store}: the store cannot be written; found a read-only file system. Make that disk writable, or copy "
+            "the store to one that is, and name it with --store or $GS_HIDER_STORE; `status`, `show`, `export` and "
+            "`verify` work with it as it is."
         )
     if error.errno not in FULL:
         where = f"{error.filename}: " if error.filename else ""
@@ -109,12 +109,12 @@ def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
         room = _room_words(elsewhere)
         return f"no space left on the disk that holds {elsewhere}: {room}. Make room there, then run again."
     so_far = f", after {size_words(written)} were written" if written else ""
-    kept = "What is done is kept; make room, then run again."
+    kept = "Completed work is kept; make room, then run again."
     if "://" in str(store):
-        return f"no space left on this machine's disk, where copies of what is in {store} are kept{so_far}. {kept}"
+        return f"no space left on this machine's disk, which holds copies of what is in {store}{so_far}. {kept}"
     room = _room_words(store)
     if error.errno == errno.ENOSPC and (free_bytes(store) or 0) > MUCH:
-        other = f"probably not the one that holds {store}, which has {room}, but that of /tmp or of the home folder"
+        other = f"probably not the one that holds {store}, which has {room}, but the one with /tmp or the home folder"
         return f"no space left on a disk{so_far}, {other}. {kept}"
     return f"no space left on the disk that holds {store}: {room}{so_far}. {kept}"
 
@@ -133,12 +133,12 @@ def written_to(place: Path) -> Iterator[None]:
 def _words_of_too_large(place: object) -> str:
     """That a file would have been larger than this process, or its disk, allows."""
     allowed = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
-    kept = "What is done is kept; then run again."
+    kept = "then run again; completed work is kept."
     if allowed == resource.RLIM_INFINITY:
-        return f"{place}: a file is larger than its disk takes. Have it on a disk that takes larger files. {kept}"
+        return f"{place}: a file is larger than its disk allows. Use a disk that allows larger files, {kept}"
     return (
         f"{place}: a file is larger than this process may write; found a limit of {size_words(allowed)} a file, which "
-        f"`ulimit -f` sets. Raise it, as `ulimit -f unlimited` does. {kept}"
+        f"`ulimit -f` sets. Raise it, for example with `ulimit -f unlimited`, {kept}"
     )
 
 
@@ -263,4 +263,4 @@ def _room_words(path: Path | str) -> str:
     if room is None:
         return f"{size_words(0)} free"
     free = f"{size_words(room.f_bavail * room.f_frsize)} free"
-    return f"no free inodes, one of which each file takes ({free})" if _lacks_inodes(room) else free
+    return f"no free inodes, and each file needs one ({free})" if _lacks_inodes(room) else free

@@ -65,7 +65,7 @@ def draw(boxes: Sequence[Box]) -> str:
     return "\n".join(
         [
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" '
-            f'height="{height:.0f}" role="img" aria-label="The stages and what each takes from which" '
+            f'height="{height:.0f}" role="img" aria-label="The stages and their dependencies" '
             'font-family="system-ui, sans-serif">',
             '<g fill="none" stroke="#8a94a6" stroke-width="1.4">',
             *curves,

@@ -20,7 +20,7 @@ def check_engine(digest: str) -> None:
     """Raises UserError if the engine of this process does not have that digest."""
     if digest != engine_digest():
         raise UserError(
-            "the worker has another version of the engine than the run",
+            "the worker has a different version of the engine than the run",
             where=Path(__file__).parent,
             expected="the same sources",
             remedy="Give the workers the same version (PYTHONPATH), and restart them.",

@@ -139,7 +139,7 @@ def in_words(explanation: Explanation, graph: Graph, duration: str) -> list[str]
     elif step.state == "running":
         lines = [f"{step.name}: running now"]
     elif step.state == "depends":
-        lines = [f"{step.name}: to run if what it takes comes out differently"]
+        lines = [f"{step.name}: to run if its inputs turn out different"]
     elif step.state in ("lost", "refused"):
         lines = [f"{step.name}: {'lost' if step.state == 'lost' else 'to accept'}"]
     else:
@@ -182,7 +182,7 @@ def _made_of(explanation: Explanation, graph: Graph, duration: str) -> Iterator[
     parts: Mapping[str, Any] = record.parts
     provenance = record.provenance
     run = f", in run {explanation.run}" if explanation.run else ""
-    yield f"  made {provenance['started']} in {duration}, by commit {provenance['commit'] or 'unknown'}{run}"
+    yield f"  made {provenance['started']} in {duration}, at commit {provenance['commit'] or 'unknown'}{run}"
     yield f"  key {step.key}"
     yield f"  stage {parts['stage']}, version {parts['version']}{', private' if parts['private'] else ''}"
     if parts["parameters"]:

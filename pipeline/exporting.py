@@ -23,9 +23,9 @@ def export_artifact(artifact: Artifact, target: Path, zipped: bool, store: Store
     CorruptArtifact if the artifact is not what was written.
     """
     if target.exists() or target.is_symlink():
-        raise CommandError("exists already", where=target, remedy="Choose another name, or remove it first.")
+        raise CommandError("already exists", where=target, remedy="Choose another name, or remove it first.")
     if store and target.resolve().is_relative_to(store.root.resolve()):
-        raise CommandError("inside the store, where `gc` deletes what is not its own", where=target)
+        raise CommandError("inside the store, where `gc` deletes what does not belong there", where=target)
     make_folder(target.absolute().parent, artifact.private)
     aside = target.absolute().parent / f".{target.name}.{uuid.uuid4().hex}"
     packed = aside.with_name(f"{aside.name}.zip")

@@ -75,7 +75,7 @@ def contents_of(
             listed(files)
             return Contents(True, {file.relative_to(path).as_posix(): digest_file(file) for file in files})
         if not stat.S_ISREG(path.stat().st_mode):
-            raise UserError("is neither a file nor a folder", where=path, remedy="Copy what it gives into a file.")
+            raise UserError("is neither a file nor a folder", where=path, remedy="Copy its contents into a file.")
         listed([path])
         return Contents(False, {path.name: digest_file(path)})
     except OSError as error:
@@ -90,7 +90,7 @@ def _files_under(folder: Path) -> list[Path]:
         # A link to a folder above, such as /, would otherwise come round only after everything in it.
         here = directory.resolve()
         if any(parent.resolve().is_relative_to(here) for parent in above):
-            raise UserError("a link leads round in a circle", where=directory)
+            raise UserError("a link leads back to a folder above it", where=directory)
         files += [directory / file for file in names]
     for file in files:
         if not file.is_file():

@@ -46,10 +46,10 @@ class ExternalCache:
         """
         if resolved(self._store.root).is_relative_to(resolved(path)):
             raise UserError(
-                "holds the store, which changes while stages run",
+                "contains the store, which changes while stages run",
                 where=path,
                 found=self._store.root,
-                remedy="Have the store elsewhere, with --store, or give a folder without it.",
+                remedy="Put the store elsewhere, with --store, or give a folder that does not contain it.",
             )
         place = self._store.root / "cache" / "external" / f"{sha256(os.fsencode(path)).hexdigest()}.json"
         before, after = _read_memory(place), Memory()
@@ -114,7 +114,7 @@ def _digest(path: Path, before: Memory, after: Memory) -> str:
             if is_settled(look, began):
                 after[name] = look, digest
             return digest
-    raise UserError("changes while it is read", where=path, remedy="Try again when nobody writes to it.")
+    raise UserError("changed while it was being read", where=path, remedy="Try again when nothing is writing to it.")
 
 
 def _read_memory(path: Path) -> Memory:

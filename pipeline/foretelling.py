@@ -21,9 +21,9 @@ def foretold(graph: Graph, steps: Mapping[str, Step]) -> Iterator[str]:
     """What a run would repeat only because code changed, and what unrepeatable results it may make anew."""
     code = [name for name, step in steps.items() if is_acceptable(step) and step.state != "refused"]
     if code:
-        kept = f"to keep what was made before, stop this run and `accept` it ({code[0]} first), with the same settings"
-        yield f"only code changed: {listed(code, SHOWN)}, done again; {kept}"
+        kept = f"to keep the earlier results, stop this run and `accept` them ({code[0]} first), with the same settings"
+        yield f"running again although only code changed: {listed(code, SHOWN)}; {kept}"
     unrepeatable = [name for name, node in graph.nodes.items() if node.unrepeatable and is_read(name, graph)]
     waiting = [name for name in unrepeatable if steps[name].state == "depends"]
     if waiting:
-        yield f"{listed(waiting, SHOWN)}: made anew if what is before it comes out differently; {NOT_READ}"
+        yield f"{listed(waiting, SHOWN)}: made anew if the inputs turn out different; {NOT_READ}"

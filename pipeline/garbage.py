@@ -130,7 +130,7 @@ class _Collector:
         unreadable = self.actions - self.records.keys()
         if unreadable:
             raise UserError(
-                f"{len(unreadable)} records cannot be read, {min(unreadable)[:12]} for one",
+                f"{len(unreadable)} records cannot be read, such as {min(unreadable)[:12]}",
                 where=self.store.address,
                 remedy="Nothing was deleted. Run `verify` first, which sets damaged records aside.",
             )
@@ -145,7 +145,7 @@ class _Collector:
         wanted |= self.young.actions
         self.wanted = frozenset(wanted)
         if self.young.actions or self.young.objects:
-            self.remarks.append("what was put within a day: a run on another machine may be about to use it")
+            self.remarks.append("what was stored within the last day: a run on another machine may be about to use it")
         return self.with_what_made(self.linked(), wanted & self.records.keys()) | self.irreplaceable()
 
     def irreplaceable(self) -> set[str]:
@@ -159,7 +159,7 @@ class _Collector:
             if record.unrepeatable and record.workflow not in self.rules.forgotten
         }
         if found:
-            self.remarks.append(f"{len(found)} that cannot be made again, such as keys: what was made with them can be")
+            self.remarks.append(f"{len(found)} that cannot be made again, such as keys; what was made with them can be")
         return found
 
     def of_workflow(self, workflow: str) -> set[str]:
@@ -189,8 +189,8 @@ class _Collector:
         if newest_is_whole:
             linked = {name for name in self.links if name.startswith(f"{workflow}/")}
             self.gone |= {name for name in linked if name.partition("/")[2].rpartition(".")[0] not in stages}
-        runs = f"its last {counted} whole runs" if counted > 1 else "its last whole run" if counted else "all its runs"
-        self.remarks.append(f"{workflow}: {runs}, what came after, and the last result of each stage")
+        runs = f"the last {counted} full runs" if counted > 1 else "the last full run" if counted else "all runs"
+        self.remarks.append(f"{workflow}: {runs}, everything since, and the last result of each stage")
         return keys
 
     def linked(self) -> set[str]:
@@ -259,27 +259,27 @@ class _Collector:
             done = self.store.find(folder.name) is not None  # a record alone does not count: its artifacts may be gone
             days = (self.now - _newest(folder)) / DAY
             if not done and folder.name in self.begun:
-                self.remarks.append(f"checkpoint {folder.name[:8]}: a kept run began it and may go on from it")
+                self.remarks.append(f"checkpoint {folder.name[:8]}: a kept run began it and may resume from it")
             elif not done and days < CHECKPOINT_DAYS:
-                goes = f"it goes when that is {CHECKPOINT_DAYS:.0f} days ago"
-                self.remarks.append(f"checkpoint {folder.name[:8]}: of unfinished work {days:.0f} days ago; {goes}")
+                goes = f"deleted after {CHECKPOINT_DAYS:.0f} days"
+                self.remarks.append(f"checkpoint {folder.name[:8]}: unfinished work, {days:.0f} days old; {goes}")
             else:
                 dropped[f"scratch/{folder.name}"] = size_of(folder)
-        self.drop("checkpoints that nothing goes on from", dropped)
+        self.drop("checkpoints that nothing resumes from", dropped)
         self.drop("empty folders of work that left no checkpoint", empty)
 
     def drop_the_rest(self, kept: set[str]) -> None:
         known = {*self.workflows, *(name.partition("/")[0] for name in self.links)}
         codes = {str(self.records[key].parts.get("code")) for key in kept}
         self.drop_leftovers()
-        self.drop("damaged, and made again or needed no more", self.damaged(kept))
+        self.drop("damaged, and made again or no longer needed", self.damaged(kept))
         self.drop("journals of old runs", self.old_journals)
         self.drop("workflows' histories", self.entries("runs", lambda name: name in self.rules.forgotten))
         self.drop("workflows' logs", self.entries("logs", lambda name: name not in known - self.rules.forgotten))
         self.drop("lists of code", self.entries("code", lambda name: name.removesuffix(".json") not in codes))
-        self.drop("lists of files outside, by name", self.listings(kept))
-        self.drop("what can be computed again, and was of no use lately", self.cached())
-        self.drop("broken uploads and copies of what is deleted", self.store.abandoned())
+        self.drop("lists of files outside the store, by name", self.listings(kept))
+        self.drop("cached data that was not used recently", self.cached())
+        self.drop("incomplete uploads and copies of what is deleted", self.store.abandoned())
 
     def listings(self, kept: set[str]) -> dict[str, int]:
         """Lists of files that no kept result was made from; the next plan writes those that it reads again."""
@@ -321,7 +321,7 @@ class _Collector:
         objects = self.entries(f"damaged/{OBJECTS}", goes)
         stays = len(left) + len(self.store.entries(f"damaged/{OBJECTS}")) - len(objects)
         if stays:
-            self.remarks.append(f"{stays} damaged in {self.store.damaged.folder}: needed, and not made again")
+            self.remarks.append(f"{stays} damaged in {self.store.damaged.folder}: needed, and not made again yet")
         return records | objects | self.store.entries(f"damaged/{FOREIGN}")
 
     def is_done_with(self, name: str) -> bool:

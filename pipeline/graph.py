@@ -200,7 +200,7 @@ class _Builder:
                 elif reference.stage in path:
                     names = list(path)
                     circle = " → ".join([*names[names.index(reference.stage) :], reference.stage])
-                    self.problems.add(reference.place, f"stages wait for each other in a circle: {circle}")
+                    self.problems.add(reference.place, f"stages depend on each other in a circle: {circle}")
                 elif reference.stage in entries and reference.stage not in done:
                     path[reference.stage] = _references(entries[reference.stage])
         return list(done)
@@ -288,10 +288,10 @@ class _Builder:
             found = [self.resolve(entry, reference, index, port) for reference in references]
             sources[name] = tuple(source for group in found for source in group)
             if name in instance.without_failed and not port.many:
-                self.problems.add(place, f"input {name!r} takes one artifact, without which there is nothing to go on")
+                self.problems.add(place, f"input {name!r} takes one artifact; 'without_failed' is only for lists")
             if not port.many and any(len(group) > 1 for group in found):
                 message = f"input {name!r} takes one artifact; found all {len(sources[name])} items of a foreach"
-                self.problems.add(references[0].place, f"{message} (only the same foreach goes item by item)")
+                self.problems.add(references[0].place, f"{message} (only stages with the same foreach are paired)")
         return sources
 
     def resolve(self, entry: Entry, reference: Reference, index: int, port: Input | None = None) -> list[Source]:
@@ -323,7 +323,7 @@ class _Builder:
         outputs, name = declaration.outputs, reference.output
         listed = ", ".join(f"{reference.stage}.{output}" for output in outputs) or "none"
         if name is None and len(outputs) != 1:
-            self.problems.add(reference.place, f"{reference.stage!r} has several outputs; say which of {listed}")
+            self.problems.add(reference.place, f"{reference.stage!r} has several outputs; choose one of {listed}")
             return []
         name = name if name is not None else next(iter(outputs))
         if name not in outputs:
@@ -385,9 +385,7 @@ class _Builder:
         if code.dynamic and not declaration.selects_modules:
             found = ", ".join(code.dynamic)
             message = f"the code of {declaration.uses} imports modules by computed names ({found})"
-            self.problems.add(
-                instance.uses.place, f"{message}; name them with @stage(modules=…), or import them plainly"
-            )
+            self.problems.add(instance.uses.place, f"{message}; name them with @stage(modules=…), or use plain imports")
         return code
 
     def resources(self, instance: Instance) -> dict[str, float]:

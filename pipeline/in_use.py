@@ -28,13 +28,13 @@ def held(lock: Path, store: Path, alone: bool) -> Iterator[None]:
             fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
         except BlockingIOError:
             others = "runs are using the store" if alone else "results are being deleted from the store"
-            raise CommandError(others, where=store, remedy="Try again when that has ended.") from None
+            raise CommandError(others, where=store, remedy="Try again when that has finished.") from None
         except OSError as error:  # such as NFS without its lock manager
             raise CommandError(
-                "a file here cannot be locked, so runs could disturb each other",
+                "a file here cannot be locked, so runs could interfere with each other",
                 where=store,
                 found=error.strerror,
-                remedy="Have the store on a disk with file locks, with --store or $GS_HIDER_STORE.",
+                remedy="Put the store on a disk that supports file locks, with --store or $GS_HIDER_STORE.",
             ) from error
         yield
 

@@ -45,9 +45,9 @@ class LoadedCode:
         other = sorted(name for name, digest in self._code.modules.items() if found[name] != digest)
         if other:
             raise UserError(
-                "the code that is loaded here, or would be, is not the one that was planned",
-                found=f"another {', '.join(other)}",
-                remedy="It was edited since the run began, or the worker has other sources or loaded others long ago: "
+                "the code that is loaded here, or would be, differs from what was planned",
+                found=f"another version of {', '.join(other)}",
+                remedy="It was edited since the run began, or the worker has other sources, or loaded them long ago: "
                 "give the workers the same version (PYTHONPATH), restart those that are not the run's, and run again.",
             )
 

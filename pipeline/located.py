@@ -155,7 +155,7 @@ def read_yaml(text: str, file: str, base: Path, problems: Problems, fixed: Place
     try:
         return _Reader(file, base, problems, fixed).located(node, 0)
     except _TooLarge as error:
-        message = f"more than {LARGEST:,} values, which are allowed; what an alias (*name) stands for counts each time"
+        message = f"more than the {LARGEST:,} values allowed; what an alias (*name) stands for counts each time"
         problems.add(error.place, message)
         return None
 
@@ -218,7 +218,7 @@ class _Reader:
             if not isinstance(key, ScalarNode) or key.tag == "tag:yaml.org,2002:merge":
                 self.problems.add(self.place(key), "a key must be a plain name")
             elif key.value in seen:
-                self.problems.add(self.place(key), f"{key.value!r} is there twice")
+                self.problems.add(self.place(key), f"{key.value!r} appears twice")
             else:
                 seen.add(key.value)
                 yield key.value, key, value

@@ -19,7 +19,7 @@ from pipeline.record import Record
 from pipeline.store import Store
 
 SHOWN = 8  # names of stages
-NOT_READ = "what was made, or published, with the earlier one is not read with this one"
+NOT_READ = "a new one cannot read what was made or published with the earlier one"
 
 
 def refusal(
@@ -40,10 +40,10 @@ def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store)
     nothing = "nothing in this workflow" if graph.whole else "nothing in this part of the workflow"
     depending = listed(behind, SHOWN) if behind else nothing
     error = UserError(
-        f"the result of {name} is damaged or gone, and no run can make the same again; made from it: {depending}",
+        f"the result of {name} is damaged or missing, and no run can make the same one; made from it: {depending}",
         where=store.address,
-        remedy=f"Put it back from a copy of the store; what is damaged is in {store.damaged.folder}. To give it up on "
-        f"purpose, delete {' and '.join(remains)}: the next run makes another, and anew what is made from it.",
+        remedy=f"Restore it from a copy of the store; the damaged data is in {store.damaged.folder}. To give it up on "
+        f"purpose, delete {' and '.join(remains)}: the next run makes a new one, and everything made from it again.",
     )
     return str(error)
 
@@ -54,7 +54,7 @@ def words_of_another(node: Node, key: str, last: StageResult | None, graph: Grap
     """
     if last is None or last.key == key or not is_read(node.name, graph):
         return None
-    return f"{node.name} is made anew, for what it depends on is not as it was; {NOT_READ}"
+    return f"{node.name} is made anew because what it depends on has changed; {NOT_READ}"
 
 
 def is_read(name: str, graph: Graph) -> bool:
@@ -84,10 +84,10 @@ def words_of_keeping(
     if before is None or before.key == key or not asks_the_same(before.parts, parts):
         return None
     error = UserError(
-        f"only the code of {node.name} changed, and no run can make again what it made; another would not read what "
-        "was made, or published, with it",
+        f"only the code of {node.name} changed, and no run can make its result again; a new one could not read what "
+        "was made or published with it",
         where=store.address,
-        remedy=f"Keep it: `accept` {node.name}, with the workflow and the settings of this run. To have another on "
+        remedy=f"To keep it, `accept` {node.name} with the workflow and the settings of this run. To make a new one on "
         f"purpose, delete {' and '.join(store.remains(before.key))}.",
     )
     return str(error)

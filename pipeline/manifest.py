@@ -86,7 +86,7 @@ def read_manifest(directory: Path) -> Manifest:
     try:
         content = parse_json(read_plain_file(path))
         if content["format"] != FORMAT:
-            raise CorruptArtifact(f"{path}: format {content['format']}, this program reads format {FORMAT}")
+            raise CorruptArtifact(f"{path}: format {content['format']}; this program reads format {FORMAT}")
         manifest = Manifest(
             kind=_of_type(content["kind"], str),
             private=_of_type(content["private"], bool),
@@ -97,7 +97,7 @@ def read_manifest(directory: Path) -> Manifest:
         for name in (*manifest.arrays, *manifest.files):
             check_name(name)
         if manifest.digest != content["digest"]:
-            raise CorruptArtifact(f"{path}: the content is not the one whose digest it states")
+            raise CorruptArtifact(f"{path}: its content does not match the digest that it states")
     except OSError as error:
         raise CorruptArtifact(f"{directory}: no readable {MANIFEST} ({error.strerror})") from error
     except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError, ArtifactError) as error:
@@ -116,7 +116,7 @@ def survey(directory: Path) -> dict[str, FileRecord]:
     for path in sorted(directory.rglob("*")):
         name = path.relative_to(directory).as_posix()
         if path.is_symlink() or not (path.is_file() or path.is_dir()):
-            raise ArtifactError(f"{name}: an artifact holds plain files only")
+            raise ArtifactError(f"{name}: an artifact may contain only plain files and folders")
         if path.is_file() and name != MANIFEST:
             records[name] = FileRecord(path.stat().st_size, digest_of_file(path))
     return records

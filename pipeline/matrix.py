@@ -125,7 +125,7 @@ def _walked_together(located: Located, problems: Problems) -> list[dict[str, Loc
     lengths = {name: len(column) for name, column in columns.items()}
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name}: {length}" for name, length in lengths.items())
-        problems.add(located.place, f"the lists of a foreach are walked together; found lengths {found}")
+        problems.add(located.place, f"the lists of a foreach must have the same length; found {found}")
         return None
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
@@ -164,7 +164,7 @@ def _columns(
     """The lists of a mapping by name, except the entries `besides`."""
     if not isinstance(located.value, Mapping) or not located.value.keys() - set(besides):
         example = "{rate: [0.1, 0.2], size: [8, 16]}"
-        problems.add(located.place, f"{key} is {located.found}; expected names with a list each: {example}")
+        problems.add(located.place, f"{key} is {located.found}; expected names, each with a list: {example}")
         return None
     before = len(problems)
     columns: dict[str, tuple[Located, ...]] = {}
@@ -186,7 +186,7 @@ def _listed(
     listed: list[Mapping[str, Located]] = []
     for row in rows:
         if not isinstance(row.value, Mapping) or not row.value:
-            expected = "names with a value each: {cover: a, message: b}"
+            expected = "names, each with a value: {cover: a, message: b}"
             problems.add(row.place, f"a row of {key} is {row.found}; expected {expected}")
             continue
         names = tuple(listed[0] if listed else row.value)
@@ -194,7 +194,7 @@ def _listed(
             if not listed:
                 _check_name(name, row.keys.get(name, row.place), problems)
             elif name not in names:
-                message = f"this row has {name!r}, which the first has not; it has {', '.join(names)}"
+                message = f"this row has {name!r}, which the first row lacks; it has {', '.join(names)}"
                 problems.add(row.keys.get(name, row.place), f"{message}{nearest(name, names)}")
         expected_names = dict.fromkeys([*names, *wanted])
         lacking = [name for name in expected_names if name not in row.value]
@@ -249,7 +249,7 @@ def _report_equal_rows(rows: Rows, problems: Problems) -> None:
     for number, pair in enumerate(again[:LISTED], start=1):
         first, second = (next(iter(rows.values[row].values())).place for row in pair)
         more = f" (and {len(again) - LISTED} more such rows)" if number == LISTED < len(again) else ""
-        problems.add(second, f"this row is there twice; the first is at {first}{more}")
+        problems.add(second, f"this row appears twice; the first is at {first}{more}")
 
 
 def _label(values: Sequence[Json]) -> str | None:

@@ -68,14 +68,14 @@ def check_workflows(store: Store, names: Iterable[str]) -> None:
     for name in names:
         if name not in known:
             listed = ", ".join(known) or "none"
-            raise CommandError(f"no workflow {name!r} ran here; those that did are {listed}{nearest(name, known)}")
+            raise CommandError(f"no workflow {name!r} has run here; those that have: {listed}{nearest(name, known)}")
 
 
 def open_existing(address: str | Path) -> Store:
     """The store at an address. Raises CommandError for a folder that is not one: reading must not create a store."""
     if "://" not in str(address) and not (str(address) and is_store(from_home(address))):
         raise CommandError(
-            "no store there", where=address, remedy="Say with --store, or in $GS_HIDER_STORE, where results are kept."
+            "no store there", where=address, remedy="Say where results are kept with --store or $GS_HIDER_STORE."
         )
     return open_store(address)
 
@@ -116,7 +116,7 @@ def _only(text: str, found: dict[str, list[str]]) -> str:
             " = ".join(dict.fromkeys([name[:12] if PREFIX.fullmatch(name) else name, *names]))
             for name, names in found.items()
         ]
-        raise CommandError(f"{text!r} may mean several artifacts; say which of {listed(candidates, SHOWN)}")
+        raise CommandError(f"{text!r} may mean several artifacts; choose one of {listed(candidates, SHOWN)}")
     return next(iter(found))
 
 
@@ -132,7 +132,7 @@ def _what_failed(workflow: str, store: Store) -> str | None:
         failed = [name for name, result in store.history.results(journal).items() if result.state == "failed"]
         if failed:
             return (
-                f"The last run of {workflow} failed in {failed[0]}, so that `latest` leads to nothing made of it. "
-                "What earlier runs made is in the store: the command of such a run gives it its names back at once."
+                f"The last run of {workflow} failed in {failed[0]}, so `latest` has no links to its result or to what "
+                "is made from it. Earlier results are still in the store: repeat their command to restore the links."
             )
     return None

@@ -25,7 +25,7 @@ def open_store(address: str | Path, make: bool = True) -> Store:
     if "://" in str(address):
         return RemoteStore(Bucket(str(address)))
     if str(address).startswith("s3:"):
-        raise CommandError("no address of a bucket", found=address, expected="s3://BUCKET/PREFIX, with two slashes")
+        raise CommandError("not a bucket address", found=address, expected="s3://BUCKET/PREFIX, with two slashes")
     root = from_home(address)
     if not str(address):
         raise CommandError("the address of the store is empty", expected="a folder, or s3://BUCKET/PREFIX")
@@ -34,11 +34,11 @@ def open_store(address: str | Path, make: bool = True) -> Store:
     found = sorted(entry.name for entry in root.iterdir()) if root.is_dir() else []
     if set(found) - {LOCKS, IGNORED}:  # with these alone, another run is just creating it, or it was emptied
         raise CommandError(
-            "a folder of something else",
+            "the folder contains something else",
             where=root,
             found=", ".join(found[:5]),
-            expected="a store, or a folder that is empty or not there yet",
-            remedy="Say with --store, or in $GS_HIDER_STORE, where results are to be kept.",
+            expected="a store, or an empty or new folder",
+            remedy="Say where to keep results with --store or $GS_HIDER_STORE.",
         )
     if not make and (root.is_dir() or not os.path.lexists(root)):
         return AbsentStore(root)

@@ -12,7 +12,7 @@ from pipeline.disk import leads_elsewhere
 from pipeline.store import LOCKS, Store
 
 RUNS = "runs"
-MIXED = "logs and `latest` will be of both; the same command, when both have ended, puts `latest` right"
+MIXED = "logs and `latest` will mix both; when both have ended, repeat this command to correct `latest`"
 
 
 @contextmanager

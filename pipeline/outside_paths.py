@@ -46,7 +46,7 @@ def check_there(name: str, value: Located, problems: Problems) -> None:
     """
     for path in value.items if isinstance(value.value, tuple) else (value,):
         if path.value == "":
-            problems.add(path.place, f"parameter {name!r}: an empty path; expected that of a file or folder")
+            problems.add(path.place, f"parameter {name!r}: an empty path; expected the path of a file or folder")
         elif isinstance(path.value, str) and not is_there(str(absolute(path))):
             missing = str(absolute(path))
             hint = _nearest_path(Path(missing))

@@ -108,9 +108,9 @@ def _check_free(paths: Sequence[Path]) -> None:
     taken = next(filter(os.path.lexists, paths), None)
     if taken:
         raise CommandError(
-            "a picture of this name exists already",
+            "a picture with this name already exists",
             where=taken,
-            expected="a folder without pictures of these names, or one that is not there yet",
+            expected="a folder without pictures of these names, or a new one",
             remedy="Choose another folder, or remove the pictures first.",
         )
 

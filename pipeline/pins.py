@@ -51,7 +51,7 @@ class Pins:
             )
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise UserError(
-                "not a readable pin",
+                "the pin cannot be read",
                 where=self._place(name),
                 found=error,
                 remedy=f"Remove it with `unpin {name}`, and pin the results again.",
@@ -62,8 +62,8 @@ class Pins:
         if not NAME.fullmatch(name):
             raise CommandError(f"{name!r} cannot name a pin", expected="letters, digits and '_' '-' '.' ',' '[' ']'")
         if not self._create(name, json.dumps(asdict(pin), indent=1, sort_keys=True).encode()):
-            remedy = f"Choose another with --name, or remove that one with `unpin {name}`."
-            raise CommandError(f"there is a pin {name!r} already", remedy=remedy)
+            remedy = f"Choose another name with --name, or remove that pin with `unpin {name}`."
+            raise CommandError(f"there is already a pin {name!r}", remedy=remedy)
 
     def remove(self, name: str) -> None:
         """Removes a pin. Raises CommandError if there is none of that name."""

@@ -53,8 +53,8 @@ def lacking(needs: Resources, workers: Sequence[Worker]) -> str | None:
         return None
     wanted = resources_words(needs) or "a worker"
     if not workers:
-        return f"needs {wanted}, and there is no worker"
+        return f"needs {wanted}, but there is no worker"
     if workers[0].shared:
-        return f"needs {wanted}, and this machine has {resources_words(workers[0].resources)}"
+        return f"needs {wanted}, but this machine has {resources_words(workers[0].resources)}"
     has = "; ".join(f"{worker.address} has {resources_words(worker.resources) or 'none'}" for worker in workers)
     return f"needs {wanted}, which no worker has ({has})"

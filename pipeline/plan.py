@@ -149,7 +149,7 @@ class _Planner:
             return Step(node.name, "run", key, (reason,), failed=last.cause(key))
         changed = changes(node, before.parts, parts, self.known)
         if not changed:
-            reason = "its last result is no longer whole in the store"
+            reason = "its last result is no longer complete in the store"
             return Step(node.name, "run", key, (reason,), failed=last.cause(key))
         waits_only = all(change.part == "input" and _waits(change) for change in changed)
         state: PlanState = "depends" if waits_only else "run"

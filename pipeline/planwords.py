@@ -43,7 +43,7 @@ def _summary(steps: Mapping[str, Step]) -> str:
     counts = Counter(step.state for step in steps.values())
     words = ", ".join(f"{number} {STATES[state]}" for state, number in sorted(counts.items()))
     seconds = {step.key: step.result.seconds for step in steps.values() if step.result}
-    return f"{words}; what is cached took {duration(sum(seconds.values()))}" if seconds else words
+    return f"{words}; the cached results took {duration(sum(seconds.values()))}" if seconds else words
 
 
 def _state_words(step: Step) -> str:

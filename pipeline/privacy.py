@@ -38,10 +38,10 @@ def check_place(artifact: Artifact, path: Path, reveal: bool) -> None:
     reason = why_public(path)
     if reason:
         raise CommandError(
-            f"this {artifact.kind} is private, and that is a public place: {reason}",
+            f"this {artifact.kind} is private, but that is a public place: {reason}",
             where=path,
-            expected="a folder that only you can enter (mode 0700) and that is in no git work tree",
-            remedy="Choose another (mkdir -m 700 FOLDER), or add --reveal to write it there all the same.",
+            expected="a folder that only you can enter (mode 0700) and that is not in a git work tree",
+            remedy="Choose another (mkdir -m 700 FOLDER), or add --reveal to write it there anyway.",
         )
 
 

@@ -83,7 +83,7 @@ def _opened(address: str | Path, make: bool) -> Store:
         return open_store(address, make)
     except OSError as error:
         raise CommandError(
-            "cannot be a store",
+            "cannot be used as a store",
             where=address,
             found=error.strerror,
             remedy="Name a folder that you can write to, with --store or $GS_HIDER_STORE.",

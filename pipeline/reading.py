@@ -56,7 +56,7 @@ class Reading:
         read, total = sum(self._sizes[: self._done]), sum(self._sizes)
         counted = f"{self._done:,} of {len(self._files):,} files"
         text = (
-            f"reading {size_words(read)} of {size_words(total)}, {counted}, to know again {in_a_line(str(self._path))}"
+            f"reading {size_words(read)} of {size_words(total)}, {counted}, to fingerprint {in_a_line(str(self._path))}"
         )
         if self._live:
             self._write(CLEAR + text[: shutil.get_terminal_size().columns - 1])

@@ -117,9 +117,7 @@ class RemoteStore(Store):
     @property
     def remarks(self) -> tuple[str, ...]:
         odd = sorted(self._bucket.odd)
-        words = (
-            f"{len(odd)} names in the bucket that could lead elsewhere, {odd[0]!r} for one: passed over" if odd else ""
-        )
+        words = f"{len(odd)} names in the bucket that could lead elsewhere, such as {odd[0]!r}: skipped" if odd else ""
         return (words,) if words else ()
 
     def holds(self, digest: str) -> bool:

@@ -26,7 +26,7 @@ class RemotePins(Pins):
     def _data(self, name: str) -> bytes:
         data = self._bucket.get(_pin_name(name))
         if data is None:
-            raise FileNotFoundError("there is none")
+            raise FileNotFoundError("no such pin")
         return data
 
     def _create(self, name: str, data: bytes) -> bool:

@@ -41,7 +41,7 @@ def amount(name: str, value: object) -> float:
     unit = match.group(2).upper() if match else ""
     if match is None or unit not in (UNITS if name == MEMORY else ("",)):
         expected = "bytes, or a text such as 8 GiB" if name == MEMORY else "a number that is not negative"
-        raise UserError(f"resource {name!r} has no amount", found=repr(value), expected=expected)
+        raise UserError(f"resource {name!r} has an invalid amount", found=repr(value), expected=expected)
     return float(match.group(1)) * UNITS[unit]
 
 

@@ -24,8 +24,8 @@ def lacking_room(nodes: Iterable[Node], store: Store) -> str | None:
     if free is None or free >= RESULTS + copied:
         return None
     there = f"the disk that holds {store.root} has {size_words(free)} free"
-    copies = f", {size_words(copied)} of them copies of photos and other files" if copied else ""
-    return f"{there}; this run may take {size_words(RESULTS + copied)}{copies}"
+    copies = f", {size_words(copied)} of it for copies of photos and other files" if copied else ""
+    return f"{there}; this run may need {size_words(RESULTS + copied)}{copies}"
 
 
 def _bytes_at(path: str) -> int:

@@ -123,7 +123,7 @@ class Run:
             facts = {"whole": self.graph.whole, "stages": len(self.graph.nodes), "given": self.graph.given}
             self._journal = self.store.history.begin(self.graph.workflow, **facts)
         except OSError as error:
-            self.tell(Noted(f"no history is kept of this run: {words_of(error, self.store.root)}"))
+            self.tell(Noted(f"the history of this run cannot be kept: {words_of(error, self.store.root)}"))
         try:
             yield
             if self._journal and self._stopped_at is None:
@@ -334,7 +334,7 @@ class Run:
         self._failures[name] = times
         self._again_at[name] = time.monotonic() + wait
         self._waiting[name] = None
-        self.tell(Noted(f"{name}: {cause}; tried again in {wait:.0f} s ({times} of {self.retries})"))
+        self.tell(Noted(f"{name}: {cause}; trying again in {wait:.0f} s ({times} of {self.retries})"))
         return [name]
 
     def _begun_flag(self, key: str) -> Path:
@@ -353,14 +353,14 @@ class Run:
         made_again = {digest for maker in makers for digest in self._done[maker].outputs.values()} & damaged
         self._damaged.update([name, *made_again])
         if self._damaged[name] > COMPLAINTS or any(self._damaged[digest] > REPAIRS for digest in made_again):
-            cause = f"{self.store.object(outcome.damaged[0])}: damaged again after it was made anew. Check the disk."
+            cause = f"{self.store.object(outcome.damaged[0])}: damaged again after it was remade. Check the disk."
             self._causes[name] = lasting_cause(self.graph.nodes[name], cause, self.store)
             self._end(StageResult(name, "failed", key, cause=cause), outcome.log)
             return self._dependents[name]
         for digest in made_again:
             self.store.set_aside(digest)
         for maker in makers:
-            aside = f"what is damaged is kept in {self.store.damaged.folder}"
+            aside = f"the damaged data is kept in {self.store.damaged.folder}"
             self.tell(Noted(f"{maker}: its result was damaged on the disk and has to be made again; {aside}"))
             del self._done[maker], self._ended[maker]
         again = [*makers, name]
@@ -380,7 +380,7 @@ class Run:
         try:
             self.store.link_latest(self.graph.workflow, node.name, result.outputs)
         except OSError as error:
-            self.tell(Noted(f"{node.name}: no link to its result: {words_of(error, self.store.root)}"))
+            self.tell(Noted(f"{node.name}: cannot link to its result: {words_of(error, self.store.root)}"))
         self._end(result, log)
 
     def _end(self, result: StageResult, log: Path | None = None) -> None:

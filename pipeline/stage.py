@@ -206,14 +206,14 @@ class Context:
     def output(self, name: str) -> ArtifactWriter:
         """The writer of an output. Raises KeyError if no output of that name is declared."""
         if name not in self._outputs:
-            raise KeyError(f"no output {name!r} is declared; declared are {', '.join(self._outputs)}")
+            raise KeyError(f"no output {name!r} is declared; declared: {', '.join(self._outputs)}")
         return self._outputs[name]
 
     def check_outputs(self) -> None:
         """Raises ArtifactError if nothing was written to a declared output."""
         for name, writer in self._outputs.items():
             if writer.untouched:
-                raise ArtifactError(f"the stage wrote nothing into its output {name!r}")
+                raise ArtifactError(f"the stage wrote nothing to its output {name!r}")
 
     def progress(self, done: float, total: float, **figures: float) -> None:
         """Reports how far the stage is, with current figures such as `psnr=22.1`; cheap enough for every iteration."""
@@ -230,7 +230,7 @@ class Context:
     def stop_if_requested(self) -> None:
         """Raises Interrupted if the stage should stop: for loops that have nothing to save."""
         if self.stop_requested():
-            raise Interrupted("stopped; it begins anew next time")
+            raise Interrupted("stopped; it will start over next time")
 
     def saved(self, problem: str | None) -> None:
         """Reports why a checkpoint could not be saved, or None if it was: a person is told while the stage goes on."""

@@ -48,10 +48,10 @@ class Verified:
     def words(self, dry_run: bool, damaged: Path) -> str:
         """The result on one line; `damaged` is the folder to which damaged data was moved."""
         counted = ", ".join(f"{number} {what}{'s' * (number != 1)}" for what, number in self.numbers.items())
-        found = f"{counted or 'nothing to look at'}; {size_words(self.size)} read in {self._duration()}"
+        found = f"{counted or 'nothing to check'}; {size_words(self.size)} read in {self._duration()}"
         if not self.damaged:
-            return f"All is sound: {found}"
-        aside = f"it was moved to {damaged}, and the next run makes again what it needs"
+            return f"Everything is sound: {found}"
+        aside = f"moved to {damaged}; the next run remakes what it needs"
         remedy = "nothing was changed" if dry_run else aside
         return f"{self.damaged} damaged of {found}; {remedy}"
 

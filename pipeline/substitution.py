@@ -75,7 +75,7 @@ def _interpolate(located: Located, scope: Scope, problems: Problems) -> Located 
         if value is None:
             return None
         if value.typed is None and (isinstance(value.value, tuple | Mapping) or value.value is None):
-            problems.add(located.place, f"${{{match[2]}}} is {value.found}, which cannot stand inside a text")
+            problems.add(located.place, f"${{{match[2]}}} is {value.found}, which cannot be part of a text")
             return None
         if match.start() == 0:
             base = value.base
@@ -94,5 +94,5 @@ def _look_up(name: str, located: Located, scope: Scope, problems: Problems) -> L
     if name in scope:
         return scope[name]
     known = ", ".join(f"${{{known}}}" for known in scope) or "none"
-    problems.add(located.place, f"${{{name}}} is not known; known are {known}{nearest(name, scope)}")
+    problems.add(located.place, f"${{{name}}} is not known; known: {known}{nearest(name, scope)}")
     return None

@@ -37,7 +37,7 @@ LONGEST_NUMBER = 300  # characters; anything longer is a text, since Python read
 LONGEST_HEADER = 200  # characters of a first row that an error shows
 COLUMN = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 COLUMN_WORDS = "letters, digits, '_' and '-'"
-HEADER_WORDS = "a first row with the columns' names, such as cover,message"
+HEADER_WORDS = "a first row with the column names, such as cover,message"
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class _Table:
         header, *body = cells
         names = self.names(header)
         if not body:
-            self.problems.add(header[0].place, "the table has no rows; expected at least one under the columns' names")
+            self.problems.add(header[0].place, "the table has no rows; expected at least one below the column names")
         rows = [self.row(names, row, header) for row in body if self.is_whole(names, row)]
         return tuple(rows) if len(self.problems) == before else None
 
@@ -119,15 +119,15 @@ class _Table:
         sound = len(set(names)) == len(names) and all(map(COLUMN.fullmatch, names))
         if lacking and (sound or len(lacking) == len(self.wanted)):
             found = f"the first row is {in_a_line(', '.join(texts), LONGEST_HEADER)}"
-            expected = f"expected the names of columns {', '.join(self.wanted)}, as the workflow has them"
+            expected = f"expected the column names {', '.join(self.wanted)}, as in the workflow"
             self.problems.add(header[0].place, f"{found}; {expected}")
             return names
         for index, (name, cell) in enumerate(zip(names, header, strict=True)):
             if not COLUMN.fullmatch(name):
-                hint = "; part the columns with commas" if re.search("[;\t|]", cell.text) else ""
+                hint = "; separate the columns with commas" if re.search("[;\t|]", cell.text) else ""
                 self.problems.add(cell.place, f"{cell.text!r} cannot name a column; expected {COLUMN_WORDS}{hint}")
             elif name in names[:index]:
-                self.problems.add(cell.place, f"the column {name!r} is there twice; give each a name of its own")
+                self.problems.add(cell.place, f"the column {name!r} appears twice; give each column its own name")
         return names
 
     def meant(self, text: str, texts: Sequence[str]) -> str:
@@ -172,7 +172,7 @@ class _Table:
         text = match["quoted"].replace('""', '"') if quoted else match["bare"].strip()
         place = self.place(match.start() + len(match[0]) - len(match[0].lstrip(" \t")))
         if not quoted and text.startswith('"'):
-            self.problems.add(place, f"the quotes of {text[:30]} do not end with the cell; double a quote inside them")
+            self.problems.add(place, f"the quotes of {text[:30]} do not end with the cell; double quotes inside them")
         if UNPRINTABLE.search(text):
             self.problems.add(place, f"{text[:30]!r} holds a control character; expected text")
         return Cell(text, quoted, place)

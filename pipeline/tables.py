@@ -64,7 +64,7 @@ def in_short(rows: Sequence[Row], most: int) -> tuple[list[Row], str | None]:
         left_out.append(various)
         groups = _groups(rows, [QUANTITY, *columns])
     over = f" over {' and '.join(left_out)}" if left_out else ""
-    return [_figures(group, [QUANTITY, *columns]) for group in groups], f"{len(rows)} rows in short{over}"
+    return [_figures(group, [QUANTITY, *columns]) for group in groups], f"{len(rows)} rows, summarised{over}"
 
 
 def _groups(rows: Sequence[Row], columns: Sequence[str]) -> list[list[Row]]:

@@ -20,8 +20,8 @@ from pipeline.errors import ArtifactError, UserError
 from pipeline.record import Record
 from pipeline.store import Store
 
-MENDED = "the sound copy that is here took its place"
-IRREPLACEABLE = "it cannot be made again, and the next run that needs it says what can be done"
+MENDED = "replaced by the sound copy on this machine"
+IRREPLACEABLE = "it cannot be made again; the next run that needs it says what to do"
 THREADS = min(4, os.cpu_count() or 1)  # hashing releases the GIL; more threads do not read a disk faster
 
 
@@ -92,7 +92,7 @@ def _foreign(store: Store, digest: str, stages: tuple[str, ...], dry_run: bool) 
     for name in store.foreign(digest):
         if not dry_run:
             store.set_foreign_aside(digest, name)
-        damage = "no part of the artifact, which is sound; something else put it there"
+        damage = "not part of the artifact, which is sound; something else put it there"
         yield Checked("foreign file", f"{digest}/{name}", damage=damage, stages=stages)
 
 
@@ -100,7 +100,7 @@ def _damage_of_record(key: str, record: Record | None, present: Collection[str])
     if record is None:
         return "altered since it was written"
     if digest_of(dict(record.parts)) != key:
-        return "its parts are not those whose hash is its key"
+        return "its parts do not match its key"
     for output, digest in record.outputs.items():
         if digest not in present:
             return f"its output {output} ({digest[:8]}) is damaged or gone"

@@ -100,7 +100,7 @@ def read_workflow(path: Path, settings: Sequence[str], problems: Problems, vars_
     CommandError if a file cannot be read; everything else that is wrong is added to `problems`.
     """
     root = _read_file(path, "the workflow", problems)
-    files = [_read_file(file, "the file of vars", problems) for file in vars_files]
+    files = [_read_file(file, "the vars file", problems) for file in vars_files]
     if root is None:
         return Workflow(path.stem, str(path), {})
     readable = [file for file in files if file is not None]
@@ -137,7 +137,7 @@ def _settings(settings: Sequence[str], problems: Problems) -> dict[str, Located]
 def _setting(name: str, text: str, place: Place, problems: Problems) -> Located:
     comment = COMMENT.search(text)
     if comment:
-        found = f"{text[comment.end() - 1 :]!r} would be taken for a comment"
+        found = f"{text[comment.end() - 1 :]!r} would be read as a comment"
         problems.add(place, f"""{found}; quote the value: --set '{name}="{text}"'""")
         return Located(None, place, Path.cwd(), broken=True)
     value = read_yaml(text, place.file, Path.cwd(), problems, fixed=place)
@@ -200,7 +200,7 @@ class _Parser:
         stated = self.mapping(vars_, "'vars'") if vars_ is not None else {}
         given = dict(stated)
         for file in files:
-            given |= self.mapping(file, "the file of vars", tuple(given))
+            given |= self.mapping(file, "the vars file", tuple(given))
         scope: dict[str, Located | None] = {}
         for name, value in given.items():
             if name in settings:
@@ -218,7 +218,7 @@ class _Parser:
                 hint = nearest(stage, [*given, *stages])
                 if setting in stages:
                     hint = f"; {setting!r} is a stage: set one of its parameters with --set {setting}.PARAMETER=VALUE"
-                self.problems.add(value.place, f"no such var or stage; known are {', '.join(known) or 'none'}{hint}")
+                self.problems.add(value.place, f"no such var or stage; known: {', '.join(known) or 'none'}{hint}")
         return scope
 
     def entry(self, name: str, place: Place, body: Located, variables: Scope, settings: dict[str, Located]) -> Entry:
@@ -226,7 +226,7 @@ class _Parser:
         uses = fields.get("uses")
         if uses is None or uses.value is None:
             if isinstance(body.value, Mapping):
-                self.problems.add(place, f"stage {name!r} does not say what it uses")
+                self.problems.add(place, f"stage {name!r} has no 'uses'")
             uses = Located(None, place, body.base)
         inputs = fields.get("in")
         parameters = fields.get("with")
@@ -262,7 +262,7 @@ class _Parser:
     def rows(self, name: str, fields: Mapping[str, Located], variables: Scope) -> Rows | None:
         """The rows of a stage's `foreach` or `matrix`; None without one, or if it is wrong, which is then reported."""
         if "foreach" in fields and "matrix" in fields:
-            message = f"stage {name!r} has both 'foreach' and 'matrix'; expected one of them"
+            message = f"stage {name!r} has both 'foreach' and 'matrix'; expected only one"
             self.problems.add(fields["matrix"].place, message)
         for key in ("foreach", "matrix"):
             given = substitute(fields[key], variables, self.problems) if key in fields else None
@@ -315,7 +315,7 @@ class _Parser:
             return value, False
         fields = self.mapping(value, f"input {name!r}", INPUT_KEYS)
         if "all" not in fields:
-            self.problems.add(value.place, f"input {name!r} does not say what it takes 'all' of")
+            self.problems.add(value.place, f"input {name!r} has no 'all'; expected all: STAGE")
         flag = fields.get("without_failed", Located(False, value.place, value.base))
         if not isinstance(flag.value, bool):
             self.problems.add(flag.place, f"without_failed is {flag.found}; expected true or false")
@@ -341,7 +341,7 @@ class _Parser:
         for key in located.value:
             if key not in allowed:
                 message = (
-                    f"unknown key {key!r} in {what}; allowed are {', '.join(allowed) or 'none'}{nearest(key, allowed)}"
+                    f"unknown key {key!r} in {what}; allowed: {', '.join(allowed) or 'none'}{nearest(key, allowed)}"
                 )
                 self.problems.add(located.keys[key], message)
         return {key: value for key, value in located.value.items() if key in allowed}

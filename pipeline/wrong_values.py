@@ -39,11 +39,11 @@ def wanting_text(name: str, message: str, value: Located) -> str:
     YAML takes the name 2024, for example, for a number.
     """
     if value.value is None:
-        return f"parameter {name!r}: no value was given; expected a text. The text null is to be quoted: 'null'"
+        return f"parameter {name!r}: no value was given; expected a text. To give the text null, quote it: 'null'"
     if value.typed is None:
         return message
     quoted = "'" + value.typed.replace("'", "''") + "'"
-    return f"""{message}; a text that looks so is to be quoted: {quoted} in a file, "{quoted}" after --set NAME="""
+    return f"""{message}; to give this as a text, quote it: {quoted} in a file, "{quoted}" after --set NAME="""
 
 
 def _listed(names: list[str]) -> str:

@@ -45,9 +45,9 @@ def files(folder: Path) -> list[Path]:
         ("status", ("--json",), 0, "it has never run"),
         ("explain", ("twice",), 0, "it has never run"),
         ("graph", (), 0, "total"),
-        ("accept", ("twice", "--dry-run"), 2, "it has no result that is whole in the store"),
-        ("accept", ("twice",), 2, "it has no result that is whole in the store"),
-        ("pin", (), 2, "not all of this is in the store"),
+        ("accept", ("twice", "--dry-run"), 2, "it has no complete result in the store"),
+        ("accept", ("twice",), 2, "it has no complete result in the store"),
+        ("pin", (), 2, "some of these results are not in the store"),
     ],
 )
 def test_a_store_that_is_not_there_is_not_made(
@@ -127,19 +127,19 @@ def test_a_store_in_the_home_folder_is_found(here: Workspace, monkeypatch: pytes
     here.run()
     assert "5 cached" in call("status", "--store=~/store")[1]
     result = CliRunner().invoke(app, ["verify", "--store=~/store"])
-    assert result.output.startswith("All is sound")
+    assert result.output.startswith("Everything is sound")
 
 
 def test_what_can_be_no_store_is_refused_all_the_same(here: Workspace) -> None:
     code, output = call("status", "--store", "five.txt")
-    assert (code, "five.txt: cannot be a store" in output) == (2, True)
+    assert (code, "five.txt: cannot be used as a store" in output) == (2, True)
     assert "Name a folder that you can write to, with --store or $GS_HIDER_STORE." in output
 
 
 def test_a_bucket_whose_address_lacks_a_slash_is_no_folder(here: Workspace) -> None:
     """Else results, secrets among them, would lie in a folder called s3: wherever one stands."""
     code, output = call("run", "--store", "s3:/bucket/results")
-    assert (code, "no address of a bucket; found s3:/bucket/results" in output) == (2, True)
+    assert (code, "not a bucket address; found s3:/bucket/results" in output) == (2, True)
     assert not Path("s3:").exists()
 
 

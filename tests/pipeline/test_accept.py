@@ -74,7 +74,7 @@ def test_a_cosmetic_change(session: Session) -> None:
     assert set(ran(session).values()) == {"cached"}
     assert words(session, "s1")[-1].endswith(f"although: code changed: {module} (UNUSED_0 added)")
     status, said = call(session, "accept", "s1")
-    assert (status, said) == (0, "s1: cached, there is nothing to accept\n")
+    assert (status, said) == (0, "s1: cached; there is nothing to accept\n")
 
 
 def test_what_is_made_from_it_says_so(session: Session) -> None:
@@ -109,8 +109,8 @@ def test_others_that_changed_too_are_named(session: Session) -> None:
     session.world.code["lib.c"].unused += 1
     status, said = call(session, "accept", "s0", "--set", "s0.seed=0", "--json")
     assert status == 0
-    (told,) = [line for line in said.splitlines() if "changed code" in line]
-    words = shlex.split(told.removeprefix("s2 has changed code, too: "))
+    (told,) = [line for line in said.splitlines() if "changed, too" in line]
+    words = shlex.split(told.removeprefix("the code of s2 changed, too: "))
     assert words[:3] == [sys.orig_argv[0], "-m", "pipeline"]
     where = ["--store", str(session.workspace.folder / "store"), "--stages", session.workspace.package]
     assert sorted(words[3:]) == sorted(
@@ -160,7 +160,7 @@ def lose_the_result(session: Session) -> None:
         (change_parameter, "s1 cannot be accepted: parameter factor: 2 → 9"),
         (change_input, "s1 cannot be accepted: input numbers waits for s0"),
         (change_privacy, "s1 cannot be accepted: private: false → true"),
-        (lose_the_result, "s1 cannot be accepted: it has no result that is whole in the store"),
+        (lose_the_result, "s1 cannot be accepted: it has no complete result in the store"),
     ],
 )
 def test_what_says_what_was_asked_for_is_refused(
@@ -181,7 +181,7 @@ def test_what_only_waits_for_code_names_what_to_accept_first(session: Session) -
     session.world.code["source"].unused += 1
     for name in ("s1", "s2"):
         status, said = call(session, "accept", name)
-        assert (status, "Only code changed upstream: accept s0 first." in said, "has to run" in said) == (
+        assert (status, "Only code changed upstream: accept s0 first." in said, "run the stage" in said) == (
             2,
             True,
             False,
@@ -195,7 +195,7 @@ def test_what_waits_for_more_than_code_has_to_run(session: Session) -> None:
     session.world.code["source"].unused += 1
     session.world.nodes[1].given["factor"] = 9
     said = call(session, "accept", "s2")[1]
-    assert "has to run" in said
+    assert "run the stage" in said
     assert "first" not in said
 
 
@@ -203,7 +203,7 @@ def test_a_pin_after_a_change_of_code_names_what_to_accept(session: Session) -> 
     ran(session)
     session.world.code["source"].unused += 1
     session.world.code["merge"].unused += 1
-    said = "Only code changed, of s0: `accept` keeps these results, and a run may make others."
+    said = "Only code changed, in s0: `accept` keeps these results; a run may make others."
     status, told = call(session, "pin")
     assert (status, said in told, "Run it first" in told) == (2, True, False)
     for name in ("s0", "s2"):
@@ -215,7 +215,7 @@ def test_a_pin_after_a_change_of_code_names_what_to_accept(session: Session) -> 
 
 def test_what_never_ran_is_refused(session: Session) -> None:
     status, said = call(session, "accept", "s0")
-    assert (status, "no result" in said) == (2, True)
+    assert (status, "no complete result" in said) == (2, True)
 
 
 STAGE = """
@@ -238,9 +238,9 @@ def base(context: Context, parameters: StageParameters) -> None:
 @pytest.mark.parametrize(
     ("was", "now", "said"),
     [
-        ('"old"', '"new"', "base cannot be accepted: its outputs are new now; its result has old"),
-        ('"numbers")', '"numbers", privacy="private")', "its output old is private now; its result is public"),
-        ('"numbers")', '"letters")', "its output old is of kind letters now; its result is of kind numbers"),
+        ('"old"', '"new"', "base cannot be accepted: its outputs are now new; its result has old"),
+        ('"numbers")', '"numbers", privacy="private")', "its output old is now private; its result is public"),
+        ('"numbers")', '"letters")', "its output old is now of kind letters; its result is of kind numbers"),
         ('"one"] = 1', '"one"] = 1  # the same', ""),
     ],
 )
@@ -260,7 +260,7 @@ def test_outputs_that_are_no_longer_those_of_the_stage_are_refused(
     where = ["--store", str(tmp_path / "store"), "--stages", "own_stages"]
     done = CliRunner().invoke(app, ["accept", str(workspace.file), "base", *where])
     assert (done.exit_code, said in done.output) == (2 if said else 0, True), done.output
-    assert ("has to run" in done.output) == bool(said)
+    assert ("run the stage" in done.output) == bool(said)
     forget("own_stages")
     assert workspace.plan()["base"].state == ("run" if said else "cached")
     forget("own_stages")
@@ -281,7 +281,7 @@ def test_an_item_that_cannot_be_kept_holds_up_no_other(session: Session, tmp_pat
         done = CliRunner().invoke(app, ["accept", str(workspace.file), "s", *where, *options])
         return done.exit_code, done.stdout
 
-    refused = "s[3] cannot be accepted: it has no result that is whole in the store"
+    refused = "s[3] cannot be accepted: it has no complete result in the store"
     for options, kept in ((["--dry-run"], "s[1]: would be kept"), ([], "s[1]: kept")):
         status, said = accept(*options)
         assert (status, kept in said, refused in said) == (0, True, True)

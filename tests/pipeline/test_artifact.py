@@ -129,7 +129,7 @@ def test_parts_of_an_artifact_that_was_set_aside_are_no_zeros(tmp_path: Path) ->
     artifact = load(tmp_path / "artifact")
     part = artifact.parts("group/array")
     artifact.path.rename(tmp_path / "aside")
-    with pytest.raises(CorruptArtifact, match="gone while"):
+    with pytest.raises(CorruptArtifact, match="disappeared while"):
         part(1)
 
 

@@ -76,7 +76,9 @@ def test_the_report_is_made_again_when_a_failed_pair_succeeds(batch: Workspace) 
         "both[a.txt,bad.txt]",
     }
     assert plan["page"].state == "depends"
-    assert plan["page"].reasons == ("input numbers waits for both[a.txt,bad.txt], which it was made without",)
+    assert plan["page"].reasons == (
+        "input numbers waits for both[a.txt,bad.txt], which the last result was made without",
+    )
     second = batch.run()
     assert second.states["page"] == "ran"
     assert second.ended["page"].key != first.ended["page"].key

@@ -180,8 +180,8 @@ def test_the_run_says_that_a_disk_is_full_while_work_goes_on(
         ran = workspace.run()
     (note,) = (event.text for event in ran.events if isinstance(event, Noted))
     assert note == (
-        "a: its checkpoint could not be written: No space left on device. What it has done since the last one is lost "
-        f"if it stops before that succeeds: look after the disk of {workspace.folder / 'store'} now."
+        "a: its checkpoint could not be written: No space left on device. If it stops before one can be written, "
+        f"its work since the last one is lost: check the disk that holds {workspace.folder / 'store'} now."
     )
     assert ran.ended["a"].cause == (
         "stopped after number 2; its checkpoint could not be written: No space left on device"
@@ -193,7 +193,7 @@ def test_the_run_says_that_there_is_room_again(workspace: Workspace, monkeypatch
     with full_for(1, monkeypatch):
         ran = workspace.run()
     notes = [event.text for event in ran.events if isinstance(event, Noted)]
-    assert notes[1:] == ["a: its checkpoints are written again"]
+    assert notes[1:] == ["a: its checkpoints can be written again"]
     assert ran.ended["a"].cause == "stopped after number 2"
 
 
@@ -207,7 +207,7 @@ def test_another_format_is_not_read(context: Context, log: list[str]) -> None:
     Checkpoints(context).save(STATE)
     rewrite(context.scratch / "checkpoint-1", {"format": 2})
     assert Checkpoints(context).newest() is None
-    assert log == ["checkpoint-1 cannot be used: it is of format 2, this program reads 1"]
+    assert log == ["checkpoint-1 cannot be used: its format is 2; this program reads 1"]
 
 
 def test_other_versions_and_circumstances_are_named(context: Context, log: list[str]) -> None:

@@ -91,7 +91,7 @@ def test_failures_and_a_dying_worker(workspace: Workspace) -> None:
     assert "after: skipped: needs dies, which was not made" in err
     assert "fine: done in" in err
     assert "workflow: 2 ran, 2 failed, 1 skipped" in err
-    assert f"go on with: {sys.executable} -m pipeline run {workspace.file}" in err
+    assert f"continue with: {sys.executable} -m pipeline run {workspace.file}" in err
     assert "The store is" in out
 
 
@@ -131,7 +131,7 @@ def test_interrupted_and_resumed(workspace: Workspace, flags: list[str]) -> None
     assert process.returncode == 130
     assert "Traceback" not in err
     assert "half: skipped: stopped\n" in err
-    assert f"To go on: {sys.executable} -m pipeline run {workspace.file}" in err
+    assert f"To continue: {sys.executable} -m pipeline run {workspace.file}" in err
     status, _, err = call(workspace, "run", "--serial")
     assert (status, "half: done" in err) == (0, True)
     assert not list(workspace.folder.glob("store/scratch/*")), "the checkpoint is deleted at commit"

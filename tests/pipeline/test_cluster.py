@@ -87,7 +87,7 @@ def test_resources_choose_the_worker(workspace: Workspace, cluster: Cluster) -> 
     cause = str(ran.ended["huge"].cause)
     assert cause.startswith("needs memory 1.819 TiB and gpu 3, which no worker has (tcp://127.0.0.1:")
     assert "has memory 953.7 MiB and gpu 1" in cause
-    start = f"Start one that has: dask worker {cluster.address} --nthreads 1 --resources 'memory=2000000000000 gpu=3'"
+    start = f"Start one with: dask worker {cluster.address} --nthreads 1 --resources 'memory=2000000000000 gpu=3'"
     assert cause.endswith(start)
     assert len([note for note in notes(ran) if "waiting 2 s for one" in note]) == 1
     processes = {ran.project.store.record(str(ran.ended[name].key)).provenance["facts"]["process"] for name in "ab"}  # type: ignore[union-attr]
@@ -112,7 +112,7 @@ def test_other_code_at_the_worker_is_refused(workspace: Workspace, tmp_path: Pat
         worker = cluster.worker("other", sources=copy)
         ran = workspace.run(executor=DaskExecutor(0, cluster.address))
         assert ran.states == {"a": "ran", "b": "failed"}
-        assert "is not the one that was planned; found another tests.pipeline.toys.scale" in str(ran.ended["b"].cause)
+        assert "planned; found another version of tests.pipeline.toys.scale" in str(ran.ended["b"].cause)
         worker.kill()
         worker.wait()
         with (copy / "pipeline" / "errors.py").open("a") as file:
@@ -120,7 +120,7 @@ def test_other_code_at_the_worker_is_refused(workspace: Workspace, tmp_path: Pat
         cluster.worker("engine", sources=copy)
         ran = workspace.run(executor=DaskExecutor(0, cluster.address))
         assert ran.states == {"a": "cached", "b": "failed"}
-        assert "the worker has another version of the engine than the run" in str(ran.ended["b"].cause)
+        assert "the worker has a different version of the engine than the run" in str(ran.ended["b"].cause)
 
 
 def test_interrupted_on_a_cluster(workspace: Workspace, cluster: Cluster) -> None:
@@ -151,7 +151,7 @@ def test_workers_of_this_machine_share_what_it_has(workspace: Workspace) -> None
     (folder / "open").touch()
     ran = run.result()
     assert ran.states == {"a": "ran", "b": "ran", "c": "ran", "d": "failed"}
-    assert str(ran.ended["d"].cause).startswith("needs memory 5.588 GiB, and this machine has memory 4.657 GiB.")
+    assert str(ran.ended["d"].cause).startswith("needs memory 5.588 GiB, but this machine has memory 4.657 GiB.")
     assert notes(ran) == [], "no worker of this machine can come to have more: there is nothing to wait for"
     assert dict(os.environ) == before, "dask's nanny sets variables for its workers, which leaked into this process"
 
@@ -185,7 +185,7 @@ def test_without_workers_or_scheduler_a_run_ends(workspace: Workspace, tmp_path:
         ran = run.result()
         assert ran.states == {"a": "failed", "b": "failed"}
         assert "its worker process died" in str(ran.ended["a"].cause)
-        assert "needs a worker, and there is no worker. Start one" in str(ran.ended["b"].cause)
+        assert "needs a worker, but there is no worker. Start one" in str(ran.ended["b"].cause)
         (folder / "a").unlink()
         cluster.worker("second")
         cluster.await_workers(1)
@@ -194,7 +194,7 @@ def test_without_workers_or_scheduler_a_run_ends(workspace: Workspace, tmp_path:
         cluster.scheduler.kill()
         ran = run.result()
         assert ran.states == {"a": "failed", "b": "failed"}
-        assert "the connection to the dask scheduler broke off" in str(ran.ended["a"].cause)
+        assert "the connection to the dask scheduler was lost" in str(ran.ended["a"].cause)
         assert f"the dask scheduler at {cluster.address} no longer answers" in str(ran.ended["b"].cause)
 
 

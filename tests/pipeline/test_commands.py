@@ -97,7 +97,7 @@ def test_pictures(chain: Workspace, tmp_path: Path, public_folder: Path) -> None
             writer.write("pictures", np.zeros((20, 16, 16, 3), np.uint8))
     done = call("show", tmp_path / "seen", "--pictures", public_folder / "out")
     assert (done.exit_code, len(list((public_folder / "out").iterdir()))) == (0, 16)
-    assert "16 pictures of 20; --all or --limit N writes more" in done.stderr
+    assert f"16 of 20 pictures, in {public_folder / 'out'}; --all or --limit N writes more" in done.stderr
     refused = call("show", tmp_path / "hidden", "--pictures", public_folder / "hidden")
     assert (refused.exit_code, refused.stdout) == (2, "")
     assert "private" in refused.stderr
@@ -107,7 +107,7 @@ def test_pictures(chain: Workspace, tmp_path: Path, public_folder: Path) -> None
     assert call("show", tmp_path / "hidden", "--pictures", public_folder / "hidden", "--reveal").exit_code == 0
     modes = {stat.S_IMODE(path.stat().st_mode) for path in (public_folder / "hidden").iterdir()}
     assert (modes, stat.S_IMODE((public_folder / "hidden").stat().st_mode)) == ({0o600}, 0o700)
-    assert "It holds no pictures." in call("show", "twice", "--pictures", tmp_path / "none").stderr
+    assert "It contains no pictures." in call("show", "twice", "--pictures", tmp_path / "none").stderr
 
 
 def test_private_results_leave_only_when_told(chain: Workspace, tmp_path: Path, public_folder: Path) -> None:
@@ -167,7 +167,7 @@ def test_a_full_stick_is_not_the_disk_of_the_store(
 def test_verify(chain: Workspace) -> None:
     done = process("verify")
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith("All is sound: 6 artifacts, 4 records, 6 links;")
+    assert done.stdout.startswith("Everything is sound: 6 artifacts, 4 records, 6 links;")
     path = (chain.folder / "store/latest/chain/twice.numbers").resolve()
     next(path.glob("arrays.zarr/values/c/*")).write_bytes(b"")
     dry = call("verify", "--dry-run")
@@ -185,10 +185,10 @@ def test_verify(chain: Workspace) -> None:
 def test_gc_and_pins(chain: Workspace) -> None:
     store = Store(chain.folder / "store")
     pinned = call("pin", chain.file, "twice", "--stages", TOYS, "--name", "paper")
-    assert (pinned.exit_code, pinned.stderr) == (0, "2 results are pinned as paper; `unpin paper` lets them go\n")
+    assert (pinned.exit_code, pinned.stderr) == (0, "2 results are pinned as paper; `unpin paper` releases them\n")
     assert call("pin", chain.file, "--stages", TOYS, "--name", "paper").exit_code == 2
     lacking = call("pin", chain.file, "--stages", TOYS, "--set", "factor=9")
-    assert (lacking.exit_code, "not all of this is in the store: twice, sum" in lacking.stderr) == (2, True)
+    assert (lacking.exit_code, "some of these results are not in the store: twice, sum" in lacking.stderr) == (2, True)
     for factor in (3, 4):
         chain.run(f"factor={factor}")
     before = len(store.actions)

@@ -83,7 +83,7 @@ def test_one_that_breaks_off_is_told_and_ends_the_others(tmp_path: Path) -> None
     listed = jobs(tmp_path, {"seconds": 1, "status": 3}, {"seconds": LONG})
     with pytest.raises(UserError) as error:
         work_together("printing", MODULE, listed, heard, nothing, remedy="Buy paper.")
-    assert "printing broke off; found exit status 3: about to begin | no more paper" in str(error.value)
+    assert "printing failed; found exit status 3: about to begin | no more paper" in str(error.value)
     assert "Buy paper." in str(error.value)
     assert len(processes) == 2
     assert not any(alive(process) for process in processes)
@@ -130,4 +130,4 @@ def test_the_remedy_for_want_of_memory_is_told_for_nothing_else(tmp_path: Path, 
         work_together("mapping", MODULE, listed, lambda said: None, nothing, remedy="Buy more.")
     assert ("Buy more." in str(error.value)) == remedied
     if raised:
-        assert str(error.value) == f"mapping broke off; found {raised}"
+        assert str(error.value) == f"mapping failed; found {raised}"

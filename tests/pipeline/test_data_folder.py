@@ -43,7 +43,7 @@ def test_a_machine_that_lacks_what_the_plan_counts_on_says_so(data: Path) -> Non
     declared = import_stage(TOYS, "equipped")
     parameters = validate(declared, {"precise": True})
     check_completed(declared, parameters, {"precise": False})
-    with pytest.raises(UserError, match=r"'precise'.*found false; expected true\. Install here"):
+    with pytest.raises(UserError, match=r"'precise'.*found false; expected true\. Install the same"):
         check_completed(declared, parameters, {"precise": True})
 
 

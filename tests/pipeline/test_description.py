@@ -203,7 +203,7 @@ def test_short_tables_are_shown_whole() -> None:
 
 def test_long_tables_of_figures_are_shown_by_their_means() -> None:
     rows, how = in_short(rows_of(21, 5), 40)
-    assert how == "105 rows in short over view"
+    assert how == "105 rows, summarised over view"
     assert len(rows) == 5
     assert rows[0] == {"quantity": "q0", "split": "test", "rows": 21, "mean": 10.0, "least": 0.0, "greatest": 20.0}
 
@@ -211,7 +211,7 @@ def test_long_tables_of_figures_are_shown_by_their_means() -> None:
 def test_curves_end_with_the_last_figure() -> None:
     curve = [{"quantity": "loss", "value": 1.0 / step, "iteration": step} for step in range(1, 100)]
     (row,), how = in_short(curve, 40)
-    assert how == "99 rows in short"
+    assert how == "99 rows, summarised"
     assert (row["greatest"], row["last"], row["rows"]) == (1.0, 1.0 / 99, 99)
 
 
@@ -259,4 +259,4 @@ def test_a_list_among_the_texts_of_a_long_table() -> None:
     rows = [{"quantity": "psnr", "value": 1.0, "view": ["a"] if view % 2 else f"{view}"} for view in range(50)]
     rows += [{"quantity": "psnr", "value": 10**400, "view": "a"}]
     ((row,), how) = in_short(rows, 4)
-    assert (row["rows"], row["least"], row["greatest"], how) == (51, 1.0, float("inf"), "51 rows in short over view")
+    assert (row["rows"], row["least"], row["greatest"], how) == (51, 1.0, float("inf"), "51 rows, summarised over view")

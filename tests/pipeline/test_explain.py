@@ -68,7 +68,7 @@ def test_another_input(workspace: Workspace) -> None:
     workspace.write(CHAIN).run()
     workspace.run("base.count=2", stages=["base"])
     (reason,) = workspace.plan("base.count=2")["twice"].reasons
-    assert reason.startswith("input numbers: base made another numbers (")
+    assert reason.startswith("input numbers: the numbers of base changed (")
 
 
 def test_fewer_inputs_and_privacy(workspace: Workspace) -> None:

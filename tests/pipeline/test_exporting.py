@@ -75,7 +75,7 @@ def test_nothing_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "there").write_text("mine")
     (tmp_path / "link").symlink_to("nowhere")
     for name in ("there", "link"):
-        with pytest.raises(CommandError, match="exists already"):
+        with pytest.raises(CommandError, match="already exists"):
             export_artifact(original, tmp_path / name, zipped=False)
     assert (tmp_path / "there").read_text() == "mine"
 

@@ -27,7 +27,7 @@ def test_a_link_that_leads_above_itself_is_told_before_all_that_is_there_is_list
         return scan(path)
 
     monkeypatch.setattr(os, "scandir", scanned)
-    with pytest.raises(UserError, match="photos/link: a link leads round in a circle"):
+    with pytest.raises(UserError, match="photos/link: a link leads back to a folder above it"):
         contents_of(folder)
     assert set(listed) <= {folder, folder / "link"}
 

@@ -239,7 +239,7 @@ def test_a_file_that_changes_while_it_is_read_is_refused(photos: Photos, monkeyp
         return digest(file, algorithm)
 
     monkeypatch.setattr(external_cache, "file_digest", slow)
-    with pytest.raises(UserError, match="changes while it is read"):
+    with pytest.raises(UserError, match="changed while it was being read"):
         photos.cache.digest(photos.folder / NAMES[0])
 
 
@@ -281,7 +281,7 @@ def test_a_folder_that_the_store_lies_in_is_refused(tmp_path: Path, inside: str)
     (tmp_path / "link").symlink_to("photos")
     store = Store(tmp_path / "photos" / inside / "store")
     for path in (tmp_path / "photos", tmp_path / "link"):
-        with pytest.raises(UserError, match=r"holds the store, which changes .*Have the store elsewhere, with --store"):
+        with pytest.raises(UserError, match=r"contains the store, which changes .*Put the store elsewhere, with"):
             ExternalCache(store).digest(path)
     made = store.root / "latest"
     made.mkdir(parents=True)
@@ -292,5 +292,5 @@ def test_a_folder_that_the_store_lies_in_is_refused(tmp_path: Path, inside: str)
 def test_a_workflow_is_not_planned_with_a_folder_that_the_store_lies_in(workspace: Workspace) -> None:
     workspace.write("stages:\n  a: {uses: numbers, with: {file: .}}\n")
     (problem,) = workspace.problems()
-    assert problem.startswith(f"2:35: parameter 'file': {workspace.folder}: holds the store")
+    assert problem.startswith(f"2:35: parameter 'file': {workspace.folder}: contains the store")
     assert not (workspace.folder / "store/external").exists()

@@ -21,8 +21,8 @@ DRAWN = """
       base: {uses: numbers}
       key:  {uses: draw, in: {of: [base]}}
     """
-WAITS = "key: made anew if what is before it comes out differently; what was made, or published, with the earlier one"
-ANEW = "key is made anew, for what it depends on is not as it was; what was made, or published, with the earlier one"
+WAITS = "key: made anew if the inputs turn out different; a new one cannot read what was made or published with"
+ANEW = "key is made anew because what it depends on has changed; a new one cannot read what was made or published"
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def test_what_is_done_again_for_its_code_alone(session: Session) -> None:
     forget(session.world.package)
     told = run(session.workspace)[1]
     assert told.startswith(
-        "only code changed: s1, s2, done again; to keep what was made before, stop this run and `acc"
+        "running again although only code changed: s1, s2; to keep the earlier results, stop this run and `acc"
     )
     assert run(session.workspace)[1] == "", "nothing is done"
 
@@ -68,7 +68,7 @@ def test_many_names_are_cut(session: Session) -> None:
     session.workspace.write(text)
     forget(session.world.package)
     (told,) = foretold(session.workspace.open().graph, session.workspace.plan())
-    assert told.startswith("only code changed: s[1], s[2], s[3], s[4] and 2 more, done again")
+    assert told.startswith("running again although only code changed: s[1], s[2], s[3], s[4] and 2 more; ")
 
 
 def test_another_that_is_the_only_one_of_its_kind(workspace: Workspace) -> None:

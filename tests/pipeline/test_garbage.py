@@ -219,7 +219,7 @@ def test_a_pin_that_cannot_be_read_stops_everything(chain: Workspace) -> None:
     chain.run("factor=3")
     store = store_of(chain)
     store.folder("pins").joinpath("paper.json").write_text("{")
-    with pytest.raises(UserError, match="not a readable pin"):
+    with pytest.raises(UserError, match="the pin cannot be read"):
         collect(store, Rules(keep_last=1))
 
 

@@ -47,7 +47,7 @@ def test_checkpoints_of_unfinished_work_stay_for_two_weeks(chain: Workspace) -> 
         (folder / "checkpoint").write_text("half")
         for path in (folder / "checkpoint", folder):
             os.utime(path, (then, then))
-    said = "checkpoint aaaaaaaa: of unfinished work 13 days ago; it goes when that is 14 days ago"
+    said = "checkpoint aaaaaaaa: unfinished work, 13 days old; deleted after 14 days"
     assert said in collected(chain).remarks
     assert [path.name for path in (store.root / "scratch").iterdir()] == ["a" * 64]
 
@@ -94,7 +94,7 @@ def test_a_folder_with_nothing_in_it_is_no_checkpoint(workspace: Workspace) -> N
     collection = collected(workspace)
     assert [waste.number for waste in collection.waste if "left no checkpoint" in waste.what] == [1]
     (remark,) = [remark for remark in collection.remarks if "checkpoint" in remark]
-    assert remark.startswith("checkpoint bbbbbbbb: of unfinished work")
+    assert remark.startswith("checkpoint bbbbbbbb: unfinished work")
     assert not left.exists()
     assert (store.root / "scratch" / ("b" * 64)).is_dir()
     assert not collected(workspace).waste

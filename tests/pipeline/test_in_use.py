@@ -26,6 +26,7 @@ def test_a_disk_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, e
     with pytest.raises(CommandError) as refused, Store(tmp_path / "store").in_use(alone=alone):
         pass
     assert str(refused.value) == (
-        f"{tmp_path / 'store'}: a file here cannot be locked, so runs could disturb each other; "
-        f"found {os.strerror(error)}. Have the store on a disk with file locks, with --store or $GS_HIDER_STORE."
+        f"{tmp_path / 'store'}: a file here cannot be locked, so runs could interfere with each other; "
+        f"found {os.strerror(error)}. Put the store on a disk that supports file locks, with --store or "
+        "$GS_HIDER_STORE."
     )

@@ -41,10 +41,10 @@ def test_sources_that_differ_are_refused(package: Path) -> None:
     (package / "helper.py").write_text("FACTOR = 2  # a comment\n")
     LoadedCode(code).check()
     (package / "helper.py").write_text("FACTOR = 3\n")
-    with pytest.raises(UserError, match=rf"found another {PACKAGE}\.helper\b"):
+    with pytest.raises(UserError, match=rf"found another version of {PACKAGE}\.helper\b"):
         LoadedCode(code).check()
     (package / "helper.py").unlink()
-    with pytest.raises(UserError, match=rf"found another {PACKAGE}\.helper\b"):
+    with pytest.raises(UserError, match=rf"found another version of {PACKAGE}\.helper\b"):
         LoadedCode(code).check()
 
 
@@ -55,7 +55,7 @@ def test_what_counts_is_what_was_imported(package: Path) -> None:
     LoadedCode(before).check()
     (package / "helper.py").write_text("FACTOR = 3\n")
     LoadedCode(before).check()
-    with pytest.raises(UserError, match=rf"found another {PACKAGE}\.helper\b.*run again"):
+    with pytest.raises(UserError, match=rf"found another version of {PACKAGE}\.helper\b.*run again"):
         LoadedCode(planned()).check()
     for name in before.modules:
         sys.modules.pop(name, None)
@@ -70,7 +70,7 @@ def test_what_another_stage_loaded_counts_too(package: Path) -> None:
     LoadedCode(other).look()
     before = planned()
     (package / "helper.py").write_text("FACTOR = 3\n")
-    with pytest.raises(UserError, match=rf"found another {PACKAGE}\.helper\b"):
+    with pytest.raises(UserError, match=rf"found another version of {PACKAGE}\.helper\b"):
         LoadedCode(planned()).check()
     LoadedCode(before).check()
     (package / "broken.py").write_text("")
@@ -81,5 +81,5 @@ def test_what_another_stage_loaded_counts_too(package: Path) -> None:
 
 def test_the_engine_is_compared_too() -> None:
     check_engine(engine_digest())
-    with pytest.raises(UserError, match="another version of the engine"):
+    with pytest.raises(UserError, match="different version of the engine"):
         check_engine("0" * 64)

@@ -76,10 +76,10 @@ def test_digests_and_paths(folder: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("base", "say which of chain/base.numbers, each/base.numbers"),
-        ("sum", "say which of chain/sum.key, chain/sum.page, chain/sum.total"),
-        ("pair", r"say which of each/pair\[2\].numbers, each/pair\[3\].numbers"),
-        ("pair.numbers", r"say which of each/pair\[2\]"),
+        ("base", "choose one of chain/base.numbers, each/base.numbers"),
+        ("sum", "choose one of chain/sum.key, chain/sum.page, chain/sum.total"),
+        ("pair", r"choose one of each/pair\[2\].numbers, each/pair\[3\].numbers"),
+        ("pair.numbers", r"choose one of each/pair\[2\]"),
         ("chain/twcie.numbers", "did you mean 'chain/twice.numbers'"),
         ("twise.numbers", "did you mean 'twice.numbers'"),
         ("abc", "6 or more characters of a digest"),
@@ -94,7 +94,7 @@ def test_a_start_that_two_digests_share(folder: Path) -> None:
     digest = find_artifact("twice", folder)[0].digest
     twin = digest[:10] + ("0" if digest[10] != "0" else "1") * 54
     (folder / "objects" / twin).mkdir()
-    with pytest.raises(CommandError, match=f"say which of .*{digest[:12]} = chain/twice.numbers"):
+    with pytest.raises(CommandError, match=f"choose one of .*{digest[:12]} = chain/twice.numbers"):
         find_artifact(digest[:8], folder)
 
 
@@ -103,7 +103,7 @@ def test_what_an_earlier_run_made_is_to_be_had_again(workspace: Workspace) -> No
     workspace.write(CHAIN).run()
     twice = 'twice: {uses: scale, in: {numbers: base}, with: {factor: "${factor}"}}'
     workspace.write(CHAIN.replace(twice, "twice: {uses: fail, in: {numbers: base}}")).run()
-    with pytest.raises(CommandError, match=r"no artifact 'chain/sum\.total'.*failed in twice.* at once"):
+    with pytest.raises(CommandError, match=r"no artifact 'chain/sum\.total'.*failed in twice.* to restore the links"):
         find_artifact("chain/sum.total", workspace.folder / "store")
 
 

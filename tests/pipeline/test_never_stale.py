@@ -276,7 +276,7 @@ def test_code_that_changes_between_plan_and_work_fails_the_stage() -> None:
         session.world.code["lib.c"].constant += 1
         ran = session.workspace.run(executor=Edited(session.world.write))
         assert ran.states["s0"] == "failed"
-        assert f"found another {session.world.package}.lib.c" in str(ran.ended["s0"].cause)
+        assert f"found another version of {session.world.package}.lib.c" in str(ran.ended["s0"].cause)
         check(session.world, session.workspace)
 
 
@@ -288,7 +288,7 @@ def test_code_that_was_loaded_before_it_was_edited_fails_the_stage() -> None:
         session.world.write()
         ran = session.workspace.run()
         assert ran.states["s0"] == "failed"
-        assert f"found another {session.world.package}.lib.c" in str(ran.ended["s0"].cause)
+        assert f"found another version of {session.world.package}.lib.c" in str(ran.ended["s0"].cause)
         check(session.world, session.workspace)
 
 

@@ -11,7 +11,7 @@ from pipeline.other_runs import beside_others
 from pipeline.store import Store
 from tests.pipeline.helpers import TOYS, Workspace
 
-TOLD = "another run of single is going on"
+TOLD = "another run of single is in progress"
 
 
 def told(workspace: Workspace) -> bool:

@@ -131,7 +131,7 @@ def test_what_is_there_is_not_written_over(tmp_path: Path) -> None:
         writer.write("a", np.zeros((3, 16, 16), np.uint8))
     (tmp_path / "out").mkdir()
     (tmp_path / "out/a-1.png").write_text("kept")
-    with pytest.raises(CommandError, match=r"out/a-1\.png: a picture of this name exists already"):
+    with pytest.raises(CommandError, match=r"out/a-1\.png: a picture with this name already exists"):
         written(tmp_path)
     assert [(path.name, path.read_text()) for path in (tmp_path / "out").iterdir()] == [("a-1.png", "kept")]
 

@@ -62,7 +62,7 @@ def test_what_a_run_was_not_told_of_is_given_to_one_stage_at_a_time() -> None:
     assert place(wanted, HERE, {"one": wanted}) is None
     assert place({}, HERE, {"one": wanted}) == HERE[1]
     told = [Worker(worker.address, {"gpu": 0.0}, shared=True) for worker in HERE]
-    assert lacking(wanted, told) == "needs gpu 1, and this machine has gpu 0"
+    assert lacking(wanted, told) == "needs gpu 1, but this machine has gpu 0"
 
 
 def test_workers_of_a_cluster_have_what_they_say() -> None:
@@ -71,7 +71,7 @@ def test_workers_of_a_cluster_have_what_they_say() -> None:
     assert lacking({"gpu": 3.0}, CLUSTER) == (
         "needs gpu 3, which no worker has (small has memory 8 GiB; large has memory 64 GiB and gpu 2)"
     )
-    assert lacking({}, []) == "needs a worker, and there is no worker"
+    assert lacking({}, []) == "needs a worker, but there is no worker"
     assert lacking({"memory": 1e15}, [Worker("unlimited", {"memory": math.inf})]) is None
 
 
@@ -86,8 +86,8 @@ def test_a_workflow_overrides_what_a_stage_declares(workspace: Workspace) -> Non
         "stages:\n  a: {uses: numbers, resources: {memory: much, gpu: [1]}}\n  b: {uses: numbers, resources: 3}\n"
     )
     assert workspace.problems() == [
-        "2:42: resource 'memory' has no amount; found 'much'; expected bytes, or a text such as 8 GiB",
-        "2:53: resource 'gpu' has no amount; found [1]; expected a number that is not negative",
+        "2:42: resource 'memory' has an invalid amount; found 'much'; expected bytes, or a text such as 8 GiB",
+        "2:53: resource 'gpu' has an invalid amount; found [1]; expected a number that is not negative",
         "3:33: 'resources' of stage 'b' is the number 3; expected a mapping",
     ]
 
@@ -97,5 +97,5 @@ def test_a_stage_declares_amounts() -> None:
 
     declared = stage(inputs={}, outputs={}, version=1, resources={"gpu": 1, "memory": "8 GiB"})(work)
     assert declared.resources == {"gpu": 1.0, "memory": 8 * GIB}
-    with pytest.raises(TypeError, match="stage work: resource 'memory' has no amount"):
+    with pytest.raises(TypeError, match="stage work: resource 'memory' has an invalid amount"):
         stage(inputs={}, outputs={}, version=1, resources={"memory": "much"})(work)

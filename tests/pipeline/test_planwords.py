@@ -23,7 +23,7 @@ def test_what_is_shared_is_counted_once(capsys: pytest.CaptureFixture[str]) -> N
         Step("hide", "run", "c", reasons=("it has never run",)),
     ]
     print_plan({step.name: step for step in steps}, as_json=False)
-    assert capsys.readouterr().out.splitlines()[-1] == "3 cached, 1 to run; what is cached took 1 min 15 s"
+    assert capsys.readouterr().out.splitlines()[-1] == "3 cached, 1 to run; the cached results took 1 min 15 s"
 
 
 def test_of_nothing_that_is_cached_no_time_is_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -61,8 +61,8 @@ def test_a_pause_between_checkpoints_that_is_no_number(
     monkeypatch.setenv(EVERY_VARIABLE, seconds)
     refused = run(drawn)
     assert refused.exit_code == 2
-    assert f"{EVERY_VARIABLE}: not a number of seconds; found {seconds}; expected such as 600" in refused.output
-    assert "Unset it to have one about every 60 seconds." in refused.output
+    assert f"{EVERY_VARIABLE}: not a number of seconds; found {seconds}; expected a number such" in refused.output
+    assert "Unset it to write one about every 60 seconds." in refused.output
     assert not Store(drawn.folder / "store").actions, "nothing ran"
 
 

@@ -58,7 +58,7 @@ def test_what_takes_long_is_said_every_ten_seconds(tmp_path: Path, clock: Clock)
     said = io.StringIO()
     read(tmp_path / "photos", said, clock, seconds=1.0)
     first, second, third = said.getvalue().splitlines()
-    assert first == f"reading 2.0 kB of 30.0 kB, 2 of 30 files, to know again {tmp_path}/photos"
+    assert first == f"reading 2.0 kB of 30.0 kB, 2 of 30 files, to fingerprint {tmp_path}/photos"
     assert (second.split(",")[1], third.split(",")[1]) == (" 12 of 30 files", " 22 of 30 files")
 
 
@@ -90,4 +90,4 @@ def test_the_digests_of_a_folder_say_how_far_they_are(
     (tmp_path / "photos" / "1.jpg").write_bytes(bytes(1000))
     said = io.StringIO()
     ExternalCache(Store(tmp_path / "store"), said).digest(tmp_path / "photos")
-    assert said.getvalue() == f"reading 1.0 kB of 1.0 kB, 1 of 1 files, to know again {tmp_path}/photos\n"
+    assert said.getvalue() == f"reading 1.0 kB of 1.0 kB, 1 of 1 files, to fingerprint {tmp_path}/photos\n"

@@ -252,12 +252,12 @@ def plan(remote: Elsewhere) -> None:
 def test_what_goes_wrong_is_said_in_one_line(remote: Elsewhere, server: Server, access: pytest.MonkeyPatch) -> None:
     remote.write(CHAIN)
     (server.folder / "deny").touch()
-    with pytest.raises(RemoteError, match=r"access denied; found AccessDenied. Check whose credentials") as denied:
+    with pytest.raises(RemoteError, match=r"access denied; found AccessDenied. Check which credentials") as denied:
         plan(remote)
     assert SECRET not in str(denied.value)
     (server.folder / "deny").unlink()
     good, remote.address = remote.address, "s3://no-such-bucket/store"
-    with pytest.raises(RemoteError, match=r"s3://no-such-bucket/store: there is no such bucket\. Make it, or"):
+    with pytest.raises(RemoteError, match=r"s3://no-such-bucket/store: there is no such bucket\. Create it, or"):
         plan(remote)
     with pytest.raises(RemoteError, match=r"there is no such bucket"):
         remote.run()
@@ -280,7 +280,7 @@ def test_addresses_that_are_none(address: str) -> None:
 
 
 def test_an_address_holds_no_credentials() -> None:
-    with pytest.raises(CommandError, match=r"holds no credentials") as told:
+    with pytest.raises(CommandError, match=r"must not contain credentials") as told:
         open_store(f"s3://reader:{SECRET}@bucket/a")
     assert SECRET not in str(told.value)
 

@@ -106,7 +106,7 @@ def test_what_is_private_is_not_shown_elsewhere(remote: Elsewhere, tmp_path: Pat
 
 def test_verify_reads_the_bucket(chain: Elsewhere) -> None:
     """On a machine without copies what is damaged is set aside, and the next run makes it again."""
-    assert call(chain, "verify").startswith("All is sound: 6 artifacts, 4 records")
+    assert call(chain, "verify").startswith("Everything is sound: 6 artifacts, 4 records")
     assert not (chain.store().root / "objects").exists(), "nothing is left here"
     bucket = chain.store()._bucket
     altered, lacking, unnamed = (
@@ -125,9 +125,9 @@ def test_verify_reads_the_bucket(chain: Elsewhere) -> None:
     assert "a file of this artifact is missing" in found["artifact", lacking]
     assert len([name for what, name in found if what == "record"]) == 3
     assert chain.machine("C").store().objects.isdisjoint({altered, lacking, unnamed})
-    assert call(chain, "verify").startswith("All is sound: 3 artifacts, 1 record")
+    assert call(chain, "verify").startswith("Everything is sound: 3 artifacts, 1 record")
     assert chain.run().states == DONE | {"base": "ran", "twice": "ran", "other": "ran"}
-    assert call(chain.machine("D"), "verify").startswith("All is sound: 6 artifacts, 4 records")
+    assert call(chain.machine("D"), "verify").startswith("Everything is sound: 6 artifacts, 4 records")
 
 
 def test_a_sound_copy_takes_the_place_of_a_damaged_original(chain: Elsewhere) -> None:
@@ -137,8 +137,8 @@ def test_a_sound_copy_takes_the_place_of_a_damaged_original(chain: Elsewhere) ->
     alter(chain, next(iter(chain.store()._bucket.names(f"files/{digest}"))))
     alter(chain, f"actions/{key}.json")
     said = call(chain.machine("A"), "verify", status=1)
-    assert said.count("the sound copy that is here took its place") == 2
-    assert call(chain.machine("C"), "verify").startswith("All is sound: 6 artifacts, 4 records")
+    assert said.count("replaced by the sound copy on this machine") == 2
+    assert call(chain.machine("C"), "verify").startswith("Everything is sound: 6 artifacts, 4 records")
     assert chain.run().states == DONE
 
 
@@ -148,14 +148,14 @@ def test_verify_of_a_record(chain: Elsewhere) -> None:
     chain.machine("C")
     assert f"record {key[:12]}: altered since it was written" in call(chain, "verify", status=1)
     assert f"actions/{key}.json" not in names(chain, "actions")
-    assert call(chain, "verify").startswith("All is sound")
+    assert call(chain, "verify").startswith("Everything is sound")
     assert chain.run().states == DONE | {"twice": "ran"}
 
 
 def test_a_damaged_copy_is_no_damage_of_the_store(chain: Elsewhere) -> None:
     path = chain.run().artifact("twice").path
     next(path.glob("arrays.zarr/values/c/*")).write_bytes(b"")
-    assert call(chain, "verify").startswith("All is sound")
+    assert call(chain, "verify").startswith("Everything is sound")
     assert not path.exists()
     np.testing.assert_array_equal(chain.store().artifact(path.name).read("values"), [0.0, 2.0, 4.0])
 
@@ -165,7 +165,7 @@ def test_gc_spares_what_is_young(chain: Elsewhere) -> None:
         chain.run(f"factor={factor}")
     before = [names(chain, folder) for folder in ("actions", "manifests", "files")]
     said = call(chain, "gc", "--keep-last", "1")
-    assert "what was put within a day" in said
+    assert "what was stored within the last day" in said
     assert [names(chain, folder) for folder in ("actions", "manifests", "files")] == before
 
 
@@ -199,7 +199,7 @@ def test_gc_deletes_in_the_bucket(chain: Elsewhere, monkeypatch: pytest.MonkeyPa
     chain.machine("C")
     assert chain.plan("factor=3.0")["sum"].state == "cached"
     assert chain.plan()["twice"].state != "cached"
-    assert call(chain, "verify").startswith("All is sound")
+    assert call(chain, "verify").startswith("Everything is sound")
     assert chain.machine("A").run().states == {"base": "cached", "twice": "ran", "other": "cached", "sum": "ran"}
     assert chain.is_valid()
 
@@ -253,7 +253,7 @@ def test_gc_drops_copies_of_what_was_deleted_elsewhere(chain: Elsewhere, monkeyp
 def test_pins_live_in_the_bucket(chain: Elsewhere, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pipeline.remote.SPARED", 0.0)
     call(chain, "pin", chain.file, "--name", "paper", "--stages", TOYS)
-    assert "there is a pin 'paper' already" in call(
+    assert "there is already a pin 'paper'" in call(
         chain.machine("C"), "pin", chain.file, "--name", "paper", "--stages", TOYS, status=2
     )
     assert lines(call(chain, "pins", "--json"))[0] | {"made": ""} == {
@@ -268,7 +268,7 @@ def test_pins_live_in_the_bucket(chain: Elsewhere, monkeypatch: pytest.MonkeyPat
     call(chain, "gc", "--keep-last", "1")
     assert {step.state for step in chain.plan().values()} == {"cached"}
     chain.store()._bucket.put("pins/torn.json", b"{")
-    assert f"{chain.address}/pins/torn.json: not a readable pin" in call(chain, "gc", status=2)
+    assert f"{chain.address}/pins/torn.json: the pin cannot be read" in call(chain, "gc", status=2)
     assert "pin torn" in call(chain, "verify", status=1)
     for name in ("torn", "paper"):
         call(chain.machine("D"), "unpin", name)

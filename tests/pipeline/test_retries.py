@@ -66,9 +66,9 @@ def test_transient_errors_are_tried_again_with_growing_waits(workspace: Workspac
     ran = workspace.write("stages:\n  a: {uses: flaky, with: {failures: 3}}\n").run()
     assert ran.states == {"a": "ran"}
     assert list(said(ran)) == [
-        "a: the connection broke off; tried again in 2 s (1 of 3)",
-        "a: the connection broke off; tried again in 8 s (2 of 3)",
-        "a: the connection broke off; tried again in 32 s (3 of 3)",
+        "a: the connection broke off; trying again in 2 s (1 of 3)",
+        "a: the connection broke off; trying again in 8 s (2 of 3)",
+        "a: the connection broke off; trying again in 32 s (3 of 3)",
     ]
     assert 42 <= waits.slept < 43
 
@@ -88,7 +88,7 @@ def test_inputs_are_fetched_again_from_a_bucket_that_was_not_reached(
 
     ran = workspace.run(executor=Far())
     assert ran.states == {"a": "cached", "b": "ran"}
-    assert list(said(ran)) == ["b: the connection broke off; tried again in 2 s (1 of 3)"]
+    assert list(said(ran)) == ["b: the connection broke off; trying again in 2 s (1 of 3)"]
 
 
 def test_a_bucket_that_does_not_say_what_is_done_is_asked_again(
@@ -109,8 +109,8 @@ def test_a_bucket_that_does_not_say_what_is_done_is_asked_again(
     ran = workspace.run()
     assert ran.states == {"a": "ran", "b": "ran"}
     assert [text.partition("; ")[2] for text in said(ran)] == [
-        "tried again in 2 s (1 of 3)",
-        "tried again in 8 s (2 of 3)",
+        "trying again in 2 s (1 of 3)",
+        "trying again in 8 s (2 of 3)",
     ]
     left = 1000
     with pytest.raises(Unreachable, match="cannot be reached"):

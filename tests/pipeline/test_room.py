@@ -38,7 +38,7 @@ def test_what_is_copied_and_something_more_needs_room(
     monkeypatch.setattr(room, "free_bytes", lambda path: free)
     project = here.open()
     note = lacking_room(project.graph.nodes.values(), project.store)
-    expected = "has 1.0 GB free; this run may take 1.0 GB, 1.0 kB of them copies of photos and other files"
+    expected = "has 1.0 GB free; this run may need 1.0 GB, 1.0 kB of it for copies of photos and other files"
     assert note == (f"the disk that holds {here.folder}/store {expected}" if told else None)
 
 
@@ -53,7 +53,7 @@ def test_a_folder_counts_with_all_in_it_and_what_its_links_lead_to(
     (workspace.folder / "photos/2.jpg").symlink_to("../elsewhere.jpg")
     project = workspace.write("stages:\n  a: {uses: numbers, with: {file: photos}}\n").open()
     note = lacking_room(project.graph.nodes.values(), project.store)
-    assert "has 0 B free; this run may take 5.6 kB" in str(note)
+    assert "has 0 B free; this run may need 5.6 kB" in str(note)
 
 
 def test_a_run_says_so_once_and_goes_on(here: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -120,7 +120,7 @@ def test_a_failure_holds_up_only_its_dependents(workspace: Workspace) -> None:
     }
     assert ran.ended["bad"].cause == "photos/: no pictures; expected JPEG or PNG files. Look there."
     assert ran.ended["worse"].cause == "ZeroDivisionError: division by zero"
-    assert ran.ended["mute"].cause == "the stage wrote nothing into its output 'numbers'"
+    assert ran.ended["mute"].cause == "the stage wrote nothing to its output 'numbers'"
     log = ran.ended["worse"].log
     assert log is not None
     text = log.read_text()

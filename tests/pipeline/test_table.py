@@ -33,33 +33,33 @@ def read(path: Path, content: bytes) -> tuple[list[dict[str, object]] | None, Pr
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
-        (b"", "1:1: the table is empty; expected a first row with the columns' names, such as cover,message"),
+        (b"", "1:1: the table is empty; expected a first row with the column names, such as cover,message"),
         (b"\n \n", "1:1: the table is empty"),
-        (b"first,note\n", "1:1: the table has no rows; expected at least one under the columns' names"),
+        (b"first,note\n", "1:1: the table has no rows; expected at least one below the column names"),
         (b"first,note\n1,a\n2\n", "3:1: this row has 1 cell; expected 2 (first, note)"),
         (
             b"first,note\n1,a,b\n",
             "2:5: this row has 3 cells; expected 2 (first, note); a cell with a comma needs quotes",
         ),
-        (b"first, first\n1,2\n", "1:8: the column 'first' is there twice; give each a name of its own"),
+        (b"first, first\n1,2\n", "1:8: the column 'first' appears twice; give each column its own name"),
         (b"first,\n1,2\n", "1:7: '' cannot name a column; expected letters, digits, '_' and '-'"),
         (
             b"first;note\n1;a;b\n",
             "2:5: this row has 3 cells; expected 2 (first, note); a cell with a semicolon needs quotes",
         ),
-        (b"first,note|x\n1,2\n", "1:7: 'note|x' cannot name a column; expected letters, digits, '_' and '-'; part the"),
-        (b"1,a\n2,b\n", "1:1: the first row is 1, a; expected the names of columns first, note, as the workflow"),
-        (b'"a\nb",c\n1,2\n', "1:1: the first row is a?b, c; expected the names of columns first, note, as"),
-        (b"first|note\n1|a\n", "1:1: the first row is first|note; expected the names of columns first, note, as"),
-        (b"First,FIRST,note\n1,2,a\n", "1:7: the column 'first' is there twice"),
+        (b"first,note|x\n1,2\n", "1:7: 'note|x' cannot name a column; expected letters, digits, '_' and '-'; separate"),
+        (b"1,a\n2,b\n", "1:1: the first row is 1, a; expected the column names first, note, as in"),
+        (b'"a\nb",c\n1,2\n', "1:1: the first row is a?b, c; expected the column names first, note, as"),
+        (b"first|note\n1|a\n", "1:1: the first row is first|note; expected the column names first, note, as"),
+        (b"First,FIRST,note\n1,2,a\n", "1:7: the column 'first' appears twice"),
         (b"first,note\n1,a\n2,caf\xe9\n", "3:6: not UTF-8: found the byte 0xe9; save the table as UTF-8 text"),
-        (b'first,note\n1,"a\n', '2:3: the quotes of "a do not end with the cell; double a quote inside them'),
+        (b'first,note\n1,"a\n', '2:3: the quotes of "a do not end with the cell; double quotes inside them'),
         (b'first,note\n1,"a"b\n', '2:3: the quotes of "a"b do not end with the cell'),
         (b"first,note\n1,a\0b\n", "2:3: 'a\\x00b' holds a control character; expected text"),
-        (b"first,note\n1,a\n1,a\n", "3:1: this row is there twice; the first is at"),
+        (b"first,note\n1,a\n1,a\n", "3:1: this row appears twice; the first is at"),
         (b"first,note\nx,a\n", "2:1: parameter 'first' should be a valid number; found \"x\""),
         (b"first,note\n1,2\n", "2:3: parameter 'note' should be a valid string; found 2"),
-        (b"first,nota\n1,a\n", "1:1: the first row is first, nota; expected the names of columns first, note, as the"),
+        (b"first,nota\n1,a\n", "1:1: the first row is first, nota; expected the column names first, note, as in"),
         (b"first,note\n1e999,a\n", "2:1: first is inf, which is not a finite number"),
     ],
 )
@@ -114,7 +114,7 @@ def test_capitals_that_the_workflow_tells_apart_stay(workspace: Workspace) -> No
     assert (node.parameters["first"], node.parameters["note"]) == (1.0, "a")
     (workspace.folder / "rows.csv").write_text("FIRST,x\na,1\n")
     (problem,) = workspace.problems()
-    assert "the first row is FIRST, x; expected the names of columns first, First, as the workflow has them" in problem
+    assert "the first row is FIRST, x; expected the column names first, First, as in the workflow" in problem
 
 
 def test_a_mistake_in_the_names_is_told_once(workspace: Workspace) -> None:
@@ -129,8 +129,7 @@ def test_a_mistake_in_the_names_is_told_once(workspace: Workspace) -> None:
     (workspace.folder / "rows.csv").write_text("erste,notiz\n1,a\n")
     (problem,) = workspace.problems()
     assert problem.endswith(
-        "rows.csv:1:1: the first row is erste, notiz; expected the names of columns first, note, factor, as the "
-        "workflow has them"
+        "rows.csv:1:1: the first row is erste, notiz; expected the column names first, note, factor, as in the workflow"
     )
     (workspace.folder / "rows.csv").write_text("first,Factor\n1,2\n")
     assert len(workspace.problems()) == 1

@@ -75,7 +75,7 @@ def test_it_is_not_drawn_again(workspace: Workspace, drawn: Ran, damage: Callabl
         again = workspace.run("hide.factor=3.0")
         assert again.states == {"key": "failed", "hide": "skipped", "more": "skipped"}
     cause = str(again.ended["key"].cause)
-    assert "the result of key is damaged or gone, and no run can make the same again; made from it: hide, more" in cause
+    assert "the result of key is damaged or missing, and no run can make the same one; made from it: hide" in cause
     assert str(drawn.project.store.damaged.folder) in cause
     for name in (f"objects/{key.outputs['numbers'].name}", f"actions/{key.key}"):
         shutil.rmtree(workspace.folder / "store" / name, ignore_errors=True)

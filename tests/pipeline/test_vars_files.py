@@ -73,7 +73,7 @@ def test_null_is_as_if_nothing_were_stated(workspace: Workspace) -> None:
     assert workspace.open("key.seed=null").graph.nodes["key"].unrepeatable
     workspace.write("stages:\n  said: {uses: say, with: {word: this}}\n")
     (problem,) = workspace.problems("said.word=null")
-    assert problem.startswith("--set said.word: parameter 'word': no value was given; expected a text. The text null")
+    assert problem.startswith("--set said.word: parameter 'word': no value was given; expected a text. To give")
 
 
 @pytest.mark.parametrize(
@@ -81,16 +81,16 @@ def test_null_is_as_if_nothing_were_stated(workspace: Workspace) -> None:
     [
         (
             "count: 5\nnoet: x\n",
-            "2:1: unknown key 'noet' in the file of vars; allowed are count, note, both, file; did",
+            "2:1: unknown key 'noet' in the vars file; allowed: count, note, both, file; did",
         ),
-        ("base.count: 5\n", "1:1: unknown key 'base.count' in the file of vars; allowed are"),
+        ("base.count: 5\n", "1:1: unknown key 'base.count' in the vars file; allowed:"),
         ("count: five\n", "1:8: parameter 'count' should be a valid integer; found \"five\""),
         ("count: 5\n  note: [\n", "2:7: not YAML: mapping values are not allowed here"),
-        ("count: 5\ncount: 6\n", "2:1: 'count' is there twice"),
-        ("note: ${nought}\n", "1:7: ${nought} is not known; known are ${count}"),
+        ("count: 5\ncount: 6\n", "2:1: 'count' appears twice"),
+        ("note: ${nought}\n", "1:7: ${nought} is not known; known: ${count}"),
         ("file: null\n", "1:7: the var 'file' has no value; give it with --set file=VALUE"),
-        ("- count\n", "1:1: the file of vars is a list; expected a mapping"),
-        ("", "1:1: the file of vars is nothing; expected a mapping"),
+        ("- count\n", "1:1: the vars file is a list; expected a mapping"),
+        ("", "1:1: the vars file is nothing; expected a mapping"),
         ("file: nowhere.txt\n", "1:7: parameter 'file': there is no file or folder"),
     ],
 )
@@ -109,7 +109,7 @@ def test_an_overridden_file_is_checked_all_the_same(profiled: Workspace) -> None
 
 def test_a_file_that_cannot_be_read_is_a_wrong_command(profiled: Workspace) -> None:
     nowhere = profiled.folder / "nowhere.yaml"
-    with pytest.raises(CommandError, match=r"nowhere\.yaml: cannot read the file of vars; found No such file"):
+    with pytest.raises(CommandError, match=r"nowhere\.yaml: cannot read the vars file; found No such file"):
         profiled.open(vars_files=[nowhere])
     binary = profiled.folder / "binary.yaml"
     binary.write_bytes(b"\xff\xfe")

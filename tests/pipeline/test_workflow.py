@@ -16,15 +16,15 @@ from tests.pipeline.helpers import Workspace
     [
         (
             "a: {usess: numbers}",
-            "2:7: unknown key 'usess' in stage 'a'; allowed are uses, in, with, foreach, matrix, private",
+            "2:7: unknown key 'usess' in stage 'a'; allowed: uses, in, with, foreach, matrix, private",
         ),
-        ("a: {usess: numbers}", "2:3: stage 'a' does not say what it uses"),
+        ("a: {usess: numbers}", "2:3: stage 'a' has no 'uses'"),
         (
             "a: {uses: numbrs}",
             "2:13: no stage 'numbrs'; there are doubt, draw, environment, equipped, fail, flaky, gate, keep, mark",
         ),
-        ("a: {uses: }", "2:3: stage 'a' does not say what it uses"),
-        ("a: {uses: ~}\n  b: {uses: total, in: {numbers: [a]}}", "2:3: stage 'a' does not say what it uses"),
+        ("a: {uses: }", "2:3: stage 'a' has no 'uses'"),
+        ("a: {uses: ~}\n  b: {uses: total, in: {numbers: [a]}}", "2:3: stage 'a' has no 'uses'"),
         (
             "a: {foreach: {kind: [numbers, null]}, uses: '${item.kind}'}",
             "2:47: uses is nothing; expected the name of a stage",
@@ -32,7 +32,7 @@ from tests.pipeline.helpers import Workspace
         ("a: {uses: 3}", "2:13: uses is the number 3; expected the name of a stage"),
         (
             "a: {uses: numbers, with: {cuont: 3}}",
-            "2:29: unknown parameter 'cuont'; allowed are count, first, note, file; did you mean 'count'?",
+            "2:29: unknown parameter 'cuont'; allowed: count, first, note, file; did you mean 'count'?",
         ),
         (
             "a: {uses: numbers, with: {count: three}}",
@@ -52,7 +52,7 @@ from tests.pipeline.helpers import Workspace
         ),
         ("a: {uses: scale, in: {numbers: b}}", "2:34: no stage 'b'; there are a"),
         ("a: {uses: scale, in: {numbers: 3}}", "2:34: input 'numbers' is the number 3; expected STAGE or STAGE.OUTPUT"),
-        ("a: {uses: scale, in: {numbers: a}}", "2:34: stages wait for each other in a circle: a → a"),
+        ("a: {uses: scale, in: {numbers: a}}", "2:34: stages depend on each other in a circle: a → a"),
         (
             "a: {uses: numbers}\n  b: {uses: scale, in: {numbers: a.number}}",
             "3:34: 'a' has no output 'number'; there are a.numbers; did you mean 'numbers'?",
@@ -63,22 +63,22 @@ from tests.pipeline.helpers import Workspace
         ),
         (
             "a: {uses: total, in: {numbers: []}}\n  b: {uses: scale, in: {numbers: a}}",
-            "3:34: 'a' has several outputs; say which of a.total, a.page, a.key",
+            "3:34: 'a' has several outputs; choose one of a.total, a.page, a.key",
         ),
         (
             "a: {uses: total, in: {numbers: []}}\n  b: {uses: scale, in: {numbers: a.page}}",
             "3:34: a.page is of kind report; this input takes kind numbers",
         ),
-        ("a: {uses: numbers}\n  a: {uses: scale}", "3:3: 'a' is there twice"),
+        ("a: {uses: numbers}\n  a: {uses: scale}", "3:3: 'a' appears twice"),
         ("a b: {uses: numbers}", "2:3: 'a b' cannot name a stage"),
         ("a: {uses: numbers, foreach: {x: []}}", "2:35: foreach.x is a list; expected a list with at least one item"),
         (
             "a: {uses: numbers, foreach: {x: [1], y: [1, 2]}}",
-            "2:31: the lists of a foreach are walked together; found lengths x: 1, y: 2",
+            "2:31: the lists of a foreach must have the same length; found x: 1, y: 2",
         ),
         (
             "a: {uses: numbers, foreach: {x: [1, 2]}, with: {count: '${item.y}'}}",
-            "2:58: ${item.y} is not known; known are ${item.x}",
+            "2:58: ${item.y} is not known; known: ${item.x}",
         ),
         (
             "a: {uses: numbers, foreach: {x: [1, 2]}}\n  b: {uses: scale, in: {numbers: a}}",
@@ -88,7 +88,7 @@ from tests.pipeline.helpers import Workspace
             "a: {uses: numbers, with: {count: 2020-01-01}}",
             "2:36: parameter 'count' should be a valid integer",
         ),
-        ("a: {uses: numbers, with: {count: '${count}'}}", "2:36: ${count} is not known; known are none"),
+        ("a: {uses: numbers, with: {count: '${count}'}}", "2:36: ${count} is not known; known: none"),
         ("a: [1,", "3:1: not YAML"),
         ("a: " + "[" * 500 + "]" * 500, " not YAML 1.2, or nested more than 50 levels deep"),
         ("a: {uses: numbers, private: !!bool maybe}", "2:31: 'maybe' is neither text, a number, true, false nor null"),
@@ -133,15 +133,15 @@ def test_a_circle_is_reported_once(workspace: Workspace) -> None:
           b: {uses: scale, in: {numbers: c}}
           c: {uses: scale, in: {numbers: a}}
         """)
-    assert workspace.problems() == ["4:34: stages wait for each other in a circle: a → b → c → a"]
+    assert workspace.problems() == ["4:34: stages depend on each other in a circle: a → b → c → a"]
 
 
 @pytest.mark.parametrize(
     ("setting", "problem"),
     [
-        ("widht=3", "--set widht: no such var or stage; known are width, base.PARAMETER; did you mean 'width'?"),
+        ("widht=3", "--set widht: no such var or stage; known: width, base.PARAMETER; did you mean 'width'?"),
         ("bas.count=3", "--set bas.count: no such var or stage"),
-        ("base=3", "--set base: no such var or stage; known are width, base.PARAMETER; 'base' is a stage: set one of"),
+        ("base=3", "--set base: no such var or stage; known: width, base.PARAMETER; 'base' is a stage: set one of"),
         ("base.cuont=3", "--set base.cuont: unknown parameter 'cuont'"),
         ("base.count=three", "--set base.count: parameter 'count' should be a valid integer"),
         ("width=three", "--set width: parameter 'count' should be a valid integer"),
@@ -149,17 +149,17 @@ def test_a_circle_is_reported_once(workspace: Workspace) -> None:
         ("width=[", "--set width: not YAML"),
         (
             "base.note=holiday #2",
-            """--set base.note: '#2' would be taken for a comment; quote the value: --set 'base""",
+            """--set base.note: '#2' would be read as a comment; quote the value: --set 'base""",
         ),
-        ("base.note=#ffffff", "--set base.note: '#ffffff' would be taken for a comment"),
+        ("base.note=#ffffff", "--set base.note: '#ffffff' would be read as a comment"),
         (
             "base.note=2024",
-            "--set base.note: parameter 'note' should be a valid string; found 2024; a text that looks so is to be "
-            """quoted: '2024' in a file, "'2024'" after --set NAME=""",
+            "--set base.note: parameter 'note' should be a valid string; found 2024; to give this as a text, "
+            """quote it: '2024' in a file, "'2024'" after --set NAME=""",
         ),
-        ("base.note=0123", """--set base.note: parameter 'note' should be a valid string; found 123; a text that"""),
+        ("base.note=0123", """--set base.note: parameter 'note' should be a valid string; found 123; to give this"""),
         ("base.file=2024", "--set base.file: parameter 'file': there is no file or folder"),
-        ("base.note=true", """--set base.note: parameter 'note' should be a valid string; found true; a text that"""),
+        ("base.note=true", """--set base.note: parameter 'note' should be a valid string; found true; to give this"""),
         ("base.file='2024'", "--set base.file: parameter 'file': there is no file or folder"),
         ("base.file=nowhere.txt", "--set base.file: parameter 'file': there is no file or folder"),
     ],
@@ -186,7 +186,7 @@ def test_a_long_chain_may_stand_in_the_file_the_wrong_way_round(workspace: Works
 
 
 def test_an_empty_path_is_not_the_folder_of_the_workflow(workspace: Workspace) -> None:
-    message = "parameter 'file': an empty path; expected that of a file or folder"
+    message = "parameter 'file': an empty path; expected the path of a file or folder"
     workspace.write("stages:\n  a: {uses: numbers, with: {file: ''}}\n")
     assert workspace.problems() == [f"2:35: {message}"]
     workspace.write("stages:\n  a: {uses: numbers}\n")
@@ -267,4 +267,4 @@ def test_aliases_count_each_time(workspace: Workspace) -> None:
     lines = [f"  {name}: &{name} [{', '.join([f'*{before}'] * 10)}]" for before, name in pairwise("abcdefgh")]
     text = ["vars:", "  a: &a [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]", *lines, "stages:", "  base: {uses: numbers}"]
     workspace.write("\n".join(text))
-    assert any("more than 1,000,000 values" in each for each in workspace.problems())
+    assert any("more than the 1,000,000 values" in each for each in workspace.problems())

@@ -55,8 +55,8 @@ def test_a_mistyped_method_is_one_message(methods: Workspace) -> None:
         "did you mean 'fancy'?"
     ]
     assert methods.problems("way=3") == [
-        "--set way: parameter 'method' of hide, scores and path should be a valid string; found 3; a text that looks "
-        """so is to be quoted: '3' in a file, "'3'" after --set NAME="""
+        "--set way: parameter 'method' of hide, scores and path should be a valid string; found 3; to give this "
+        """as a text, quote it: '3' in a file, "'3'" after --set NAME="""
     ]
     assert methods.problems("way=sh") == []
 
@@ -103,6 +103,6 @@ def test_a_value_that_is_none_is_told_so(workspace: Workspace, value: str) -> No
       two: {uses: say, with: {word: "${word}"}}
     """
     assert workspace.write(said).problems(f"word={value}") == [
-        "--set word: parameter 'word' of one and two: no value was given; expected a text. The text null is to be "
-        "quoted: 'null'"
+        "--set word: parameter 'word' of one and two: no value was given; expected a text. To give the text null, "
+        "quote it: 'null'"
     ]

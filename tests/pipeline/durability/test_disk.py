@@ -47,7 +47,7 @@ def test_small_and_read_only_disks(tmp_path: Path, flags: str) -> None:
         store = tmp_path / "read-only/store"
         assert said[name]["printed"].startswith(f"{store}: the store cannot be written; found a read-only file system.")
         assert len(said[name]["printed"].splitlines()) == 1, said[name]
-    assert said["read-only: verify"]["printed"].startswith("All is sound")
+    assert said["read-only: verify"]["printed"].startswith("Everything is sound")
     assert "nothing was changed" in said["read-only: damaged"]["printed"]
     assert "1 cached" in said["read-only: status"]["printed"]
 
@@ -68,7 +68,7 @@ def test_what_is_used_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, files:
 
 def test_of_a_store_in_a_bucket_it_is_the_disk_of_the_copies() -> None:
     words = words_of(OSError(errno.ENOSPC, "No space left on device"), "s3://bucket/prefix")
-    assert words.startswith("no space left on this machine's disk, where copies of what is in s3://bucket/prefix")
+    assert words.startswith("no space left on this machine's disk, which holds copies of what is in s3://bucket/prefix")
 
 
 def room_of(free: int) -> os.statvfs_result:
@@ -87,7 +87,7 @@ def test_a_full_disk_is_the_one_of_the_file_that_could_not_be_written(
     )
     inside = OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "store/objects/file"))
     assert words_of(inside, tmp_path / "store").startswith(
-        f"no space left on the disk that holds {tmp_path}/store: 5.0 GB free. What is done"
+        f"no space left on the disk that holds {tmp_path}/store: 5.0 GB free. Completed work"
     )
 
 
@@ -104,7 +104,7 @@ def test_a_disk_with_much_room_is_hardly_the_full_one(
 
 def test_a_store_that_is_read_only_is_told_by_its_name(tmp_path: Path) -> None:
     words = words_of(OSError(errno.EROFS, "Read-only file system", str(tmp_path / "store/locks/x")), tmp_path / "store")
-    assert words.startswith(f"{tmp_path / 'store'}: the store cannot be written; found a read-only file system. Have")
+    assert words.startswith(f"{tmp_path / 'store'}: the store cannot be written; found a read-only file system. Make")
     assert "--store" in words
     elsewhere = OSError(errno.EROFS, "Read-only file system", str(tmp_path / "stick/copy"))
     assert words_of(elsewhere, tmp_path / "store") == f"{tmp_path}/stick/copy: Read-only file system"
@@ -119,11 +119,11 @@ def test_a_limit_of_the_size_of_files_is_told_with_what_sets_it(workspace: Works
     done = subprocess.run(limited, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 1
     assert "a file is larger than this process may write; found a limit of 102.4 kB a file" in done.stderr
-    assert "Raise it, as `ulimit -f unlimited` does" in done.stderr
+    assert "Raise it, for example with `ulimit -f unlimited`" in done.stderr
     assert "Errno" not in done.stderr
 
 
 def test_a_disk_that_takes_no_large_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(resource, "getrlimit", lambda which: (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     words = words_of(OSError(errno.EFBIG, "File too large", str(tmp_path / "stick/copy")), tmp_path)
-    assert words.startswith(f"{tmp_path}/stick/copy: a file is larger than its disk takes. Have it on a disk")
+    assert words.startswith(f"{tmp_path}/stick/copy: a file is larger than its disk allows. Use a disk")

@@ -40,7 +40,7 @@ def check_interrupted(workspace: Workspace, process: commands.Running) -> None:
     commands.await_that(lambda: not any(map(commands.is_alive, everyone)), "workers to end")
     printed = (workspace.folder / "printed.txt").read_text()
     assert "Traceback" not in printed, printed
-    assert f"To go on: {sys.executable} -m pipeline run {workspace.file}" in printed
+    assert f"To continue: {sys.executable} -m pipeline run {workspace.file}" in printed
     assert len(steps(workspace)) < 150
     (checkpoint,) = workspace.folder.glob("store/scratch/*/checkpoint.npz")
     assert checkpoint.stat().st_size
@@ -91,4 +91,4 @@ def test_ctrl_c_twice(tmp_path: Path, flags: list[str]) -> None:
     commands.await_that(lambda: not any(map(commands.is_alive, everyone)), "workers to end")
     printed = (tmp_path / "printed.txt").read_text()
     assert "Traceback" not in printed, printed
-    assert f"To go on: {sys.executable} -m pipeline run" in printed
+    assert f"To continue: {sys.executable} -m pipeline run" in printed
