@@ -89,7 +89,7 @@ def coverage(gaussians: Gaussians, cameras: Cameras, width: int, counts: Countin
     return np.array(shares, np.float32)
 
 
-def coverage_score(coverage: Float32[np.ndarray, " V"]) -> tuple[int, float]:
+def coverage_score(coverage: Float[np.ndarray, " V"]) -> tuple[int, float]:
     """The number of legal views, then the mean coverage up to the legal limit, to a hundredth; higher is better.
 
     Coverage beyond the legal limit does not count: otherwise the message would be magnified until little of it is seen.

@@ -18,7 +18,8 @@ from torch import Tensor
 from pipeline.errors import UserError
 from stages.imaging.orientation import upright
 
-Picture = UInt8[np.ndarray, "height width 3"]
+Picture = UInt8[np.ndarray, "_height _width 3"]
+"""Of any size: the underscores keep a call from binding one size to all its pictures."""
 
 # The exceptions that Pillow raises for damaged files have no common base class: its PNG reader even uses SyntaxError.
 _UNREADABLE = (

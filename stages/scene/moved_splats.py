@@ -54,7 +54,7 @@ def _turned_attributes(gaussians: Gaussians, turn: Float64[np.ndarray, "3 3"]) -
     }
 
 
-def turned_harmonics(rest: Float[Tensor, "N K 3"], rotation: Float64[np.ndarray, "3 3"]) -> Float[Tensor, "N K 3"]:
+def turned_harmonics(rest: Float[Tensor, "N K C"], rotation: Float64[np.ndarray, "3 3"]) -> Float[Tensor, "N K C"]:
     """Coefficients, beyond the constant one, of colours rotated by R: f'(R d) = f(d) for all directions d.
 
     R may also be a reflection. Each degree is transformed by itself; K = (degree + 1)² - 1, and K = 0 is allowed.
